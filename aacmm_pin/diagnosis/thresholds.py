@@ -20,68 +20,72 @@ class Thresholds:
 
     Attributes:
         widths: prior standard deviations τ of the parameters of a cause, in units of the typical
-            magnitude; all are equally probable.
+            magnitude; all values are equally probable.
         amplitudes: RMS of the background divided by the RMS of the noise; all values are equally
             probable.
         library: prior probability that an error comes from a cause of the library.
         noise_misstated: prior probability that the stated noise is wrong.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance if the stated noise
             is wrong.
-        readings: increase of the log likelihood from which on the readings of a joint have a
-            scatter of their own. Blind files with a branch or an error of a gear: 35 to 62; with
-            smooth structure or none: 0 to 0.1.
-        as_stated: a scatter that is larger than the stated noise by at most this factor counts as
+        readings: smallest increase of the log likelihood at which the readings of a joint get a
+            scatter of their own. The increase was 35 to 62 in blind files with a branch or an error
+            of a gear, and 0 to 0.1 in files with smooth structure or none.
+        as_stated: largest ratio of the scatter to the stated noise at which the scatter counts as
             the stated noise.
-        rescaled: a scatter is stable if it changes by less than this factor from round to round.
-        reach: a set is not expanded if its log posterior is below the largest by more than this. A
-            sampler over sets found no better set in 5 real and 17 of 18 blind files, and
-            probabilities of causes within 0.013.
-        negligible_set: a set has no weight if its log posterior is below the largest by more than
-            this. In files without hidden causes, sets between `reach` and this value had a weight
-            of 0.04.
-        expanded: a set is not expanded if its probability is below this part of the largest. For
-            720 records of a Fanuc, whose posterior is flat, the leading cause had a probability of
-            0.85 at 0.01, 0.79 at 0.004, 0.78 at 0.002, and 0.79 by a sampler over sets.
-        close: the posterior of a set is approximate if its log posterior is below the largest by
-            more than about this.
+        rescaled: largest factor by which a stable scatter changes from round to round.
+        reach: the exploration does not expand a set if the log posterior of the set is below the
+            largest log posterior by more than this value. A sampler over sets found no better set
+            in 5 real and 17 of 18 blind files, and the same probabilities of causes within 0.013.
+        negligible_set: a set has no weight if its log posterior is below the largest log posterior
+            by more than this value. In files without hidden causes, sets between `reach` and this
+            value had a weight of 0.04.
+        expanded: the exploration does not expand a set if the probability of the set, divided by
+            the largest probability, is below this value. For 720 records of a Fanuc robot the
+            leading cause had a probability of 0.85 with the value 0.01, and 0.79 with the value
+            0.004. A sampler over sets gave 0.79.
+        close: the posterior of a set is approximate if its log posterior is below the largest log
+            posterior by more than about this value.
         expansions: largest number of expanded sets in each half of the exploration.
-        expansions_of_part: the same if a part of the records is held out.
-        holds: members of a set are exchanged for one or two other candidates if the weight of the
-            set is larger than this. The exchange precedes the expansion of weaker sets: it found a
-            set better by 4.3 in a real file.
-        instead: number of candidates that replace a member while another candidate is added,
-            besides those that the member contains.
-        imitated: a member is exchanged for two candidates if one of them explains at least this
-            part of what the member explains, in log posterior.
+        expansions_of_part: largest number of expanded sets in each half of the exploration if a
+            part of the records is held out.
+        holds: the exploration exchanges members of a set for one or two other candidates if the
+            weight of the set is larger than this value. In a real file, the exchange found a set
+            with a log posterior that was larger by 4.3.
+        instead: number of candidates that replace a member of a set while the exploration adds
+            another candidate. Candidates that the member contains do not count.
+        imitated: the exploration exchanges a member of a set for two candidates if one of them
+            reaches at least this part of the log posterior that the member adds.
         leading: number of leading candidates from which the second half of the exploration starts.
         agreement: largest difference of a probability between the halves of the exploration at
-            which they agree.
-        named: probability from which on a cause is named and is in the extended arm.
-        settled: probability from which on a cause counts as certain.
-        worth_listing: smallest probability of an alias or a set that is listed.
-        same: canonical correlation from which on an alias is listed, whatever its probability.
-        unlike: causes with a smaller canonical correlation are no aliases, whatever their
-            probability.
-        shows: noncentrality at which a cause is found in more than half of all files.
-        shown: records that would show more than this part of all causes show most causes.
-        rival: probability from which on a set without a doubtful cause cannot be excluded.
-        large: the readings of a joint scatter more than stated if they displace tips by more than
-            this part of the noise.
-        negligible: a background that is smaller than this part of the noise counts as none. In 11
-            of 12 blind files with a complete library it was smaller.
-        left: structure that depends on a covariate is reported if its p-value is below this, even
-            if its probability is small.
-        left_alone: the same if no cause is named.
-        much_more: residuals that are larger than the stated noise by this factor, beyond chance,
-            are not explained.
-        plain_encoder: noise of a reading that is assumed if none is stated [rad].
+            which the halves agree.
+        named: smallest probability at which `diagnose` names a cause and adds the cause to the
+            extended arm.
+        settled: smallest probability at which a cause counts as certain.
+        worth_listing: smallest probability at which `diagnose` lists an alias or a set.
+        same: smallest canonical correlation at which `diagnose` lists an alias, whatever the
+            probability of the alias.
+        unlike: two causes with a smaller canonical correlation than this value are no aliases.
+        shows: noncentrality at which `diagnose` finds a cause in more than half of all files.
+        shown: records show most causes if they would show more than this part of all causes.
+        rival: smallest probability at which a set without a doubtful cause remains possible.
+        large: the readings of a joint scatter more than stated if the scatter displaces tips by
+            more than this part of the noise.
+        negligible: a background that is smaller than this part of the noise counts as none. The
+            background was smaller in 11 of 12 blind files without an error that the library lacks.
+        left: `diagnose` reports structure that depends on a covariate if the p-value of the
+            structure is below this value, even if its probability is small.
+        left_alone: value of `left` if `diagnose` names no cause.
+        much_more: largest ratio of the residuals to the stated noise at which the noise explains
+            the residuals, apart from chance.
+        plain_encoder: noise of a reading that `diagnose` assumes if you state no noise [rad].
         too_good: p-value below which the residuals are far smaller than the stated noise.
-        least_gain: a gain on held-out records that is not larger than this counts as no gain, and
-            is shown as 0 %.
-        fewest_groups: with fewer groups, no group can be called different from the others.
-        fewest_records: a group needs more records than this, because its own shift would explain
-            fewer records.
-        odd: p-value (family-wise) below which a group of records disagrees with the others.
+        least_gain: a gain on held-out records up to this value counts as no gain, and outputs state
+            it as 0 %.
+        fewest_groups: smallest number of groups of records at which one group can disagree with the
+            others.
+        fewest_records: a group needs more records than this value, because the mean error of the
+            group would explain fewer records.
+        odd: p-value (family-wise) below which a group of records disagrees with the other records.
     """
 
     widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0, 10.0)

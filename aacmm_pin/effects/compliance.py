@@ -31,7 +31,7 @@ class JointCompliance(GravityEffect):
     ``torque="measured"`` τ is minus the measured torque of the drive. Unit rad/(N·m); typical 1e-5
     to 3e-5. Source: robot calibration with joint stiffness (Whitney, Lozinski, Rourke 1986). Needs
     ``torqueN_nm`` if measured. Aliases: ``encoder_eccentricity`` and ``counterbalance`` of the same
-    joint if the load rotates with it; ``base_compliance``, ``torsional_windup``.
+    joint, if the load rotates with the joint; ``base_compliance``; ``torsional_windup``.
     """
 
     joint: int
@@ -129,7 +129,7 @@ class BearingTilt(GravityEffect):
 
     The bearing of a free joint carries every moment but the one about the axis. Unit rad/(N·m);
     typical 2e-6 to 2e-5. Source: angular stiffness of a bearing pair. Needs no column. Aliases:
-    ``link_bending`` of the tube behind the joint; ``base_compliance`` at joint 1.
+    ``link_bending`` of the tube after the joint; ``base_compliance``, if the joint is joint 1.
     """
 
     joint: int
@@ -182,8 +182,8 @@ class TorsionalWindup(_OfTube):
     beyond about the tube's end.
 
     Unit rad/(N·m); typical 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant
-    torsion. Needs no column, but masses. Aliases: ``joint_compliance`` of a joint with its axis
-    along the tube (joints 3 and 5 of SINO6): nearly the same effect.
+    torsion. Needs no column, but masses. Aliases: ``joint_compliance`` of a joint whose axis is
+    along the tube, such as joints 3 and 5 of SINO6.
     """
 
     cause: ClassVar[str] = "torsional_windup"
@@ -208,7 +208,7 @@ class LinkBending(_OfTube):
     ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each without its part along u. Unit rad/(N·m²) =
     (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam
     theory (Timoshenko). Needs no column, but masses. Aliases: ``bearing_tilt`` and
-    ``joint_compliance`` of the joint before.
+    ``joint_compliance`` of the joint before the tube.
     """
 
     cause: ClassVar[str] = "link_bending"
@@ -238,8 +238,8 @@ class Counterbalance(Effect):
     the spring carries too little if u points outwards, and too much if the axis points back to the
     shoulder, as on SINO6 (d3 < 0). Unit rad: the rotation of the level body; typical 2e-5 to 2e-4.
     Source: moment of a constant-force counterbalance. Needs no column. Aliases:
-    ``encoder_eccentricity`` of the same joint with the phase of gravity (the same effect on a level
-    mount); ``joint_compliance`` if the load beyond hardly changes.
+    ``encoder_eccentricity`` of the same joint, if the eccentricity has the phase of gravity;
+    ``joint_compliance`` of the same joint, if the load hardly changes.
     """
 
     joint: int

@@ -188,8 +188,8 @@ class EncoderEccentricity(_PeriodicReading):
     A is the eccentricity over the radius of the track. Derivation: in the triangle of axis, disc
     centre and head the law of sines gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. Two
     opposite heads cancel the error. Unit rad; typical 2e-5 to 3e-4. Needs no column. Aliases:
-    ``joint_compliance`` and ``counterbalance`` of a joint that tilts against gravity;
-    ``encoder_ellipticity`` and ``encoder_gain`` if the joint covers part of a turn.
+    ``joint_compliance`` and ``counterbalance`` of the same joint, if its axis is not vertical;
+    ``encoder_ellipticity`` and ``encoder_gain``, if the joint covers only a part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_eccentricity"
@@ -219,8 +219,8 @@ class EncoderEllipticity(_PeriodicReading):
     cos(2θ - φ)``.
 
     Unit rad; typical 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et al.
-    2001, CIRP Annals 50).
-    Needs no column. Aliases: the neighbouring orders if the joint covers part of a turn.
+    2001, CIRP Annals 50). Needs no column. Aliases: ``encoder_eccentricity``, and
+    ``joint_periodic_error`` of a similar order, if the joint covers only a part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_ellipticity"
@@ -256,8 +256,8 @@ class JointPeriodicError(_Periodic):
     k any number.
 
     Unit rad; typical 1e-5 to 1e-4. Source: as ``encoder_ellipticity``. Needs no column. Aliases:
-    orders so near that the covered range of the joint cannot distinguish them; beyond the sampling
-    of the records, the folded order.
+    ``joint_periodic_error`` of another order, if the joint covers a short range, or if the records
+    are too few for waves of this order.
     """
 
     order: float
@@ -306,8 +306,8 @@ class JointErrorCurve(Effect):
     knots from ``lower_rad`` to ``upper_rad``.
 
     ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical 1e-5 to 3e-4.
-    Needs no column. Aliases: all other causes at this joint that depend on its angle alone; gravity
-    if only this joint moves the load.
+    Needs no column. Aliases: every other cause that depends only on the angle of the same joint;
+    causes of load, if only the same joint moves the load.
     """
 
     joint: int
@@ -406,9 +406,10 @@ class EncoderGain(_OfAngle):
     """The error grows in proportion to the angle: ``δ = g θ``.
 
     Beside the ratio c of a coupling of the joint with itself, the ratio is ``c (1 + g)``. A closed
-    disc cannot have this error; a belt, a gear or an interpolator can, and a wound cable
-    has a similar effect. Of a prismatic joint: the error of its scale. Unit 1 (rad/rad, m/m);
-    typical 2e-5 to 4e-4. Needs no column. Aliases: low orders if the joint covers part of a turn.
+    disc cannot have this error; a belt, a gear or an interpolator can, and a wound cable has a
+    similar effect. Of a prismatic joint: the error of its scale. Unit 1 (rad/rad, m/m); typical
+    2e-5 to 4e-4. Needs no column. Aliases: ``encoder_eccentricity`` and ``encoder_ellipticity`` of
+    the same joint, if the joint covers only a part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_gain"
@@ -433,8 +434,9 @@ class JointCoupling(Effect):
 
     A gear, belt or parallelogram whose ratio is not the stated one, or a cable that another joint
     winds. The ratio is the one in ``[[couplings]]``, or 0, plus r. Unit 1 (rad/rad); typical 1e-4
-    to 3e-3. Needs no column. Aliases: ``joint_error_curve`` of ``of`` if the two axes are parallel
-    and near each other; causes of load if the other joint lifts the joint.
+    to 3e-3. Needs no column. Aliases: ``joint_error_curve`` of the joint ``of``, if the axes of the
+    two joints are parallel and near each other; causes of load, if the joint ``of`` lifts the other
+    joint.
     """
 
     joint: int
@@ -498,7 +500,8 @@ class JointHysteresis(Effect):
 
     Unit rad: half of the reversal error; the sign depends on whether the encoder is before or
     behind the elastic part. Typical 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. Needs
-    ``approachN``. Aliases: hysteresis of neighbours that always move together.
+    ``approachN``. Aliases: ``joint_hysteresis`` of a neighbouring joint, if both joints always move
+    together.
     """
 
     joint: int

@@ -32,8 +32,8 @@ class BaseCompliance(GravityEffect):
     weight about the base origin.
 
     Unit rad/(N·m); typical 5e-6 to 2e-5 (magnetic base, tripod). Source: rotational stiffness of
-    the mount. Needs no column. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``, an eccentricity
-    of joint 2.
+    the mount. Needs no column. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``,
+    ``encoder_eccentricity:2``.
     """
 
     cause: ClassVar[str] = "base_compliance"
@@ -57,8 +57,8 @@ class SeatError(Effect):
     has no error.
 
     Unit m; typical 1e-5 (worn, dirty, moved). Source: seats of single-point tests, ASME
-    B89.4.22-2004. Needs ``seat``. Aliases: any smooth error of the arm if the seat is probed in one
-    posture only.
+    B89.4.22-2004. Needs ``seat``. Aliases: every smooth error of the arm, if you touch the seat in
+    only one posture.
     """
 
     seat: str
@@ -88,8 +88,8 @@ class ReferenceFrame(Effect):
 
     A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that
     remains after the fit of the two frames. With ``session``, only the records of that session.
-    Source: rigid registration. Needs ``session`` if one is named. Aliases: a zero offset of joint 1
-    and d of row 1, which move the whole arm in the same way.
+    Source: rigid registration. Needs ``session`` if one is named. Aliases: ``joint_zero_offset:1``
+    and ``joint_distance:1``, which also displace the whole arm.
     """
 
     session: str | None = None
@@ -125,8 +125,8 @@ class StylusOffset(Effect):
     with ``marker``, of that target.
 
     Unit m; typical 2e-5 for a qualified stylus, 0.1 for a mounted target. Source: probe
-    qualification, ISO 10360-12:2016. Needs ``marker`` if one is named. Aliases: a, d and θ of the
-    last row, which move the same point.
+    qualification, ISO 10360-12:2016. Needs ``marker`` if one is named. Aliases: ``link_length``,
+    ``joint_distance`` and ``joint_zero_offset`` of the last row.
     """
 
     marker: str | None = None
@@ -165,7 +165,7 @@ class StylusBending(Effect):
 
     Unit m; typical 1e-6 to 2e-5. Source: beam theory; a probing force that is always the same
     increases the sag. Needs no column, but the stylus axis of the arm file. Aliases:
-    ``bearing_tilt``, ``joint_compliance`` of the last joint.
+    ``bearing_tilt`` and ``joint_compliance`` of the last joint.
     """
 
     cause: ClassVar[str] = "stylus_bending"
@@ -187,8 +187,8 @@ class ProbeBending(Effect):
     The ball lags behind the motion of the probe, so that b is above zero. The force is the same in
     all records. Unit m; typical 5e-6 to 5e-5: 1 N on a steel stylus of 50 mm and Ø 4 mm gives
     1.6e-5. Source: cantilever, ``b = F L³ / (3 E I)``. Needs ``probe_direction_x …``, and the
-    stylus axis of the arm file. Aliases: ``stylus_offset`` and ``joint_hysteresis`` of the last
-    joints if the stylus always touches with one side.
+    stylus axis of the arm file. Aliases: ``stylus_offset``, and ``joint_hysteresis`` of the last
+    joints, if you always touch with the same side of the stylus.
     """
 
     cause: ClassVar[str] = "probe_bending"
@@ -212,9 +212,9 @@ class ThermalExpansion(Effect):
     ``temperature_c``, or ``temperature1_c …`` of each row. The temperature of a row applies to the
     body that moves with it: d and a of the row in standard DH, d of the row and a of the next in
     modified DH. Bodies before row 1 have the mean of the rows. If the whole arm expands too, the
-    value of one body is the difference. Aliases: the scale of the reference; ``link_length`` and
-    ``joint_distance`` if the temperature hardly changes; the expansion of the whole arm and that of
-    one tube.
+    value of one body is the difference. Aliases: an error of scale of the reference coordinates;
+    ``link_length`` and ``joint_distance``, if the temperature hardly changes; for one body,
+    ``thermal_expansion`` of the whole arm.
     """
 
     link: int | None = None

@@ -45,8 +45,9 @@ class JointZeroOffset(_RowValue):
     displaced along it.
 
     Unit rad; typical 1e-4 after a factory calibration, up to 0.05 (3°) as assembled. Source: any DH
-    calibration; the 2010 zero-offset paper. Needs no column. Aliases: ``seat_error`` if few seats
-    are probed; at joint 1 a rotated reference frame (the data cannot distinguish the two).
+    calibration; the 2010 zero-offset paper. Needs no column. Aliases: ``seat_error``, if the
+    records have few seats; for joint 1, a rotation of the reference frame, which has the same
+    effect.
     """
 
     cause: ClassVar[str] = "joint_zero_offset"
@@ -67,8 +68,8 @@ class LinkLength(_RowValue):
     """The length a of a row has an error: the rest of the arm is displaced along x of the row. Unit
     m; typical 2e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Aliases: ``thermal_expansion``; ``stylus_offset``
-    in the last row.
+    Source: Denavit–Hartenberg. Needs no column. Aliases: ``thermal_expansion``; ``stylus_offset``,
+    if the row is the last row.
     """
 
     cause: ClassVar[str] = "link_length"
@@ -83,9 +84,8 @@ class JointDistance(_RowValue):
     """The distance d of a row has an error: the rest of the arm is displaced along the joint axis.
     Unit m; typical 2e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Aliases: d of a neighbour with a parallel axis
-    (data determine only the sum); ``thermal_expansion``; in row 1 the height of the reference
-    frame.
+    Source: Denavit–Hartenberg. Needs no column. Aliases: ``joint_distance`` of a neighbouring row
+    with a parallel axis; ``thermal_expansion``; for row 1, the height of the reference frame.
     """
 
     cause: ClassVar[str] = "joint_distance"
@@ -100,7 +100,7 @@ class LinkTwist(_RowValue):
     """The twist alpha of a row has an error: the rest of the arm is rotated about x of the row.
     Unit rad; typical 5e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Aliases: ``bearing_tilt`` if the load hardly
+    Source: Denavit–Hartenberg. Needs no column. Aliases: ``bearing_tilt``, if the load hardly
     changes.
     """
 
@@ -116,8 +116,8 @@ class LinkTilt(_RowValue):
     """The next axis is tilted about y of the row. DH parameters cannot state this tilt of nearly
     parallel axes.
 
-    Unit rad; typical 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column. Aliases: d of
-    the row and of the next if the axes are far from parallel; DH parameters suffice there.
+    Unit rad; typical 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column. Aliases:
+    ``joint_distance`` of the same row and of the next row, if the axes are far from parallel.
     """
 
     cause: ClassVar[str] = "link_tilt"
@@ -133,7 +133,7 @@ class JointPlacement(Effect):
 
     For arms of a URDF, which have placements and no DH rows. No data determine all of these
     parameters: some are known only in combination. Units m and rad; typical 5e-5, 1e-4. Needs no
-    column. Aliases: the placements of neighbours.
+    column. Aliases: ``joint_placement`` of a neighbouring joint.
     """
 
     joint: int

@@ -59,8 +59,8 @@ class ZeroDrift(Effect):
     """The zero of one encoder drifts while it warms up: ``δ = A (1 - exp(-t/τ))``, 0 before t = 0.
 
     t counts from the time at which the arm is switched on. Unit rad; typical 5e-5 to 3e-4, τ a
-    quarter to two hours. Source: first-order heating. Needs ``time_s``. Aliases: ``encoder_slip``
-    if τ is short; ``thermal_expansion`` if the room warms up at the same rate.
+    quarter to two hours. Source: first-order heating. Needs ``time_s``. Aliases: ``encoder_slip``,
+    if the time constant is short; ``thermal_expansion``, if the room warms up at the same rate.
 
     The records of the fit may determine hardly more than a slope. After they end, at ``until_s``,
     the drift may stop or continue: its rate at that time is the standard uncertainty of its later
@@ -186,9 +186,8 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
 class EncoderSlip(Effect):
     """The disc or coupling slips once: ``δ`` from ``time_s`` on, zero before.
 
-    Unit rad; typical 5e-5 to 5e-4. Needs ``time_s``. Aliases: ``zero_drift`` if few records are
-    near the slip; a moved reference (a displacement in all directions, not in that of one joint); a
-    session boundary.
+    Unit rad; typical 5e-5 to 5e-4. Needs ``time_s``. Aliases: ``zero_drift``, if few records are
+    near the slip; a reference that moved, or a session that began, at the time of the slip.
 
     The slip is between the two times ``between_s``. Between them the model uses ``δ/2``, with the
     standard uncertainty ``δ/2`` (JCGM 100:2008, 4.3: two equally probable values). The times are by

@@ -26,25 +26,25 @@ def doubts_in_words(result: Diagnosis) -> list[str]:
 
 
 def _contradicted_references(result: Diagnosis) -> str:
-    """Stated coordinates of a seat, or a stated length, contradict the records."""
+    """The stated coordinates of a seat, or a stated length, contradict the records."""
     return "; ".join(map(str, result.contradicted))
 
 
 def _residuals_too_small(_: Diagnosis) -> str:
-    """The residuals are far smaller than the stated noise, so that no cause can be found."""
+    """The residuals are far smaller than the stated noise, so that noise can hide every cause."""
     return (
         "the residuals are far smaller than the stated noise, and noise of this size hides causes"
     )
 
 
 def _few_causes_shown(result: Diagnosis) -> str:
-    """No cause was found, and the records would show at most half of all causes."""
+    """`diagnose` found no cause, and the records would show at most half of all causes."""
     seen, of = result.visible
     return f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude"
 
 
 def _cause_not_named(result: Diagnosis) -> str:
-    """A cause is found only if the excluded records are used."""
+    """`diagnose` would find a cause only with the excluded records."""
     causes, records = result.otherwise, int(result.extended.excluded.sum())
     excluded = count(records, "excluded record")
     found = labels_in_words(result, causes)
@@ -52,7 +52,7 @@ def _cause_not_named(result: Diagnosis) -> str:
 
 
 def _below_zero(result: Diagnosis) -> str:
-    """A value is negative beyond its U, which is physically impossible."""
+    """The estimate of a cause is negative by more than U, which is physically impossible."""
     negative = [finding.effect for finding in result.findings if finding.below_zero]
     causes = several_in_words(negative, result.model.arm)
     return f"the estimate of {causes} is negative, which is physically impossible"
@@ -72,14 +72,14 @@ def _no_better(result: Diagnosis) -> str:
 
 
 def _structure_left(result: Diagnosis) -> str:
-    """The residuals have significant structure: `unexplained.p_value` is below its threshold."""
+    """The residuals have significant structure (`unexplained.p_value` is below the threshold)."""
     if result.verdict == "unexplained" or "more causes" in result.doubts:
         return ""
     return f"the residuals have significant structure ({beside_threshold(result.unexplained)})"
 
 
 def _more_causes(result: Diagnosis) -> str:
-    """Another cause acts with a probability of at least 0.95."""
+    """A cause that `diagnose` cannot identify acts with a probability of at least 0.95."""
     chance = f"probability {probability(result.more)}, threshold {THRESHOLDS.settled:g}"
     return f"diagnose cannot identify a further cause that acts ({chance})"
 

@@ -1,8 +1,7 @@
-"""The two papers that the project comes from, reproduced: equations, tables, and what differs from
-the print.
+"""The equations and tables of the two source papers, reproduced and corrected.
 
-The notebooks import it from their own folder; ``python -m papers papers.html``, run there, writes
-all of it as a page.
+The notebooks import this package from their own folder. In this folder, ``python -m papers
+papers.html`` writes a page with all results.
 """
 
 from papers import document

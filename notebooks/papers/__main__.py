@@ -1,4 +1,4 @@
-"""Write the page of both papers: ``python -m papers papers.html``."""
+"""Write the page of both papers with ``python -m papers papers.html``."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The papers' tables beside what is computed here, and what six printed spreads tell."""
+"""Figures that compare the tables of the papers with computed results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from papers.sino6_table3.selection_bias import COUNTS, MEASURED_LOGS, band
 from papers.zero_offset import ERRORS_MM, RUNS, iterations, printed_postures, printed_table2
 
 PURPLE, YELLOW, SKY = "#aa4499", "#e69f00", "#56b4e9"
-"""More colours that stay apart for colour-blind readers."""
+"""More colours that colour-blind readers distinguish."""
 SHOWN = {
     NOISE: (VERMILLION, "D"),
     CONTACT: (PURPLE, "^"),
@@ -21,23 +21,23 @@ SHOWN = {
     GRAVITY: (YELLOW, "s"),
     DH: (BLUE, "_"),
 }
-"""Causes drawn seat by seat."""
+"""Colour and marker of each cause in the figure of the seats."""
 LIMIT_MM = 0.3
 """The zero-offset paper stops when all three position errors are below this."""
 LEAST_MM = 1e-7
-"""What is smaller is the computer's rounding; the picture of the iterations ends here."""
+"""Lower end of the figure of the iterations; smaller values are rounding of the computer."""
 WORST = -20.0
-"""Logarithms of Bayes factors below this are cut off in the picture."""
+"""The figure cuts off logarithms of Bayes factors below this value."""
 BARS = {
-    "five_tau_0.15": (BLUE, "seats 1 to 5, discrepancy 15 %"),
-    "six_tau_0.15": (VERMILLION, "six seats, discrepancy 15 %"),
-    "six_tau_0.30": (YELLOW, "six seats, discrepancy 30 %"),
+    "five_tau_0.15": (BLUE, "seats 1 to 5, τ = 15 %"),
+    "six_tau_0.15": (VERMILLION, "six seats, τ = 15 %"),
+    "six_tau_0.30": (YELLOW, "six seats, τ = 30 %"),
 }
 BANDS = (
-    ("before", DH, BLUE, "postures of smallest predicted volume, DH errors"),
-    ("before", NOISE, GREY, "the same, encoder noise"),
-    ("after", DH, GREEN, "smallest deviations after measuring, DH errors"),
-    ("after", NOISE, VERMILLION, "the same, encoder noise"),
+    ("before", DH, BLUE, "smallest predicted volumes, DH errors"),
+    ("before", NOISE, GREY, "smallest predicted volumes, encoder noise"),
+    ("after", DH, GREEN, "records nearest the mean, DH errors"),
+    ("after", NOISE, VERMILLION, "records nearest the mean, encoder noise"),
 )
 
 
@@ -70,12 +70,12 @@ def plot_table2(result: Table2, ax: Axes | None = None) -> Axes:
     ax.set_xticks(place)
     ax.set(
         ylim=(0, 9000),
-        xlabel="working sectors of 12 [1]",
-        ylabel="cells of the joint-space grid, linear below 10 [1]",
+        xlabel="number of working sectors (of 12)",
+        ylabel="number of cells (linear below 10)",
     )
     distance = 100 * result.total_variation["reproduced"]
     ax.set_title(
-        f"Table 2: total variation distance of printed and reproduced counts {distance:.1f} %",
+        f"Table 2: printed and reproduced counts, total variation distance {distance:.1f} %",
         fontsize=10,
     )
     ax.legend(frameon=False, fontsize=8, loc="upper left", ncols=3)
@@ -92,7 +92,7 @@ def plot_iterations(ax: Axes | None = None) -> Axes:
     for run in RUNS:
         first = run == RUNS[0]
         rounded, exact = iterations(run, rounded=True), iterations(run)
-        small = f"unrounded, at {LEAST_MM:g} mm if smaller"
+        small = f"without rounding (drawn at {LEAST_MM:g} mm if smaller)"
         for rows, colour, label in (
             (exact, VERMILLION, small),
             (rounded, BLUE, "increments rounded to 1 mrad"),
@@ -124,22 +124,21 @@ def plot_iterations(ax: Axes | None = None) -> Axes:
     ax.axhline(LIMIT_MM, color=INK, lw=0.8, ls="--", label=f"the paper stops below {LIMIT_MM:g} mm")
     ax.set(
         yscale="log",
-        xlabel="iteration",
+        xlabel="number of iterations",
         ylabel="largest error of the three points [mm]",
         ylim=(LEAST_MM / 2, 200),
     )
     ax.set_xticks(range(5))
-    ax.set_title(
-        "Three runs of the paper: where the error stays, and where it would have gone", fontsize=10
-    )
+    ax.set_title("Errors of the three runs, with and without rounding", fontsize=10)
     ax.legend(frameon=False, fontsize=8, loc="lower left")
     return ax
 
 
 @plain
 def plot_spreads(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
-    """Measured spreads over what each cause predicts when seats 1 to 5 have given it its size; the
-    DH band before that.
+    """Measured spreads, and the predictions of each cause with the size that fits seats 1 to 5.
+
+    The band shows DH errors within their half-widths.
     """
     ax = axes_of(ax, (7.2, 4.4))
     shown = found.shown
@@ -152,7 +151,7 @@ def plot_spreads(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
         bottom=low,
         color=BLUE,
         alpha=0.12,
-        label="DH errors within half-widths, 5–95 %",
+        label="DH errors within their half-widths, 5–95 %",
     )
     for k, (cause, (colour, marker)) in enumerate(SHOWN.items()):
         place = seat + 0.11 * (k - 2)
@@ -177,30 +176,30 @@ def plot_spreads(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
         color=INK,
         capsize=3,
         lw=1.2,
-        label="measured, 95 % of 50 records",
+        label="measured, with 95 % interval",
     )
     ax.set_xticks(seat)
     ax.set(
         xlabel="seat",
-        ylabel="spread about the mean [mm]",
+        ylabel="spread of the positions [mm]",
         yscale="log",
         ylim=(0.6 * float(low.min()), 3.2 * float(high.max())),
     )
     ax.set_yticks([0.01, 0.02, 0.05, 0.1, 0.2], ["0.01", "0.02", "0.05", "0.1", "0.2"])
     ax.set_yticks([], minor=True)
     ax.legend(fontsize=8, frameon=False, ncols=2, loc="upper left")
-    ax.set_title("Table 3 by cause, each of the size that seats 1 to 5 give it", fontsize=10)
+    ax.set_title("Table 3: spreads by cause, with the size that fits seats 1 to 5", fontsize=10)
     return ax
 
 
 def _sized(cause: str) -> str:
-    return "DH errors, seats 1–5 known" if cause == DH else cause
+    return "DH errors that fit seats 1–5" if cause == DH else cause
 
 
 @plain
 def plot_part_and_rest(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
-    """Spread of the marked part over that of the rest, with the 5–95 % bands of four ways to choose
-    the part.
+    """Spread of the marked part divided by that of the rest, with the 5–95 % bands of four
+    selections of the part.
     """
     ax = axes_of(ax, (7.2, 4.2))
     seat = np.arange(1, len(COUNTS) + 1)
@@ -223,20 +222,18 @@ def plot_part_and_rest(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     ax.axhline(1.0, color=INK, lw=0.6, ls=":")
     ax.set_xticks(seat, [f"{s}\n{n} of 50" for s, n in zip(seat, COUNTS, strict=True)])
     ax.set(
-        xlabel="seat, records in the marked part",
-        ylabel="spread of the marked part / of the rest [1]",
+        xlabel="seat, and number of records in the marked part",
+        ylabel="spread of marked part / spread of rest [1]",
         ylim=(0, 1.85),
     )
     ax.legend(fontsize=8, frameon=False, ncols=1, loc="upper left")
-    ax.set_title(
-        "Marked part and rest: as printed, chosen before measuring, chosen after", fontsize=10
-    )
+    ax.set_title("Marked part and rest, by selection of the part", fontsize=10)
     return ax
 
 
 @plain
 def plot_bayes_factors(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
-    """Logarithm of the Bayes factor of every cause against the best, by five seats and by six."""
+    """Logarithm of the Bayes factor of each cause relative to the best, for five and six seats."""
     ax = axes_of(ax, (7.6, 5.4))
     table = found.evidences.sort_values("six_tau_0.15", ignore_index=True)
     place, height = np.arange(len(table)), 0.26
@@ -260,15 +257,15 @@ def plot_bayes_factors(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     )
     ax.set_yticks(place, table["cause"])
     cut = (
-        "; bars cut off state their value"
+        "; numbers: values of bars that are cut off"
         if (table[[*BARS]] - table[[*BARS]].max() < WORST).any(axis=None)
         else ""
     )
     ax.set(
-        xlabel=f"ln Bayes factor against the best [1]{cut}",
+        xlabel=f"ln Bayes factor relative to the best [1]{cut}",
         xlim=(WORST, 0.0),
         ylim=(-0.6, len(table) + 0.1),
     )
     ax.legend(fontsize=8, frameon=False, loc="upper left")
-    ax.set_title("Evidence of each description of Table 3", fontsize=10)
+    ax.set_title("Table 3: evidence of each description", fontsize=10)
     return ax

@@ -1,4 +1,7 @@
-"""The papers' printed tables, which stand as CSV in ``tables``; units are in the column names."""
+"""Read the printed tables of the papers from the CSV files in ``tables``.
+
+The names of the columns contain the units.
+"""
 
 from __future__ import annotations
 
@@ -10,5 +13,5 @@ TABLES = Path(__file__).parent / "tables"
 
 
 def read_table(name: str) -> pd.DataFrame:
-    """The table ``name``, without its comments: lines that begin with # say where it comes from."""
+    """The table ``name``; lines that begin with # state its source."""
     return pd.read_csv(TABLES / f"{name}.csv", comment="#")

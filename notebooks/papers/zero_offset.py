@@ -1,18 +1,17 @@
-"""The zero-offset paper beside us: its tables, and its simulated calibration made again, number by
-number.
+"""The tables of the zero-offset paper, and its simulated calibration, reproduced number by number.
 
 六自由度关节式坐标测量机关节零位偏差的标定算法, 2010
-(calibration of the joint zero offsets of a six-joint measuring arm); the arm is the bundled
-``zero6``. With zero offsets ``s``, 0 at first, the tip is computed at ``q +
-s``. The misses ``ΔQ`` of three known points and the derivatives ``G`` of the tips with respect to
-the offsets give ``ΔQ = G Δδ`` (7), whose least squares solution is the increment ``Δδ = (Gᵀ G)⁻¹ Gᵀ
-ΔQ`` (8); then again from ``s + Δδ``.
+(calibration of the joint zero offsets of a six-joint measuring arm). The arm is the bundled
+``zero6``. The paper computes the tip at ``q + s`` with zero offsets ``s``, which are 0 at first.
+``ΔQ`` is the deviation of three known points from the computed tips, and ``G`` the derivative of
+the tips with respect to the offsets. The least squares solution of ``ΔQ = G Δδ`` (7) is the
+increment ``Δδ = (Gᵀ G)⁻¹ Gᵀ ΔQ`` (8). The next iteration begins at ``s + Δδ``.
 
-**Rounding.** Every printed offset before a run's last iteration is a whole number of milliradians:
-the increments were rounded so, or their sums, which comes to the same. The iteration then ends in
-every run at the true offsets rounded to 1 mrad. The rest, up to 0.42 mrad or 0.024° a joint, is
-what the paper's last position errors and its 0.02° come from; unrounded, three iterations reach the
-true offsets.
+**Rounding.** Every printed offset before the last iteration of a run is a whole number of
+milliradians. The paper therefore rounded the increments, or their sums, which is equivalent. Every
+run ends at the true offsets, rounded to 1 mrad. The remaining errors, up to 0.42 mrad or 0.024° for
+each joint, cause the last position errors of the paper and its 0.02°. Without rounding, three
+iterations reach the true offsets.
 """
 
 from __future__ import annotations
@@ -32,45 +31,50 @@ from papers.read_table import read_table
 
 RUNS = range(1, 4)
 ITERATIONS = 4
-"""As many as the longest run of the paper, which stops when all position errors are below 0.3 mm.
-"""
+"""Number of iterations of the longest run; the paper stops if all errors are below 0.3 mm."""
 OFFSETS_DEG = [f"theta_offset{joint}_deg" for joint in range(1, 7)]
 ERRORS_MM = [f"error{point}_mm" for point in range(1, 4)]
 MRAD = 1e-3
-"""What the paper rounded its increments to [rad]."""
+"""Rounding step of the increments in the paper [rad]."""
 HALF_DIGIT = 0.0005 + 1e-9
 """Half of the last printed digit [mm or deg]."""
 KEYS = ["run", "iteration"]
 NOTES = {
-    (1, 0, "x3_mm"): "printed 14257, read as 142.57",
-    (2, 0, "error3_mm"): "printed 3930: the last digit is lost, compared with 39.303",
-    (1, 2, "theta_offset5_deg"): "with the keying slip; without it 1.203",
+    (1, 0, "x3_mm"): "The paper prints 14257; the decimal point is missing.",
+    (
+        2,
+        0,
+        "error3_mm",
+    ): "The paper prints 3930. The comparison uses 39.303.",
+    (
+        1,
+        2,
+        "theta_offset5_deg",
+    ): "The printed value contains a typing error; without the error it would be 1.203.",
     (
         1,
         3,
         "error2_mm",
-    ): "one digit differs; with 0.206 the paper's limit of 0.3 mm would have ended the run here",
-    (1, 4, "error2_mm"): "printed as in iteration 3",
+    ): "One digit differs. With 0.206 mm, the limit of 0.3 mm would have ended the run here.",
+    (1, 4, "error2_mm"): "The paper repeats the value of iteration 3.",
 }
 """Remarks by run, iteration and quantity."""
 
 
 def printed_table1() -> pd.DataFrame:
-    """DH values and true zero offsets of the simulated arm, one row a DH row, the stylus last [deg,
-    mm].
+    """DH values and true zero offsets of the simulated arm [deg, mm]; the last row is the stylus.
 
-    The link lengths a are as printed; the coordinates of Table 2 come out with a = 0 only, as in
-    the bundled ``zero6``.
+    The link lengths a are as printed. The coordinates of Table 2 require a = 0, as in the bundled
+    ``zero6``.
     """
     return read_table("zero_offset_table1")
 
 
 def printed_postures() -> pd.DataFrame:
-    """The nine postures of Table 2, three a run: joint angles [deg], reference coordinates, first
-    position errors [mm].
+    """The nine postures of Table 2, three for each run: joint angles [deg], reference coordinates
+    and first position errors [mm].
 
-    Corrected in one digit: the position error of run 2, point 3, which stands there as 39.30, is
-    39.303 here.
+    The position error of run 2, point 3 is 39.303, corrected from the printed 39.30.
     """
     return read_table("zero_offset_postures")
 
@@ -97,7 +101,7 @@ class Run:
     references: Array
 
     def misses(self, offsets: Array) -> Array:
-        """ΔQ, reference minus computed position, for ``offsets`` (6,) [rad]: (3, 3) [m]."""
+        """ΔQ for ``offsets`` (6,) [rad]: reference minus computed position (3, 3) [m]."""
         return self.references - self.nominal.chain.positions(self.q + offsets)
 
     def matrix(self, offsets: Array) -> Array:
@@ -108,8 +112,9 @@ class Run:
         return jacobian.reshape(-1, self.nominal.nq)
 
     def increment(self, offsets: Array) -> Array:
-        """Δδ of (8): (6,) [rad]. Solved by singular values; the normal equations would square the
-        condition number.
+        """Δδ of (8): (6,) [rad], by singular values.
+
+        The normal equations would square the condition number.
         """
         return np.asarray(
             np.linalg.lstsq(self.matrix(offsets), self.misses(offsets).ravel(), rcond=None)[0]
@@ -117,8 +122,9 @@ class Run:
 
 
 def simulated_run(run: int) -> Run:
-    """Run 1, 2 or 3 of the paper with the bundled arm ``zero6``; the references are the arm's own
-    positions, unrounded.
+    """Run 1, 2 or 3 of the paper with the bundled arm ``zero6``.
+
+    The references are the positions of the arm without rounding.
 
     Raises:
         UnknownNameError: no such run.
@@ -141,17 +147,16 @@ def assembled_arm() -> Arm:
 
 
 def iterations(run: int, *, rounded: bool = False) -> pd.DataFrame:
-    """The paper's iterations (7), (8) of one run from zero offsets on, one row an iteration, 0 (the
-    start) to 4.
+    """Iterations 0 (start) to 4 of (7) and (8) for one run, which starts with offsets of zero.
 
-    Columns: iteration, theta_offset1_deg … theta_offset6_deg, error1_mm … error3_mm (distance of
-    the computed from the reference position of each point).
+    Columns: iteration, theta_offset1_deg … theta_offset6_deg, error1_mm … error3_mm (distance
+    between computed and reference position of each point).
 
     Args:
         run: number of the run, 1 to 3.
-        rounded: as the paper has them: increments are whole milliradians, and run 1 has a keying
-            slip in its iteration 2, 1.776° → 1.719° for joint 5, an increment of -0.001 rad, where
-            (8) gives -0.010; what follows obeys (8) again.
+        rounded: increments are whole milliradians, as in the paper. Run 1 also has the typing
+            error of iteration 2: the increment of joint 5 is -0.001 rad (1.776° → 1.719°), but
+            (8) gives -0.010 rad. The later iterations agree with (8).
 
     Raises:
         UnknownNameError: no such run.
@@ -171,19 +176,18 @@ def iterations(run: int, *, rounded: bool = False) -> pd.DataFrame:
 
 
 def comparison() -> pd.DataFrame:
-    """Every number of Table 2 as printed and as computed with rounded :func:`iterations`, one row a
-    number.
+    """One row for each number of Table 2, as printed and as computed with rounded
+    :func:`iterations`.
 
-    Iteration 0 holds the reference coordinates and the position errors before the first iteration.
+    Iteration 0 has the reference coordinates and the position errors before the first iteration.
 
     Columns:
         run, iteration; kind: ``coordinate``, ``first error``, ``error`` or ``offset``; quantity:
         ``x1_mm`` (of point 1), ``error1_mm`` (of point 1), ``theta_offset1_deg`` (of joint 1), ...;
-        unit: ``mm`` or ``deg``; printed, reproduced, difference (reproduced - printed): in that
-            unit;
-        verdict: ``reproduced`` where all printed digits agree; ``not derivable`` for offsets that
-            are no whole number of
-        milliradians and for errors beside such offsets; ``not reproduced`` elsewhere;
+        unit: ``mm`` or ``deg``, for printed, reproduced and difference (reproduced - printed);
+        verdict: ``reproduced`` if all printed digits agree; ``not derivable`` for offsets that are
+            no whole number of milliradians, and for the errors of such offsets; else ``not
+            reproduced``;
         note: a remark, or "".
     """
     coordinates, runs = [f"{axis}{point}_mm" for point in (1, 2, 3) for axis in "xyz"], []
@@ -227,6 +231,6 @@ def comparison() -> pd.DataFrame:
 
 
 def _long(wide: pd.DataFrame, name: str) -> pd.DataFrame:
-    """One row a number, ordered by run and iteration."""
+    """One row for each number, in the order of run and iteration."""
     table = wide.melt(KEYS, var_name="quantity", value_name=name).dropna()
     return table.sort_values(KEYS, kind="stable", ignore_index=True)

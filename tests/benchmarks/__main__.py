@@ -1,4 +1,4 @@
-"""Measure this package beside its peers: ``python -m tests.benchmarks --json FILE --page
+"""Measure this package and its peers: ``python -m tests.benchmarks --json FILE --page
 notebooks/site/speed.md``.
 
 Each operation and its peers take turns in one run, and medians of CPU time count. Packages of
@@ -29,11 +29,12 @@ from tests.benchmarks.operations import OPERATIONS, Table
 PACKAGES = ("numpy", "scipy", "pin", "numba")
 ABOUT = """\
 This page compares the speed of the package with other packages and with plain loops in C. Times
-are medians of CPU time on one thread. All programs of a task ran alternately.
+are medians of CPU time on one thread, except if the task states elapsed time. The programs of a
+task ran in turns.
 
-`ours over this` is the CPU time of this package (first row) divided by the CPU time of the row. If
-it is below 1, this package is faster. The time to compile loops does not count. The time of a
-command includes its start.
+`time ratio` is the time of this package (first row of the task) divided by the time of the row. If
+the time ratio is below 1, this package is faster. Times do not contain the compilation of loops.
+The time of a command contains its start.
 """
 
 
@@ -69,7 +70,7 @@ def page(report: dict[str, Any]) -> str:
     lines = [
         "# Speed, measured",
         "",
-        f"*This page is written by `{command}`; do not edit it.*",
+        f"*The command `{command}` writes this page. Do not edit the page.*",
         "",
         "| | |",
         "|---|---|",
@@ -90,11 +91,11 @@ def page(report: dict[str, Any]) -> str:
 def _cells(row: dict[str, Any]) -> dict[str, str]:
     return {
         "task": row["what"],
-        "by": row["who"],
-        "CPU time": _seconds(row["cpu_s"]),
-        "ours over this": _number(row["ours_over_this"]),
+        "program": row["who"],
+        "time": _seconds(row["cpu_s"]),
+        "time ratio": _number(row["ours_over_this"]),
         "peak memory": _number(row["peak_bytes"], 1e6, " MB"),
-        "aimed at": _target(row),
+        "target": _target(row),
     }
 
 
@@ -111,7 +112,7 @@ def _target(row: dict[str, Any]) -> str:
     most = (
         _number(row["target"]) if row["peak_bytes"] is None else _number(row["target"], 1e6, " MB")
     )
-    return f"at most {most}: {'reached' if row['reached'] else 'missed'}"
+    return f"≤ {most}, {'reached' if row['reached'] else 'missed'}"
 
 
 def _seconds(value: float | None) -> str:
@@ -136,9 +137,9 @@ def main(words: Sequence[str]) -> None:
         "--only", nargs="+", choices=OPERATIONS, default=list(OPERATIONS), metavar="NAME"
     )
     parser.add_argument(
-        "--quick", action="store_true", help="smallest sizes, one turn: whether it works"
+        "--quick", action="store_true", help="run the smallest sizes once, to test the command"
     )
-    parser.add_argument("--long", action="store_true", help="also what takes many minutes")
+    parser.add_argument("--long", action="store_true", help="also run tasks that need many minutes")
     given = parser.parse_args(words)
     given.json.parent.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault(VARIABLE, ALWAYS)  # as in a process that has worked for a while

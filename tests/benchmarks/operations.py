@@ -47,22 +47,22 @@ GROSS_ERROR = 3e-4
 """
 IN_C, PINOCCHIO, CALIBRATE = "loop in C, -O2", "loop over Pinocchio", "aacmm_pin calibrate"
 TARGETS = {
-    ("sensitivities", "100000 configurations", IN_C): 2.0,
-    ("sensitivities", "100000 configurations", PINOCCHIO): 1 / 4,
-    ("volumes", "100000 configurations", IN_C): 1.5,
+    ("sensitivities", "100000 postures", IN_C): 2.0,
+    ("sensitivities", "100000 postures", PINOCCHIO): 1 / 4,
+    ("volumes", "100000 postures", IN_C): 1.5,
     ("map", "48 × 48 cells × 12 sectors", IN_C): 4.0,
-    ("map", "96 × 96 cells × 12 sectors, time on the clock", "aacmm_pin, 1 processes"): 1 / 1.7,
+    ("map", "96 × 96 cells × 12 sectors, elapsed time", "aacmm_pin, workers=1"): 1 / 1.7,
     ("calibration", "100 records", "robotkinecal"): 1 / 25,
     ("calibration", "100 records", "figaroh"): 1 / 50,
     ("diagnosis", "300 records", CALIBRATE): 8.0,
     ("diagnosis", "3000 records", CALIBRATE): 6.0,
-    ("diagnosis", "12000 records, 0% gross errors, by itself", OURS): 1e9,
-    ("diagnosis", "12000 records, 2% gross errors, by itself", OURS): 1e9,
+    ("diagnosis", "12000 records, 0% gross errors, own process", OURS): 1e9,
+    ("diagnosis", "12000 records, 2% gross errors, own process", OURS): 1e9,
     ("real-like", "180 postures × 1 markers", CALIBRATE): 8.0,
     ("real-like", "60 postures × 3 markers", CALIBRATE): 8.0,
     ("real-like", "200 postures × 3 markers", CALIBRATE): 8.0,
     ("real-like", "2500 postures × 1 markers", CALIBRATE): 6.0,
-    ("real-like", "12000 postures × 1 markers, by itself", OURS): 1e9,
+    ("real-like", "12000 postures × 1 markers, own process", OURS): 1e9,
     ("start-up", "--help", "python -c 'import typer'"): 3.0,
     ("start-up", "accuracy", "python -c 'import pinocchio, scipy.spatial'"): 2.5,
 }
@@ -190,11 +190,11 @@ def sensitivities(table: Table) -> None:
                 arm.poses(q[:200]).placement_sensitivity, regressors, rtol=0, atol=1e-12
             )
             ways[PINOCCHIO] = lambda q=q: pinocchio_loop(arm, q)
-        table.beside(f"{n} configurations", ways)
+        table.beside(f"{n} postures", ways)
 
 
 def positions(table: Table) -> None:
-    """Tip positions alone."""
+    """Tip positions."""
     file = load_arm_file("sino6")
     arm, urdf = Arm.from_file(file), urdf_text(file)
     for n in table.sizes(100, 1000, 10_000):
@@ -213,11 +213,11 @@ def positions(table: Table) -> None:
             with table.without():
                 install(package)
                 ways[package] = by_peer
-        table.beside(f"{n} configurations", ways, turns=3)
+        table.beside(f"{n} postures", ways, turns=3)
 
 
 def volumes(table: Table) -> None:
-    """Sensitivities and the volumes of their zonotopes."""
+    """Sensitivities and accuracy volumes (zonotopes)."""
     arm = Arm.load("sino6")
     dh, widths = arm.require_dh(""), np.array([p.half_width for p in arm.parameters])
     for n in table.sizes(100, 1000, 10_000, 100_000):
@@ -229,11 +229,11 @@ def volumes(table: Table) -> None:
             in_c: Callable[[], Array] = lambda q=q, c=c: c.volumes(c.sensitivities(q)[1] * widths)  # noqa: E731
             np.testing.assert_allclose(ours(), in_c(), rtol=1e-12)
             ways[IN_C] = in_c
-        table.beside(f"{n} configurations", ways)
+        table.beside(f"{n} postures", ways)
 
 
 def map_cells(table: Table) -> None:
-    """The map of the workspace, beside the sensitivities and volumes of its configurations."""
+    """Map of the workspace, compared with the volumes of its postures."""
     arm = Arm.load("sino6")
     cells = 8 if table.quick else 48
     seen: list[tuple[Array, Array]] = []
@@ -261,9 +261,9 @@ def map_cells(table: Table) -> None:
     table.beside(f"{cells} × {cells} cells × 12 sectors", ways, turns=3)
     if table.long:
         table.beside(
-            "96 × 96 cells × 12 sectors, time on the clock",
+            "96 × 96 cells × 12 sectors, elapsed time",
             {
-                f"{OURS}, {n} processes": lambda n=n: _on_the_clock(lambda: whole(n, 96))
+                f"{OURS}, workers={n}": lambda n=n: _on_the_clock(lambda: whole(n, 96))
                 for n in (2, 1)
             },
             turns=3,
@@ -277,7 +277,7 @@ def _on_the_clock(work: Callable[[], object]) -> Seconds:
 
 
 def calibration(table: Table) -> None:
-    """Calibration of 100 records, 27 parameters."""
+    """Calibration of 27 parameters from 100 records."""
     file, rng, n = load_arm_file("sino6"), np.random.default_rng(3), 100
     arm, dh = Arm.from_file(file), file.dh
     q = rng.uniform(*file.limits.T, (n, len(file.limits)))
@@ -332,7 +332,7 @@ def measured(records: int, gross: float = 0.0) -> tuple[Arm, Measurements]:
 
 
 def diagnosis(table: Table) -> None:
-    """Diagnosis, beside the calibration of the same file; with --long, how it grows."""
+    """Diagnosis, compared with the calibration of the same file."""
     for n in (60,) if table.quick else (300, 3000, 12_000):
         arm, data = measured(n)
         ways: dict[str, Callable[[], object]] = {
@@ -346,14 +346,14 @@ def diagnosis(table: Table) -> None:
         (few, 0.02),
         *(((30_000, 0.0), (100_000, 0.0)) if table.long else ()),
     ):
-        what = f"{n} records, {gross:.0%} gross errors, by itself"
+        what = f"{n} records, {gross:.0%} gross errors, own process"
         table.by_itself(
             what, f"given = measured({n}, {gross})", "diagnose(*given, **NOISE, progress=False)"
         )
 
 
 def diagnosis_of_real_like(table: Table) -> None:
-    """Diagnosis of files like those of real robots, beside the calibration of the same file."""
+    """Diagnosis of files like those of robots, compared with the calibration of the same file."""
     files = ((60, 3), (180, 1), (200, 3), (2500, 1))
     for postures, markers in files[:1] if table.quick else files:
         arm, data = real_like(postures, markers)
@@ -363,17 +363,17 @@ def diagnosis_of_real_like(table: Table) -> None:
         }
         table.beside(f"{postures} postures × {markers} markers", ways, turns=3)
     most = 60 if table.quick else 12_000
-    what = f"{most} postures × 1 markers, by itself"
+    what = f"{most} postures × 1 markers, own process"
     table.by_itself(
         what, f"given = real_like({most})", "diagnose(*given, **OPTIONS, progress=False)"
     )
 
 
 def volume_of_work(table: Table) -> None:
-    """Long files and many configurations; measured with --long."""
+    """Long files and many postures (option --long)."""
     records, configurations = (200_000, 10_000_000) if table.long else (200, 1000)
     if not (table.long or table.quick):
-        table.skipped.append("takes many minutes: only with --long")
+        table.skipped.append("needs many minutes; run it with --long")
         return
     calibrated = "calibrate(*given, **NOISE, progress=False)"
     table.by_itself(f"calibration of {records} records", f"given = measured({records})", calibrated)
@@ -382,14 +382,14 @@ def volume_of_work(table: Table) -> None:
         f"({configurations}, 6))"
     )
     table.by_itself(
-        f"accuracy_volume of {configurations} configurations",
+        f"accuracy_volume of {configurations} postures",
         drawn,
         "workspace.accuracy_volume(arm, q)",
     )
 
 
 def start_up(table: Table) -> None:
-    """Start of a command, beside the imports that it cannot do without."""
+    """Start of a command, compared with the imports that it needs."""
     shell = ("-m", "aacmm_pin.cli")
     point = ("accuracy", "sino6", "--point", "33.6323", "-671.8702", "182.9355")
     for what, words, imports in (
@@ -408,7 +408,7 @@ def start_up(table: Table) -> None:
 
 
 def demo(table: Table) -> None:
-    """The demo, from the start of its process to the page."""
+    """Demonstration, from the start of the command to its page."""
     cells = ("4", "4") if table.quick else ("48", "48")
 
     def once() -> Seconds:

@@ -53,7 +53,7 @@ def regimes(rng: np.random.Generator, seed: int) -> Given:
 
 def outside(rng: np.random.Generator, seed: int) -> Given:
     """Files with one hidden cause, and one error that the library lacks. The classes state the size
-    of this error.
+    of the error that the library lacks.
     """
     groups = STRUCTURES[seed // len(STRUCTURE_SIZES) % len(STRUCTURES)]
     kind = str(rng.choice(groups))
@@ -79,7 +79,7 @@ def outside_alone(rng: np.random.Generator, seed: int) -> Given:
 
 
 def noise_not_stated(rng: np.random.Generator, seed: int) -> Given:
-    """Files with up to two hidden causes, diagnosed without stated noise."""
+    """Files with up to two hidden causes, and without stated noise."""
     return {
         "noise_stated": "none",
         "records": _records(rng, 60, 400),
@@ -88,8 +88,8 @@ def noise_not_stated(rng: np.random.Generator, seed: int) -> Given:
 
 
 def held_postures(rng: np.random.Generator, seed: int) -> Given:
-    """Files with several records of each posture, which share an error. Some files have a hidden
-    cause, and some are diagnosed without stated noise.
+    """Files with several records of each posture. The records of one posture share an error. Half
+    of the files have a hidden cause, and half state the noise.
     """
     held, postures = int(rng.integers(3, 6)), int(rng.integers(40, 101))
     return PLAIN | {
@@ -120,7 +120,9 @@ def many_causes(rng: np.random.Generator, seed: int) -> Given:
 
 
 def imitated(rng: np.random.Generator, seed: int) -> Given:
-    """Files with several hidden causes that together act nearly as fewer others do."""
+    """Files with several hidden causes that together have nearly the same effect as fewer other
+    causes.
+    """
     arm = str(rng.choice(["sino6", "standard-dh", "ur5"]))
     chain = draw_regime(seed, arm=arm).chain()
     places = IMITATED[seed % len(IMITATED)](rng, chain)
@@ -169,7 +171,7 @@ IMITATED = (_waves, _more_waves, _neighbours, _tube, _stand)
 
 
 def payload_sessions(rng: np.random.Generator, seed: int) -> Given:
-    """Another payload in each session, torques in the file, and joints that yield."""
+    """Files with a different payload in each session, measured torques, and compliant joints."""
     return PLAIN | {
         "arm": str(rng.choice(["standard-dh", "modified-dh", "ur5", "panda"])),
         "evidence": str(rng.choice(["free", "target"], p=[0.8, 0.2])),
@@ -184,7 +186,7 @@ def payload_sessions(rng: np.random.Generator, seed: int) -> Given:
 
 
 def nothing(rng: np.random.Generator, seed: int) -> Given:
-    """Nothing is hidden, and the noise is stated."""
+    """Files without hidden causes, with stated noise."""
     return {"noise_stated": "all", "records": _records(rng, 60, 300), "faults": 0}
 
 

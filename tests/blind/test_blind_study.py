@@ -161,12 +161,12 @@ def test_counts() -> None:
     found = count(rows)[0].set_index("class")
     assert found["files"].to_dict() == {"20 to 60 records": 4, "301 to 3000 records": 1, "all": 5}
     few = found.loc["20 to 60 records"]
-    assert few["explained with a wrong cause"].startswith("2/3 ")
-    assert few["named where nothing is hidden"].startswith("1/2 ")
+    assert few["explained, false name"].startswith("2/3 ")
+    assert few["false alarms"].startswith("1/2 ")
     assert few["hidden cause named"].startswith("1/2 ")
     half = 1.96 * np.sqrt(4 / 3 * (3 * 0.25**2 + 0.75**2)) / 4
-    assert (few["stated minus true"], few["statements"]) == (f"{0.9 - 0.25:+.3f} ± {half:.3f}", 4)
-    assert few["0.8 to 0.95"].startswith("0.90, 1/4 ")
+    assert (few["stated minus true"], few["names"]) == (f"{0.9 - 0.25:+.3f} ± {half:.3f}", 4)
+    assert few["0.8 to 0.95"].startswith("stated 0.90, true 1/4 ")
     assert len({line.count("|") for line in table(count(rows)[0]).splitlines()}) == 1
 
 

@@ -121,7 +121,7 @@ def of_faults(kills: int, seed: int, folder: Path) -> Iterator[tuple[str, Counte
     ]
     rounds = range(max(1, kills // 20))
     yield (
-        "files of at most 1 kB",
+        "limit of 1 kB for a file",
         counted(lambda place: faults.refused(place, faults.small_files), places, rounds),
     )
     yield "full file system", counted(faults.full_disk, places, rounds)
@@ -129,7 +129,7 @@ def of_faults(kills: int, seed: int, folder: Path) -> Iterator[tuple[str, Counte
     yield "full device", counted(faults.full_devices, places, rounds)
     pools = [place for place in places if "--workers" in place.command.text]
     yield (
-        "worker killed",
+        "killed worker",
         counted(lambda place: faults.worker_killed(place, rng.uniform(0, 2)), pools, rounds),
     )
     for number in faults.SIGNALS:
@@ -162,7 +162,10 @@ def counted(
 
 def table(rows: list[tuple[str, Counter[str]]]) -> str:
     """Counts as Markdown; what is not as promised stands out."""
-    lines = ["| what | tried | as promised | otherwise |", "| --- | --- | --- | --- |"]
+    lines = [
+        "| Mistake or fault | Cases | Expected outcomes | Other outcomes |",
+        "| --- | --- | --- | --- |",
+    ]
     for what, counts in rows:
         good = {outcome: count for outcome, count in counts.items() if outcome.startswith(GOOD)}
         bad = {outcome: count for outcome, count in counts.items() if outcome not in good}

@@ -1,4 +1,4 @@
-"""The paper beside us: SINO6, its equations and its tables, each next to what exact geometry gives.
+"""Equations and tables of the SINO6 paper, compared with exact geometry.
 
 Xu You, Gao Qun, Yu Limin, Xu Wei, Zheng Zhenxing, "Position accuracy forecast of different
 configuration based on the inverse kinematics algorithm of offset orthogonal AACMM", Chinese Journal

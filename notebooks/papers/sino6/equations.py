@@ -1,17 +1,19 @@
-"""The paper's equations (2) to (13), corrected where the print is wrong: configurations of the
-nominal arm by geometry.
+"""Equations (2) to (13) of the paper, corrected: postures of the nominal arm by geometry.
 
-**Height.** The paper draws its vertical axis against the z axis of its own DH table, ``Z = -z_DH``:
-with the signs of its Table 1, θ3 = 0 puts the elbow at the *least* z_DH, where the paper calls it
-highest. Points enter and joint angles leave in the DH base frame; "highest" and "lowest" speak of
-Z.
+**Height.** The vertical axis of the paper is opposite to the z axis of its DH table, ``Z = -z_DH``.
+With the signs of Table 1, θ3 = 0 moves the elbow to the *smallest* z_DH, which the paper calls
+highest. Points and joint angles are in the DH base frame. "Highest" and "lowest" refer to Z.
 
-**Names.** O is the shoulder (origin of frame 1), P the working point (origin of frame 5), E the
-elbow (origin of frame 3, on the axis of joint 4), C the end of the upper tube (E without the offset
-l3), K where the axis of joint 3 meets the base axis. ``-θ2`` and ``-θ4`` are the angles that the
-paper writes as |θ2| and |θ4|; joint limits are θ2, θ4 in [-π, 0]. All lengths are the magnitudes of
-:class:`NominalArm`. Attributes have the paper's names. Everything works on batches: points (n, 3)
-[m], angles (n,) [rad]; where a triangle does not close, the answer is NaN.
+**Names.** Attributes have the names of the paper.
+
+- O: the shoulder, origin of frame 1; P: the working point, origin of frame 5.
+- E: the elbow, origin of frame 3, on the axis of joint 4.
+- C: the end of the upper tube (E without the offset l3).
+- K: the intersection of the axis of joint 3 and the base axis.
+
+``-θ2`` and ``-θ4`` are the angles |θ2| and |θ4| of the paper, with the limits θ2, θ4 in [-π, 0].
+All lengths are the magnitudes of :class:`NominalArm`. Points are (n, 3) [m] and angles (n,) [rad].
+If a triangle does not close, the result is NaN.
 """
 
 from __future__ import annotations
@@ -24,38 +26,36 @@ from papers.sino6.tables import NominalArm
 
 
 def arccos_or_nan(cosine: Array) -> Array:
-    """Inverse cosine [rad]; NaN where |cosine| > 1, which is a triangle that does not close."""
+    """Inverse cosine [rad]; NaN if |cosine| > 1, because the triangle does not close."""
     return np.arccos(cosine, out=np.full(np.shape(cosine), np.nan), where=np.abs(cosine) <= 1.0)
 
 
 def cosine_in_triangle(near: Array | float, far: Array | float, opposite: Array | float) -> Array:
-    """Cosine of the angle between the sides ``near`` and ``far`` [m]; beyond ±1 where the sides do
-    not close.
+    """Cosine of the angle between the sides ``near`` and ``far`` [m]; beyond ±1 if the triangle
+    does not close.
     """
     return np.asarray((near**2 + far**2 - opposite**2) / (2.0 * near * far), dtype=np.float64)
 
 
 def angle_in_triangle(near: Array | float, far: Array | float, opposite: Array | float) -> Array:
-    """Angle between the sides ``near`` and ``far`` [rad], NaN where the sides do not close."""
+    """Angle between the sides ``near`` and ``far`` [rad]; NaN if the triangle does not close."""
     return arccos_or_nan(cosine_in_triangle(near, far, opposite))
 
 
 def tube_end_to_point(arm: NominalArm, theta4: Array) -> Array:
-    """|CP|, ``ken`` of (7), for a given θ4: (n,) [m]. Corrected: the sine of θ4 enters with the
-    other sign.
-    """
+    """|CP|, ``ken`` of (7), for a given θ4: (n,) [m]. Corrected: the sign of the sine of θ4."""
     return np.asarray(
         np.sqrt(arm.l3**2 + arm.d5**2 - 2.0 * arm.l3 * arm.d5 * np.cos(np.pi / 2 - theta4))
     )
 
 
 class WorkingPoints:
-    """Points P as the shoulder sees them.
+    """Positions of the points P relative to the shoulder.
 
     Attributes:
-        azimuth: θ1 of the planar configurations, (2) and (6); the printed case distinction is atan2
-            modulo 2π [rad].
-        z: height Z of the paper's figures [m].
+        azimuth: θ1 of the planar postures, (2) and (6); the printed cases are atan2 modulo
+            2π [rad].
+        z: height Z in the figures of the paper [m].
         qk: distance from the base axis, ``Qk`` of (12) [m].
         den: |OP| of (3) [m].
     """
@@ -68,28 +68,28 @@ class WorkingPoints:
 
 
 class PlanarConfigurations(WorkingPoints):
-    """The highest and the lowest configuration, (2) to (9), θ1 to θ4: ``highest``, ``lowest``
-    (n, 4) [rad].
+    """The highest and the lowest posture, (2) to (9), θ1 to θ4: ``highest``, ``lowest`` (n, 4)
+    [rad].
 
-    For P in front of the base axis as the arm looks. Folded so far that |θ4| exceeds 3π/2 - ∠k,
-    179.4° on SINO6, the arm is the mirror image about OP of the highest, which (3) and (5) leave
-    out. The lowest leans on the highest: where that is out of reach (|OP| > QD + d5) its θ2 is NaN.
+    The equations require that the arm faces P. If |θ4| exceeds 3π/2 - ∠k (179.4° for SINO6), the
+    folded arm is the mirror image about OP of the highest posture, which (3) and (5) leave out. The
+    lowest posture depends on the highest. If the highest is out of reach (|OP| > QD + d5), θ2 of
+    the lowest is NaN.
 
     Attributes:
-        len, qd, gen: |OC| of (3), |OE| at θ3 = 0 of (3) and at θ3 = π of (7) [m]. With table signs
-            QD would be gen.
-        k, q, theta4_max: angles at E from O to C and to P, and θ4 of the highest, (5). Corrected:
-            3π/2, printed 2π.
-        theta2_max: θ2 of the highest, (3). Corrected: the1 is an angle of the triangle with the
-            sides l2, QD and √(l3² + d3²); the sum of the three angles counts from the far end of
-            the range, so π is taken off.
-        thek: how far θ2 turns from the highest to the lowest, (7); θ2max - thek, θ2 of the lowest,
-            is missing in the print.
-        theta4_min: θ4 of the lowest, (9), and of its mirror image about OP, which the print leaves
-            out (n, 2). Near the rim of the reach it is inside the limits as well: |θ4| below the
-            angle with tangent (l2 + l3)/d3, 9.2° on SINO6.
-        lowest_exists: whether the triangle of the lowest closes; the print has only one of the two
-            conditions.
+        len, qd, gen: |OC| of (3), |OE| at θ3 = 0 of (3) and at θ3 = π of (7) [m]. With the signs of
+            the table, QD would be gen.
+        k, q, theta4_max: angles at E from O to C and to P, and θ4 of the highest posture, (5).
+            Corrected: 3π/2 (printed: 2π).
+        theta2_max: θ2 of the highest posture, (3). Corrected: the1 is an angle of the triangle with
+            the sides l2, QD and √(l3² + d3²); θ2 is the sum of the three angles minus π.
+        thek: rotation of θ2 from the highest posture to the lowest, (7). The paper does not print
+            θ2 of the lowest posture, θ2max - thek.
+        theta4_min: θ4 of the lowest posture, (9), and of its mirror image about OP (n, 2), which
+            the paper leaves out. Near the limit of the reach the mirror image is also within the
+            limits: |θ4| below the angle with tangent (l2 + l3)/d3, 9.2° for SINO6.
+        lowest_exists: whether the triangle of the lowest posture closes; the paper prints only one
+            of the two conditions.
     """
 
     def __init__(self, arm: NominalArm, point: Array) -> None:
@@ -119,10 +119,10 @@ class PlanarConfigurations(WorkingPoints):
         )
 
     def sweep_parts(self, ken: Array) -> Array:
-        """``thek1``, ``thek2``, ``thek3`` of (7), whose sum is thek, for |CP| of the highest
-        configuration: (n, 3) [rad].
+        """``thek1``, ``thek2``, ``thek3`` of (7) for |CP| of the highest posture: (n, 3) [rad].
 
-        They are angles at O: from C (highest) to P, on to E (lowest), on to C.
+        Their sum is thek. They are angles at O: from C (highest) to P, from P to E (lowest), and
+        from E to C.
         """
         thek1 = angle_in_triangle(self.len, self.den, ken)
         thek2 = angle_in_triangle(self.gen, self.den, self.arm.d5)
@@ -132,16 +132,16 @@ class PlanarConfigurations(WorkingPoints):
 
 
 class ConfigurationsAtTheta2(WorkingPoints):
-    """The configurations between, for a given θ2, (10) to (13).
+    """The postures between highest and lowest, for a given θ2, (10) to (13).
 
     Attributes:
-        zk: Z of K, (10); NaN for θ2 = 0 and -π, where K is at infinity. K depends on θ2 only, so
-            |KP| does not change with θ1 and θ3; this makes the construction exact [m].
-        dk: from K to C along the axis of joint 3, (10), negative where C has not reached K. The
-            printed quotient of sines equals ``d3 - l2 cot|θ2|`` [m].
-        theta4: both θ4 that (11) allows (n, 2) in [-π, π): the triangle K, E, P has a mirror image
-            about KE, the second column, which the print leaves out.
-        uk, vk: radius of C along the arm's own vertical plane, with its sign, and Z of C, (12) [m].
+        zk: Z of K, (10) [m]; NaN for θ2 = 0 and -π, because K is at infinity. K depends only on θ2,
+            so |KP| is constant for all θ1 and θ3, and the construction is exact.
+        dk: distance from K to C along the axis of joint 3, (10) [m]; negative if C is before K. The
+            printed quotient of sines equals ``d3 - l2 cot|θ2|``.
+        theta4: both solutions θ4 of (11) (n, 2) in [-π, π). The second column is the mirror image
+            of the triangle K, E, P about KE, which the paper leaves out.
+        uk, vk: radius of C in the vertical plane of the arm, with its sign, and Z of C, (12) [m].
             Corrected: Vk is positive like Z of K.
     """
 
@@ -158,28 +158,28 @@ class ConfigurationsAtTheta2(WorkingPoints):
         self.uk, self.vk = span * np.cos(np.pi - uck), span * np.sin(np.pi - uck)
 
     def cosine_theta42(self, l3: float) -> Array:
-        """Cosine of the angle at E between K and P, θ42 of (11): (n,). Beyond ±1 no configuration
-        has this θ2.
+        """Cosine of the angle at E between K and P, θ42 of (11): (n,).
 
-        Corrected: the hypotenuse ``qdk`` has ``l3``; the print has l2.
+        If it is beyond ±1, no posture has this θ2. Corrected: the hypotenuse ``qdk`` contains
+        ``l3`` (printed: l2).
         """
         return cosine_in_triangle(
             self.arm.d5, np.hypot(self.dk, l3), np.hypot(self.qk, self.z - self.zk)
         )
 
     def rq(self, theta4: Array, vk: Array) -> Array:
-        """Horizontal distance of C and P, ``Rq`` of (12), C at the height ``vk``: (n,) [m]; NaN
-        where there is none.
+        """Horizontal distance of C and P, ``Rq`` of (12), for the height ``vk`` of C: (n,) [m].
+
+        If no such distance exists, the value is NaN.
         """
         squared = tube_end_to_point(self.arm, theta4) ** 2 - (vk - self.z) ** 2
         return np.sqrt(squared, out=np.full_like(squared, np.nan), where=squared >= 0.0)
 
     def cosine_theta1(self, theta4: Array) -> Array:
-        """Cosine of θ1 counted from the azimuth of P, (12) and (13): (n,). NaN or beyond ±1 where
-        no configuration exists.
+        """Cosine of θ1 relative to the azimuth of P, (12) and (13): (n,).
 
-        Corrected: ``Uk`` keeps its sign. The guard printed with (13) is not a condition of
-        existence; this cosine is.
+        If no posture exists, the value is NaN or beyond ±1. The condition printed with (13) does
+        not determine the existence. Corrected: ``Uk`` keeps its sign.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return cosine_in_triangle(self.qk, self.uk, self.rq(theta4, self.vk))
@@ -187,8 +187,8 @@ class ConfigurationsAtTheta2(WorkingPoints):
     def theta3(self, theta1: Array) -> Array:
         """θ3 for given θ1: (n,) [rad] in [-π, π].
 
-        The paper finds it "by comparison". Seen from frame 2, P lies off the axis of joint 3 by
-        l3 + d5 sin|θ4|, which is positive inside the limits, in the direction of θ3.
+        The paper finds θ3 "by comparison". In frame 2, P has the distance l3 + d5 sin|θ4| from the
+        axis of joint 3, in the direction of θ3. The distance is positive within the limits.
         """
         ahead = self.qk * np.cos(self.azimuth - theta1)
         aside = self.qk * np.sin(self.azimuth - theta1)
@@ -199,11 +199,10 @@ class ConfigurationsAtTheta2(WorkingPoints):
         )
 
     def all(self) -> Array:
-        """θ1 to θ4 of all of them: (n, 2, 2, 4) [rad], NaN where there is none. θ4 may be outside
-        its limits.
+        """θ1 to θ4 of all postures: (n, 2, 2, 4) [rad]; NaN if no posture exists.
 
-        The second axis is the root of (11), the third the sign of (13), which counts θ1 from the
-        azimuth of P.
+        θ4 may be outside its limits. The second axis is the root of (11), and the third axis the
+        sign in (13), of θ1 relative to the azimuth of P.
         """
         found = np.empty((len(self.theta2), 2, 2, 4))
         for root, theta4 in enumerate(self.theta4.T):

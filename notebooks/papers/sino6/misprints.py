@@ -1,10 +1,9 @@
-"""Where the printed equations (3) to (13) are wrong, each with the size of the error that it makes
-alone.
+"""Misprints in equations (3) to (13), each with the size of the error that it causes alone.
 
-Every size is measured: the printed form and the corrected one run on the same random configurations
-inside the joint limits, all else correct. With the printed sign of ken in (7) or of Vk in (12) the
-paper's own Table 2 does not come out, so these at least are slips of the print and not of the
-authors' program; l2 in (11), ``|Uk|`` and the guard of (13) hardly touch it.
+Each size comes from random postures within the joint limits, with one printed equation and
+everything else correct. With the printed sign of ken in (7) or of Vk in (12), Table 2 of the paper
+does not result. These two are therefore misprints, and no errors of the authors' program. l2 in
+(11), ``|Uk|`` and the condition of (13) hardly change Table 2.
 """
 
 from __future__ import annotations
@@ -25,8 +24,8 @@ from papers.sino6.equations import (
 from papers.sino6.tables import NominalArm, sino6_nominal
 
 WRONG = 1e-9
-"""A difference above this counts as wrong [m or rad]; rounding stays far below it for nearly all
-configurations.
+"""A difference above this value counts as wrong [m or rad]; rounding is far smaller for nearly all
+postures.
 """
 COLUMNS = [
     "equation",
@@ -38,22 +37,21 @@ COLUMNS = [
 ]
 SHARES = ["affected_share", "no_answer_share", "false_share"]
 Row = tuple[str, str, str, dict[str, float]]
-"""Number of the equation, what is printed, what is right, and the sizes that have a meaning."""
+"""Number of the equation, printed form, correct form, and sizes by column."""
 
 
 def misprints(rng: np.random.Generator, samples: int = 20_000) -> pd.DataFrame:
-    """All misprints in the order of the equations, one row each.
+    """One row for each misprint, in the order of the equations.
 
-    Columns: equation, printed, corrected; cosine, where the print gives the same value beyond ±1
-    for every point; median_angle_error_deg and median_length_error_mm, over the configurations that
-    are affected and still have an answer; affected_share of the true configurations, for which the
-    printed answer is wrong or missing; no_answer_share, for which it is not real; false_share, of
-    wrongly accepted cases among those without a configuration, for printed conditions. NaN where a
-    size has no meaning.
+    Columns: equation, printed, corrected; cosine, if the printed form gives one value beyond ±1
+    for every point; median_angle_error_deg and median_length_error_mm, over the postures with a
+    wrong answer; affected_share, the share of postures with a wrong or missing answer;
+    no_answer_share, the share without a real answer; false_share, the share of impossible cases
+    that a printed condition accepts. A size without a meaning is NaN.
     """
     arm, upper = sino6_nominal(), np.array([2.0 * np.pi, 0.0, 2.0 * np.pi, 0.0])
     q = rng.uniform(upper - np.array([2.0, 1.0, 2.0, 1.0]) * np.pi, upper, (samples, 4))
-    other_theta2 = rng.uniform(-np.pi, 0.0, samples)  # most often no configuration has it
+    other_theta2 = rng.uniform(-np.pi, 0.0, samples)  # most of them belong to no posture
     rows = [
         *_of_highest(arm, q),
         *_of_lowest(arm, q),
@@ -71,20 +69,20 @@ def _points(arm: NominalArm, q: Array) -> Array:
 
 
 def _planar(arm: NominalArm, q: Array, theta3: float) -> tuple[Array, Array, PlanarConfigurations]:
-    """θ2 and θ4 (n,) [rad] of the configurations with this θ3 whose base looks towards P, and what
-    (2) to (9) give.
+    """θ2 and θ4 (n,) [rad] of the postures with this θ3 whose base faces P, and the results of (2)
+    to (9).
     """
     q = np.column_stack([q[:, :2], np.full(len(q), theta3), q[:, 3]])
     p = _points(arm, q)
     towards = np.cos(q[:, 0]) * p[:, 0] + np.sin(q[:, 0]) * p[:, 1] > 0.0
     if theta3 == 0.0:
-        # Not the mirror image of the highest.
+        # without the mirror image of the highest posture
         towards &= -q[:, 3] < 1.5 * np.pi - PlanarConfigurations(arm, p).k
     return q[towards, 1], q[towards, 3], PlanarConfigurations(arm, p[towards])
 
 
 def _angle(printed: Array, true: Array) -> dict[str, float]:
-    """Sizes of a wrong angle [rad]."""
+    """Sizes for an angle [rad]."""
     error, answered = np.abs(wrapped(printed - true)), np.isfinite(printed)
     wrong = answered & (error > WRONG)
     return {
@@ -95,7 +93,7 @@ def _angle(printed: Array, true: Array) -> dict[str, float]:
 
 
 def _length(printed: Array | float, true: Array | float) -> dict[str, float]:
-    """Sizes of a wrong length [m]."""
+    """Sizes for a length [m]."""
     error = np.abs(np.atleast_1d(printed) - true)
     return {
         "median_length_error_mm": float(np.median(error)) / MM,
@@ -104,7 +102,7 @@ def _length(printed: Array | float, true: Array | float) -> dict[str, float]:
 
 
 def _of_highest(arm: NominalArm, q: Array) -> list[Row]:
-    """Of (3) and (5), and ken of (7)."""
+    """Misprints of (3) and (5), and of ken in (7)."""
     theta2, theta4, right = _planar(arm, q, 0.0)
     l2, qd, bracket = arm.l2 / MM, right.qd / MM, np.hypot(arm.l3, arm.d5) / MM
     the1 = {
@@ -127,7 +125,7 @@ def _of_highest(arm: NominalArm, q: Array) -> list[Row]:
 
 
 def _of_lowest(arm: NominalArm, q: Array) -> list[Row]:
-    """Of (7) and (9)."""
+    """Misprints of (7) and (9)."""
     theta4, lowest = _planar(arm, q, np.pi)[1:]
     reached = np.isfinite(lowest.theta2_max)
     as_last_line = _angle(lowest.thek[reached], lowest.lowest[reached, 1])
@@ -139,14 +137,14 @@ def _of_lowest(arm: NominalArm, q: Array) -> list[Row]:
     }
     mirror = _angle(lowest.theta4_min[:, 0], theta4)
     return [
-        ("7", "thek as the last line", "θ2min = θ2max - thek", as_last_line),
+        ("7", "the last line is thek", "θ2min = θ2max - thek", as_last_line),
         ("7", "exists if den + |d5| >= gen", "exists if |gen - |d5|| <= den <= gen + |d5|", shares),
-        ("9", "one root", "its mirror image θ4 = π/2 + ∠k - ∠q as well", mirror),
+        ("9", "one root", "also its mirror image, θ4 = π/2 + ∠k - ∠q", mirror),
     ]
 
 
 def _of_theta4(arm: NominalArm, q: Array) -> list[Row]:
-    """Of (10) and (11)."""
+    """Misprints of (10) and (11)."""
     p, theta2, theta4 = _points(arm, q), q[:, 1], q[:, 3]
     planar, at = PlanarConfigurations(arm, p), ConfigurationsAtTheta2(arm, p, theta2)
     ends = np.isfinite(planar.theta2_max) & planar.lowest_exists
@@ -156,21 +154,26 @@ def _of_theta4(arm: NominalArm, q: Array) -> list[Row]:
     first = np.abs(wrapped(at.theta4 - theta4[:, None])).argmin(axis=1) == 0
     range_shares = {"affected_share": float((~inside[ends]).mean())}
     return [
-        ("10", "every θ2 lies in (θ2min, θ2max)", "also θ2 of the base turned round", range_shares),
+        (
+            "10",
+            "every θ2 lies in (θ2min, θ2max)",
+            "also θ2 of the base that faces away",
+            range_shares,
+        ),
         ("11", "qdk = √(dk² + l2²)", "qdk = √(dk² + l3²)", _angle(with_l2[first], theta4[first])),
-        ("11", "one root, θ41 + θ42", "θ41 - θ42 as well", _angle(at.theta4[:, 0], theta4)),
+        ("11", "one root, θ41 + θ42", "also θ41 - θ42", _angle(at.theta4[:, 0], theta4)),
     ]
 
 
 def _of_theta1(arm: NominalArm, q: Array, other_theta2: Array) -> list[Row]:
-    """Of (12) and (13)."""
+    """Misprints of (12) and (13)."""
     p, theta4 = _points(arm, q), q[:, 3]
     at = ConfigurationsAtTheta2(arm, p, q[:, 1])
     other = ConfigurationsAtTheta2(arm, p, other_theta2)
     true = np.abs(wrapped(q[:, 0] - at.azimuth))
 
     def accepted(at: ConfigurationsAtTheta2, theta4: Array) -> Array:
-        """Qk + Dq - Rq > 1 mm, false where Rq is not real: (n,)."""
+        """Qk + Dq - Rq > 1 mm (n,); false if Rq is not real."""
         return np.asarray(at.qk + np.abs(at.uk) - at.rq(theta4, at.vk) > 1.0 * MM)
 
     downwards = angle_in_triangle(at.qk, at.uk, at.rq(theta4, -at.vk))

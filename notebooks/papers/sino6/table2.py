@@ -1,18 +1,19 @@
-"""Table 2 of the paper made again, and beside it what exact geometry says about the same cells.
+"""Table 2 of the paper, reproduced, and the counts of exact geometry for the same cells.
 
-**How the paper's counts come about** (an assumption, as the text does not say it; nothing in it is
-tuned): the 48 × 48 regions are a grid in *joint* space, θ1 = θ3 = 0 and θ2, θ4 at -π + i π/49, i =
-1 … 48; each cell's working point is where this "highest" configuration reaches. Its configuration
-circle is walked in seven equal steps of θ2 from the highest to the lowest configuration: the two
-ends stand for one sector each, the five steps between for a mirror-image pair each. A step counts
-if θ2 >= -π and a pair exists by (11) and (13), that is both cosines lie within ±1; θ4 of a pair is
-not checked. Where the triangle of the lowest configuration does not close, its angle thek2 is taken
-as zero, as the real part of a complex inverse cosine would be, and the lowest end does not count.
+**How the paper counts.** The text does not define the regions, so this is an assumption. No number
+in it is tuned. The 48 × 48 regions are a grid of *joint angles*: θ1 = θ3 = 0, and θ2 and θ4 at -π +
+i π/49 with i = 1 … 48. The working point of a cell is the point that this "highest" posture
+reaches. The paper evaluates the configuration circle in seven equal steps of θ2, from the highest
+posture to the lowest. Each end represents one sector, and each of the five other steps two
+symmetrical sectors. A step counts if θ2 >= -π, and if a pair exists by (11) and (13): both cosines
+lie within ±1. θ4 of a pair is not checked. If the triangle of the lowest posture does not close,
+its angle thek2 is zero, as the real part of a complex inverse cosine, and the lowest end does not
+count.
 
-**Why these counts are too small.** Near the base axis the elbow's circle encloses the vertical
-through the shoulder. Then the true extreme of θ2 lies on the far side, 180° minus the planar one,
-with the base turned by about 180°. Steps beyond it belong to no configuration, and the real ones
-with the turned base are not looked at.
+**Why these counts are too small.** Near the base axis the circle of the elbow encloses the vertical
+through the shoulder. The true extreme of θ2 then lies on the far side, at 180° minus the planar
+extreme, with the base rotated by about 180°. Steps beyond it belong to no posture, and the paper
+does not evaluate the true postures with the rotated base.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ GRID = 48
 SECTORS = 12
 """Sectors of the circle; the seven steps of θ2 stand for 1 + 5·2 + 1 of them."""
 LIMITS = np.pi * np.array([[0, 2], [-1, 0], [0, 2], [-1, 0], [0, 2]])
-"""θ2 and θ4 stay in [-π, 0], the others turn freely [rad]."""
+"""Joint limits [rad]: θ2 and θ4 in [-π, 0]; the other joints rotate freely."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +52,9 @@ class Table2(Shown):
     Attributes:
         counts: working_sectors (0 to 12) and the number of cells: paper_cells, reproduced_cells,
             exact_cells.
-        cells: one row a cell: theta2_deg, theta4_deg, x_mm, z_mm (DH base frame),
-            reproduced_sectors, exact_sectors, behind_axis (the point, as seen from the elbow of the
-            cell's own posture).
+        cells: one row for each cell: theta2_deg, theta4_deg, x_mm, z_mm (DH base frame),
+            reproduced_sectors, exact_sectors, behind_axis (whether the base axis is between the
+            elbow of this posture and the point).
     """
 
     counts: pd.DataFrame
@@ -61,8 +62,8 @@ class Table2(Shown):
 
     @property
     def total_variation(self) -> dict[str, float]:
-        """Half the summed differences from the printed shares of cells, ``reproduced`` and
-        ``exact``: 0 alike, 1 apart.
+        """Total variation distance to the printed shares of cells, for ``reproduced`` and
+        ``exact``: 0 if equal, 1 without overlap.
         """
         names = ("reproduced", "exact")
         apart = {
@@ -73,21 +74,21 @@ class Table2(Shown):
 
     @property
     def mean_flexibility(self) -> dict[str, float]:
-        """Mean of ζ over the cells, by the names ``paper``, ``reproduced``, ``exact``."""
+        """Mean of ζ over the cells, for ``paper``, ``reproduced`` and ``exact``."""
         zeta, names = self.counts["working_sectors"] / SECTORS, ("paper", "reproduced", "exact")
         return {
             name: float(np.average(zeta, weights=self.counts[f"{name}_cells"])) for name in names
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Cells by their working sectors."""
+        """Draw the number of cells over the number of working sectors."""
         from papers.plots import plot_table2
 
         return plot_table2(self, ax)
 
 
 def reproduce_table2(grid: int = GRID) -> Table2:
-    """Table 2 by the assumption in the module's docstring, and by exact geometry on the same cells.
+    """Table 2 by the assumption of this module, and by exact geometry for the same cells.
 
     Args:
         grid: cells along each of θ2 and θ4.
@@ -115,8 +116,8 @@ def reproduce_table2(grid: int = GRID) -> Table2:
 
 
 def generating_grid(arm: NominalArm, grid: int = GRID) -> tuple[Array, Array, Array]:
-    """θ2 and θ4 at the interior nodes of [-π, 0]², (n,) [rad] each, and the points reached with
-    θ1 = θ3 = 0, (n, 3) [m].
+    """θ2 and θ4 at the interior nodes of [-π, 0]², each (n,) [rad], and the points with θ1 = θ3 =
+    0, (n, 3) [m].
     """
     nodes = np.arange(1, grid + 1) * np.pi / (grid + 1) - np.pi
     theta2, theta4 = (angle.ravel() for angle in np.meshgrid(nodes, nodes, indexing="ij"))
@@ -128,12 +129,12 @@ def generating_grid(arm: NominalArm, grid: int = GRID) -> tuple[Array, Array, Ar
 def _sectors_by_steps(
     arm: NominalArm, points: Array, theta2: Array, theta4: Array
 ) -> NDArray[np.int64]:
-    """Working sectors by the paper's walk over the circle: (n,)."""
+    """Number of working sectors by the steps of the paper: (n,)."""
     planar = PlanarConfigurations(arm, points)
     sweep = np.nansum(planar.sweep_parts(tube_end_to_point(arm, theta4)), axis=1)
     steps = theta2 - np.linspace(0.0, 1.0, 1 + SECTORS // 2)[:, None] * sweep
     at = [ConfigurationsAtTheta2(arm, points, step) for step in steps]
-    # On the printed root.
+    # by the printed root
     exists = np.abs([each.cosine_theta1(each.theta4[:, 0]) for each in at]) <= 1.0
     exists[0], exists[-1] = True, planar.lowest_exists
     sectors = np.full(len(steps), 2)
@@ -142,11 +143,10 @@ def _sectors_by_steps(
 
 
 def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:
-    """How many of twelve swivel angles, 30° apart from the highest elbow on, have a true
-    configuration: (n,).
+    """Number of swivel angles with a posture within the limits: (n,).
 
-    True means θ2 and θ4 in [-π, 0], θ1 and θ3 free, on the traced curves of
-    :mod:`aacmm_pin.postures`.
+    The twelve swivel angles are 30° apart and begin at the highest elbow. θ2 and θ4 are in [-π, 0],
+    and θ1 and θ3 are free. The postures are those of :mod:`aacmm_pin.postures`.
     """
     wrist, swivel = Wrist.of(arm.dh), Swivel(arm.dh, np.array([0.0, 0.0, -1.0]))
     curves = wrist_curves(wrist, points, FEW_PER_TURN)

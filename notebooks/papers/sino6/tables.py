@@ -1,4 +1,4 @@
-"""The printed Tables 1 to 3 as data frames, unchanged, and the nominal arm of Table 1."""
+"""The printed Tables 1 to 3 as data frames, and the nominal arm of Table 1."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from papers.read_table import read_table
 
 
 def printed_table1() -> pd.DataFrame:
-    """DH values of SINO6 and the half-widths of their calibration, one row a joint [mm, rad]."""
+    """DH values of SINO6 and their half-widths, one row for each joint [mm, rad]."""
     return read_table("sino6_table1")
 
 
@@ -38,11 +38,10 @@ def printed_points() -> Array:
 
 @dataclass(frozen=True)
 class NominalArm:
-    """Magnitudes of the lengths of an offset-orthogonal arm: every twist is ±90°, and four lengths
-    are not zero.
+    """Magnitudes of the four lengths of an arm with twists of ±90°.
 
-    The paper mixes signed table values with magnitudes; the signs (a2 < 0, a3 > 0, d3 < 0, d5 < 0)
-    stand in :attr:`dh` only.
+    The paper mixes signed values and magnitudes. Only :attr:`dh` has the signs (a2 < 0, a3 > 0,
+    d3 < 0, d5 < 0).
 
     Attributes:
         l2: offset of the axis of joint 3 from the shoulder, where the axes of joints 1 and 2 meet
@@ -65,8 +64,9 @@ class NominalArm:
 
     @property
     def dh(self) -> DHTable:
-        """Standard DH table of joints 1 to 5; the origin of frame 5 is the working point, that of
-        frame 3 the elbow.
+        """Standard DH table of joints 1 to 5.
+
+        The origin of frame 5 is the working point, and the origin of frame 3 is the elbow.
         """
         quarter = np.pi / 2
         a, d = (0.0, -self.l2, self.l3, 0.0, 0.0), (0.0, 0.0, -self.d3, 0.0, -self.d5)
@@ -74,6 +74,6 @@ class NominalArm:
 
 
 def sino6_nominal() -> NominalArm:
-    """The nominal SINO6: the four lengths of Table 1, all else ideal."""
+    """The nominal SINO6, with the four lengths of Table 1 and ideal angles."""
     a, d = (np.abs(printed_table1()[column].to_numpy()) * MM for column in ("a_mm", "d_mm"))
     return NominalArm(l2=float(a[1]), l3=float(a[2]), d3=float(d[2]), d5=float(d[4]))

@@ -1,6 +1,5 @@
-"""The measured table of the SINO6 paper (its Table 3), diagnosed as far as six printed spreads
-allow.
+"""A diagnosis of Table 3 of the SINO6 paper, which prints six measured spreads.
 
-Only aggregate figures are printed, so a cause is a *pattern* here: how much it would spread the
-indications at one seat relative to the others; its size is free.
+The paper prints no records. Each cause is therefore a *pattern*: the spread of the positions at
+each seat relative to the other seats. The size of a pattern is free.
 """

@@ -1,6 +1,4 @@
-"""Table 3 diagnosed: what DH errors alone get wrong, what could be behind it, the extended arm, and
-the gain.
-"""
+"""The diagnosis of Table 3: prediction from DH errors, causes, extended arm, and gain."""
 
 from __future__ import annotations
 
@@ -25,32 +23,30 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 TAUS = (0.05, 0.15, 0.30)
-"""Model discrepancies for which evidence is given."""
+"""Model discrepancies τ for which the evidence is computed."""
 SETTLED = 0.95
-"""A cause at least this probable among all is named without doubt."""
+"""A cause with at least this probability counts as certain."""
 POSSIBLE = 0.025
-"""A cause could have made seat 6 if it spreads it as much as measured at least this often."""
+"""A cause can explain seat 6 if it reaches the measured spread with at least this probability."""
 RESAMPLES = 4000
 SIX = range(len(MEASURED))
 LEARNT = {"recalibrated": DH, "extended": BOTH, "noise_alone": NOISE}
-"""Models that know the seats that are not left out."""
+"""Cause of each model that uses the seats that are not held out."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutSeats:
-    """Each of seats 1 to 5 predicted by models that know the other four only.
+    """Each of seats 1 to 5, predicted by models that use only the four others.
 
     Attributes:
-        seats: one row a seat: seat, measured_mm, and what four models predict: simulation_mm
-            (median of DH errors within their half-widths, nothing learnt), recalibrated_mm (DH
-            errors, the other seats known), extended_mm (DH errors and encoder noise, the other
-            seats known by spreads and contrasts) and noise_alone_mm (encoder noise without DH
-            errors, the other seats known); the last three with 95 % intervals, extended_p025_mm,
-            extended_p975_mm, ….
-        rms_percent: RMS of the logarithm of measured over predicted by each model.
-        gain: of the extended model, and of noise alone: 1 - RMS/RMS(recalibrated) of those
-            logarithms.
-        interval: their 95 % intervals, by resampling the seats.
+        seats: one row for each seat: seat, measured_mm, and the predictions of four models:
+            nominal_mm (median of DH errors within their half-widths), recalibrated_mm (DH errors
+            that fit the other seats), extended_mm (DH errors and encoder noise that fit spreads
+            and contrasts of the other seats) and noise_alone_mm (encoder noise that fits the other
+            seats). The last three have 95 % intervals: extended_p025_mm, extended_p975_mm, ….
+        rms_percent: RMS of the logarithm of measured / predicted, for each model [%].
+        gain: 1 - RMS/RMS(recalibrated), for the extended model and for noise alone.
+        interval: 95 % interval of each gain, by resampling the seats.
     """
 
     seats: pd.DataFrame
@@ -61,25 +57,26 @@ class HeldOutSeats:
 
 @dataclass(frozen=True, eq=False)
 class Table3Diagnosis(Shown):
-    """What six printed spreads tell.
+    """The diagnosis of six printed spreads.
 
     Attributes:
         seats: seats and postures.
-        patterns: every cause that was weighed.
-        noise: encoder noise by seats 1 to 5, 2.5 %, 50 %, 97.5 % (3,) [rad], without DH errors.
-        noise_beside_dh: the same with DH errors beside it, by the contrasts of part and rest too.
-        evidences: one row a cause: log-evidence for every model discrepancy τ with six seats and
-            with five (``six_tau_0.15`` …), and at τ = 0.15 its probability among all,
-            ``five_probability``, ``six_probability``.
-        predicted: one row a cause: median spread of each seat, seat1_mm …, when seats 1 to 5 give
-            the size.
-        seat6: what could have made seat 6, one row a cause, the likeliest first: ratio_probability,
-            how often its spread over that at seat 5 is at least that measured, before any
-            measurement, with the sampling error of a spread; predicted_mm, predicted_p975_mm of
-            seat 6 when seats 1 to 5 are known and as_large_probability, how often it is at least
-            that measured, with the model discrepancy; possible, whether that is often enough.
+        patterns: the pattern of each compared cause.
+        noise: encoder noise without DH errors, from seats 1 to 5; quantiles 2.5 %, 50 %, 97.5 %
+            (3,) [rad].
+        noise_beside_dh: encoder noise with DH errors, also from the contrasts; quantiles as above.
+        evidences: one row for each cause: logarithm of the evidence for each model discrepancy τ,
+            with six seats and with five (``six_tau_0.15`` …); probabilities at τ = 0.15,
+            ``five_probability`` and ``six_probability``.
+        predicted: one row for each cause: median spread of each seat, seat1_mm …, with the size
+            that fits seats 1 to 5.
+        seat6: one row for each cause, the most probable first. ratio_probability: probability that
+            the ratio of seat 6 to seat 5 reaches the measured ratio, without measurements and with
+            the sampling error. predicted_mm, predicted_p975_mm: seat 6 from seats 1 to 5.
+            as_large_probability: probability that it reaches the measured spread, with the model
+            discrepancy. possible: whether this probability is large enough.
         marked: the marked part and the rest.
-        held_out: gain on a seat left out, of seats 1 to 5.
+        held_out: gain on held-out seats.
     """
 
     seats: TouchedSeats
@@ -94,14 +91,16 @@ class Table3Diagnosis(Shown):
 
     @property
     def verdict(self) -> Literal["explained", "ambiguous"]:
-        """``explained`` if one cause stands out at seats 1 to 5, else ``ambiguous``."""
+        """``explained`` if one cause is certain by seats 1 to 5, else ``ambiguous``."""
         return "explained" if self.evidences["five_probability"].max() >= SETTLED else "ambiguous"
 
     @property
     def shown(self) -> pd.DataFrame:
-        """One row a seat: seat, measured_mm, dh_p05_mm, dh_median_mm, dh_p95_mm, measured_quantile
-        among DH draws, noise_mm by encoder noise of the size that seats 1 to 5 give it,
-        sampling_percent of a spread of 50 records.
+        """One row for each seat: seat, measured_mm, and predictions.
+
+        dh_p05_mm, dh_median_mm, dh_p95_mm: DH errors. measured_quantile: quantile of the measured
+        spread among DH errors. noise_mm: encoder noise that fits seats 1 to 5. sampling_percent:
+        sampling error of a spread of 50 records.
         """
         spreads, noise = np.sqrt(self.patterns[DH].second), self.patterns[NOISE]
         low, median, high = np.quantile(spreads, [0.05, 0.5, 0.95], axis=0) / MM
@@ -119,8 +118,9 @@ class Table3Diagnosis(Shown):
 
     @property
     def fit(self) -> tuple[float, float]:
-        """RMS by which encoder noise of the best size misses seats 1 to 5 [%], and the chance of as
-        close a fit when it is right, by the sampling error of a spread alone.
+        """RMS misfit of encoder noise at seats 1 to 5 [%], and the probability of a closer fit.
+
+        The probability uses only the sampling error of a spread.
         """
         noise = self.patterns[NOISE].take(FIVE)
         residual, sd = np.log(MEASURED[FIVE]) - noise.log_spread[0], noise.log_sd[0]
@@ -131,7 +131,7 @@ class Table3Diagnosis(Shown):
 
     @property
     def local_noise(self) -> float:
-        """Standard deviation of each coordinate that seat 6 needs of its own [m]."""
+        """Additional standard deviation of each coordinate at seat 6 [m]."""
         return float(
             np.sqrt(
                 (MEASURED[SIXTH] ** 2 - self.noise[1] ** 2 * self.patterns[NOISE].second[0, SIXTH])
@@ -141,25 +141,19 @@ class Table3Diagnosis(Shown):
 
     @property
     def model(self) -> ErrorModel:
-        """The extended model: the arm whose file states :attr:`noise_beside_dh` for every
-        encoder.
-        """
+        """The extended model: the arm with the encoder noise :attr:`noise_beside_dh`."""
         noise = np.full(self.seats.model.arm.nq, self.noise_beside_dh[1])
         return replace(self.seats.model, arm=self.seats.model.arm.with_encoder_noise(noise))
 
     def log_bayes_factor(
         self, cause: str, other: str, seats: Literal["five", "six"], tau: float = DISCREPANCY
     ) -> float:
-        """Logarithm of the Bayes factor of ``cause`` against ``other``; τ is one of those of
-        :attr:`evidences`.
-        """
+        """Logarithm of the Bayes factor of ``cause`` against ``other``, for one τ of TAUS."""
         column = self.evidences.set_index("cause")[f"{seats}_tau_{tau:.2f}"]
         return float(column[cause] - column[other])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Measured spreads over what each cause predicts when seats 1 to 5 have given it
-        its size.
-        """
+        """Draw the measured spreads, and the predictions of causes that fit seats 1 to 5."""
         from papers.plots import plot_spreads
 
         return plot_spreads(self, ax)
@@ -168,8 +162,9 @@ class Table3Diagnosis(Shown):
 def diagnose_table3(
     rng: np.random.Generator, seats: TouchedSeats | None = None, *, draws: int = 6000
 ) -> Table3Diagnosis:
-    """Diagnose the printed Table 3, by ``draws`` arms with DH errors; ``seats`` are by default
-    :func:`touched_seats`.
+    """Diagnose the printed Table 3 with ``draws`` arms with DH errors.
+
+    The default of ``seats`` is :func:`touched_seats`.
     """
     seats = seats or touched_seats()
     found, marked = patterns(seats, rng, draws), marked_part(seats, rng)
@@ -200,7 +195,7 @@ def _evidences(found: dict[str, Pattern]) -> pd.DataFrame:
                 evidence(pattern.take(seats), MEASURED[seats], each) for pattern in found.values()
             ]
             table[f"{name}_tau_{each:.2f}"] = [one.log_evidence for one in known]
-        # Equally probable before.
+        # equal prior probabilities
         table[f"{name}_probability"] = softmax(table[f"{name}_tau_{DISCREPANCY:.2f}"])
     return table
 
@@ -234,18 +229,14 @@ def _seat6(
 
 
 def by_contrast(found: dict[str, Pattern], marked: MarkedPart, seats: list[int]) -> Array:
-    """Weight of each draw of DH errors and noise together by the contrasts of part and rest at
-    ``seats``: (draws,).
-    """
+    """Weight of each draw of DH errors with noise, from the contrasts at ``seats``: (draws,)."""
     of_dh = np.tile(found[DH].second[:, FIVE].mean(axis=1), len(NOISE_SIZES))
     share = 1.0 - of_dh / found[BOTH].second[:, FIVE].mean(axis=1)
     return marked.chance(share, seats)
 
 
 def _noise_beside(both: Evidence) -> Array:
-    """Posterior 2.5 %, 50 % and 97.5 % (3,) [rad] of the encoder noise beside DH errors, by their
-    mixture.
-    """
+    """Posterior quantiles 2.5 %, 50 % and 97.5 % (3,) [rad] of the encoder noise with DH errors."""
     share = both.weights.reshape(len(NOISE_SIZES), -1).sum(axis=1)
     return np.asarray(
         np.exp(np.interp(INTERVAL, np.cumsum(share) - share / 2, np.log(NOISE_SIZES)))
@@ -255,12 +246,13 @@ def _noise_beside(both: Evidence) -> Array:
 def held_out_seats(
     found: dict[str, Pattern], marked: MarkedPart, rng: np.random.Generator
 ) -> HeldOutSeats:
-    """Leave each of seats 1 to 5 out in turn. The extended model weighs its draws by the contrasts
-    of the others.
+    """Hold out each of seats 1 to 5 in turn.
+
+    The extended model weights its draws by the contrasts of the other seats.
     """
     measured = MEASURED[FIVE]
     table = pd.DataFrame({"seat": np.arange(1, SIXTH + 1), "measured_mm": measured / MM})
-    table["simulation_mm"] = np.exp(np.median(found[DH].take(FIVE).log_spread, axis=0)) / MM
+    table["nominal_mm"] = np.exp(np.median(found[DH].take(FIVE).log_spread, axis=0)) / MM
     for name, cause in LEARNT.items():
         predicted = []
         for seat in FIVE:
@@ -273,7 +265,7 @@ def held_out_seats(
         table[[f"{name}_p025_mm", f"{name}_mm", f"{name}_p975_mm"]] = np.array(predicted) / MM
     off = {
         name: np.log(measured / MM / table[f"{name}_mm"].to_numpy())
-        for name in ("simulation", *LEARNT)
+        for name in ("nominal", *LEARNT)
     }
     resampled = rng.integers(0, SIXTH, size=(RESAMPLES, SIXTH))
     gain, interval = {}, {}

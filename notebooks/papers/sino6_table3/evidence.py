@@ -1,10 +1,10 @@
-"""Likelihood of observed spreads under a pattern, its size integrated; predictions from it.
+"""Evidence of observed spreads under a pattern with unknown size, and predictions.
 
-For seat k the logarithm of the observed spread is normal about ``u + ln s_k``, u the logarithm of
-the size, with the variance of a spread from n records plus τ². τ, the model discrepancy, is what no
-prediction of this kind has right: the postures are not known exactly, contact and hand add their
-own. u is uniform between the sizes thought possible, so it is integrated in closed form; draws of
-the pattern are averaged.
+For seat k, the logarithm of the observed spread is normal with mean ``u + ln s_k``, where u is the
+logarithm of the size. Its variance is that of a spread of n records plus τ². The model discrepancy
+τ contains errors of the prediction: unknown postures, contact and hand. u is uniform between the
+possible sizes and integrated in closed form. The evidence is the mean over the draws of the
+pattern.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ DISCREPANCY = 0.15
 PREDICTED = 4000
 """Draws of a prediction."""
 INTERVAL = (0.025, 0.5, 0.975)
-"""Quantiles of a median with its 95 % interval."""
+"""Quantiles of a 95 % interval and its median."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A pattern in the light of observed spreads.
+    """The posterior of a pattern after observed spreads.
 
     Attributes:
         pattern: the pattern.
-        log_evidence: logarithm of the density of the logarithms of the observed spreads, size and
-            draws integrated.
+        log_evidence: logarithm of the evidence: density of the logarithms of the observed spreads,
+            integrated over size and draws.
         weights: posterior probability of each draw (draws,).
-        centre, width: mean and standard deviation of u in each draw before it is cut off at the
-            sizes (draws,).
+        centre, width: mean and standard deviation of u in each draw (draws,), before the limits of
+            the sizes apply.
     """
 
     pattern: Pattern
@@ -46,9 +46,7 @@ class Evidence:
     width: Array
 
     def sampled(self, rng: np.random.Generator) -> tuple[Index, Array]:
-        """Draws of the posterior: numbers of the pattern's draws (PREDICTED,), and u
-        (PREDICTED,).
-        """
+        """Posterior draws (PREDICTED,): indices of draws of the pattern, and values of u."""
         which = np.asarray(rng.choice(len(self.weights), PREDICTED, p=self.weights), dtype=np.intp)
         low, high = np.log(self.pattern.sizes)
         if low == high:
@@ -60,8 +58,8 @@ class Evidence:
         return which, np.asarray(centre + sign * width * ndtri_exp(below))
 
     def predictive(self, pattern: Pattern, rng: np.random.Generator) -> Array:
-        """Spreads to be expected by ``pattern``, the same cause at other seats, draw by draw:
-        (PREDICTED, seats) [m].
+        """Draws of the spreads at the seats of ``pattern``, which has the same cause: (PREDICTED,
+        seats) [m].
         """
         which, u = self.sampled(rng)
         sd = np.sqrt(pattern.log_sd[which] ** 2 + DISCREPANCY**2)
@@ -73,10 +71,9 @@ class Evidence:
 def evidence(
     pattern: Pattern, observed: ArrayLike, tau: float = DISCREPANCY, prior: Array | None = None
 ) -> Evidence:
-    """``pattern`` in the light of the spreads ``observed`` (seats,) [m].
+    """The posterior of ``pattern`` after the spreads ``observed`` (seats,) [m].
 
-    ``prior`` is the relative weight of each draw by what else is known of it (draws,); by default
-    all alike.
+    ``prior`` is the relative weight of each draw (draws,); by default all weights are equal.
     """
     residual, variance = np.log(observed) - pattern.log_spread, pattern.log_sd**2 + tau**2
     total = (1.0 / variance).sum(axis=1)
@@ -88,7 +85,7 @@ def evidence(
     )
     if low < high:
         _, a, b = _in_left_tail((low - centre) / width, (high - centre) / width)
-        # Of the normal density, between the sizes.
+        # normal probability between the limits of the size
         inside = log_ndtr(b) + np.log1p(-np.exp(log_ndtr(a) - log_ndtr(b)))
         log = log + 0.5 * np.log(2 * np.pi) + np.log(width) - np.log(high - low) + inside
     weight = np.ones(len(log)) if prior is None else prior
@@ -99,8 +96,6 @@ def evidence(
 
 
 def _in_left_tail(a: Array, b: Array) -> tuple[Array, Array, Array]:
-    """Signs, and bounds with the same normal probability between them that are not both far out on
-    the right.
-    """
+    """Signs, and bounds with the same normal probability, not both far to the right."""
     sign = np.where(a > 0, -1.0, 1.0)
     return sign, np.where(a > 0, -b, a), np.where(a > 0, -a, b)

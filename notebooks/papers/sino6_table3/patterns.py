@@ -1,11 +1,11 @@
-"""How much a cause spreads the indications at each seat: a pattern over the seats, with a size that
-is free.
+"""The pattern of a cause: the spreads that it causes at each seat, with a free size.
 
-A spread is the experimental standard deviation of the position, ``s² = Σ|p_i - p̄|²/(n - 1)``. Its
-logarithm from n records has, by the delta method, the standard deviation ``½ √((m₄/m₂² - 1)/n)``,
-m₂ and m₄ the mean second and fourth power of the distance from the mean. All to first order: an
-effect with parameters β displaces record i by ``S_i β``, and what it does alike in all postures of
-a seat moves their mean and does not spread; noise with covariance ``Σ_i`` spreads by its trace.
+A spread is the experimental standard deviation of the position, ``s² = Σ|p_i - p̄|²/(n - 1)``. By
+the delta method, the logarithm of a spread of n records has the standard deviation
+``½ √((m₄/m₂² - 1)/n)``, where m₂ and m₄ are the mean second and fourth power of the distance from
+the mean. All formulas are of first order: an effect with parameters β displaces record i by
+``S_i β``. A displacement that is equal in all postures of a seat moves the mean and causes no
+spread. Noise with covariance ``Σ_i`` causes a spread by its trace.
 """
 
 from __future__ import annotations
@@ -36,39 +36,37 @@ DH = "DH errors"
 NOISE = "encoder noise"
 CONTACT = "contact noise"
 BOTH = "DH errors + encoder noise"
-ODD, STAND = "encoder noise + one odd seat", "encoder noise + stand that yields with height"
+ODD, STAND = "encoder noise + one odd seat", "encoder noise + stand that deflects with height"
 ECCENTRICITY, GRAVITY = "encoder eccentricity", "gravity (bearings, tubes, stand)"
 OF_SEATS = (ODD, STAND, CONTACT)
-"""Causes that are not the arm's."""
+"""Causes outside the arm."""
 DECADE = (0.1, 10.0)
-"""Sizes that are thought possible, in units of the typical one."""
+"""Possible sizes in units of the typical size."""
 NOISE_SIZES = np.geomspace(DECADE[0] * ENCODER, DECADE[1] * ENCODER, 41)
-"""Encoder noise that is tried beside DH errors [rad]."""
+"""Encoder noises that are combined with DH errors [rad]."""
 LOCAL = 1e-5
 """Typical local noise of one coordinate [m]."""
 RATIOS = np.geomspace(0.1, 10.0, 61)
-"""Spread by the second cause of a mixture over that of the first."""
+"""Spread of the second cause of a mixture divided by that of the first."""
 HEIGHT = printed_points()[:, 2] - printed_points()[:, 2].min()
-"""Of each seat above the lowest (6,) [m]."""
+"""Height of each seat above the lowest seat (6,) [m]."""
 POWERS = (0.5, 1.0, 2.0, 3.0)
-"""Powers of the height with which a stand yields: a column tilts with the first, bends with the
-third.
+"""Powers of the height in the deflection of a stand: 1 for a tilting column, 3 for a bending one.
 """
 UNEQUAL = 0.5
-"""Standard deviation of the logarithm of each joint's noise, where the joints are not equal."""
+"""Standard deviation of the logarithm of the noise of a joint, for unequal joints."""
 JOINTS, TUBES = range(1, 7), (3, 5)
 
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Spreads at the seats by one cause of size 1, for every way in which it may act.
+    """Spreads at the seats by one cause of size 1, for each draw of its parameters.
 
     Attributes:
         second: mean squared distance from the mean, m₂ (draws, seats) [m²].
         fourth: mean fourth power of the distance, m₄ (draws, seats) [m⁴].
         records: number of records of each seat.
-        sizes: smallest and largest size that is thought possible, equal where the size is known;
-            log-uniform between.
+        sizes: smallest and largest possible size, log-uniform between; equal if the size is known.
     """
 
     second: Array
@@ -83,24 +81,24 @@ class Pattern:
 
     @property
     def log_sd(self) -> Array:
-        """Standard deviation of the logarithm of an observed spread (draws, seats), as if postures
-        were drawn at random.
+        """Standard deviation of the logarithm of an observed spread for random postures (draws,
+        seats).
         """
         return np.asarray(
             0.5 * np.sqrt(np.maximum(self.fourth / self.second**2 - 1.0, 0.0) / self.records)
         )
 
     def take(self, seats: Sequence[int]) -> Pattern:
-        """The same of some of the seats."""
+        """The pattern of some of the seats."""
         return replace(self, second=self.second[:, list(seats)], fourth=self.fourth[:, list(seats)])
 
 
 def patterns(seats: TouchedSeats, rng: np.random.Generator, draws: int) -> dict[str, Pattern]:
-    """Every cause that is weighed, by its name.
+    """The pattern of each compared cause, by name.
 
-    Hysteresis of joints that are approached from changing sides acts as noise of unequal encoders.
-    DH errors are within their half-widths, so their size is known. The odd seat and the stand are
-    beside encoder noise, by several ratios.
+    Hysteresis with changing directions of approach acts as noise of unequal encoders. The size of
+    DH errors is known from their half-widths. The odd seat and the stand act together with encoder
+    noise, with several ratios.
     """
     noise = of_encoder_noise(seats)
     dh = replace(
@@ -108,7 +106,7 @@ def patterns(seats: TouchedSeats, rng: np.random.Generator, draws: int) -> dict[
         sizes=(1.0, 1.0),
     )
     unequal = np.exp(UNEQUAL * rng.normal(size=(200, len(JOINTS))))
-    # Spreads on average as much as encoder noise of size 1.
+    # mean spread equal to that of encoder noise of size 1
     alike = np.sqrt(noise.second.mean() / 3.0)
     yielding = alike * np.power.outer(HEIGHT / HEIGHT.max(), POWERS).T
     odd = alike * np.eye(len(seats.q))
@@ -129,7 +127,7 @@ def patterns(seats: TouchedSeats, rng: np.random.Generator, draws: int) -> dict[
 
 
 def systematic() -> dict[str, list[Effect]]:
-    """Effects that depend on the posture alone."""
+    """Effects that depend only on the posture."""
     gravity: list[Effect] = [
         BaseCompliance(),
         JointCompliance(joint=2),
@@ -143,8 +141,9 @@ def systematic() -> dict[str, list[Effect]]:
 
 
 def drawn_values(effects: Sequence[Effect], rng: np.random.Generator, draws: int) -> Array:
-    """Values of all parameters (draws, p): the typical one times a standard normal number, of a
-    flexibility its size.
+    """Values of all parameters (draws, p): typical magnitude times a standard normal number.
+
+    Flexibilities have positive values.
     """
     terms = [
         (term.typical, isinstance(effect, GravityEffect))
@@ -157,11 +156,10 @@ def drawn_values(effects: Sequence[Effect], rng: np.random.Generator, draws: int
 
 
 def of_encoder_noise(seats: TouchedSeats, weights: Array | None = None) -> Pattern:
-    """Independent normal noise of every encoder in every record; size 1 is one radian, thought
-    possible 0.8 µrad to 80 µrad.
+    """Independent normal noise of every encoder in every record.
 
-    ``weights`` is the noise of each joint relative to the size, (draws, nq) for several
-    possibilities; by default all 1.
+    Size 1 is one radian; possible sizes are 0.8 µrad to 80 µrad. ``weights`` (draws, nq) is the
+    noise of each joint relative to the size, by default 1.
     """
     levers = seats.levers()
     weight = np.ones((1, levers.shape[-1])) if weights is None else weights
@@ -177,15 +175,15 @@ def of_encoder_noise(seats: TouchedSeats, weights: Array | None = None) -> Patte
 
 
 def of_local_noise(seats: TouchedSeats, sd: Array) -> Pattern:
-    """Noise of the contact or the seat; ``sd`` (draws, seats) is the standard deviation of each
-    coordinate at size 1 [m].
+    """Noise of contact or seat; ``sd`` (draws, seats) [m] is its standard deviation in each
+    coordinate at size 1.
     """
     return Pattern(3.0 * sd**2, 15.0 * sd**4, seats.q.shape[1])
 
 
 def of_displacements(sensitivity: Array, values: Array) -> Pattern:
-    """Systematic causes, by ``sensitivity`` (seats, n, 3, p) [m/unit] and ``values`` (draws, p) at
-    size 1.
+    """Pattern of systematic causes from ``sensitivity`` (seats, n, 3, p) [m/unit] and ``values``
+    (draws, p) at size 1.
     """
     seats, records = sensitivity.shape[:2]
     centred = sensitivity - sensitivity.mean(axis=1, keepdims=True)
@@ -202,12 +200,12 @@ def of_displacements(sensitivity: Array, values: Array) -> Pattern:
 
 
 def mixed(first: Pattern, second: Pattern, ratios: Array) -> Pattern:
-    """Two independent causes at once: the size of the second is each of ``ratios`` (r,) times that
-    of the first.
+    """Two independent causes together; ``ratios`` (r,) are sizes of the second by those of the
+    first.
 
-    Draws of both are paired: as many of each, or one of either, times all ratios. Sizes are those
-    of ``first``. The squares add; fourth powers as those of two displacements without common
-    direction, ``m₄ + m₄' + (10/3) m₂ m₂'``.
+    The draws of both patterns are paired, with each ratio. The sizes are those of ``first``. Second
+    powers add up. Fourth powers are ``m₄ + m₄' + (10/3) m₂ m₂'``, as for displacements without a
+    common direction.
     """
     ratio = np.asarray(ratios, dtype=np.float64)[:, None, None]
     one, other = first.second[None], ratio**2 * second.second[None]

@@ -1,20 +1,19 @@
-"""The marked ("green") part of the records and the rest: predicted before measuring, or chosen
-after?
+"""The marked ("green") part of the records and the rest, for two selections of the part.
 
-The paper marks, at each seat, the postures whose accuracy volume its eq. (14) puts lowest, and
-finds them to spread less. How many they are follows from the print: the spread of all records and
-the root mean squares of the marked part and of the rest (eqs. 16, 18, 19) share one sum of squares,
-``(n - 1) s² = g ψ_marked² + (n - g) ψ_rest²``. Here records are simulated by one cause at a time,
-and g are taken as the part: those with the smallest predicted volume, or those that came out
-nearest the mean. Sizes cancel in the ratio of part and rest.
+At each seat, the paper marks the postures with the smallest accuracy volume by its eq. (14), and
+states that their records spread less. The printed numbers determine the number g of marked records:
+the spread of all records and the root mean squares of the marked part and of the rest (eqs. 16, 18,
+19) share one sum of squares, ``(n - 1) s² = g ψ_marked² + (n - g) ψ_rest²``. This module simulates
+records with one cause at a time, and selects g records: those with the smallest predicted volume,
+or those nearest the mean. The size of the cause cancels in the ratio of part and rest.
 
-**However the part was chosen,** no choice of g records of a seat spreads less than the g nearest
-the mean. Records that a systematic cause moves along a closed curve are nearly all as far from
-their mean, and even the nearest spread nearly as much as the rest; records that scatter have near
-ones. So a printed part that spreads little says that records scatter; as long as the postures go
-round the circle. On an arc of it a systematic cause may have near records too: by the half about
-θ3 = π DH errors alone reach what is printed in most arms. ``touched_seats(arc=…, start=…)`` tries
-it.
+**A limit for every selection.** No g records of a seat spread less than the g records nearest the
+mean. A systematic cause moves the records along a closed curve, so that nearly all have the same
+distance from the mean, and even the nearest records spread nearly as much as the rest. Random
+records also lie near the mean. A printed part with a small spread is therefore evidence for random
+errors, if the postures cover the full circle. On an arc of the circle, a systematic cause may also
+have records near the mean: on the half circle about θ3 = π, DH errors alone reach the printed
+contrast in most arms. ``touched_seats(arc=…, start=…)`` selects such an arc.
 """
 
 from __future__ import annotations
@@ -38,21 +37,20 @@ PRINTED_STEP = 1e-4
 MEASURED_LOGS = np.log(
     (printed_table3()["high_accuracy_part_std_mm"] / printed_table3()["rest_std_mm"]).to_numpy()
 )
-"""Logarithms of the printed ratios of part and rest (6,)."""
+"""Logarithms of the printed ratios of marked part and rest (6,)."""
 FIVE = list(range(SIXTH))
-"""Seats by which a cause is judged; seat 6 is special, and its count is not whole."""
+"""Seats that determine a cause; seat 6 is special, and its count is no integer."""
 SHARES = np.linspace(0.0, 1.0, 11)
-"""Shares of the variance that are random."""
+"""Random shares of the variance."""
 LEAST = 0.05
-"""A share is possible if the printed contrast is reached at least this often."""
+"""A share is possible if it reaches the printed contrast with at least this probability."""
 
 
 def implied_counts(records: int = RECORDS) -> pd.DataFrame:
-    """How many records the marked part of each seat must hold, if there are ``records`` in all, one
-    row a seat.
+    """Number of marked records of each seat, one row for each seat, if a seat has ``records``.
 
-    Columns: point; marked_count, from the printed numbers; marked_count_low and marked_count_high
-    over all values that round to them; whole, whether a whole number lies between.
+    Columns: point; marked_count, from the printed numbers; marked_count_low and marked_count_high,
+    over all values that round to the printed numbers; whole, whether an integer lies between.
     """
     table = printed_table3()
     # (3, 6).
@@ -78,18 +76,19 @@ COUNTS = [round(count) for count in implied_counts()["marked_count"]]
 
 
 def from_mean(positions: Array) -> Array:
-    """Indications in each draw (draws, seats, n, 3) [m] less the mean of their seat."""
+    """Positions in each draw (draws, seats, n, 3) [m] minus the mean of their seat."""
     return np.asarray(positions - positions.mean(axis=2, keepdims=True))
 
 
 def log_ratios(squares: Array, order: Index | None = None, counts: Sequence[int] = COUNTS) -> Array:
-    """Logarithms of the RMS distance from the mean of all, of a part over the rest (eqs. 18, 19):
-    (draws, seats).
+    """Logarithms of the ratio of part and rest (draws, seats), by eqs. (18) and (19).
+
+    The ratio is that of the RMS distances from the mean of all records.
 
     Args:
         squares: squared distances from the mean in each draw (draws, seats, n) [m²].
-        order: numbers of the records of each seat (seats, n), those of the part first; by default
-            by distance from the mean.
+        order: indices of the records of each seat (seats, n), the part first; by default in the
+            order of the distance from the mean.
         counts: number of records in the part of each seat.
     """
     squares = (
@@ -104,13 +103,12 @@ def log_ratios(squares: Array, order: Index | None = None, counts: Sequence[int]
 
 @dataclass(frozen=True, eq=False)
 class MarkedPart:
-    """Part over rest in simulated records: logarithms of the ratio (draws, seats).
+    """Logarithms of the ratio of part and rest in simulated records (draws, seats).
 
     Attributes:
-        before: by cause, the part being the postures of the smallest predicted volume.
-        after: by cause, the part being the records nearest the mean.
-        together: as ``after``, DH errors and encoder noise together, for each of SHARES of noise in
-            the variance.
+        before: by cause; the part has the postures with the smallest predicted volume.
+        after: by cause; the part has the records nearest the mean.
+        together: as ``after``, for DH errors with encoder noise, for each of SHARES.
     """
 
     before: dict[str, Array]
@@ -119,9 +117,10 @@ class MarkedPart:
 
     @property
     def causes(self) -> pd.DataFrame:
-        """By cause, for the geometric mean of the ratios over seats 1 to 5: before_ratio,
-        after_ratio, medians of the draws; before_reached, after_reached, share of draws in which it
-        is at most that printed.
+        """One row for each cause, about the geometric mean of the ratios over seats 1 to 5.
+
+        before_ratio, after_ratio: medians of the draws. before_reached, after_reached: share of
+        draws with a ratio of at most the printed ratio.
         """
         columns = ["before_ratio", "before_reached", "after_ratio", "after_reached"]
         rows = {
@@ -132,8 +131,8 @@ class MarkedPart:
 
     @property
     def shares(self) -> pd.DataFrame:
-        """The same after measuring, ratio and reached, by random_share, the share of noise in the
-        variance.
+        """ratio and reached for the records nearest the mean, by random_share, the share of noise
+        in the variance.
         """
         rows = [_of_mean(logs) for logs in self.together]
         return pd.DataFrame(
@@ -142,23 +141,23 @@ class MarkedPart:
 
     @property
     def least_random_share(self) -> float:
-        """The random share from which on the printed contrast is reached in one of twenty draws."""
+        """Smallest random share that reaches the printed contrast in one of twenty draws."""
         return float(np.interp(LEAST, np.maximum.accumulate(self.shares["reached"]), SHARES))
 
     def chance(self, share: Array, seats: Sequence[int] = tuple(FIVE)) -> Array:
-        """How often the contrast printed for some of the ``seats`` 1 to 5 (from 0) is reached, by
-        random share (n,): (n,).
+        """Probability (n,) that each random ``share`` (n,) reaches the printed contrast at
+        ``seats``.
 
-        The likelihood of a share when nothing is known of how the part was chosen but that it was
-        not better than strictly.
+        This is the likelihood of a share if the selection of the part is unknown, because no
+        selection spreads less than the records nearest the mean.
         """
         reached = [_of_mean(logs, seats)[1] for logs in self.together]
         return np.asarray(np.interp(share, SHARES, np.maximum.accumulate(reached)))
 
 
 def _of_mean(logs: Array, seats: Sequence[int] = tuple(FIVE)) -> tuple[float, float]:
-    """Of the geometric mean of the ratios over ``seats``: median of the draws, share of draws at
-    most that printed.
+    """Median of the geometric mean of the ratios over ``seats``, and the share of draws with at
+    most the printed mean.
     """
     keep = list(seats)
     mean = logs[:, keep].mean(axis=1)
@@ -166,13 +165,13 @@ def _of_mean(logs: Array, seats: Sequence[int] = tuple(FIVE)) -> tuple[float, fl
 
 
 def band(logs: Array) -> Array:
-    """5 %, 50 % and 95 % of the ratios at each seat: (3, seats)."""
+    """Quantiles 5 %, 50 % and 95 % of the ratios at each seat: (3, seats)."""
     return np.asarray(np.quantile(np.exp(logs), [0.05, 0.5, 0.95], axis=0))
 
 
 def marked_part(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000) -> MarkedPart:
-    """Simulate records of the six seats and choose parts; before measuring by the accuracy volume
-    of eq. (14).
+    """Simulate records of the six seats, and select parts by the accuracy volume of eq. (14) and by
+    the distance from the mean.
     """
     volumes = accuracy_volume(seats.model, seats.all_q, at=seats.at, method="jointwise").volume
     order = np.argsort(volumes.reshape(seats.q.shape[:2]), axis=1)
@@ -185,7 +184,7 @@ def marked_part(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000
         moved[name] = _moved_by(seats.sensitivity(effects), drawn_values(effects, rng, draws))
     off = {name: from_mean(each) for name, each in moved.items()}
     squares = {name: np.square(each).sum(axis=3) for name, each in off.items()}
-    # Each by the root mean square of its spreads at seats 1 to 5.
+    # both relative to the RMS of their spreads at seats 1 to 5
     of_dh, of_noise = (
         np.sqrt(squares[name][:, FIVE].mean(axis=(1, 2)))[:, None, None] for name in (DH, NOISE)
     )
@@ -202,5 +201,5 @@ def marked_part(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000
 
 
 def _moved_by(sensitivity: Array, values: Array) -> Array:
-    """Displacements (draws, seats, n, 3) by ``values`` (draws, p)."""
+    """Displacements (draws, seats, n, 3) for ``values`` (draws, p)."""
     return np.asarray(np.einsum("snip,dp->dsni", sensitivity, values, optimize=True))

@@ -1,6 +1,4 @@
-"""The six seats of Table 3 and how they were touched: fifty postures each, evenly round the circle,
-in three readings.
-"""
+"""The six seats of Table 3, each touched in fifty postures, for three interpretations."""
 
 from __future__ import annotations
 
@@ -19,8 +17,8 @@ from aacmm_pin.postures.configurations import WRIST, ConfigurationCircle, config
 from papers.sino6.tables import printed_points, printed_table3
 
 Reading = Literal["stylus down", "stylus up", "wrist"]
-"""The tip is in the seat with the stylus along -z or +z of the DH base; or the wrist is at the
-printed coordinates.
+"""Interpretation of the printed coordinates: position of the tip, with the stylus along -z or +z of
+the DH base, or position of the wrist.
 """
 AXES = {
     "stylus down": np.array([0.0, 0.0, -1.0]),
@@ -28,24 +26,24 @@ AXES = {
     "wrist": None,
 }
 DENSE = 2000
-"""Postures round a circle, of which those nearest to even θ3 are taken."""
+"""Postures on a circle, from which the postures nearest to evenly spaced θ3 are selected."""
 RECORDS = 50
 """Records at each seat (section 2.4 of the paper)."""
 SIXTH = 5
-"""Number of seat 6, from 0."""
+"""Index of seat 6, from 0."""
 MEASURED = np.array(printed_table3()["single_point_std_mm"], dtype=np.float64) * MM
 """The printed spreads (6,) [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class TouchedSeats:
-    """Seats of unknown place that an arm touches in as many postures each.
+    """Seats with unknown positions, each touched in the same number of postures.
 
     Attributes:
-        model: the arm with the effects that are known of it.
+        model: the arm with its known effects.
         q: postures (seats, records, nq) [rad].
         at: frame whose origin is in the seat; None for the tip.
-        reading: what is at the printed coordinates.
+        reading: interpretation of the printed coordinates.
     """
 
     model: ErrorModel
@@ -59,8 +57,9 @@ class TouchedSeats:
         return self.q.reshape(-1, self.q.shape[2])
 
     def sensitivity(self, effects: Sequence[Effect] | None = None) -> Array:
-        """∂(position)/∂(parameters of ``effects``, by default those of the model): (seats, records,
-        3, p) [m/unit].
+        """∂(position)/∂(parameters): (seats, records, 3, p) [m/unit].
+
+        The parameters are those of ``effects``, by default those of the model.
         """
         if effects is None:
             return self._by_seat(self.model.sensitivity(self.all_q, at=self.at))
@@ -80,22 +79,21 @@ class TouchedSeats:
 def touched_seats(
     reading: Reading = "stylus down", *, arc: float = 1.0, start: float = 0.0
 ) -> TouchedSeats:
-    """The seats with the bundled SINO6.
+    """The six seats, touched by the bundled SINO6.
 
-    With the tip in the seat the elbow goes evenly round its circle; with the wrist at the printed
-    coordinates θ3 goes evenly round. Of the closed curves of postures that one is taken which has
-    most within limits. The print does not say that the postures went all round; ``arc`` tries it
-    otherwise.
+    If the tip is in the seat, the elbow moves evenly round its circle. If the wrist is at the
+    printed coordinates, θ3 moves evenly round. The postures lie on the closed curve with the most
+    postures within the limits. The paper does not state whether the postures cover the full circle;
+    ``arc`` selects a part of it.
 
     Args:
-        reading: what is at the printed coordinates.
+        reading: interpretation of the printed coordinates.
         arc: part of the circle that the fifty postures cover, above 0 and at most 1.
-        start: where it starts, as a part of the circle; with the wrist at the coordinates 0 is
-            θ3 = 0.
+        start: start of this part, as a part of the circle; for the wrist, 0 is θ3 = 0.
 
     Raises:
-        UnknownNameError: no such reading.
-        AacmmError: an arc that is none.
+        UnknownNameError: unknown reading.
+        AacmmError: arc out of range.
     """
     if reading not in AXES:
         raise UnknownNameError("reading", reading, list(get_args(Reading)))

@@ -30,7 +30,7 @@ OPTIONAL = {
 def causes_table() -> str:
     """Name, place, parameters, size, columns, aliases of every cause, as a Markdown table."""
     head = (
-        "| cause (place) | parameters: typical magnitude | needs | aliases |\n|---|---|---|---|\n"
+        "| cause (place) | parameters, typical magnitude | needs | aliases |\n|---|---|---|---|\n"
     )
     return head + "\n".join(f"| {' | '.join(_row(cause))} |" for cause in CAUSES.values())
 
@@ -45,10 +45,10 @@ def _row(cause: type[Effect]) -> list[str]:
     ]
     keys = [f"`{key}`" for key in effect.notation.parameters(effect)]
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
-    which = f"; fields: {', '.join(inner)}" if inner else ""
+    which = f"; fields {', '.join(inner)}" if inner else ""
     return [
         f"{{py:class}}`{cause.cause} <aacmm_pin.effects.{cause.__name__}>` ({_place(cause)})",
-        f"{', '.join(shown)}: {_size(effect)}{which}",
+        f"{', '.join(shown)}, typically {_size(effect)}{which}",
         _needs(effect),
         _alike(cause),
     ]

@@ -5,6 +5,7 @@ table for each family.
 from __future__ import annotations
 
 import argparse
+import inspect
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -34,37 +35,37 @@ FORM = """# Diagnosis, measured
 This page counts how often `diagnose` names the true cause in simulated files.
 
 `python -m tests.blind.study --family NAME` simulates files of arms with hidden causes of error,
-runs `aacmm-pin diagnose` on each file, and compares the result with the truth. The simulator
-shares no code with this package: it has exact physics, and always adds small errors that the
-package does not model. `tests/blind/families.py` chooses the arms, the causes and the records at
-random.
+runs `aacmm-pin diagnose` on each file, and compares the result with the truth. The simulator has
+exact physics, shares no code with this package, and adds small errors that the package does not
+model. `tests/blind/families.py` chooses the arms, the causes and the records at random.
 
-`diagnose` names a cause if its probability is at least 0.5. Intervals in parentheses cover 95 %.
+`diagnose` names a cause if the probability of the cause is at least 0.5. A name is false if the
+named cause is not hidden in the file. Intervals in parentheses cover 95 %.
 
 | column | meaning |
 |---|---|
-| right | files in which `diagnose` names a hidden cause; without hidden causes, files in which it \
-names none |
+| right | files in which `diagnose` names a hidden cause, or names none if none is hidden |
 | explained | files with a hidden cause that have the verdict `explained` |
-| explained with a wrong cause | files with the verdict `explained` and a false name |
-| named where nothing is hidden | files without hidden causes in which `diagnose` names a cause |
-| hidden cause named | files with a hidden cause in which `diagnose` names one of the hidden \
-causes |
-| causes seen, stated ≥ 0.95 | hidden causes with a stated probability of at least 0.95, of those \
-that the best test would detect |
-| causes told apart, stated ≥ 0.95 | the same, of those that no other cause can imitate (λ ≥ 13) |
+| explained, false name | files with the verdict `explained` and a false name |
+| false alarms | files without hidden causes in which `diagnose` names a cause |
+| hidden cause named | files with a hidden cause in which `diagnose` names a hidden cause |
+| detectable causes named | hidden causes that `diagnose` names with a probability of at least \
+0.95, as a share of all hidden causes that the best test would detect |
+| distinct causes named | hidden causes that `diagnose` names with a probability of at least \
+0.95, as a share of the detectable hidden causes without alias (λ ≥ 13) |
 | files with false names | files in which `diagnose` names a cause that is not hidden |
-| structure named | files in which `diagnose` names all covariates of the hidden structure, of \
-those with λ ≥ 50 |
-| statements | number of named causes |
+| structure named | share of the files with clear hidden structure (λ ≥ 50) in which `diagnose` \
+names all covariates of the structure |
+| names | number of named causes |
 | stated minus true | mean stated probability of the named causes minus the share of true names |
-| 0.5 to 0.8, … | mean of the stated probabilities in this range, and how many of the names are \
-true |
+| 0.5 to 0.8, … | named causes with a probability in this range: mean stated probability, and \
+number of true names |
 | median CPU s | median CPU time of `diagnose` [s] |
 
 Two causes count as the same cause if the cosine of their effects, after a refit of all other
-parameters, is above 0.95. λ is the increase of χ² if a cause is left out or replaced. The best
-test knows all other errors, has a power of 0.9, and gives a false alarm in 1 of 10 000 tests.
+parameters, is above 0.95. The number λ is the increase of χ² if the fit omits a cause or replaces
+it by another cause. The best test knows all other errors, has a power of 0.9, and gives a false
+alarm in 1 of 10 000 tests.
 
 {tables}
 """
@@ -105,7 +106,7 @@ def tables(rows: Sequence[Row]) -> list[str]:
     found = []
     for family, drawn in FAMILIES.items():
         if of_family := [row for row in rows if row["family"] == family]:
-            found.append(f"## {family}\n\n{drawn.__doc__}\n\n{table(count(of_family)[0])}")
+            found.append(f"## {family}\n\n{inspect.getdoc(drawn)}\n\n{table(count(of_family)[0])}")
     return found
 
 
