@@ -207,7 +207,7 @@ def frame_in_words(fit: Fit) -> str:
     one, or the records do not determine it.
     """
     held = ", ".join(fit.undetermined.tied_to_frame)
-    tied = f" This U assumes the values of {held} in the arm file." if held else ""
+    tied = f" U assumes the values of {held} in the arm file." if held else ""
     return " ".join(_base_in_words(base, tied) for base in base_placements(fit))
 
 
