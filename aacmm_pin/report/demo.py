@@ -84,8 +84,8 @@ FILES = {
 """What the page links to."""
 QUESTION = (
     "This page predicts how accurate the arm is at a point and over its workspace, in which "
-    "posture, and why. The page then finds a cause of error that the model of a simulated arm lacks, and "
-    "shows how much more accurate the arm is with this cause in its model."
+    "posture, and why. The page then finds a cause of error that the model of a simulated arm "
+    "lacks, and shows how much more accurate the arm is with this cause in its model."
 )
 ASSUMED = (
     "The prediction contains only errors of the geometry, which are independent and uniformly "
