@@ -115,7 +115,7 @@ class MeasurementFileError(AacmmError):
 
 
 class MistakenFileError(AacmmError):
-    """The records do not fit the arm, unless a mistake in the file is corrected, such as a joint
+    """The records do not fit the arm because of a probable mistake in the file, such as a joint
     angle with the opposite sign.
 
     Attributes:

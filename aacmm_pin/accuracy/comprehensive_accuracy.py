@@ -30,8 +30,7 @@ def configuration_weights(theta3: Array, point: Array, group: Index | None = Non
     little: for n = 12 by a factor of about 1.2 at most.
 
     Args:
-        theta3: angle of joint 3 in each posture ``(n,)`` [rad]; the function first wraps it to (-π,
-            π].
+        theta3: angle of joint 3 in each posture ``(n,)`` [rad]; full turns have no effect.
         point: point ``(3,)`` [m] in the DH base, or one point for each posture ``(n, 3)``.
         group: number of the point of each posture ``(n,)``, if there are several points. The
             weights of each point sum to 1.

@@ -23,9 +23,8 @@ class SinglePoint(Shown):
         n: number of records.
         sigma: experimental standard deviation of the position over all records, with the divisor n
             - 1 (eqs. 16, 17) [m].
-        part: root mean square distance of the records of the high-accuracy part from the mean of
-            *all* records, with their number as divisor (eqs. 18, 19) [m]; NaN if the part is empty
-            or not given.
+        part: root mean square distance between the records of the high-accuracy part and the mean
+            of *all* records (eqs. 18, 19) [m]; NaN without a high-accuracy part.
         rest: root mean square distance of the other records from the mean of all records [m].
         part_n: number of records in the part.
     """

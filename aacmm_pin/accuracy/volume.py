@@ -83,12 +83,12 @@ class AccuracyVolume(Shown):
 
     @cached_property
     def u_aligned(self) -> Array:
-        """The standard uncertainty of the position after an alignment of the base to these
-        postures, ``(n,)`` [m].
+        """The standard uncertainty of the position after an alignment of the base to all postures
+        of this result, ``(n,)`` [m].
 
-        For each parameter except the noise of readings, the function subtracts the rigid motion of
-        the base that fits the displacements of all postures best (least squares). With only one or
-        two postures, the result is nearly zero.
+        The alignment removes from the effect of each parameter the best rigid motion of the base
+        (least squares). The noise of readings stays. With only one or two postures, the other
+        parameters have nearly no effect.
         """
         positions = self.sources.arm.positions(self.q, self.sources.at)
         of_base = rigid_motions(positions)
@@ -255,9 +255,9 @@ def accuracy_volume(
 
     - ``zonotope``: volume of all displacements that the bounded parameters together can cause,
       exact to first order.
-    - ``jointwise``: sum of the zonotopes of the DH rows (eq. 14 of Xu You et al. 2019); causes of
-      the whole arm count as one more row. The result is much smaller than the zonotope, which
-      combines the rows.
+    - ``jointwise``: sum of the zonotopes of the DH rows (eq. 14 of Xu You et al. 2019). Causes of
+      the whole arm count as one more row. The sum is much smaller than the zonotope, which combines
+      the rows.
     - ``ellipsoid``: 95 % coverage ellipsoid of the covariance. Only this volume includes unbounded
       noise.
     - ``monte-carlo``: convex hull of the exact positions at corners of the parameter box; the
@@ -271,10 +271,9 @@ def accuracy_volume(
     Args:
         model: the arm, or the arm with causes of error.
         q: postures ``(n, nq)`` [rad].
-        conditions: conditions of n records, or of one record for all postures. If a condition is
-            missing, the function ignores the causes that depend on it, and lists them in
-            ``not_included``.
-        at: frame whose origin is the point; default the tip; ``frame5`` is the wrist.
+        conditions: conditions of n records, or of one record for all postures. ``not_included``
+            lists causes that the function ignores because their condition is missing.
+        at: name of the frame (its origin is the point); default the tip; ``frame5`` is the wrist.
         method: one of the four methods.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
             the value in the arm file.

@@ -215,7 +215,7 @@ class WorkspaceMap(Shown):
         """Load a map that :meth:`save` wrote.
 
         Raises:
-            AacmmError: the file is not such a map, or is incomplete.
+            AacmmError: the file is not a map of :meth:`save`, or is incomplete.
         """
         import xarray as xr  # loaded where a map is made or read: commands without one start sooner
 
@@ -279,14 +279,14 @@ def map_workspace(
     stay at 0, or at the angle within limits that is nearest to 0.
 
     Args:
-        model: arm with or without causes of error. The first five rows of its DH table must be
+        model: arm with or without causes of error. The first five rows of the DH table must be
             joints.
         cells: number of cells along x and z.
         sectors: number of sectors of the swivel angle. The posture at the centre represents the
             sector. If several postures within limits have this swivel angle, the map uses the most
             accurate posture.
-        extent: minimum and maximum of x, then of z, ``(4,)`` [m]; default the whole region that the
-            wrist, or the tip in any orientation, reaches without joint limits.
+        extent: minimum and maximum of x, then of z, ``(4,)`` [m]; default all points within reach
+            without joint limits.
         conditions: conditions of one record for the whole map; see :func:`accuracy_volume`.
         method: method of the accuracy volumes; not ``monte-carlo``.
         workers: number of processes, or a ``concurrent.futures.Executor``. One task has several

@@ -59,13 +59,13 @@ class Arm(Shown):
     """A serial arm with its Pinocchio model and, if available, its DH table.
 
     Attributes:
-        name: name for titles and messages.
-        model: Pinocchio model; do not change it.
+        name: name of the arm in titles and messages.
+        model: Pinocchio model, which you must not change.
         tip: name of the frame whose origin is the tip.
         limits: joint limits ``(nq, 2)`` [rad].
         parameters: geometric parameters with their uncertainties, in the order of
             :meth:`sensitivity`.
-        dh: DH table; None for an arm from a URDF.
+        dh: DH table; None for an arm from a URDF alone.
         encoder_noise: standard uncertainty of one reading ``(nq,)`` [rad]; None if not stated.
         stylus_axis: direction of the stylus in the tip frame ``(3,)``; None if not stated.
         source: origin of the numbers.
@@ -75,7 +75,7 @@ class Arm(Shown):
         nominal: for an arm from a URDF, the Pinocchio model without corrections of its placements;
             otherwise None.
         couplings: joint angles that depend on readings of other joints; see :meth:`with_couplings`.
-        mimics: joints of a URDF that follow other joints; ``q`` has no columns for these joints.
+        mimics: joints of a URDF that follow other joints, and have no columns in ``q``.
     """
 
     name: str
@@ -102,8 +102,8 @@ class Arm(Shown):
 
     @property
     def without_uncertainty(self) -> tuple[str, ...]:
-        """The names of the geometric parameters without a stated uncertainty; the package takes
-        these as exact.
+        """The names of the geometric parameters without a stated uncertainty, which count
+        as exact.
         """
         exact = (p for p in self.parameters if p.half_width is None and p.u == 0)
         return tuple(parameter.name for parameter in exact)
@@ -182,9 +182,9 @@ class Arm(Shown):
         file.
 
         A ``continuous`` joint becomes a revolute joint with limits of ±2π. Joints that do not move
-        ``frame`` (such as gripper fingers) stay at zero. A joint that mimics another joint follows
-        it, and has no column in ``q``. The parameters are three translations and three rotations of
-        every joint placement, in the axes of the placement.
+        ``frame`` (such as gripper fingers) stay at zero. A joint that mimics another joint has no
+        column in ``q``. The parameters are three translations and three rotations of every joint
+        placement, in the axes of the placement.
 
         Args:
             path: URDF file (meshes are not needed), or the name of a robot in
@@ -257,7 +257,7 @@ class Arm(Shown):
     def urdf_file(self) -> UrdfArmFile:
         """The arm file of an arm from a URDF.
 
-        Its path is empty if the arm came from a Pinocchio model or through a pipe.
+        The path in the arm file is empty if the arm comes from a Pinocchio model or through a pipe.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
@@ -331,8 +331,8 @@ class Arm(Shown):
 
         A joint angle is the sum of ratios times readings. The own reading of a joint has the ratio
         1, unless a coupling with ``of = joint`` states another ratio. For example, ``(3, 2, -1.0)``
-        states that the angle of joint 3 is its own reading minus the reading of joint 2, because
-        encoder 3 measures the sum of both angles. The content of the arm file changes too.
+        states that the angle of joint 3 is reading 3 minus reading 2. The content of the arm file
+        changes too.
 
         Args:
             couplings: ``joint``, ``of`` and ``ratio`` of each coupling, with row numbers from 1.
@@ -429,11 +429,11 @@ class Arm(Shown):
         """Return the DH table.
 
         Args:
-            purpose: what needs the table, for the error message.
+            purpose: operation that needs the DH table, for the error message.
             joints: number of first rows that must have joints.
 
         Raises:
-            UnsupportedArmError: the arm has no DH table, or one of these rows is missing or rigid.
+            UnsupportedArmError: the arm has no DH table, or a required row is missing or rigid.
         """
         if self.dh is None:
             first = f" whose first {joints} rows are joints" if joints else ""

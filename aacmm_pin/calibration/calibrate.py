@@ -125,48 +125,47 @@ def calibrate(
     """Estimate parameters of the arm and their covariance from measurements.
 
     The method is weighted least squares (JCGM 100:2008, 5.2). Known coordinates, seats, known
-    distances and the stated uncertainties of the arm are data of one fit. Each record has the
-    weight of its own noise, with the noise of the encoders at the tip. The fit lists and excludes
-    records with gross errors.
+    distances and the stated uncertainties of the arm are data of one fit. The noise of a record
+    determines its weight; this noise contains the effect of the encoder noise on the tip. The fit
+    lists and excludes records with gross errors.
 
     Args:
         model: the arm, or the arm with causes of error. The causes keep their values unless
-            ``parameters`` names them. The fit excludes records outside the known range of such a
-            cause, and lists them in the notes.
+            ``parameters`` names them. If a record is outside the known range of a cause, the fit
+            excludes the record and a note lists it.
         measurements: the records.
-        parameters: ``zero-offsets`` (zero offsets of all joints, the method of the 2010 paper),
-            ``geometry`` (all lengths and axes), causes or their texts such as ``encoder_gain:5``,
-            or a list of these.
-        reference_frame: ``base`` if the reference coordinates are in the base of the arm,
-            ``external`` if their frame is unknown, ``session`` if each session has an unknown
-            frame. Results are then in the frame of the first session.
-        target: ``tip`` if the references are for the tip. ``unknown`` if they are for an unknown
-            point on the last body; points with a marker label are always unknown. ``frame`` if the
-            target has the position and the axes of the tip frame. For ``tip`` and ``unknown``, the
-            fit also estimates one constant rotation for each marker if the records state
-            orientations.
+        parameters: ``zero-offsets`` of all joints (the method of the 2010 paper); ``geometry`` (all
+            lengths and axes); a cause, or its text such as ``encoder_gain:5``; or a list of these.
+        reference_frame: ``base`` if the reference coordinates are in the base of the arm;
+            ``external`` if the relation of their frame to the base is unknown. ``session`` if this
+            relation is unknown and differs between sessions; results are then in the frame of the
+            first session.
+        target: ``tip`` if the reference coordinates are those of the tip. ``unknown`` if the
+            references are for an unknown point on the last body; targets with a marker label are
+            always unknown. ``frame`` if the target has the position and the axes of the tip frame.
+            For ``tip`` and ``unknown``, the fit also estimates one constant rotation for each
+            marker if the records state orientations.
         prior: use the stated uncertainties of the arm as information; default True, except for
             ``zero-offsets`` alone.
         encoder_noise: standard uncertainty of one reading, one number or ``(nq,)`` [rad]; default
             the value in the arm file.
-        reference_noise: standard uncertainty of each reference coordinate, if the records do not
-            state it [m].
+        reference_noise: standard uncertainty of each reference coordinate [m], for records without
+            a stated value.
         probe_noise: standard uncertainty of each coordinate of one contact [m].
-        length_noise: standard uncertainty of the length of a ball bar, if the records do not state
-            it [m]; default 50 µm, with a note.
+        length_noise: standard uncertainty of the length of a ball bar [m], for bars without a
+            stated value; default 50 µm, with a note.
         robust: search for gross errors.
-        hold_out: predict groups of records with fits that do not use them: random groups, seats,
-            sessions, or regions of joint angles.
-        rng: random generator for these groups; default seed 1.
+        hold_out: predict held-out records in groups: random groups, seats, sessions, or regions of
+            joint angles.
+        rng: random generator for the held-out groups; default seed 1.
         progress: show a progress bar in a notebook or on stderr; or a function such as ``tqdm``
             that wraps the loop over the groups.
 
     Raises:
         UnknownNameError: a set of parameters, cause, frame or target is unknown.
         MissingConditionError: the records lack a column that a cause needs.
-        AacmmError: no record has reference data, no record shows a requested cause, the noise is
-            not stated and the records are too few to estimate it, or the records do not fit the
-            arm.
+        AacmmError: no record has reference data or shows a requested cause; the records are too few
+            to estimate the noise; or the records do not fit the arm.
     """
     model = ErrorModel.of(model)
     measurements = as_measurements(measurements, model.arm)

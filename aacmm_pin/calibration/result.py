@@ -109,8 +109,8 @@ class Calibration(Shown):
 
     @property
     def turns(self) -> dict[str, float] | None:
-        """The RMS rotation between the stated orientations and those of the models [rad]; None
-        without orientations.
+        """The RMS rotation between stated and computed orientations [rad]; None without
+        orientations.
 
         The keys are ``simulation`` (arm before calibration), ``calibrated`` and ``noise`` (expected
         from noise alone).
@@ -124,7 +124,7 @@ class Calibration(Shown):
 
     @property
     def p_value(self) -> float | None:
-        """The probability of such a large χ² if the model and the stated noise are correct.
+        """The probability of an equal or larger χ² if the model and the stated noise are correct.
 
         The value is None if the noise is not stated, or if the fit has too few degrees of freedom.
         """
@@ -210,8 +210,8 @@ class Calibration(Shown):
     def residuals(self) -> pd.DataFrame:
         """The residuals: a table with one row for each record.
 
-        The columns are the line in the file, the seat, the difference tip minus target before and
-        after calibration [mm], and whether the fit used the record.
+        The columns are the line in the file, the seat, the residual before and after calibration
+        [mm], and whether the fit used the record.
         """
         table = residuals_by_record({"before": self.before, "after": self.fit})
         return table.assign(used=self.fit.used)

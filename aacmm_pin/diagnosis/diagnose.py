@@ -77,11 +77,10 @@ def diagnose(
 ) -> Diagnosis:
     """Find the causes of error that explain the residuals, extend the model, and measure the gain.
 
-    A linear model explains the residuals by refitted geometry, reference frame and known causes, a
-    set of new causes, a discrepancy that depends on recorded quantities, and noise. All
-    probabilities come from one posterior over sets of causes. The extended arm has every cause with
-    a probability above 0.5. The gain is measured on groups of records that neither chose the set
-    nor entered the linear fit of that group.
+    A linear model explains the residuals by five parts: refitted geometry and reference frame,
+    known causes, a set of new causes, a discrepancy, and noise. All probabilities come from one
+    posterior over sets of causes. The extended arm has every cause with a probability above 0.5.
+    Held-out records, which neither the choice of the set nor the linear fit uses, give the gain.
 
     Args:
         model: the arm, with the known causes of error if any.
@@ -89,8 +88,8 @@ def diagnose(
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
             see :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain on held-out records.
-        with_discrepancy: include the discrepancy in the extended arm, as far as new records have
-            its covariates.
+        with_discrepancy: include the discrepancy in the extended arm, if new records can have the
+            same covariates.
         extra_causes: more causes to try, at places or with nonlinear parameters (orders, times,
             other fields) that ``diagnose`` does not try by default. Registered causes of your own
             (:func:`aacmm_pin.effects.register`) need no entry. The prior uses the ``typical``

@@ -120,8 +120,8 @@ class Diagnosis(Shown):
         contradicted: stated places that the records contradict.
         findings: causes, strongest first; geometric values beyond their stated uncertainty come
             last.
-        model: recalibrated arm with the causes. Without the causes if it does not predict held-out
-            records better with them.
+        model: recalibrated arm with the causes; without the causes if these do not improve the
+            predictions of held-out records.
         before: fit of the set-up alone, with the arm before the diagnosis.
         recalibrated: fit with refitted geometry.
         extended: fit with refitted geometry and the causes.
@@ -129,7 +129,7 @@ class Diagnosis(Shown):
         held_out: residuals of records that neither chose the causes nor entered the fit, or None.
         unexplained: structure in the residuals without a cause.
         noise: RMS residual expected from noise alone [m].
-        visible: number of causes that these records would show at typical magnitude, and number of
+        visible: number of causes that the records would show at typical magnitude, and number of
             all causes tried.
         assumed: notes about assumptions and about changes of the records.
     """
@@ -162,7 +162,7 @@ class Diagnosis(Shown):
         return "no better" in self.doubts
 
     def cause(self, label: str) -> Effect | None:
-        """Return the first tried cause with this label; None for the label of a covariate."""
+        """Return the cause with the given label; None for the label of a covariate."""
         causes = (variants[0] for variants in self.choice.library)
         return next((cause for cause in causes if cause.label == label), None)
 
@@ -244,7 +244,7 @@ class Diagnosis(Shown):
 
     @property
     def turns(self) -> dict[str, float] | None:
-        """The RMS rotation between the stated orientations and those of each model [rad]; None
+        """The RMS rotation between stated and computed orientations, for each model [rad]; None
         without orientations.
         """
         used = self.extended.used & self.extended.observations.oriented
@@ -271,7 +271,7 @@ class Diagnosis(Shown):
         return dict(report().diagnosis_json.diagnosis_to_dict(self))
 
     def plot(self, finding: int = 0, ax: Axes | None = None) -> Axes:
-        """Plot a cause with the records that show it.
+        """Plot a cause with the partial residuals of the records.
 
         Without causes, the plot shows the covariate of the residuals. Without a covariate, the plot
         shows the residuals of the three models.
@@ -281,7 +281,7 @@ class Diagnosis(Shown):
             ax: axes; default a new pyplot figure.
 
         Raises:
-            AacmmError: the diagnosis has no such finding.
+            AacmmError: the diagnosis has no finding with this index.
         """
         return cast("Axes", report().plots.plot_diagnosis(self, finding, ax))
 

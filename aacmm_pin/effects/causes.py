@@ -245,8 +245,8 @@ class SyntheticRecords:
 
 @cache
 def example(cause: type[Effect]) -> Effect | None:
-    """Return an example of a cause in SINO6; None if :meth:`Effect.candidates` has no
-    place there.
+    """Return an example of a cause in SINO6; None if :meth:`Effect.candidates` finds no place in
+    SINO6.
     """
     from aacmm_pin.arm import joint_bounds
 

@@ -60,8 +60,8 @@ class JointCompliance(GravityEffect):
         """Return a candidate for every revolute joint: with measured torques, and with known or
         unknown weights.
 
-        A first joint with a vertical axis is omitted. All variants compete because measured torques
-        have noise: with them alone this cause would fit worse than causes that use the weights.
+        A first joint with a vertical axis has no variant with weights. Measured torques have noise:
+        with measured torques alone this cause would fit worse than causes that use the weights.
         """
         chain = arm.chain
         rows = chain.joint_rows()
@@ -130,8 +130,8 @@ class BearingTilt(GravityEffect):
 
     The bearing of a free joint carries all moments except the moment about the axis z. The unit is
     rad/(N·m); the typical magnitude is 2e-6 to 2e-5. Source: angular stiffness of a bearing pair.
-    This cause needs no column. Aliases: ``link_bending`` of the tube after the joint;
-    ``base_compliance``, if the joint is joint 1.
+    Aliases: ``link_bending`` of the tube after the joint; ``base_compliance``, if the joint is
+    joint 1.
     """
 
     joint: int
@@ -184,8 +184,8 @@ class TorsionalWindup(_OfTube):
 
     m is the moment of all bodies after the tube about its end. The unit is rad/(N·m); the typical
     magnitude is 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant torsion.
-    This cause needs no column, but masses in the arm file. Aliases: ``joint_compliance`` of a joint
-    whose axis is along the tube, such as joints 3 and 5 of SINO6.
+    This cause needs masses in the arm file. Aliases: ``joint_compliance`` of a joint whose axis is
+    along the tube, such as joints 3 and 5 of SINO6.
     """
 
     cause: ClassVar[str] = "torsional_windup"
@@ -202,15 +202,15 @@ class TorsionalWindup(_OfTube):
 
 @dataclass(frozen=True)
 class LinkBending(_OfTube):
-    """A tube bends under its own weight and the weight of all bodies after it: slope and sag of its
+    """A tube bends under its own weight and the weight of all later bodies: slope and sag of the
     end.
 
     The tube is an Euler–Bernoulli cantilever of length L along u. W and M are the weight and the
-    moment of all bodies after the tube at its end. w is the evenly distributed weight of the tube
-    (see :class:`~aacmm_pin.effects.tube.Tube`), and κ = 1/EI. The slope is ``κ (L²/2 u×W + L²/6 u×w
-    + L M)``, the sag ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each without its part along u. The unit is
-    rad/(N·m²) = (rad/m)/(N·m); the typical magnitude is 3e-5 to 8e-5 (aluminium or carbon tube of
-    50 to 60 mm). Source: beam theory (Timoshenko). This cause needs no column, but masses in the
+    moment of all later bodies at the end of the tube. The vector w is the evenly distributed weight
+    of the tube (see :class:`~aacmm_pin.effects.tube.Tube`), and κ = 1/EI. The slope is ``κ (L²/2
+    u×W + L²/6 u×w + L M)``. The sag is ``κ (L³/3 W + L³/8 w + L²/2 M×u)``. Both omit the part along
+    u. The unit is rad/(N·m²) = (rad/m)/(N·m); the typical magnitude is 3e-5 to 8e-5 (aluminium or
+    carbon tube of 50 to 60 mm). Source: beam theory (Timoshenko). This cause needs masses in the
     arm file. Aliases: ``bearing_tilt`` and ``joint_compliance`` of the joint before the tube.
     """
 
@@ -235,13 +235,13 @@ class LinkBending(_OfTube):
 class Counterbalance(Effect):
     """The spring of a joint balances the weight incompletely: ``δθ = κ z · (u × down)``.
 
-    u is the direction of the next joint axis if this axis is across the axis z of the joint (the
-    upper tube of SINO6 after joint 2), else the direction of the body. The lever arm of a weight on
-    the body is proportional to the horizontal part of u in all postures. A positive κ lowers u. The
-    spring then carries too little if u points outwards, and too much if u points back to the
-    shoulder, as on SINO6 (d3 < 0). The unit is rad (rotation of the level body); the typical
-    magnitude is 2e-5 to 2e-4. Source: moment of a constant-force counterbalance. This cause needs
-    no column. Aliases: ``encoder_eccentricity`` of the same joint, if the eccentricity has the
+    The vector u is the direction of the body. If the next joint axis is across the axis z of the
+    joint, u is the direction of the next axis (upper tube of SINO6 after joint 2). The lever arm of
+    a weight on the body is proportional to the horizontal part of u in all postures. A positive κ
+    lowers u. The spring then carries too little if u points outwards. If u points back to the
+    shoulder, as on SINO6 (d3 < 0), the spring carries too much. The unit is rad (rotation of the
+    level body); the typical magnitude is 2e-5 to 2e-4. Source: moment of a constant-force
+    counterbalance. Aliases: ``encoder_eccentricity`` of the same joint, if the eccentricity has the
     phase of gravity; ``joint_compliance`` of the same joint, if the load hardly changes.
     """
 
@@ -254,7 +254,7 @@ class Counterbalance(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for the second joint, which lifts the arm, if it has a body."""
+        """Return a candidate for the second joint, which lifts the arm."""
         for row in arm.chain.moving_rows()[1:2]:
             effect = cls(row)
             if is_possible(effect, arm, records):

@@ -60,8 +60,8 @@ class Conditions(Shown):
         link_temperature: temperature of each DH row ``(n, rows)`` [°C].
         approach: sign of the last motion of each joint ``(n, nq)``: -1, 0 or 1.
         torque: measured joint torques ``(n, nq)`` [N·m].
-        probe_direction: unit vector of the motion of the probe at the contact, towards the surface,
-            in the axes of the base ``(n, 3)``; zero if not stated.
+        probe_direction: unit vector of the motion of the probe towards the surface, in the axes of
+            the base ``(n, 3)``; zero if not stated.
         seat: label of the seat ``(n,)``; "" for no seat.
         marker: label of the target on the last body ``(n,)``; "" for no label.
         session: label of the session ``(n,)``; "" for no label.
@@ -176,7 +176,7 @@ class Conditions(Shown):
 
         Args:
             name: name of the condition.
-            purpose: what needs the condition, for the error message.
+            purpose: operation that needs the condition, for the error message.
 
         Raises:
             MissingConditionError: the condition is unknown; the message names the column.

@@ -73,11 +73,16 @@ class Carrier:
     """The quantity that the functions of a discrepancy change.
 
     Attributes:
-        name: ``room`` (translation of the tip along the axes of the base), ``target`` (along the
-            axes of the last body), ``before j`` (along the axes of the body before row j), ``angle
-            j`` (angle of joint j), ``slide j`` (position of the prismatic joint j), ``lengths``
-            (distance of the tip from the base), ``tubes`` (length of all tubes), ``tube j`` (length
-            of the body of row j).
+        name: one of the names below.
+
+    The names are:
+
+    - ``room``: translation of the tip along the axes of the base.
+    - ``target``: translation of the tip along the axes of the last body.
+    - ``before j``: translation of the tip along the axes of the body before row j.
+    - ``angle j``, ``slide j``: angle or position of joint j.
+    - ``lengths``: distance of the tip from the base.
+    - ``tubes``, ``tube j``: length of all tubes, or of the body of row j.
     """
 
     name: str
@@ -155,9 +160,8 @@ class Part:
     Attributes:
         carrier: the quantity that the functions change.
         functions: factors of the products of functions; () for the constant 1.
-        directions: coefficients of the functions for one unit of each parameter, those of each
-            function on all axes together, ``(functions · axes, p)``; () if each coefficient is a
-            parameter.
+        directions: coefficients of the functions for one unit of each parameter, function by
+            function, ``(functions · axes, p)``; () if each coefficient is a parameter.
     """
 
     carrier: Carrier
@@ -203,9 +207,8 @@ class Discrepancy(Effect):
     time, temperature and ranks keep their last values.
 
     Attributes:
-        covariate: covariate such as ``joint 2 × joint 4``.
-        parts: the functions and the quantities that they change; several parts share the
-            parameters.
+        covariate: quantity on which the discrepancy depends, such as ``joint 2 × joint 4``.
+        parts: the functions and the changed quantities; several parts share the parameters.
         size: number of parameters.
     """
 

@@ -155,20 +155,18 @@ class Effect(Shown, ABC):
     words: ClassVar[str] = ""
     """The name of the cause in outputs; "" for ``cause`` with spaces."""
     elastic: ClassVar[bool] = False
-    """True if the displacement depends on other displacements, because it depends on where the arm
-    is.
-    """
+    """True if the displacement depends on the deflected posture, and so on other displacements."""
     of_reference: ClassVar[bool] = False
     """True if the reference coordinates have the error, and not the arm."""
     refitted: ClassVar[bool] = False
-    """True for parameters that every calibration fits (geometry, tip, frame). They are a cause only
-    beyond their stated uncertainty.
+    """True for parameters that every calibration fits (geometry, tip, frame); only a change beyond
+    the stated uncertainty counts as a cause.
     """
     prior_weight: ClassVar[float] = 1.0
     """The prior weight of the cause relative to other causes."""
     special_case_of: ClassVar[tuple[str, ...]] = ()
-    """The names of more general causes that contain this cause at its place; a set has at most one
-    of them.
+    """The names of more general causes that contain this cause at its place; a set of causes never
+    has both.
     """
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
     """The field whose value the records determine by trial; :attr:`key` contains the value."""
@@ -244,10 +242,11 @@ class Effect(Shown, ABC):
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Return the possible places of the cause, each with its variants to try.
 
-        The default depends on the field of the place: every joint, every tube (a body longer than
-        0.15 m), every seat with at least two records, every target, or the whole arm. Places at
-        which :meth:`displacements` raises an :class:`AacmmError` are omitted. A class with other
-        fields without default must replace this method, or has no candidates.
+        The default places are every joint, tube (body longer than 0.15 m), seat with at least two
+        records, or target, according to the field of the place. Without such a field, the default
+        is the whole arm. Places at which :meth:`displacements` raises an :class:`AacmmError` are
+        omitted. A class with other fields without default must replace this method, or has no
+        candidates.
 
         Args:
             arm: the arm.
@@ -310,8 +309,8 @@ class Effect(Shown, ABC):
         """The label with the nonlinear value, such as ``…,order=7``, which is different for each
         variant at a place.
 
-        The value has six digits. A time since 1970 also has milliseconds, because six digits do not
-        distinguish such times.
+        The nonlinear value has six digits. A time since 1970 also has milliseconds, because six
+        digits do not distinguish two such times.
         """
         if not self.nonlinear.field:
             return self.label
@@ -349,7 +348,7 @@ class Effect(Shown, ABC):
 
 @cache
 def fields_of(kind: type[Effect]) -> tuple[str, ...]:
-    """Return the names of the fields that identify a cause: ``joint``, ``order``, …"""
+    """Return the names of the fields that identify a cause, such as ``joint`` and ``order``."""
     names = [field.name for field in fields(kind)]
     return tuple(name for name in names if name not in NUMBERS)
 

@@ -185,11 +185,11 @@ class EncoderEccentricity(_PeriodicReading):
     φ))``.
 
     The encoder has one reading head; two opposite heads cancel the error. A is the eccentricity
-    over the radius of the track. In the triangle of axis, disc centre and head, the law of sines
+    over the radius of the track. The law of sines in the triangle of axis, disc centre and head
     gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. The unit is rad; the typical
-    magnitude is 2e-5 to 3e-4. This cause needs no column. Aliases: ``joint_compliance`` and
-    ``counterbalance`` of the same joint, if its axis is not vertical; ``encoder_ellipticity`` and
-    ``encoder_gain``, if the joint covers only a part of a turn.
+    magnitude is 2e-5 to 3e-4. Aliases: ``joint_compliance`` and ``counterbalance`` of the same
+    joint, if its axis is not vertical; ``encoder_ellipticity`` and ``encoder_gain``, if the joint
+    covers only a part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_eccentricity"
@@ -219,8 +219,8 @@ class EncoderEllipticity(_PeriodicReading):
 
     With two opposite heads, the rest of an eccentricity has the same form. The unit is rad; the
     typical magnitude is 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et
-    al. 2001, CIRP Annals 50). This cause needs no column. Aliases: ``encoder_eccentricity``, and
-    ``joint_periodic_error`` of a similar order, if the joint covers only a part of a turn.
+    al. 2001, CIRP Annals 50). Aliases: ``encoder_eccentricity``, and ``joint_periodic_error`` of a
+    similar order, if the joint covers only a part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_ellipticity"
@@ -255,9 +255,9 @@ class JointPeriodicError(_Periodic):
     """A periodic error of any order k, such as that of a gear or a scale: ``δ = A cos(kθ - φ)``.
 
     k may be any positive number. The unit is rad; the typical magnitude is 1e-5 to 1e-4. Source:
-    harmonic analysis of circle divisions (Watanabe et al. 2001, CIRP Annals 50). This cause needs
-    no column. Aliases: ``joint_periodic_error`` of another order, if the joint covers a short
-    range, or if the records are too few for waves of this order.
+    harmonic analysis of circle divisions (Watanabe et al. 2001, CIRP Annals 50). Aliases:
+    ``joint_periodic_error`` of another order, if the joint covers a short range, or if the records
+    are too few for waves of this order.
     """
 
     order: float
@@ -309,8 +309,8 @@ class JointErrorCurve(Effect):
 
     The function is a cubic spline with uniform knots from ``lower_rad`` to ``upper_rad``: ``δ(θ) =
     Σ c_i B_i(θ)``, with cubic B-splines (de Boor 1978). The unit is rad; the typical magnitude is
-    1e-5 to 3e-4. This cause needs no column. Aliases: every other cause that depends only on the
-    angle of the same joint; causes of load, if only the same joint moves the load.
+    1e-5 to 3e-4. Aliases: every other cause that depends only on the angle of the same joint;
+    causes of load, if only the same joint moves the load.
     """
 
     joint: int
@@ -335,8 +335,9 @@ class JointErrorCurve(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return, for every joint, curves over the range of the records, with coarse and fine
-        knots.
+        """Return curves over the range of the records for every joint, with coarse and fine knots.
+
+        Without records, the method returns no candidate.
         """
         for row, angle in _turning(arm, records) if records is not None else ():
             span = np.ptp(angle)
@@ -410,12 +411,11 @@ class JointErrorCurve(Effect):
 class EncoderGain(_OfAngle):
     """The error is proportional to the angle: ``δ = g θ``.
 
-    If the joint has a coupling with itself of ratio c, the ratio becomes ``c (1 + g)``. A closed
-    disc cannot have this error; a belt, a gear or an interpolator can, and a wound cable has a
-    similar effect. For a prismatic joint, g is the error of its scale. The unit is 1 (rad/rad,
-    m/m); the typical magnitude is 2e-5 to 4e-4. This cause needs no column. Aliases:
-    ``encoder_eccentricity`` and ``encoder_ellipticity`` of the same joint, if the joint covers only
-    a part of a turn.
+    If a coupling states the ratio c for the own reading of the joint, the ratio becomes ``c (1 +
+    g)``. A closed disc cannot have this error; a belt, a gear or an interpolator can, and a wound
+    cable has a similar effect. For a prismatic joint, g is the error of its scale. The unit is 1
+    (rad/rad, m/m); the typical magnitude is 2e-5 to 4e-4. Aliases: ``encoder_eccentricity`` and
+    ``encoder_ellipticity`` of the same joint, if the joint covers only a part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_gain"
@@ -439,9 +439,9 @@ class JointCoupling(Effect):
 
     The reason is a gear, belt or parallelogram with another ratio than stated, or a cable that
     another joint winds. The true ratio is the ratio in ``[[couplings]]``, or 0, plus r. The unit is
-    1 (rad/rad); the typical magnitude is 1e-4 to 3e-3. This cause needs no column. Aliases:
-    ``joint_error_curve`` of the joint ``of``, if the axes of the two joints are parallel and near
-    each other; causes of load, if the joint ``of`` lifts the other joint.
+    1 (rad/rad); the typical magnitude is 1e-4 to 3e-3. Aliases: ``joint_error_curve`` of the joint
+    ``of``, if the axes of the two joints are parallel and near each other; causes of load, if the
+    joint ``of`` lifts the other joint.
     """
 
     joint: int
@@ -463,8 +463,8 @@ class JointCoupling(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every revolute joint with the joint before it, and with the joint
-        that it mimics.
+        """Return a candidate for every revolute joint with the previous joint, and for every joint
+        that mimics another joint.
 
         The other joint must rotate far enough to show the cause.
         """
@@ -504,11 +504,11 @@ class JointCoupling(Effect):
 class JointHysteresis(Effect):
     """Friction, a cable or a coupling holds the joint back towards its last position: ``δ = h s``.
 
-    s = -1, 0 or 1 is the sign of the last motion of the joint. h is half of the reversal error; its
-    sign depends on whether the encoder is before or after the elastic part. The unit is rad; the
-    typical magnitude is 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. This cause needs
-    ``approachN``. Aliases: ``joint_hysteresis`` of a neighbouring joint, if both joints always move
-    together.
+    s = -1, 0 or 1 is the sign of the last motion of the joint. The value h is half of the reversal
+    error. The sign of h depends on whether the encoder is before or after the elastic part. The
+    unit is rad; the typical magnitude is 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. This
+    cause needs ``approachN``. Aliases: ``joint_hysteresis`` of a neighbouring joint, if both joints
+    always move together.
     """
 
     joint: int
@@ -540,7 +540,7 @@ def strongest_waves(effect: Effect, peaks: int = 6) -> list[tuple[float, float]]
 
     The waves are the peaks of the periodogram over the range of the curve (Hann window), strongest
     first. Two waves that differ by less than two periods over this range form one peak. Waves with
-    less than one period are omitted. For other effects the result is None.
+    less than one period are omitted. The result is None for every other kind of effect.
     """
     if not isinstance(effect, JointErrorCurve):
         return None

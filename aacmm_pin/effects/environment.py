@@ -32,8 +32,8 @@ class BaseCompliance(GravityEffect):
     weight about the base origin.
 
     The unit is rad/(N·m); the typical magnitude is 5e-6 to 2e-5 (magnetic base, tripod). Source:
-    rotational stiffness of the mount. This cause needs no column. Aliases: ``bearing_tilt:1``,
-    ``joint_compliance:2``, ``encoder_eccentricity:2``.
+    rotational stiffness of the mount. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``,
+    ``encoder_eccentricity:2``.
     """
 
     cause: ClassVar[str] = "base_compliance"
@@ -143,7 +143,7 @@ class StylusOffset(Effect):
         return () if self.marker is None else ("marker",)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """Return a note if coordinates are those of a target, and not of the tip in the geometry of
+        """Return a note if the coordinates are of a target, and not of the tip in the geometry of
         the arm.
         """
         far = float(np.linalg.norm(self.values))
@@ -164,12 +164,12 @@ class StylusOffset(Effect):
 
 @dataclass(frozen=True)
 class StylusBending(Effect):
-    """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, with the stylus axis e and the sag
-    s of the level stylus.
+    """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, with the stylus axis e.
 
-    A constant probing force increases the sag. The unit is m; the typical magnitude is 1e-6 to
-    2e-5. Source: beam theory. This cause needs no column, but the stylus axis in the arm file.
-    Aliases: ``bearing_tilt`` and ``joint_compliance`` of the last joint.
+    The parameter s is the sag of the level stylus. A constant probing force increases the sag. The
+    unit is m; the typical magnitude is 1e-6 to 2e-5. Source: beam theory. This cause needs the
+    stylus axis in the arm file. Aliases: ``bearing_tilt`` and ``joint_compliance`` of the last
+    joint.
     """
 
     cause: ClassVar[str] = "stylus_bending"
@@ -187,13 +187,13 @@ class StylusBending(Effect):
 class ProbeBending(Effect):
     """The stylus bends under the probing force: ``δp = -b (I - e eᵀ) d``.
 
-    e is the stylus axis, d the direction of the motion of the probe at the contact, and b the
-    deflection. The ball lags behind the probe, so that b is above zero. The force is the same in
-    all records. The unit is m; the typical magnitude is 5e-6 to 5e-5. For example, 1 N on a steel
-    stylus of 50 mm length and 4 mm diameter gives 1.6e-5. Source: cantilever, ``b = F L³ / (3 E
-    I)``. This cause needs ``probe_direction_x …``, and the stylus axis in the arm file. Aliases:
-    ``stylus_offset``, and ``joint_hysteresis`` of the last joints, if you always touch with the
-    same side of the stylus.
+    The vector e is the stylus axis, d is the direction of the motion of the probe at the contact,
+    and b is the deflection. The ball lags behind the probe, so that b is above zero. The force is
+    the same in all records. The unit is m; the typical magnitude is 5e-6 to 5e-5. For example, 1 N
+    on a steel stylus of 50 mm length and 4 mm diameter gives 1.6e-5. Source: cantilever, ``b = F L³
+    / (3 E I)``. This cause needs ``probe_direction_x …``, and the stylus axis in the arm file.
+    Aliases: ``stylus_offset``, and ``joint_hysteresis`` of the last joints, if you always touch
+    with the same side of the stylus.
     """
 
     cause: ClassVar[str] = "probe_bending"
@@ -213,10 +213,10 @@ class ThermalExpansion(Effect):
     """The lengths of the whole arm or of one body expand with temperature: ``δl = α (T - T0) l``.
 
     T0 is the reference temperature in the arm file. The temperature of a row applies to the body
-    that moves with it: d and a of the row in standard DH, d of the row and a of the next row in
-    modified DH. Bodies before row 1 have the mean temperature of the rows. If the whole arm also
-    expands, α of one body is the difference. The unit is 1/K; the typical magnitude is 12e-6
-    (steel) to 24e-6 (aluminium), and 1e-6 for carbon. Source: ISO 1:2022. This cause needs
+    that moves with the row. In standard DH this body has d and a of the row; in modified DH, d of
+    the row and a of the next row. Bodies before row 1 have the mean temperature of the rows. If the
+    whole arm also expands, α of one body is the difference. The unit is 1/K; the typical magnitude
+    is 12e-6 (steel) to 24e-6 (aluminium), and 1e-6 for carbon. Source: ISO 1:2022. This cause needs
     ``temperature_c``, or ``temperature1_c …`` of each row. Aliases: an error of scale of the
     reference coordinates; ``link_length`` and ``joint_distance``, if the temperature hardly
     changes; for one body, ``thermal_expansion`` of the whole arm.

@@ -420,8 +420,7 @@ def displaced(
 
 
 def static_equilibrium(elastic: list[Effect], state: State) -> State:
-    """Return the state in static equilibrium: the deflections are those of the weights in the
-    deflected arm.
+    """Return the state in static equilibrium, in which the weights act on the deflected arm.
 
     Raises:
         AacmmError: the iteration does not converge.
@@ -452,8 +451,8 @@ def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) ->
 
 
 def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, source: str) -> None:
-    """Check that the records can show an effect that depends on conditions, such as a seat, target
-    or time.
+    """Check that the records show an effect that depends on conditions, such as a seat, target or
+    time.
 
     Args:
         effect: the effect.
@@ -463,7 +462,7 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
         source: name of the records in messages.
 
     Raises:
-        AacmmError: the effect displaces nothing in these records; the message states the content of
+        AacmmError: the effect displaces nothing in the records; the message states the content of
             the columns.
     """
     state = State(arm, q, conditions, arm.chain.tip)

@@ -22,8 +22,9 @@ class _RowValue(Effect):
     joint: int
     refitted: ClassVar[bool] = True
     component: ClassVar[int]
-    """The component of the twist at the place: 0 and 2 are translations along x and z; 3, 4 and 5
-    are rotations about x, y and z.
+    """The component of the twist at the place.
+
+    0 and 2 are translations along x and z; 3, 4 and 5 are rotations about x, y and z.
     """
 
     def _moved(self, state: State) -> int:
@@ -49,9 +50,9 @@ class JointZeroOffset(_RowValue):
     displaced along it.
 
     The unit is rad; the typical magnitude is 1e-4 after a factory calibration, and up to 0.05 (3°)
-    after assembly. Source: any DH calibration; the 2010 zero-offset paper. This cause needs no
-    column. Aliases: ``seat_error``, if the records have few seats; for joint 1, a rotation of the
-    reference frame, which has the same effect.
+    after assembly. Source: any DH calibration; the 2010 zero-offset paper. Aliases: ``seat_error``,
+    if the records have few seats; for joint 1, a rotation of the reference frame, which has the
+    same effect.
     """
 
     cause: ClassVar[str] = "joint_zero_offset"
@@ -71,8 +72,8 @@ class JointZeroOffset(_RowValue):
 class LinkLength(_RowValue):
     """The length a of a row has an error: the rest of the arm is displaced along x of the row.
 
-    The unit is m; the typical magnitude is 2e-5. Source: Denavit–Hartenberg. This cause needs no
-    column. Aliases: ``thermal_expansion``; ``stylus_offset``, if the row is the last row.
+    The unit is m; the typical magnitude is 2e-5. Source: Denavit–Hartenberg. Aliases:
+    ``thermal_expansion``; ``stylus_offset``, if the row is the last row.
     """
 
     cause: ClassVar[str] = "link_length"
@@ -86,9 +87,9 @@ class LinkLength(_RowValue):
 class JointDistance(_RowValue):
     """The distance d of a row has an error: the rest of the arm is displaced along the joint axis.
 
-    The unit is m; the typical magnitude is 2e-5. Source: Denavit–Hartenberg. This cause needs no
-    column. Aliases: ``joint_distance`` of a neighbouring row with a parallel axis;
-    ``thermal_expansion``; for row 1, the height of the reference frame.
+    The unit is m; the typical magnitude is 2e-5. Source: Denavit–Hartenberg. Aliases:
+    ``joint_distance`` of a neighbouring row with a parallel axis; ``thermal_expansion``; for row 1,
+    the height of the reference frame.
     """
 
     cause: ClassVar[str] = "joint_distance"
@@ -102,8 +103,8 @@ class JointDistance(_RowValue):
 class LinkTwist(_RowValue):
     """The twist alpha of a row has an error: the rest of the arm is rotated about x of the row.
 
-    The unit is rad; the typical magnitude is 5e-5. Source: Denavit–Hartenberg. This cause needs no
-    column. Aliases: ``bearing_tilt``, if the load hardly changes.
+    The unit is rad; the typical magnitude is 5e-5. Source: Denavit–Hartenberg. Aliases:
+    ``bearing_tilt``, if the load hardly changes.
     """
 
     cause: ClassVar[str] = "link_twist"
@@ -118,9 +119,9 @@ class LinkTilt(_RowValue):
     """The next axis is tilted about y of the row. DH parameters cannot state this tilt of nearly
     parallel axes.
 
-    The unit is rad; the typical magnitude is 5e-5. Source: Hayati, Mirmirani 1985 (angle β). This
-    cause needs no column. Aliases: ``joint_distance`` of the same row and of the next row, if the
-    axes are far from parallel.
+    The unit is rad; the typical magnitude is 5e-5. Source: Hayati, Mirmirani 1985 (angle β).
+    Aliases: ``joint_distance`` of the same row and of the next row, if the axes are far from
+    parallel.
     """
 
     cause: ClassVar[str] = "link_tilt"
@@ -135,9 +136,8 @@ class JointPlacement(Effect):
     axes.
 
     This cause is for arms from a URDF, which have placements instead of DH rows. Records determine
-    some of these parameters only in combination. The units are m and rad; the typical magnitudes
-    are 5e-5 and 1e-4. This cause needs no column. Aliases: ``joint_placement`` of a neighbouring
-    joint.
+    some placement parameters only in combination. The units are m and rad; the typical magnitudes
+    are 5e-5 and 1e-4. Aliases: ``joint_placement`` of a neighbouring joint.
     """
 
     joint: int

@@ -29,8 +29,8 @@ class LoadedEffect(Effect):
     """The base class of elastic causes with one compliance.
 
     A load that the arm file does not state may act at the end of a body. The parameter is then
-    compliance times weight, for a unit force downwards. This displacement comes in addition to that
-    of the known masses.
+    compliance times weight, for a unit force downwards. The load acts in addition to the known
+    masses.
 
     Attributes:
         load_at: row of the body at whose end the load acts; None for the masses of the arm.
@@ -88,8 +88,8 @@ class GravityEffect(LoadedEffect):
     If the arm has masses, the only parameter is a compliance. If not, ``bodies`` names the rows
     whose weight acts. The static moment is linear in the first moments of these bodies. The
     parameters are then compliance × first moment × |g|: three numbers for each body, in its own
-    axes. The formulas lump weights farther out at the ends of the bodies, so that the records
-    determine some parameters only in combination.
+    axes. The records determine some of the parameters only in combination, because weights farther
+    out act at the ends of the bodies.
 
     Attributes:
         bodies: rows of the bodies with unknown masses; () for the masses of the arm.

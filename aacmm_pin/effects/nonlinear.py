@@ -86,7 +86,7 @@ class Nonlinear(Generic[E]):
         return 1.0
 
     def is_preferred(self, effect: E) -> bool:
-        """Return whether machines often have this value, so that it is more probable than
+        """Return whether the value of the effect is common in machines, and so more probable than
         neighbouring values.
         """
         return False

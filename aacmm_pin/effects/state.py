@@ -198,7 +198,7 @@ class State:
 
         The static moment is ``Σ (R_k H_k) × g``, with one constant vector H_k for body ``row`` and
         each later body. H_k also contains the masses farther out, lumped at the end of the body.
-        The columns are for each component of H_k and unit gravity.
+        Each column is for one component of H_k and for unit gravity.
 
         Raises:
             UnsupportedArmError: a joint after ``row`` is prismatic, so that H_k is not constant.

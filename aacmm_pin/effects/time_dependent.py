@@ -63,9 +63,8 @@ class ZeroDrift(Effect):
     This cause needs ``time_s``. Aliases: ``encoder_slip``, if the time constant is short;
     ``thermal_expansion``, if the room warms up at the same rate.
 
-    The records may determine little more than a slope. After the last record, at ``until_s``, the
-    drift may stop or continue. The standard uncertainty of its later rate is therefore its rate at
-    that time.
+    The drift may stop or continue after the last record, at ``until_s``. The standard uncertainty
+    of the later rate is therefore the rate at ``until_s``.
     """
 
     joint: int

@@ -77,8 +77,8 @@ class Observations:
     """The targets of the tip in n records, some of these at s seats with unknown coordinates.
 
     The residual of a record is tip minus target. Stated coordinates of seats and lengths of bars
-    between seats add further residuals, the *ties*. An error in the stated coordinates of a seat is
-    common to all records of the seat, so that more records do not reduce it.
+    between seats add further residuals, the *ties*. All records of a seat share the error of its
+    stated coordinates, so that more records do not reduce this error.
 
     Attributes:
         reference: known coordinates ``(n, 3)`` [m]; NaN if unknown or if the record touches a seat.
@@ -95,8 +95,8 @@ class Observations:
         oriented: True for records that state an orientation ``(n,)``.
         radius: distance between the tip and the seat if the seat is the centre of a sphere ``(n,)``
             [m]; NaN if the tip is at the seat.
-        on_plane: True for records that touch a plane ``(n,)``. The tip is then on a parallel plane;
-            the seat is the point of this plane nearest to ``anchor``.
+        on_plane: True for records that touch a plane ``(n,)``. The centre of the ball is then on a
+            parallel plane, and the seat is the point of the parallel plane nearest to ``anchor``.
         anchor: a point 1 m away from the plane of each seat ``(s, 3)`` [m]; NaN if the seat is no
             plane.
         normal: normal of the sphere or plane at each record ``(n, 3)``; zero if the tip is at the

@@ -109,10 +109,10 @@ class CovariateColumn(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Measurements(Shown):
-    """The records of one arm, n in number.
+    """The n records of one arm.
 
     Attributes:
-        q: joint angles ``(n, nq)`` [rad]. For an arm without couplings they are the readings; see
+        q: joint angles ``(n, nq)`` [rad]; for an arm without couplings the readings; see
             :meth:`with_joint_angles`.
         reference: coordinates of the tip ``(n, 3)`` [m]; NaN rows if unknown.
         reference_u: standard uncertainty of ``reference`` ``(n, 3)`` [m]; NaN rows if not stated.
@@ -136,8 +136,8 @@ class Measurements(Shown):
         bar_length_u: standard uncertainty of the bar length ``(n,)`` [m]; NaN if not stated; None
             if never stated.
         feature_diameter: diameter of the sphere that is the seat ``(n,)`` [m]; you probe the sphere
-            from outside. NaN if the seat is a point. References of such records are coordinates of
-            the sphere centre.
+            from outside. NaN if the seat is a point. If the seat is a sphere, the references are
+            coordinates of its centre.
         probe_diameter: diameter of the ball of the probe ``(n,)`` [m]. NaN if the references are
             for the tip; see :func:`~aacmm_pin.measurements.contacts.at_centres`.
         feature_kind: ``plane`` if the seat is a plane, otherwise "" ``(n,)``.
@@ -172,8 +172,8 @@ class Measurements(Shown):
     ) -> Measurements:
         """Read a measurement file (CSV), and its references from a second file if you state one.
 
-        The column ``record`` connects the rows of the two files. If a file lacks this column, the
-        order of the rows connects them.
+        The column ``record`` connects the rows of the two files. If a file lacks the column
+        ``record``, the order of the rows connects the files.
 
         Args:
             nq: number of joints; None for any number.
@@ -228,14 +228,13 @@ class Measurements(Shown):
 
         The arguments are the attributes of the class. Coordinates of contacts become coordinates of
         the tip; see :func:`~aacmm_pin.measurements.contacts.at_centres`. The method checks shapes
-        and numbers. Unlike :meth:`read`, it does not check whether seats and bars suffice for a
-        calibration.
+        and numbers. Only :meth:`read` also checks whether seats and bars suffice for a calibration.
 
         Raises:
             ShapeError: an array has a wrong shape or impossible numbers, or ``extra`` has a known
                 column.
-            MeasurementFileError: the data contradict each other, for example a bar without seat, an
-                unknown column with a known name, or a wrong number of approach directions.
+            MeasurementFileError: the data contradict each other, for example a bar without seat or
+                a wrong number of approach directions.
         """
         q = batch(q, width_of(q), "q", "rad")
         n = len(q)
@@ -297,8 +296,8 @@ class Measurements(Shown):
     def with_joint_angles(self, arm: Arm) -> Measurements:
         """Return the records with ``q`` as the joint angles of an arm with couplings.
 
-        All functions of this package that accept an arm and records do this. For an arm without
-        couplings nothing changes.
+        Functions of this package that accept an arm and records call this method themselves. For an
+        arm without couplings nothing changes.
 
         Raises:
             ShapeError: the arm has another number of joints.
@@ -361,8 +360,7 @@ class Measurements(Shown):
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
         """Return some of the records, by indices, a slice or a mask.
 
-        The method does not check whether the seats and bars of these records suffice for a
-        calibration.
+        The method does not check whether the remaining seats and bars suffice for a calibration.
         """
         index = np.arange(self.n)[rows]
         arrays: dict[str, Any] = {}
@@ -491,8 +489,7 @@ class Measurements(Shown):
     def csv(self) -> str:
         """Return the records as CSV text from which :meth:`read` restores the same numbers.
 
-        Angles are in degrees. They are in radians if :meth:`read` would interpret the degrees as
-        radians.
+        Angles are in degrees, or in radians if :meth:`read` would interpret the degrees as radians.
         """
         table = self.to_frame("rad" if looks_like_radians(self.readings / DEG) else "deg")
         dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])

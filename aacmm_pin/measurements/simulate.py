@@ -58,10 +58,10 @@ def simulate_measurements(
       coordinates. Each stated length has one error from the reference noise.
     - ``single-point``: one seat without reference.
 
-    The model error is exact (:meth:`ErrorModel.predict`). Before encoder noise, the tip is at the
-    seat plus the probe noise of the contact; for ``free``, the target of the tracker has this
-    offset from the tip. Causes with ``of_reference`` change the stated coordinates. Postures avoid
-    the obstacles of :class:`Room`, and stay 1e-3 rad away from the limits. For conditions see
+    The model error is exact (:meth:`ErrorModel.predict`). Before encoder noise, the distance
+    between tip and seat is the probe noise; for ``free``, between tip and target of the tracker.
+    Causes with ``of_reference`` change the stated coordinates. Postures avoid the obstacles of
+    :class:`Room`, and stay 1e-3 rad away from the limits. For conditions see
     :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a session has at most 200 records.
 
     Args:
@@ -70,8 +70,8 @@ def simulate_measurements(
         records: number of records.
         rng: random generator; ``source`` of the result states its seed.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad; m for a
-            prismatic joint]; default the value in the arm file, else 8 µrad, with a statement in
-            ``source``.
+            prismatic joint]; default the value in the arm file, else 8 µrad. ``source`` states an
+            assumed value.
         reference_noise: standard uncertainty of each reference coordinate [m]. A seat has one draw;
             a free point has one draw for each record.
         probe_noise: standard uncertainty of each coordinate of one contact [m], with a new draw in
@@ -79,7 +79,8 @@ def simulate_measurements(
         seats: number of seats; each bar has two.
         known: state the coordinates of the seats; only for ``seats``.
         bar_length: length of the bars [m]; only for ``ball-bar``.
-        above: height of a table above the base origin, against gravity [m]; the tip stays above it.
+        above: height of a table above the base origin, against gravity [m]; the tip stays above the
+            table.
         temperature_range: largest difference between the temperatures and the reference temperature
             of the arm [K].
         orientation_noise: standard uncertainty about each axis of stated orientations [rad]; None

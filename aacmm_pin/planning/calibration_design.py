@@ -119,8 +119,8 @@ def plan_calibration(
     The plan maximises the log determinant of the information from the stated uncertainties of the
     arm, the existing records and the planned records (Bayesian D-optimality: Chaloner, Verdinelli
     1995, Statistical Science 10). The noise of the records whitens the information. The algorithm
-    adds the best record one by one, then exchanges records until no exchange improves the plan
-    (Fedorov 1972).
+    adds records one by one, then exchanges records until no exchange improves the plan (Fedorov
+    1972).
 
     Args:
         model: the arm, or the arm with causes of error; the causes keep their values.
@@ -132,8 +132,8 @@ def plan_calibration(
     Raises:
         UnknownNameError: the scheme or the frame is unknown.
         MissingConditionError: the existing records lack a condition that a cause of the arm needs.
-        AacmmError: there are too few records or postures, the existing records are of another arm,
-            all values of the arm are exact, or the records have no noise.
+        AacmmError: too few records or postures; existing records of another arm; only exact values
+            in the arm; or records without noise.
     """
     model = ErrorModel.of(model).restricted_to_known_range()
     rng = rng or np.random.default_rng(1)

@@ -56,14 +56,14 @@ def plan_measurements(
 ) -> MeasurementPlan:
     """Plan records that distinguish two causes, or all possible causes of the arm.
 
-    For two causes k and l the plan maximises the smaller of ``T_kl`` and ``T_lk``, with ``T_kl =
-    min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` (T-optimality: Atkinson, Fedorov 1975,
-    Biometrika 62). The noise of the records whitens all terms. Z has the parameters that every fit
-    estimates: geometry within its stated uncertainties, an unknown frame, and the seats. β_k is the
-    value of the cause; if the value is zero, β_k has the typical magnitude in any direction. The
-    algorithm adds records one by one, then exchanges each record once. The plan first tries
-    postures only. If postures do not suffice, the plan adds in this order: conditions of the causes
-    (approach, temperature, warm-up), a load, another mount.
+    For two causes k and l the plan maximises the smaller of ``T_kl`` and ``T_lk``. The definition
+    is ``T_kl = min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` (T-optimality: Atkinson, Fedorov
+    1975, Biometrika 62). The noise of the records whitens all terms. Z is the sensitivity to the
+    parameters that every fit estimates: geometry within its stated uncertainties, an unknown frame,
+    and the seats. The vector β_k has the values of the cause. If the values are zero, β_k has the
+    typical magnitude in any direction. The algorithm adds records one by one, then exchanges each
+    record once. The plan first tries postures only. If postures do not suffice, the plan adds
+    conditions of the causes (approach, temperature, warm-up), then a load, then another mount.
 
     Without ``split``, half of the records determine geometry and all causes together best (Bayesian
     D-optimality: Chaloner, Verdinelli 1995, Statistical Science 10). Each other record is the best
@@ -74,12 +74,13 @@ def plan_measurements(
         split: two causes, or labels such as ``joint_compliance:2``; None for all causes.
         records: number of records to plan.
         existing: records that you will evaluate together with the new records.
-        scheme: ``free`` if each record has coordinates of its own (laser tracker), which you add
-            later; ``seats`` for the seats of the existing records, or for new seats.
+        scheme: ``free`` if you add the coordinates of each record later (laser tracker); ``seats``
+            for the seats of the existing records, or for new seats.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
-            see :func:`aacmm_pin.calibration.calibrate`. If a noise is not stated, the plan uses a
-            typical value and a note states it.
-        above: height of a table above the base origin, against gravity [m]; the tip stays above it.
+            see :func:`aacmm_pin.calibration.calibrate`. For noise without a stated value, the plan
+            assumes a typical value, and a note states the assumption.
+        above: height of a table above the base origin, against gravity [m]; the tip stays above the
+            table.
         as_it_stands: exclude a load and another mount.
         postures: number of available postures; fewer postures need less time.
         rng: random generator; default seed 1.

@@ -43,7 +43,7 @@ class Tried(Shown):
 
 @dataclass(frozen=True, eq=False)
 class MeasurementPlan(Shown):
-    """A plan of the next measurements, with the probability that they distinguish causes.
+    """A plan of measurements that distinguish causes, with the probability of success.
 
     Attributes:
         model: the arm during the planned measurements; if ``changes_arm`` is True, another arm than
@@ -64,8 +64,8 @@ class MeasurementPlan(Shown):
         measurements: the planned records as measurements.
         pairs: all pairs of causes with their T, most difficult first, if no split was requested;
             otherwise None.
-        enough: approximate number of new records of this kind that distinguishes the causes, if the
-            plan does not; None if the search finds no such number.
+        enough: approximate number of similar records that would distinguish the causes, if the plan
+            does not; None if even several times as many records do not suffice.
         seed: seed of the random generator, or None if unknown.
     """
 
@@ -92,7 +92,7 @@ class MeasurementPlan(Shown):
 
     @property
     def decided(self) -> bool:
-        """True if the plan distinguishes its two causes."""
+        """True if the plan distinguishes the two causes."""
         return self.after.probability >= DECIDED and not self.after.same
 
     @property

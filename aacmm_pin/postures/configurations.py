@@ -81,8 +81,7 @@ class ConfigurationCircle(PosturesAtPoint):
         """The signs of the solution branch, ``(n, 2)``.
 
         The first sign states the side of the wrist from the plane of joint axes 1 and 2. The second
-        sign states the direction in which the elbow bends: the sign of d|shoulder → wrist|/dθ4, so
-        that +1 means that an increase of θ4 extends the arm.
+        sign is that of d|shoulder → wrist|/dθ4: +1 means that an increase of θ4 extends the arm.
         """
         dh = self.arm.require_dh("a branch")
         rotation, origin = self.arm.chain.walk(self.q)
@@ -199,7 +198,7 @@ def configuration_circles(
 ) -> list[ConfigurationCircle]:
     """Compute the configuration circles at many ``points`` ``(m, 3)`` [m] together.
 
-    The circles are those of :func:`configuration_circle`, in much less time.
+    The results are equal to those of :func:`configuration_circle`, in much less time.
 
     Raises:
         ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.

@@ -146,9 +146,9 @@ def reaching_postures(
 
     ``broken`` of the result marks angles outside the limits. Newton's method starts from evenly
     spread postures, until 300 successful starts in a row find nothing new. The search then follows
-    each curve once around. The result does not list families of singular postures with more
-    dimensions than the arm has free joints; ``notes``, or ``reason`` if nothing else exists, state
-    such families.
+    each curve once around. The result omits families of singular postures with more dimensions than
+    the arm has free joints. ``notes`` state omitted families; ``reason`` does if the arm has no
+    other posture.
 
     Args:
         arm: serial arm with revolute joints. The number of joints is the number of conditions, or

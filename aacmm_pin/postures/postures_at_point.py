@@ -36,10 +36,9 @@ class PosturesAtPoint(Shown):
         swivel: swivel angle of the elbow ``(n,)`` [rad] in [-π, π], 0 if the elbow is highest; NaN
             for an arm without elbow.
         broken: True for each joint outside its limits ``(n, nq)``.
-        reason: why the arm has no posture at the point; "" if it has one.
+        reason: why the arm has no posture at the point; "" if a posture exists.
         notes: limits of the list, such as families of singular postures that the list omits.
-        complete: False if there may be more postures, because of families, a curve that the search
-            could not follow, or the limit of the search; ``notes`` state the reason.
+        complete: False if there may be more postures; ``notes`` state the reason.
     """
 
     arm: Arm

@@ -27,8 +27,8 @@ ORDER = ("record", "time")
 def next_measurements(result: Diagnosis) -> str:
     """Return a sentence with the next measurements that a diagnosis recommends.
 
-    If the records cannot distinguish two causes, the function plans records that do, which takes
-    seconds, and returns the command for this plan.
+    If the records cannot distinguish two causes, the sentence has a command for a plan that does.
+    The function needs several seconds for such a plan.
     """
     first = _first(result)
     if result.verdict == "unexplained" and result.cannot_tell_apart:

@@ -290,10 +290,10 @@ def accept(
     measuring_range: float | None = None,
 ) -> AcceptanceResult:
     """Determine the characteristics of ISO 10360-12:2016 and ASME B89.4.22-2004 from probed points,
-    and compare them with limits.
+    and compare each with its limit.
 
-    The definitions follow public descriptions. Nobody compared them with the texts of the
-    standards.
+    The definitions follow public descriptions; no comparison with the texts of the standards was
+    made.
 
     Args:
         path: CSV file of probed points; see the acceptance columns in the documentation.
@@ -301,8 +301,8 @@ def accept(
         arms: arms that compute coordinates from the readings of the file, by their names in the
             result.
         mpe: maximum permissible errors by the name of the characteristic [m].
-        standard: ``iso10360-12`` or ``asme-b89.4.22``, for all characteristics of this standard
-            alone, also those without probed points.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``; the result then has all characteristics of
+            this standard alone, even without probed points.
         measuring_range: diameter of the working volume of the arm [m]. E_Uni and E_Bi then have a
             test value only if the longest length is at least 66 % of the range.
 

@@ -168,8 +168,8 @@ def predict_acceptance(
         path: file of a procedure from :func:`aacmm_pin.verification.acceptance_procedure`.
         arms: nominal, calibrated or extended arms by their names in the result.
         mpe: maximum permissible errors by the name of the characteristic [m].
-        standard: ``iso10360-12`` or ``asme-b89.4.22``, for the characteristics of this standard
-            alone.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``; the result then has the characteristics of
+            this standard alone.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
             the value in the arm file, else a typical value.
         probe_noise: standard uncertainty of each coordinate of one contact [m].

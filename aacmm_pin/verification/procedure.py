@@ -79,7 +79,7 @@ class Procedure(Shown):
             lengths in mm.
         q: postures ``(n, nq)`` [rad].
         points: centres of the probe ``(n, 3)`` [m].
-        seed: seed of the random generator; None if the file does not state it.
+        seed: seed of the random generator; None if the file does not state the seed.
     """
 
     arm: Arm
@@ -181,26 +181,26 @@ def acceptance_procedure(
     The plan has two spheres (near and far) and one point at three distances. A bar with five
     lengths has seven places, along the axes of the base and the diagonals within reach. Ball bars
     of two lengths have twenty places. Each repeat on a bar has another posture. Each sphere has
-    five postures; each point of a sphere uses the posture whose stylus points at it best.
+    five postures; each point uses the posture with the most favourable direction of the stylus.
 
     Args:
         model: the arm.
-        standard: ``iso10360-12`` or ``asme-b89.4.22``, for the points of the characteristics of
-            this standard alone.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``; the plan then has the points for this
+            standard alone.
         measuring_range: diameter of the working volume [m]; default twice the distance that the tip
             reaches from joint 2.
         lengths: five calibrated lengths [m], or two for ASME B89.4.22 alone; default equal parts of
             two thirds of the range.
         sphere_diameter, probe_diameter: diameters of the sphere and of the ball of the probe [m].
-        above: height of a table above the base origin, against gravity [m]; the tip stays above it.
-            Default the height of the base if the arm stands on it and the test is possible, else no
-            table.
+        above: height of a table above the base origin, against gravity [m]; the tip stays above the
+            table. The default is the height of the base if the arm stands on a table and the test
+            is then possible, else no table.
         rng: random generator; default seed 1.
 
     Raises:
         UnknownNameError: the standard is unknown.
         AacmmError: the number of lengths is wrong, a length is not above 0, or the arm does not
-            reach such places.
+            reach the required places.
     """
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)

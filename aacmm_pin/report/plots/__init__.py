@@ -1,10 +1,10 @@
 """Pictures of postures, accuracy, maps, calibrations and diagnoses with matplotlib.
 
 Every function ``plot_…`` draws on ``ax`` and returns it; ``ax.figure`` is the picture. Without
-``ax``, the function makes a new pyplot figure. A notebook shows this figure; a program should close
-it. Axes of your own ``matplotlib.figure.Figure`` do not use pyplot. A picture with several panels
-divides the area of ``ax`` and returns the figure. Units are mm, mm³, µm for uncertainties, and
-degrees.
+``ax``, the function makes a new pyplot figure. A notebook shows a new figure; a program should
+close the figure. Axes of your own ``matplotlib.figure.Figure`` do not use pyplot. A picture with
+several panels divides the area of ``ax`` and returns the figure. Units are mm, mm³, µm for
+uncertainties, and degrees.
 
 The method ``plot`` of a result draws its main picture: ``circle.plot()``, ``accuracy.plot()``,
 ``found.plot()``.

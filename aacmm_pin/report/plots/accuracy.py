@@ -138,11 +138,11 @@ def plot_budget(
     as numbers.
 
     Args:
-        accuracy: accuracy of at least one posture.
+        accuracy: the accuracy volume of at least one posture.
         by: whether a bar is a parameter, a joint or a kind of parameter.
         ax: axes.
-        most: largest number of bars, selected by absolute share (correlated parameters may have
-            negative shares); one more bar "rest" has all others.
+        most: largest number of bars, selected by absolute share; one more bar "rest" has all
+            others.
 
     Raises:
         AacmmError: ``most`` is below 1, or ``accuracy`` has no posture.

@@ -47,9 +47,9 @@ def plot_residuals_over_joint(
     """Plot the residual component along the motion of the tip by one joint, over the angle of this
     joint.
 
-    The plot shows an error of this angle directly. Dots are records. The line is the mean in
-    intervals of the range, with its standard uncertainty. A joint whose axis passes through the tip
-    has no residual.
+    An error of the joint angle appears directly in the plot. Dots are records. The line is the mean
+    in intervals of the range, with its standard uncertainty. A joint whose axis passes through the
+    tip has no residual.
 
     Args:
         result: the calibration.
@@ -126,8 +126,8 @@ def plot_residuals_over_joints(
 def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     """Plot the residual of every record by seat, before and after calibration.
 
-    Excluded records are crosses; beyond the scale of the other records, they are triangles at the
-    upper edge.
+    Excluded records are crosses. A triangle at the upper edge is an excluded record beyond the
+    scale.
 
     Raises:
         AacmmError: the records have no seat.
@@ -165,8 +165,8 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     """Plot the distribution of the normalised residuals against the χ distribution with three
     degrees of freedom.
 
-    The covariance of each record normalises its residual (Mahalanobis distance). This covariance
-    contains the stated noise, and the estimated scatter if the stated noise is too small.
+    The covariance of each record normalises its residual (Mahalanobis distance). The covariance
+    contains the stated noise, and an estimated scatter if the stated noise is too small.
     """
     distance = np.sqrt(result.fit.system.distance[result.fit.used])
     ax, most = axes_of(ax, (5.4, 3.6)), max(4.5, float(distance.max(initial=0.0)))

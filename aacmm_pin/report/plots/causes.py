@@ -64,7 +64,7 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
         ax: axes.
 
     Raises:
-        AacmmError: the diagnosis has no such finding.
+        AacmmError: the diagnosis has no finding with this index.
     """
     if not result.findings and not finding:
         unexplained = [*result.unexplained.shapes]
@@ -92,7 +92,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
 
     Args:
         result: the diagnosis.
-        finding: one of its findings.
+        finding: a finding of the diagnosis.
         ax: axes.
     """
     if corrects_seat(finding.effect):

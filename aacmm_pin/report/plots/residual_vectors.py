@@ -105,7 +105,8 @@ def plot_residual_vectors(
     Args:
         result: the calibration or the diagnosis.
         model: ``before`` or ``after`` for a calibration; ``simulation`` (nominal arm),
-            ``recalibrated`` or ``extended`` for a diagnosis; default the last of these.
+            ``recalibrated`` or ``extended`` for a diagnosis. The default is ``after`` or
+            ``extended``.
         plane: two axes of the reference frame.
         factor: magnification of the residuals; default a suitable factor for this model.
         ax: axes.

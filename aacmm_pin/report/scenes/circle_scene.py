@@ -49,8 +49,8 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
 
     If no posture is within limits, the animation shows all postures. The path of the elbow has the
     colour of the accuracy volume within limits, and is grey outside. For an arm without elbow, the
-    path is that of the joint that moves most. A magnified 95 % coverage ellipsoid of the posture is
-    at the point.
+    scene shows the path of the joint that moves most. A magnified 95 % coverage ellipsoid of the
+    posture is at the point.
 
     Args:
         circle: a :class:`aacmm_pin.ConfigurationCircle`, or the postures of another arm.

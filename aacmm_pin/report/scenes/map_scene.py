@@ -37,7 +37,7 @@ SIDE, HEIGHT = -55 * DEG, 14 * DEG
 def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     """Make a scene of the half-plane with cells coloured by comprehensive accuracy.
 
-    The arm moves with its wrist from cell to cell.
+    The wrist of the arm moves from cell to cell.
 
     Args:
         workspace_map: the map.

@@ -54,7 +54,8 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     Args:
         result: the calibration or the diagnosis.
         model: ``before`` or ``after`` for a calibration; ``simulation`` (nominal arm),
-            ``recalibrated`` or ``extended`` for a diagnosis; default the last of these.
+            ``recalibrated`` or ``extended`` for a diagnosis. The default is ``after`` or
+            ``extended``.
 
     Raises:
         UnknownNameError: the model is unknown.

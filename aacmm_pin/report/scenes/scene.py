@@ -257,7 +257,7 @@ class _Window:
 
 
 class Scene:
-    """A three-dimensional scene with a title, a legend, a view and, if it moves, frames.
+    """A three-dimensional scene with a title, a legend and a view; a moving scene also has frames.
 
     ``scene["arm/body 3"]`` is meshcat's ``Visualizer`` at that path, with ``set_object``,
     ``set_transform``, ``set_property`` and ``delete``. Jupyter displays a scene as the value of a
@@ -329,7 +329,7 @@ class Scene:
             browser: open the scene in the browser.
 
         Returns:
-            The server, which runs until you close it or until the process ends.
+            The server, which runs until :meth:`Server.close` or the end of the process.
 
         Raises:
             AacmmError: the server does not start.
@@ -468,7 +468,7 @@ def _template(name: str) -> str:
 
 
 class Server:
-    """A running server of a scene; a context manager that stops the server at its end.
+    """A running server of a scene, and a context manager that stops the server.
 
     The server also ends with the process.
 
@@ -477,7 +477,7 @@ class Server:
     """
 
     def __init__(self, scene: Scene, listeners: list[Callable[[bytes], None]]) -> None:
-        """Start the server; ``listeners`` passes later commands to it.
+        """Start the server; ``listeners`` passes later commands of the scene to the server.
 
         Raises:
             AacmmError: the server does not start.
