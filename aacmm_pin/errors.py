@@ -11,7 +11,7 @@ MOST_CHARACTERS = 1200
 class AacmmError(Exception):
     """The base class of all errors that this package raises on purpose.
 
-    The text of an error is for the user.
+    The message of such an error is for users.
     """
 
     def __init__(self, message: str) -> None:
@@ -101,8 +101,8 @@ class MeasurementFileError(AacmmError):
 
     Attributes:
         path: file name as the caller stated it.
-        row: line of the file, with the header as line 1; None for no single line.
-        column: name of the column; "" for no single column.
+        row: line of the file, with the header as line 1; None if no single line is wrong.
+        column: name of the column; "" if no single column is wrong.
     """
 
     def __init__(self, path: str, row: int | None, column: str, message: str) -> None:

@@ -45,7 +45,7 @@ class LengthUncertainty(Shown):
     ends.
 
     Attributes:
-        sources: parameters that have an uncertainty.
+        sources: parameters with an uncertainty, and their sensitivities.
         q_a, q_b: postures at the two ends ``(n, nq)`` and ``(m, nq)`` [rad].
         length: the distance [m].
         contributions: change of the length at each end for one standard uncertainty of each
@@ -116,7 +116,7 @@ def length_uncertainty(
         qa, qb: postures at the two ends ``(n, nq)`` [rad].
         at: frame whose origin touches the points; default the tip.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
-            the value in the arm file.
+            from the arm file.
 
     Raises:
         ShapeError: ``qa`` and ``qb`` are not finite arrays of the same shape ``(n, nq)``.

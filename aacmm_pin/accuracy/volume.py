@@ -54,7 +54,7 @@ class AccuracyVolume(Shown):
     """The accuracy of an arm in many postures.
 
     Attributes:
-        sources: parameters that have an uncertainty.
+        sources: parameters with an uncertainty, and their sensitivities.
         q: postures ``(n, nq)`` [rad].
         method: method that computed ``volume``.
         volume: accuracy volume ``(n,)`` [m³].
@@ -83,8 +83,8 @@ class AccuracyVolume(Shown):
 
     @cached_property
     def u_aligned(self) -> Array:
-        """The standard uncertainty of the position after an alignment of the base to all postures
-        of this result, ``(n,)`` [m].
+        """The standard uncertainty of the position if the base is aligned to all postures together,
+        ``(n,)`` [m].
 
         The alignment removes from the effect of each parameter the best rigid motion of the base
         (least squares). The noise of readings stays. With only one or two postures, the other
@@ -276,7 +276,7 @@ def accuracy_volume(
         at: name of the frame (its origin is the point); default the tip; ``frame5`` is the wrist.
         method: one of the four methods.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
-            the value in the arm file.
+            from the arm file.
         rng: random generator; required for ``monte-carlo``.
         draws: number of draws for each posture; only for ``monte-carlo``.
         workers: number of processes, or a ``concurrent.futures.Executor``; the results do not

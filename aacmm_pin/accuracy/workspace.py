@@ -177,7 +177,7 @@ class WorkspaceMap(Shown):
 
     @property
     def unreachable(self) -> int:
-        """The number of cells whose centre no posture reaches, even without joint limits."""
+        """The number of cells that the arm cannot reach, even without joint limits."""
         return int(np.sum(~self._reachable))
 
     @property
@@ -291,7 +291,7 @@ def map_workspace(
         method: method of the accuracy volumes; not ``monte-carlo``.
         workers: number of processes, or a ``concurrent.futures.Executor``. One task has several
             hundred cells.
-        progress: show a progress bar in a notebook or on stderr.
+        progress: True for a progress bar in a notebook or on stderr.
         axis: direction of the stylus in the half-plane y = 0 of the base ``(3,)``, of any length.
             In other half-planes, the direction is rotated about z. With ``axis`` the tip is at the
             cell centres; the arm must have six joints and a stylus axis.

@@ -477,7 +477,7 @@ class Arm(Shown):
         return self._over_rows(centres)
 
     def foot(self, row: int) -> int:
-        """Return the place on the axis of ``row`` at which its body begins.
+        """Return the place on the joint axis at which the body of ``row`` begins.
 
         In modified DH this place is before the distance d of the row; ``axis(row)`` is after d.
         """

@@ -148,7 +148,7 @@ def calibrate(
         prior: use the stated uncertainties of the arm as information; default True, except for
             ``zero-offsets`` alone.
         encoder_noise: standard uncertainty of one reading, one number or ``(nq,)`` [rad]; default
-            the value in the arm file.
+            from the arm file.
         reference_noise: standard uncertainty of each reference coordinate [m], for records without
             a stated value.
         probe_noise: standard uncertainty of each coordinate of one contact [m].
@@ -158,8 +158,8 @@ def calibrate(
         hold_out: predict held-out records in groups: random groups, seats, sessions, or regions of
             joint angles.
         rng: random generator for the held-out groups; default seed 1.
-        progress: show a progress bar in a notebook or on stderr; or a function such as ``tqdm``
-            that wraps the loop over the groups.
+        progress: True for a progress bar in a notebook or on stderr, or a function such as
+            ``tqdm``.
 
     Raises:
         UnknownNameError: a set of parameters, cause, frame or target is unknown.

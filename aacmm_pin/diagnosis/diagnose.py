@@ -95,8 +95,8 @@ def diagnose(
             (:func:`aacmm_pin.effects.register`) need no entry. The prior uses the ``typical``
             magnitude of their terms, and ignores their values.
         rng: random generator for p-values, intervals and held-out groups; default seed 1.
-        progress: show progress bars in a notebook or on stderr; or a function such as ``tqdm`` that
-            wraps the loop over held-out groups.
+        progress: True for a progress bar in a notebook or on stderr, or a function such as
+            ``tqdm``.
 
     Raises:
         AacmmError, UnknownNameError, MissingConditionError: see

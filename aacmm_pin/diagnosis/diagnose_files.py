@@ -50,7 +50,7 @@ def diagnose_files(
             :meth:`aacmm_pin.Measurements.with_approach_from_order`.
         seed: seed of the random generator.
         workers: number of processes, or a ``concurrent.futures.Executor``; each file is one task.
-        progress: show a progress bar in a notebook or on stderr.
+        progress: True for a progress bar in a notebook or on stderr.
         options: arguments of :func:`aacmm_pin.diagnose` for all files.
 
     Returns:

@@ -133,7 +133,7 @@ class Carrier:
         """Return the displacements of the places that move.
 
         Args:
-            state: the arm in its records.
+            state: the arm in n records.
             shifts: displacements along the axes of the carrier ``(n, axes, p)`` [m, rad, m/m per
                 unit].
         """
@@ -155,7 +155,7 @@ class Carrier:
 
 @dataclass(frozen=True)
 class Part:
-    """The functions of a discrepancy on one carrier.
+    """One part of a discrepancy: functions of covariates that change one quantity.
 
     Attributes:
         carrier: the quantity that the functions change.

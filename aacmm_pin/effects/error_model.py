@@ -58,7 +58,7 @@ class ErrorModel(Shown):
     effects: tuple[Effect, ...]
 
     def __init__(self, arm: GivenArm, effects: GivenCause | Iterable[GivenCause] = ()) -> None:
-        """Make a model from an arm (or its name or path) and causes (or their texts).
+        """Make a model from an arm, its name or its path, and from causes or their texts.
 
         The constructor ignores causes in the arm file; :meth:`load` includes them.
 
@@ -269,8 +269,8 @@ class ErrorModel(Shown):
         cause; omit records for which :meth:`known_at` is False.
 
         Raises:
-            ShapeError, MissingConditionError, AacmmError: see :meth:`predict`; a reading is outside
-                the known range of a cause.
+            ShapeError, MissingConditionError: see :meth:`predict`.
+            AacmmError: a reading is outside the known range of a cause.
         """
         return self.predict(readings, conditions)
 
@@ -310,8 +310,8 @@ class ErrorModel(Shown):
         """Return True for each cause that is known at the angles ``q`` ``(n, nq)``: ``(n,
         effects)``.
 
-        For example, an error curve is known only in its range. ``q`` may also be in another unit,
-        for the search for mistakes in a file.
+        For example, an error curve is known only in its range. ``q`` may be in a wrong unit,
+        because the package also searches files for such mistakes.
 
         Raises:
             ShapeError: ``q`` is not a finite ``(n, nq)`` array.
@@ -374,7 +374,7 @@ class ErrorModel(Shown):
         *,
         as_referenced: bool = False,
     ) -> State:
-        """Return the arm in its records, displaced by all causes at their values; see
+        """Return the arm in n records, displaced by all causes at their values; see
         :meth:`predict`.
         """
         q = batch(q, self.arm.nq, "q", "rad")

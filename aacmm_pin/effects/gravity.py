@@ -88,8 +88,8 @@ class GravityEffect(LoadedEffect):
     If the arm has masses, the only parameter is a compliance. If not, ``bodies`` names the rows
     whose weight acts. The static moment is linear in the first moments of these bodies. The
     parameters are then compliance × first moment × |g|: three numbers for each body, in its own
-    axes. The records determine some of the parameters only in combination, because weights farther
-    out act at the ends of the bodies.
+    axes. Weights farther out act at the ends of the bodies, so that records determine some
+    parameters only in combination.
 
     Attributes:
         bodies: rows of the bodies with unknown masses; () for the masses of the arm.

@@ -41,7 +41,7 @@ def joint_commands(
         model: the true arm.
         nominal: the arm in the controller.
         q: commands for the nominal arm ``(n, nq)`` [rad].
-        conditions: conditions of the n commands.
+        conditions: conditions of the n postures.
 
     Returns:
         Commands ``(n, nq)`` [rad]; True for each command that arrives within 1 nm (and 1 nrad)

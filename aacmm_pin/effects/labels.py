@@ -93,8 +93,9 @@ def slides(effect: Effect, arm: Arm) -> bool:
 
 
 def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
-    """Return the values of an effect with u as texts by key, from the covariance of its parameters
-    ``(p, p)``.
+    """Return the values of a cause with their u, as texts by key.
+
+    The covariance ``(p, p)`` of the parameters gives u.
     """
     jacobian = effect.notation.jacobian(effect)
     values = effect.notation.parameters(effect)
@@ -117,7 +118,7 @@ def known_range_in_words(effect: Effect) -> str:
 def values_in_words(
     effect: Effect, values: Mapping[str, tuple[float, float]], slides: bool = False
 ) -> str:
-    """Return the values of an effect with U (k = 2) as texts by key.
+    """Return the values of a cause with U (k = 2), as texts by key.
 
     If the joint ``slides``, metres replace radians.
     """

@@ -116,9 +116,9 @@ class State:
         return row
 
     def bearing(self, row: int) -> int:
-        """Return the place of the bearing on the axis of ``row``, at which its body begins.
+        """Return the place of the bearing, at which the body of ``row`` begins on the joint axis.
 
-        :meth:`moment_at_axis` is the moment about the origin of this place.
+        :meth:`moment_at_axis` is about the origin of the bearing.
 
         Raises:
             AacmmError: the row does not exist.

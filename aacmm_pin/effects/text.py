@@ -41,7 +41,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
 
     Args:
         text: cause, place, fields and parameters.
-        model: the arm.
+        model: arm with or without causes, for default values.
         present: conditions of the records (``Conditions.present``), for defaults of fields.
 
     Raises:

@@ -226,7 +226,7 @@ class Observations:
         """Return the covariance of the part of deviations that counts, ``(n, 3 or 6, 3 or 6)`` [m²,
         rad²].
 
-        The other part has a very small variance.
+        The rest of a deviation has a very small variance.
         """
         if not self.on_surface.any():
             return covariance

@@ -70,8 +70,8 @@ def simulate_measurements(
         records: number of records.
         rng: random generator; ``source`` of the result states its seed.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad; m for a
-            prismatic joint]; default the value in the arm file, else 8 µrad. ``source`` states an
-            assumed value.
+            prismatic joint]; default from the arm file, else 8 µrad. ``source`` states an assumed
+            value.
         reference_noise: standard uncertainty of each reference coordinate [m]. A seat has one draw;
             a free point has one draw for each record.
         probe_noise: standard uncertainty of each coordinate of one contact [m], with a new draw in

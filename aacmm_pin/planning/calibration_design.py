@@ -51,11 +51,10 @@ class CalibrationPlan(Shown):
         expected: approximate positions of the tip in the frame of the references ``(n, 3)`` [m].
         measurements: the planned records as measurements.
         o1: observability index O1 (Borm, Menq 1991) of existing and planned records.
-        o1_random: O1 with random records of the same number instead, ``(RANDOM,)``; see
-            :data:`RANDOM`.
-        u: standard uncertainty of the tip with the calibrated geometry, root mean square over all
+        o1_random: O1 of plans with random records, ``(RANDOM,)``; see :data:`RANDOM`.
+        u: standard uncertainty of the tip of the calibrated arm, root mean square over all
             available postures [m].
-        u_random: the same uncertainty after random records ``(RANDOM,)`` [m].
+        u_random: ``u`` of plans with random records ``(RANDOM,)`` [m].
         existing: number of existing records.
         seed: seed of the random generator, or None if unknown.
         notes: assumptions.

@@ -84,8 +84,8 @@ def plan_measurements(
         as_it_stands: exclude a load and another mount.
         postures: number of available postures; fewer postures need less time.
         rng: random generator; default seed 1.
-        progress: show a progress bar in a notebook or on stderr; or a function such as ``tqdm``
-            that wraps the loop over the records.
+        progress: True for a progress bar in a notebook or on stderr, or a function such as
+            ``tqdm``.
 
     Raises:
         UnknownNameError: a cause, field, scheme or frame is unknown.

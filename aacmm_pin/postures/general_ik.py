@@ -154,9 +154,10 @@ def reaching_postures(
         arm: serial arm with revolute joints. The number of joints is the number of conditions, or
             one more.
         point: position of the tip in the base ``(3,)`` [m].
-        axis: direction of ``tool`` in the base ``(3,)``, of any length; five conditions.
+        axis: direction of ``tool`` in the base ``(3,)``, of any length (five conditions for the
+            tip).
         tool: direction in the tip frame ``(3,)``; default the stylus axis of the arm, otherwise z.
-        rotation: orientation of the tip frame in the base ``(3, 3)``; six conditions.
+        rotation: orientation of the tip frame in the base ``(3, 3)`` (six conditions for the tip).
         count: number of postures on each closed curve, evenly spaced along the path in joint space.
         most_starts: largest number of starts.
 
@@ -164,8 +165,8 @@ def reaching_postures(
         ShapeError: a vector or matrix has a wrong shape, is not finite, or is not a rotation.
         AacmmError: ``axis`` and ``rotation`` are both given, a direction has zero length, ``tool``
             is given without ``axis``, or the count is below 3.
-        UnsupportedArmError: a joint is prismatic, or the conditions leave neither 0 nor 1 joint
-            free.
+        UnsupportedArmError: a joint is prismatic, or the number of joints does not match the
+            conditions.
     """
     arm = as_arm(arm)
     count = whole(count, 3, "count")

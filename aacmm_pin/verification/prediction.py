@@ -171,11 +171,12 @@ def predict_acceptance(
         standard: ``iso10360-12`` or ``asme-b89.4.22``; the result then has the characteristics of
             this standard alone.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
-            the value in the arm file, else a typical value.
+            from the arm file, else a typical value.
         probe_noise: standard uncertainty of each coordinate of one contact [m].
         runs: number of virtual runs.
         rng: random generator; default seed 1. Every arm has the same draws.
-        progress: show a progress bar in a notebook or on stderr; or a function such as ``tqdm``.
+        progress: True for a progress bar in a notebook or on stderr, or a function such as
+            ``tqdm``.
 
     Raises:
         MeasurementFileError: the file is not a procedure for this arm.

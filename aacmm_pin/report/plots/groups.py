@@ -202,7 +202,7 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
 def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """Plot the RMS residual of each held-out group, for the recalibrated and the extended arm.
 
-    Both arms are fitted without the group.
+    The fits of both arms do not use this group.
 
     Raises:
         AacmmError: the diagnosis has no held-out records.
