@@ -159,7 +159,7 @@ class Part:
 
     Attributes:
         carrier: the quantity that the functions change.
-        functions: factors of the products of functions; () for the constant 1.
+        functions: sets of functions whose products the part uses; () for the constant 1.
         directions: coefficients of the functions for one unit of each parameter, function by
             function, ``(functions · axes, p)``; () if each coefficient is a parameter.
     """

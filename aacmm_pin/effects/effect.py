@@ -500,9 +500,9 @@ def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
     of the place.
 
     Args:
-        linear: translation for one unit of each of p parameters ``(n, 3, p)`` [m/unit]; None for
+        linear: translation for one unit of each of p parameters ``(n, 3, p)`` [m/unit]; None if
             zero.
-        angular: rotation for one unit of each parameter ``(n, 3, p)`` [rad/unit]; None for zero.
+        angular: rotation for one unit of each parameter ``(n, 3, p)`` [rad/unit]; None if zero.
     """
     given = linear if linear is not None else angular
     assert given is not None

@@ -22,7 +22,7 @@ class _RowValue(Effect):
     joint: int
     refitted: ClassVar[bool] = True
     component: ClassVar[int]
-    """The component of the twist at the place.
+    """The component of the displacement that the parameter changes.
 
     0 and 2 are translations along x and z; 3, 4 and 5 are rotations about x, y and z.
     """

@@ -109,7 +109,9 @@ class PredictedAcceptance(Shown):
         return pd.DataFrame([figure.row() for figure in self.figures])
 
     def causes(self) -> pd.DataFrame:
-        """Return the median magnitude of each test value by each cause alone [mm]."""
+        """Return the median magnitude of each test value if one cause acts alone, for each cause
+        [mm].
+        """
         rows = []
         for figure in self.figures:
             alone = (figure.alone / MM).add_suffix("_mm").to_dict()
