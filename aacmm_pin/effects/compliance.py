@@ -27,12 +27,12 @@ class JointCompliance(GravityEffect):
     the axis.
 
     This cause applies to a joint that a spring, brake or drive holds (joint 2 of a measuring arm,
-    every joint of a robot). A free joint carries no moment about its axis; see
-    :class:`BearingTilt`. With ``torque="measured"``, τ is minus the measured torque of the drive.
-    The unit is rad/(N·m); the typical magnitude is 1e-5 to 3e-5. Source: robot calibration with
-    joint stiffness (Whitney, Lozinski, Rourke 1986). For measured torques, this cause needs
-    ``torqueN_nm``. Aliases: ``encoder_eccentricity`` and ``counterbalance`` of the same joint, if
-    the load rotates with the joint; ``base_compliance``; ``torsional_windup``.
+    every joint of a robot). A free joint carries no moment about its axis; see ``bearing_tilt``.
+    With ``torque=measured``, τ is minus the measured torque of the drive. The unit is rad/(N·m);
+    the typical magnitude is 1e-5 to 3e-5. Source: robot calibration with joint stiffness (Whitney,
+    Lozinski, Rourke 1986). For measured torques, this cause needs ``torqueN_nm``. Aliases:
+    ``encoder_eccentricity`` and ``counterbalance`` of the same joint, if the load rotates with the
+    joint; ``base_compliance``; ``torsional_windup``.
     """
 
     joint: int
@@ -207,11 +207,11 @@ class LinkBending(_OfTube):
 
     The tube is an Euler–Bernoulli cantilever of length L along u. W and M are the weight and the
     moment of all later bodies at the end of the tube. The vector w is the evenly distributed weight
-    of the tube (see :class:`~aacmm_pin.effects.tube.Tube`), and κ = 1/EI. The slope is ``κ (L²/2
-    u×W + L²/6 u×w + L M)``. The sag is ``κ (L³/3 W + L³/8 w + L²/2 M×u)``. Both omit the part along
-    u. The unit is rad/(N·m²) = (rad/m)/(N·m); the typical magnitude is 3e-5 to 8e-5 (aluminium or
-    carbon tube of 50 to 60 mm). Source: beam theory (Timoshenko). This cause needs masses in the
-    arm file. Aliases: ``bearing_tilt`` and ``joint_compliance`` of the joint before the tube.
+    of the tube, and κ = 1/EI. The slope is ``κ (L²/2 u×W + L²/6 u×w + L M)``. The sag is ``κ (L³/3
+    W + L³/8 w + L²/2 M×u)``. Both omit the part along u. The unit is rad/(N·m²) = (rad/m)/(N·m);
+    the typical magnitude is 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam
+    theory (Timoshenko). This cause needs masses in the arm file. Aliases: ``bearing_tilt`` and
+    ``joint_compliance`` of the joint before the tube.
     """
 
     cause: ClassVar[str] = "link_bending"
