@@ -16,17 +16,19 @@ from aacmm_pin.errors import AacmmError
 
 
 def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
-    """The model with all parameters drawn: uniform within half-widths, normal and together where a
-    calibration says so.
+    """Return a model with random parameter values, as a virtual arm.
 
-    Its values are the truth of a virtual arm, so it states no uncertainty of them.
+    The draws are uniform within half-widths. Parameters without half-width, and parameters in a
+    covariance, have normal draws. The values are the truth of the virtual arm, so that the result
+    has no uncertainties.
 
     Args:
-        model: the arm and its effects, with uncertainties.
-        rng: for the draw.
+        model: the arm, or the arm with causes of error; at least one parameter needs an
+            uncertainty.
+        rng: random generator.
 
     Raises:
-        AacmmError: no parameter has an uncertainty, or an arm with a DH table was not made from a
+        AacmmError: no parameter has an uncertainty, or an arm with a DH table does not come from a
             file.
     """
     model = ErrorModel.of(model)

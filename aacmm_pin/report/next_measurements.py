@@ -25,11 +25,10 @@ ORDER = ("record", "time")
 
 @one_blas_thread
 def next_measurements(result: Diagnosis) -> str:
-    """What to measure to settle what a diagnosis leaves open, in a sentence; if structure is left,
-    also which of two causes acts.
+    """Return a sentence with the next measurements that a diagnosis recommends.
 
-    Where two causes are alike it plans how to distinguish them, which takes seconds, and has the
-    command for that plan.
+    If the records cannot distinguish two causes, the sentence has a command for a plan that does.
+    The function needs several seconds for such a plan.
     """
     first = _first(result)
     if result.verdict == "unexplained" and result.cannot_tell_apart:

@@ -61,10 +61,10 @@ def _charts(history: History) -> list[ControlChart]:
 
 @plain
 def plot_history(history: History, ax: Axes | None = None) -> Figure:
-    """The test values of all checks, the latest in colour, with the mean and the limits of the
-    earlier ones and the MPE.
+    """Plot the test values of all checks, with the mean and the limits of the earlier checks and
+    the MPE.
 
-    Checks stand at equal distances, with dates below some of them.
+    The latest check is coloured. Checks have equal distances; some have their date below.
     """
     charts, missing = charts_drawn(history), len(_charts(history)[MOST_PANELS:])
     across = 4 if len(charts) <= 8 else MOST_PANELS // 2

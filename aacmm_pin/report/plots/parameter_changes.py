@@ -24,15 +24,15 @@ WITHIN = "#e4e9ee"
 
 @plain
 def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figure:
-    """Change of each parameter with its expanded uncertainty U (k = 2), over its stated half-width.
+    """Plot the change of each parameter with U (k = 2), relative to its stated half-width.
 
-    Parameters of another colour moved farther than what was stated of them and U together; open
-    ones are known only in combination with others. Where nothing was stated, lengths and angles
-    have a panel each.
+    A second colour marks parameters whose change is larger than the half-width and U together. Open
+    symbols mark parameters that the records determine only in combination. Without stated
+    half-widths, lengths and angles have separate panels.
 
     Args:
         result: the calibration.
-        ax: axes, whose place is divided.
+        ax: axes whose area the panels share.
     """
     table = parameter_table(result)
     stated, title = table["stated"].notna(), f"{result.model.arm.name}: parameters"
@@ -53,10 +53,10 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figur
 
 @plain
 def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """The same of the geometric values of a diagnosis that moved beyond what was stated of them.
+    """Plot the changes of geometric values that a diagnosis finds beyond their stated uncertainty.
 
     Raises:
-        AacmmError: no geometric value did.
+        AacmmError: no geometric value changed so much.
     """
     found = [f.effect for f in result.findings if result.geometric(f)]
     if not found:

@@ -13,11 +13,11 @@ from aacmm_pin.report.scenes.stage import Bodies, joint_texts, moving, place_tex
 
 
 def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
-    """The arm at ``q`` (n, nq) [rad, m]: a picture for one posture, an animation through them for
-    more.
+    """Make a scene of the arm at ``q`` ``(n, nq)`` [rad, m]: a picture for one posture, an
+    animation for more.
 
     Raises:
-        ShapeError: ``q`` is not a finite (n, nq) array, or has no row.
+        ShapeError: ``q`` is not a finite ``(n, nq)`` array, or has no row.
     """
     arm = ErrorModel.arm_of(model)
     q = batch(q, arm.nq, "q", "rad")

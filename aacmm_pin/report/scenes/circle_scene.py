@@ -45,20 +45,20 @@ PATH_POINTS = 480
 
 
 def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None) -> Scene:
-    """The arm in every posture within limits that reaches a point, one after the other; where none
-    is, in every posture.
+    """Make an animation of the arm through all postures within limits that reach a point.
 
-    The path of the elbow (or, for an arm without one, of the joint that goes about most) is
-    coloured by accuracy volume where it is within limits and grey outside; at the point stands the
-    95 % coverage ellipsoid of the posture, magnified.
+    If no posture is within limits, the animation shows all postures. The path of the elbow has the
+    colour of the accuracy volume within limits, and is grey outside. For an arm without elbow, the
+    scene shows the path of the joint that moves most. A magnified 95 % coverage ellipsoid of the
+    posture is at the point.
 
     Args:
         circle: a :class:`aacmm_pin.ConfigurationCircle`, or the postures of another arm.
-        accuracy: ``circle_accuracy(circle)``: of the configurations within limits.
+        accuracy: ``circle_accuracy(circle)``, the accuracy of the postures within limits.
 
     Raises:
-        AacmmError: there is no configuration.
-        ShapeError: ``accuracy`` was worked out for other configurations.
+        AacmmError: the circle has no posture.
+        ShapeError: ``accuracy`` is for other postures.
     """
     if not len(circle.q):
         raise AacmmError(f"{circle}; expected one posture or more")

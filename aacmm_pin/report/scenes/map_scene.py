@@ -35,12 +35,13 @@ SIDE, HEIGHT = -55 * DEG, 14 * DEG
 
 
 def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
-    """The half-plane as cells coloured by comprehensive accuracy, and the arm with its wrist in one
-    after the other.
+    """Make a scene of the half-plane with cells coloured by comprehensive accuracy.
+
+    The wrist of the arm moves from cell to cell.
 
     Args:
         workspace_map: the map.
-        model: the arm that it is of.
+        model: the arm of the map.
 
     Raises:
         AacmmError: the map is of another arm, or no cell has a posture within limits.
