@@ -1,8 +1,7 @@
 """Postures, accuracy, calibration and diagnosis of articulated-arm coordinate measuring machines,
-on Pinocchio.
+with Pinocchio.
 
-The names of ``__init__.pyi`` are loaded when they are first used, so that the command answers at
-once.
+Python loads each name of ``__init__.pyi`` at its first use, so that commands start quickly.
 """
 
 from collections.abc import Callable

@@ -1,17 +1,18 @@
-"""What this package raises when it cannot use what it was given."""
+"""Errors that this package raises if it cannot use its input."""
 
 from __future__ import annotations
 
 import copyreg
 
 MOST_CHARACTERS = 1200
-"""Of a line of a message; what is longer, such as a number of thousands of digits that it quotes,
-is cut in the middle.
-"""
+"""The largest length of a line in a message; the package cuts longer lines in the middle."""
 
 
 class AacmmError(Exception):
-    """Base of every error that this package raises on purpose; its text is meant for the user."""
+    """The base class of all errors that this package raises on purpose.
+
+    The message of such an error is for users.
+    """
 
     def __init__(self, message: str) -> None:
         half = MOST_CHARACTERS // 2
@@ -30,15 +31,15 @@ class AacmmError(Exception):
 
 
 class ShapeError(AacmmError):
-    """An array has the wrong shape or holds numbers that are not finite."""
+    """An array has a wrong shape, or a number that is not finite."""
 
 
 class ArmFileError(AacmmError):
     """An arm file cannot be used.
 
     Attributes:
-        path: the file, as the caller named it.
-        key: the dotted key inside the file, or "" where the whole file is meant.
+        path: file name as the caller stated it.
+        key: dotted key in the file; "" for the whole file.
     """
 
     def __init__(self, path: str, key: str, message: str) -> None:
@@ -48,11 +49,11 @@ class ArmFileError(AacmmError):
 
 
 class UnknownNameError(AacmmError):
-    """A name (arm, frame, method, ...) is none of the known ones.
+    """The name of an arm, frame, method or other object is unknown.
 
     Attributes:
-        name: what came.
-        known: what would have been understood.
+        name: the unknown name.
+        known: all known names.
     """
 
     def __init__(self, what: str, name: str, known: list[str], hint: str = "") -> None:
@@ -66,14 +67,14 @@ class UnknownNameError(AacmmError):
 
 
 class UnsupportedArmError(AacmmError):
-    """The arm's geometry lacks what this computation needs."""
+    """The arm lacks a property that the computation needs."""
 
 
 class CauseError(AacmmError):
-    """A cause of one's own does not do what a cause has to.
+    """A user-defined cause of error is invalid.
 
     Attributes:
-        label: the cause and where it sits.
+        label: name and place of the cause.
     """
 
     def __init__(self, label: str, message: str) -> None:
@@ -82,14 +83,14 @@ class CauseError(AacmmError):
 
 
 class OutputError(AacmmError):
-    """A result cannot be written where it was asked to be."""
+    """A result cannot be written to the requested file."""
 
 
 class MissingConditionError(AacmmError):
-    """A cause of error depends on a condition that the records do not state.
+    """The records lack a condition on which a cause of error depends.
 
     Attributes:
-        column: the column of a measurement file that would tell.
+        column: required column of the measurement file.
     """
 
     def __init__(self, purpose: str, column: str) -> None:
@@ -101,9 +102,9 @@ class MeasurementFileError(AacmmError):
     """A measurement file cannot be used.
 
     Attributes:
-        path: the file, as the caller named it.
-        row: line of the file, the header being line 1; None where no single line is meant.
-        column: the column, or "" where no single one is meant.
+        path: file name as the caller stated it.
+        row: line of the file, with the header as line 1; None if no single line is wrong.
+        column: name of the column; "" if no single column is wrong.
     """
 
     def __init__(self, path: str, row: int | None, column: str, message: str) -> None:
@@ -116,15 +117,15 @@ class MeasurementFileError(AacmmError):
 
 
 class MistakenFileError(AacmmError):
-    """Records have nothing to do with the arm until a mistake in them is undone, such as a joint
-    counted the other way.
+    """The records do not fit the arm because of a probable mistake in the file, such as a joint
+    angle with the opposite sign.
 
     Attributes:
-        source: the records, as the caller named them.
-        mistake: what is wrong, in words.
-        before: median distance of the records from their targets as they are [m].
-        after: the same with the mistake undone and the parameters fitted [m].
-        others: mistakes that explain the records as well, in words.
+        source: file name of the records as the caller stated it.
+        mistake: the mistake in words.
+        before: median distance of the records from their targets with the mistake [m].
+        after: median distance after a fit of the parameters without the mistake [m].
+        others: other mistakes that explain the records equally well, in words.
     """
 
     def __init__(

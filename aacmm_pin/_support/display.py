@@ -37,7 +37,7 @@ def sentence_of(note: object) -> str:
 
 
 class Shown:
-    """A value that shows itself: as HTML in Jupyter, as a line in IPython."""
+    """A value that Jupyter shows as HTML and IPython as one line."""
 
     def __init_subclass__(cls, **named: Any) -> None:
         super().__init_subclass__(**named)

@@ -22,17 +22,18 @@ def preferred_theta3(point: Array) -> Array:
 
 
 def configuration_weights(theta3: Array, point: Array, group: Index | None = None) -> Array:
-    """Weights c_i of the configurations at a point, nearer to :func:`preferred_theta3` heavier:
-    (n,) [1], sum 1.
+    """Return the weight c_i of each posture at a point, ``(n,)`` [1], with the sum 1.
 
-    ``c_i = (1 - x_i/Σx)/(n - 1)`` with ``x_i = ||θ3_i| - θ3k|``. The print has an extra factor 1/2,
-    with which the weights would not sum to one. The weights differ little by construction: with n =
-    12 by a factor of about 1.2 at most.
+    A posture has a larger weight if the angle of joint 3 is nearer to :func:`preferred_theta3`:
+    ``c_i = (1 - x_i/Σx)/(n - 1)`` with ``x_i = ||θ3_i| - θ3k|`` (eq. 15 of Xu You et al. 2019). The
+    printed equation has an extra factor 1/2, with which the sum is not 1. The weights differ
+    little: for n = 12 by a factor of about 1.2 at most.
 
     Args:
-        theta3: (n,) [rad], any turn; its size is taken of the angle in (-π, π].
-        point: working point (3,) [m] in the DH base, or that of each configuration (n, 3).
-        group: where there are many points, their numbers (n,); the weights of each sum to 1.
+        theta3: angle of joint 3 in each posture ``(n,)`` [rad]; full turns have no effect.
+        point: point ``(3,)`` [m] in the DH base, or one point for each posture ``(n, 3)``.
+        group: number of the point of each posture ``(n,)``, if there are several points. The
+            weights of each point sum to 1.
     """
     group = np.zeros(len(theta3), dtype=np.intp) if group is None else group
     count = np.bincount(group)[group]
@@ -43,8 +44,10 @@ def configuration_weights(theta3: Array, point: Array, group: Index | None = Non
 
 
 def comprehensive_accuracy(volumes: Array, theta3: Array, point: Array) -> float:
-    """``σ = Σ c_i V_i`` over the working configurations of a point; nan where there is none. In the
-    unit of ``volumes``.
+    """Return the comprehensive accuracy ``σ = Σ c_i V_i`` of a point, in the unit of ``volumes``.
+
+    Source: eq. 15 of Xu You et al. 2019. The weights c_i are those of
+    :func:`configuration_weights`. Without any posture the result is NaN.
     """
     if len(volumes) == 0:
         return float("nan")

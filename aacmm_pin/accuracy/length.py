@@ -41,15 +41,15 @@ MOST_PAIRS = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class LengthUncertainty(Shown):
-    """A distance between two points, measured in any of some postures at the one and any of some at
-    the other.
+    """The uncertainty of a measured distance between two points, for all pairs of postures at its
+    ends.
 
     Attributes:
-        sources: what may be off.
-        q_a, q_b: postures at either end, (n, nq) and (m, nq) [rad].
+        sources: parameters with an uncertainty, and their sensitivities.
+        q_a, q_b: postures at the two ends ``(n, nq)`` and ``(m, nq)`` [rad].
         length: the distance [m].
-        contributions: of one standard uncertainty of each source to the length at either end,
-            (n, p) and (m, p) [m].
+        contributions: change of the length at each end for one standard uncertainty of each
+            parameter, ``(n, p)`` and ``(m, p)`` [m].
     """
 
     sources: ErrorSources
@@ -60,7 +60,7 @@ class LengthUncertainty(Shown):
 
     @cached_property
     def u(self) -> Array:
-        """Standard uncertainty of the length by the postures at both ends (n, m) [m]."""
+        """The standard uncertainty of the length for each pair of postures, ``(n, m)`` [m]."""
         a, b = (_on_principal_axes(self.sources, end) for end in self.contributions)
         shared = _shared(self.sources)
         variance_a = np.square(a).sum(axis=1)
@@ -69,13 +69,16 @@ class LengthUncertainty(Shown):
         return np.asarray(np.sqrt(np.maximum(separate - shared_covariance, 0.0)))
 
     def pair(self, number: int) -> tuple[int, int]:
-        """Numbers of the postures at either end of a pair, as ``u.argmin()`` counts them."""
+        """Return the two indices of a pair of postures from its index in the flattened ``u``, such
+        as ``u.argmin()``.
+        """
         a, b = np.unravel_index(number, self.u.shape)
         return int(a), int(b)
 
     def budget(self, by: str = "parameter") -> pd.DataFrame:
-        """Each source's part in the mean variance of the length over all pairs; see
-        :meth:`AccuracyVolume.budget`.
+        """Return the share of each parameter in the mean variance of the length over all pairs.
+
+        The table is like the table of :meth:`AccuracyVolume.budget`.
         """
         a, b = self.contributions
         shared = _shared(self.sources)
@@ -89,10 +92,10 @@ class LengthUncertainty(Shown):
 
     def __str__(self) -> str:
         sources = self.sources
-        length = f"length {plain_mm(self.length)} mm"
+        length = f"a length of {plain_mm(self.length)} mm"
         pairs = f"{len(self.q_a)} × {len(self.q_b)} pairs of postures"
-        at = f"{sources.arm.name} at {sources.at}"
-        return f"{at}: {length}, {expanded(self.u)} over {pairs}{omission(sources.not_included)}"
+        measures = f"{sources.arm.name} at {sources.at} measures {length} with {expanded(self.u)}"
+        return f"{measures} in {pairs}{omission(sources.not_included)}"
 
 
 def length_uncertainty(
@@ -103,19 +106,21 @@ def length_uncertainty(
     at: str | None = None,
     encoder_noise: ArrayLike | None = None,
 ) -> Array:
-    """Standard uncertainty of distances, each from the point of ``qa`` to that of ``qb`` in the
-    same row: (n,) [m].
+    """Compute the standard uncertainty of distances, ``(n,)`` [m].
+
+    Each distance is from the point of one row of ``qa`` to the point of the same row of ``qb``.
 
     Args:
-        model: the arm, or the arm with its effects; those that depend on conditions are left out.
-        qa, qb: configurations at either end (n, nq) [rad].
+        model: the arm, or the arm with causes of error. The function ignores causes that depend on
+            conditions.
+        qa, qb: postures at the two ends ``(n, nq)`` [rad].
         at: frame whose origin touches the points; default the tip.
-        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what
-            the arm states.
+        encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
+            from the arm file.
 
     Raises:
-        ShapeError: ``qa`` and ``qb`` are not finite arrays of one shape (n, nq).
-        AacmmError: nothing has an uncertainty, noise is negative, or two points coincide.
+        ShapeError: ``qa`` and ``qb`` are not finite arrays of the same shape ``(n, nq)``.
+        AacmmError: nothing has an uncertainty, the noise is negative, or two points coincide.
     """
     model = loaded(model)
     arm = ErrorModel.arm_of(model)

@@ -17,15 +17,15 @@ from aacmm_pin.errors import ShapeError
 
 @dataclass(frozen=True)
 class SinglePoint(Shown):
-    """Spread of repeated indications of one point.
+    """The spread of repeated measurements of one point (eqs. 16 to 19 of Xu You et al. 2019).
 
     Attributes:
         n: number of records.
-        sigma: experimental standard deviation of the position, all records, divisor n - 1 (eqs.
-            16, 17) [m].
-        part: root mean square distance of the records of the high-accuracy part from the mean of
-            *all* records, divisor g (eqs. 18, 19) [m]; nan where no part was given or it is empty.
-        rest: the same of the other records [m].
+        sigma: experimental standard deviation of the position over all records, with the divisor n
+            - 1 (eqs. 16, 17) [m].
+        part: root mean square distance between the records of the high-accuracy part and the mean
+            of *all* records (eqs. 18, 19) [m]; NaN without a high-accuracy part.
+        rest: root mean square distance of the other records from the mean of all records [m].
         part_n: number of records in the part.
     """
 
@@ -36,27 +36,29 @@ class SinglePoint(Shown):
     part_n: int
 
     def __str__(self) -> str:
-        text = f"{self.n} records, standard deviation {self.sigma / MM:.4f} mm"
+        text = f"The standard deviation of {self.n} records is {self.sigma / MM:.4f} mm"
         if self.part_n:
             text += (
-                f"; {self.part_n} records in accurate postures {self.part / MM:.4f} mm, others "
-                f"{self.rest / MM:.4f} mm"
+                f"; the RMS distance is {self.part / MM:.4f} mm for {self.part_n} records in "
+                f"accurate postures, {self.rest / MM:.4f} mm for the others"
             )
         return text
 
 
 def single_point_statistics(indications: ArrayLike, part: ArrayLike | None = None) -> SinglePoint:
-    """Spread of ``indications`` (n, 3) [m] of one point about their mean, and that of a part
-    against the rest.
+    """Compute the spread of repeated measurements of one point about their mean.
+
+    Source: eqs. 16 to 19 of Xu You et al. 2019.
 
     Args:
-        indications: measured or simulated coordinates of the same point (n, 3) [m].
-        part: which records belong to the predicted high-accuracy part (n,) bool. Choosing them by
-            their deviations after measuring would make the part look good whatever the arm does.
+        indications: measured or simulated coordinates of the point ``(n, 3)`` [m].
+        part: True for records in the part with the predicted high accuracy, ``(n,)`` bool. Select
+            the part before you measure: a selection by measured deviations makes every arm look
+            accurate.
 
     Raises:
-        ShapeError: fewer than two records, wrong shapes, numbers that are not finite, flags that
-            are not booleans.
+        ShapeError: there are fewer than two records, a shape is wrong, a number is not finite, or a
+            flag is not a boolean.
     """
     points = batch(indications, 3, "indications", "m")
     if len(points) < 2:

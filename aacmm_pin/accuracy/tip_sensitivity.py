@@ -367,7 +367,7 @@ def _correlation(covariance: Array, columns: Index) -> Array | None:
 
 def omission(labels: Sequence[str]) -> str:
     """How a headline ends whose uncertainties leave out causes of error with these ``labels``."""
-    return f"; not included: {', '.join(labels)}" if labels else ""
+    return f"; this does not include {', '.join(labels)}" if labels else ""
 
 
 def caveats(arm: Arm, exact: Sequence[str]) -> tuple[Note, ...]:

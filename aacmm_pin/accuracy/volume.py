@@ -51,18 +51,19 @@ MANY = 50_000
 
 @dataclass(frozen=True, eq=False)
 class AccuracyVolume(Shown):
-    """Accuracy at many configurations.
+    """The accuracy of an arm in many postures.
 
     Attributes:
-        sources: what may be off.
-        q: configurations (n, nq) [rad].
-        method: how ``volume`` was found.
-        volume: accuracy volume (n,) [m³].
-        covariance: covariance of the position, all sources (n, 3, 3) [m²]; with ``monte-carlo``
-            that of the draws.
-        sampling_error: Monte Carlo only: how far half of the draws change the volume (n,) [m³].
-        conditions: of the n configurations, or of one record that hold for all; None where nothing
-            was stated.
+        sources: parameters with an uncertainty, and their sensitivities.
+        q: postures ``(n, nq)`` [rad].
+        method: method that computed ``volume``.
+        volume: accuracy volume ``(n,)`` [m³].
+        covariance: covariance of the position by all parameters ``(n, 3, 3)`` [m²]; for
+            ``monte-carlo`` the covariance of the draws.
+        sampling_error: change of the volume if half of the draws are used ``(n,)`` [m³]; only for
+            ``monte-carlo``.
+        conditions: conditions of the n postures, or of one record for all postures; None if not
+            stated.
     """
 
     sources: ErrorSources
@@ -75,19 +76,19 @@ class AccuracyVolume(Shown):
 
     @property
     def u(self) -> Array:
-        """Standard uncertainty of the position, the root of the summed variances of its three
-        coordinates: (n,) [m].
+        """The standard uncertainty of the position (root of the sum of the variances of x, y and
+        z), ``(n,)`` [m].
         """
         return _u(self.covariance)
 
     @cached_property
     def u_aligned(self) -> Array:
-        """Standard uncertainty of the position after the base is aligned to these configurations:
-        (n,) [m].
+        """The standard uncertainty of the position if the base is aligned to all postures together,
+        ``(n,)`` [m].
 
-        Each source but the noise of readings moves the tip at all configurations. The rigid motion
-        of the base that fits these displacements best (least squares) is taken away. One or two
-        configurations leave next to nothing.
+        The alignment removes from the effect of each parameter the best rigid motion of the base
+        (least squares). The noise of readings stays. With only one or two postures, the other
+        parameters have nearly no effect.
         """
         positions = self.sources.arm.positions(self.q, self.sources.at)
         of_base = rigid_motions(positions)
@@ -101,13 +102,15 @@ class AccuracyVolume(Shown):
 
     @property
     def not_included(self) -> tuple[str, ...]:
-        """Labels of the causes of error that are left out, see :class:`ErrorSources`."""
+        """The labels of the causes of error that the accuracy does not include."""
         return self.sources.not_included
 
     @cached_property
     def largest_deviation(self) -> Array:
-        """Largest distance that the bounded parameters together can cause, to first order: (n,)
-        [m].
+        """The worst-case deviation: the largest distance that all bounded parameters together can
+        cause, ``(n,)`` [m].
+
+        The calculation is linear in the parameter errors.
         """
         from aacmm_pin.accuracy import zonotope
 
@@ -118,18 +121,21 @@ class AccuracyVolume(Shown):
         return np.concatenate(found)
 
     def budget(self, by: Literal["parameter", "joint", "kind"] = "parameter") -> pd.DataFrame:
-        """Uncertainty budget (JCGM 100:2008, 5.1): each source's part in the mean variance over the
-        configurations.
+        """Return the uncertainty budget: the share of each parameter in the mean variance over the
+        postures.
 
-        Where parameters with the covariance Σ are correlated the share of one is ``tr(S_k (Σ
-        Sᵀ)_k) / tr(S Σ Sᵀ)``, half of the relative change of the variance for a relative change of
-        its u at the same correlations; what two have in common is parted evenly between them, and a
-        share may be negative. ``u_mm`` is what the parameter (or joint, or kind) does by itself.
+        Source: JCGM 100:2008, 5.1. For correlated parameters with the covariance Σ the share of a
+        parameter is ``tr(S_k (Σ Sᵀ)_k) / tr(S Σ Sᵀ)``. The share is half of the relative change of
+        the variance for a relative change of u of the parameter at constant correlations. Two
+        correlated parameters share their common variance equally, and a share may be negative.
+
+        Args:
+            by: whether a row of the table is a parameter, a joint or a kind of parameter.
 
         Returns:
-            A table, largest first: the parameter (or joint, or kind; <NA> for the joint of a cause
-            of the whole arm), ``u_mm`` (its root mean square contribution) and ``share`` (of the
-            variance; the shares sum to 1).
+            A table in the order of the shares, largest first. The first column names the parameter,
+            joint or kind (``<NA>`` for the joint of a cause of the whole arm). ``u_mm`` is the root
+            mean square contribution of the row alone. The values of ``share`` sum to 1.
         """
         together = np.zeros((len(self.sources.parameters),) * 2)
         for q, conditions in _parts(self.q, self.conditions):
@@ -137,8 +143,10 @@ class AccuracyVolume(Shown):
         return self.sources.budget(together / max(len(self.q), 1), by)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each configuration: theta1_deg …, volume_mm3, u_mm, and largest_deviation_mm
-        where it is bounded.
+        """Return a table with one row for each posture.
+
+        The columns are ``theta1_deg`` …, ``volume_mm3`` and ``u_mm``. The column
+        ``largest_deviation_mm`` is present if a parameter is bounded.
         """
         import pandas as pd
 
@@ -154,13 +162,13 @@ class AccuracyVolume(Shown):
         most: int = 12,
         ax: Axes | None = None,
     ) -> Axes:
-        """The uncertainty budget as bars: share of the variance, with the standard uncertainty at
-        the end of each.
+        """Plot the uncertainty budget as bars: shares of the variance, with the standard
+        uncertainties as numbers.
 
         Args:
-            by: what the bars stand for.
-            most: at most this many bars; what is left is one bar "rest".
-            ax: axes; without them a new pyplot figure is made.
+            by: whether a bar is a parameter, a joint or a kind of parameter.
+            most: largest number of bars; one more bar "rest" has all others.
+            ax: axes; default a new pyplot figure.
 
         Raises:
             AacmmError: see :func:`aacmm_pin.report.plots.plot_budget`.
@@ -169,15 +177,13 @@ class AccuracyVolume(Shown):
 
     def __str__(self) -> str:
         volume = self.volume / MM**3
-        what = (
-            f"{self.sources.arm.name} at {self.sources.at}, method {self.method}, "
-            f"{len(self.q)} postures"
-        )
+        at = f"{self.sources.arm.name} at {self.sources.at}"
         without = omission(self.not_included)
         if not len(self.q):
-            return what + without
-        sizes = f"volume {volume.min():.3g} to {volume.max():.3g} mm³"
-        return f"{what}: {expanded(self.u)}, {sizes}{without}"
+            return f"{at} has no posture{without}"
+        sizes = f"a volume of {volume.min():.3g} to {volume.max():.3g} mm³"
+        over = f"in {len(self.q)} postures (method {self.method})"
+        return f"{at} has {expanded(self.u)} and {sizes} {over}{without}"
 
 
 def _u(covariance: Array) -> Array:
@@ -211,17 +217,17 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
 def circle_accuracy(
     circle: PosturesAtPoint, model: GivenModel | None = None, **options: Any
 ) -> AccuracyVolume:
-    """Accuracy of those configurations of a circle that are within limits, at the circle's own
-    frame.
+    """Compute the accuracy of all postures within limits of a configuration circle, at the frame of
+    the circle.
 
     Args:
-        circle: the configurations.
-        model: the circle's arm (the default) or an extended model of it.
-        options: those of :func:`accuracy_volume` but ``at``; ``conditions`` are of one record, or
-            of each configuration within limits.
+        circle: the configuration circle.
+        model: arm with or without causes of error; default the arm of the circle.
+        options: arguments of :func:`accuracy_volume` except ``at``. ``conditions`` has one record,
+            or one record for each posture within limits.
 
     Raises:
-        AacmmError: no configuration is within limits; see :func:`accuracy_volume` for the rest.
+        AacmmError: no posture is within limits; see :func:`accuracy_volume` for other errors.
     """
     q = circle.q[circle.within_limits]
     if not len(q):
@@ -241,43 +247,46 @@ def accuracy_volume(
     draws: int = 4000,
     workers: Workers = 1,
 ) -> AccuracyVolume:
-    """Accuracy volume and covariance of an arm, or of an arm with its effects, at ``q``.
+    """Compute the accuracy volume and the covariance of the position of an arm at ``q``.
 
-    - ``zonotope``: volume of everything that the bounded parameters can do together, exact to first
-      order.
-    - ``jointwise``: eq. 14 of Xu You et al. 2019, read as the sum over the rows of each row's own
-      zonotope; causes of the whole arm count as one more row. Smaller by far than the zonotope,
-      which combines the rows.
-    - ``ellipsoid``: 95 % coverage ellipsoid of the covariance; the only one in which unbounded
-      noise has a part.
-    - ``monte-carlo``: the real model at corners of the parameter box, convex hull; covariance from
-      random draws.
+    The methods are:
 
-    The parameters of effects, and those that a calibration states, count as within ± k u, k = 2.
-    Parameters that are known together (``[covariance]`` of the arm file) enter the covariance as S
-    Σ Sᵀ and the volumes by the principal axes of their correlation, see
-    :mod:`aacmm_pin.accuracy.tip_sensitivity`. Effects of the reference have no part.
+    - ``zonotope``: volume of all displacements that the bounded parameters together can cause,
+      exact to first order.
+    - ``jointwise``: sum of the zonotopes of the DH rows (eq. 14 of Xu You et al. 2019). Causes of
+      the whole arm count as one more row. The sum is much smaller than the zonotope, which combines
+      the rows.
+    - ``ellipsoid``: 95 % coverage ellipsoid of the covariance. Only this volume includes unbounded
+      noise.
+    - ``monte-carlo``: convex hull of the exact positions at corners of the parameter box; the
+      covariance is from random draws.
+
+    Parameters of causes, and parameters from a calibration, count as bounded by ± k u with k = 2.
+    Correlated parameters (``[covariance]`` of the arm file) enter the covariance as S Σ Sᵀ, and the
+    volumes by the principal axes of their correlation. Causes of errors of the references do not
+    count.
 
     Args:
-        model: the arm, or the arm with its effects.
-        q: configurations (n, nq) [rad].
-        conditions: of n records, or of one that holds for all. Causes that depend on what they do
-            not state are left out and named in ``not_included``.
-        at: frame whose origin is looked at; default the tip, ``frame5`` for the wrist.
-        method: one of the four.
-        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what
-            the arm states.
-        rng, draws: for ``monte-carlo``: the generator, which it needs, and draws for each
-            configuration, every one with a generator that is spawned from it.
-        workers: how many processes, or a ``concurrent.futures.Executor``; the results do not depend
-            on it.
+        model: the arm, or the arm with causes of error.
+        q: postures ``(n, nq)`` [rad].
+        conditions: conditions of n records, or of one record for all postures. ``not_included``
+            lists causes that the function ignores because their condition is missing.
+        at: name of the frame (its origin is the point); default the tip; ``frame5`` is the wrist.
+        method: one of the four methods.
+        encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
+            from the arm file.
+        rng: random generator; required for ``monte-carlo``.
+        draws: number of draws for each posture; only for ``monte-carlo``.
+        workers: number of processes, or a ``concurrent.futures.Executor``; the results do not
+            depend on the number.
 
     Raises:
-        ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number of
+        ShapeError: ``q`` is not a finite ``(n, nq)`` array, or ``conditions`` has another number of
             records.
-        UnknownNameError: no such method or frame.
-        UnsupportedArmError: ``jointwise`` with parameters of different rows that are correlated.
-        AacmmError: nothing has an uncertainty, noise is negative, or ``rng`` is missing.
+        UnknownNameError: the method or the frame is unknown.
+        UnsupportedArmError: the method is ``jointwise`` and parameters of different rows are
+            correlated.
+        AacmmError: nothing has an uncertainty, the noise is negative, or ``rng`` is missing.
     """
     if method not in METHODS:
         raise UnknownNameError("method", method, list(METHODS))

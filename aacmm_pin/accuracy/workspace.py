@@ -98,12 +98,12 @@ class Variable(NamedTuple):
 
 
 VARIABLES = (
-    Variable("reachable", "reachable", "1", "1 in reach, limits apart", np.int8),
+    Variable("reachable", "reachable", "1", "1 if within reach (limits ignored)", np.int8),
     Variable("complete", "complete", "1", "0 if postures are missing", np.int8),
     Variable("sector_works", "works", "1", "1 if within the limits", np.int8, ("sector",)),
     Variable("working_sectors", "count", "1", "number of working sectors", np.int32),
-    Variable("flexibility", "flexibility", "1", "working over theoretical sectors (eq. 1)"),
-    Variable("arc_fraction", "arc_fraction", "1", "working over theoretical swivel range"),
+    Variable("flexibility", "flexibility", "1", "working / theoretical sectors (eq. 1)"),
+    Variable("arc_fraction", "arc_fraction", "1", "working / theoretical swivel range"),
     Variable("comprehensive_mm3", "comprehensive", "mm3", "comprehensive accuracy (eq. 15)"),
     Variable("best_mm3", "best", "mm3", "smallest accuracy volume of sectors"),
     Variable("worst_mm3", "worst", "mm3", "largest accuracy volume of sectors"),
@@ -113,21 +113,21 @@ VARIABLES = (
         "smallest_u_theta_deg",
         "least_u_q",
         "degree",
-        "configuration with the smallest u",
+        "posture with the smallest u",
         more=("joint",),
     ),
     Variable(
         "best_theta_deg",
         "best_q",
         "degree",
-        "configuration with the smallest volume",
+        "posture with the smallest volume",
         more=("joint",),
     ),
     Variable(
         "worst_theta_deg",
         "worst_q",
         "degree",
-        "configuration with the largest volume",
+        "posture with the largest volume",
         more=("joint",),
     ),
 )
@@ -135,16 +135,16 @@ VARIABLES = (
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceMap(Shown):
-    """Flexibility and accuracy over the half-plane.
+    """A map of flexibility and accuracy over the half-plane through joint axis 1.
 
     Attributes:
-        data: labelled arrays over ``x_mm`` and ``z_mm`` (cell centres): ``reachable``,
+        data: arrays over the cell centres ``x_mm`` and ``z_mm``: ``reachable``,
             ``working_sectors``, ``flexibility``, ``arc_fraction``, ``comprehensive_mm3``,
-            ``best_mm3``, ``worst_mm3``, ``best_theta_deg``, ``worst_theta_deg`` (by volume),
-            ``smallest_u_mm``, ``largest_u_mm``, ``smallest_u_theta_deg`` (by standard uncertainty,
-            which ranks the configurations differently), ``sector_works``; nan (or 0) where
-            unreachable.
-        seconds: time that the computation took.
+            ``best_mm3``, ``worst_mm3``, ``best_theta_deg``, ``worst_theta_deg`` (by accuracy
+            volume), ``smallest_u_mm``, ``largest_u_mm``, ``smallest_u_theta_deg`` (by standard
+            uncertainty), ``sector_works``. Cells that the arm cannot reach have NaN or 0. Volume
+            and standard uncertainty may rank the postures differently.
+        seconds: time of the computation [s].
     """
 
     data: xr.Dataset
@@ -152,18 +152,20 @@ class WorkspaceMap(Shown):
 
     @property
     def sectors(self) -> int:
-        """Number of sectors of the circle."""
+        """The number of sectors of the swivel angle."""
         return int(self.data.sizes["sector"])
 
     @property
     def caveats(self) -> tuple[Note, ...]:
-        """That cells in reach have no sectors, where some have none."""
+        """A note that counts the reachable cells without sectors; empty if every reachable cell has
+        sectors.
+        """
         no_sectors = np.isnan(self.data["flexibility"].values)
         without = int(np.sum(self._reachable & no_sectors))
         return (Note("cells_without_sectors", {"cells": without}),) if without else ()
 
     def working_sectors(self) -> dict[int, int]:
-        """Number of reachable cells for each number of working sectors."""
+        """Return the number of reachable cells for each number of working sectors."""
         working = self.data["working_sectors"].values[self._reachable]
         counts = np.bincount(working, minlength=self.sectors + 1)
         return dict(enumerate(counts.tolist()))
@@ -175,15 +177,15 @@ class WorkspaceMap(Shown):
 
     @property
     def unreachable(self) -> int:
-        """Number of cells whose centre no configuration reaches, limits apart."""
+        """The number of cells that the arm cannot reach, even without joint limits."""
         return int(np.sum(~self._reachable))
 
     @property
     def incomplete(self) -> int:
-        """Number of cells of which not all configurations are known.
+        """The number of cells for which the search did not find all postures.
 
-        Their singular postures form families, a curve could not be followed, or the search ended at
-        its limit of work.
+        The reasons are families of singular postures, a curve that the search could not follow, or
+        the limit of the search.
         """
         if "complete" not in self.data:
             return 0
@@ -192,28 +194,28 @@ class WorkspaceMap(Shown):
 
     @property
     def not_included(self) -> tuple[str, ...]:
-        """Labels of the causes of error that are left out of the accuracies, see
-        :class:`ErrorSources`.
-        """
+        """The labels of the causes of error that the accuracies do not include."""
         labels = str(self.data.attrs.get("not_included", ""))
         return tuple(labels.split("; ")) if labels else ()
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Write the map, whole or not at all, as netCDF (classic format, 64-bit offsets): for
-        xarray, MATLAB, R and ncdump.
+        """Save the map as a netCDF file (classic format, 64-bit offsets) for xarray, MATLAB, R and
+        ncdump.
+
+        If the save fails, no incomplete file remains.
 
         Raises:
-            OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
+            OutputError: ``path`` exists and ``force`` is False, or the file cannot be written.
         """
         with whole_file(path, force) as temporary:
             self.data.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
 
     @staticmethod
     def load(path: str | Path) -> WorkspaceMap:
-        """Read a map that :meth:`save` wrote.
+        """Load a map that :meth:`save` wrote.
 
         Raises:
-            AacmmError: it is no such file, or is not whole.
+            AacmmError: the file is not a map of :meth:`save`, or is incomplete.
         """
         import xarray as xr  # loaded where a map is made or read: commands without one start sooner
 
@@ -229,14 +231,14 @@ class WorkspaceMap(Shown):
             ) from None
 
     def plot(self, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
-        """One quantity of the map over the half-plane through joint axis 1.
+        """Plot one quantity of the map over the half-plane through joint axis 1.
 
         Args:
-            quantity: its name in ``data``, one of :data:`Quantity`.
-            ax: axes; without them a new pyplot figure is made.
+            quantity: name in ``data``, one of :data:`Quantity`.
+            ax: axes; default a new pyplot figure.
 
         Raises:
-            UnknownNameError: no such quantity.
+            UnknownNameError: the quantity is unknown.
         """
         return cast("Axes", report().plots.plot_map(self, quantity, ax))
 
@@ -244,15 +246,15 @@ class WorkspaceMap(Shown):
         x = self.data.sizes["x_mm"]
         z = self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
-        arm = f"{self.data.attrs['arm']}, {self.data.attrs['working_point']}"
-        where = f"{arm}: {x} × {z} cells × {self.sectors} sectors"
+        arm = f"{self.data.attrs['arm']} at {self.data.attrs['working_point']}"
+        where = f"The map of {arm} with {self.sectors} sectors has {x} × {z} cells"
         unknown = f"; postures may be missing in {self.incomplete} cells" if self.incomplete else ""
         if self.unreachable == x * z:
             return f"{where}, all out of reach{unknown}"
         mean = float(self.data["flexibility"].mean())
         return (
-            f"{where}, {self.unreachable} cells out of reach, {full} cells with all sectors"
-            + (f", mean flexibility {mean:.3f}" if np.isfinite(mean) else "")
+            f"{where}, {self.unreachable} out of reach and {full} with postures in all sectors"
+            + (f"; the mean flexibility is {mean:.3f}" if np.isfinite(mean) else "")
             + unknown
             + omission(self.not_included)
         )
@@ -270,36 +272,36 @@ def map_workspace(
     progress: bool = True,
     axis: ArrayLike | None = None,
 ) -> WorkspaceMap:
-    """Flexibility, comprehensive accuracy, best and worst configuration over the half-plane: of the
-    wrist, or of the tip with the stylus along ``axis``.
+    """Compute a map of flexibility, comprehensive accuracy, and best and worst posture over the
+    half-plane.
 
-    For the wrist the joints behind the fourth are held at 0, or at the angle nearest to 0 that
-    their limits allow.
+    The map is for the wrist, or with ``axis`` for the tip. For the wrist, the joints after joint 4
+    stay at 0, or at the angle within limits that is nearest to 0.
 
     Args:
-        model: an arm with a DH table whose first five rows are joints, or such an arm with its
-            effects.
+        model: arm with or without causes of error. The first five rows of the DH table must be
+            joints.
         cells: number of cells along x and z.
-        sectors: number of sectors of the configuration circle; each stands for the configuration at
-            its centre, and where several configurations inside the limits have that swivel, for the
-            most accurate of them.
-        extent: x from, x to, z from, z to (4,) [m]; default all that the wrist, or the tip in any
-            orientation, reaches, limits apart.
-        conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
-        method: how accuracy volumes are found (not ``monte-carlo``).
-        workers: how many processes, or a ``concurrent.futures.Executor``; a piece of work is
-            several hundred cells.
-        progress: show a bar in a notebook, or on stderr at a terminal.
-        axis: direction of the stylus in the half-plane y = 0 of the base (3,), any length; in
-            other half-planes it is turned about z with them. The tip, and not the wrist, is at the
-            cells then; the arm has six joints and states its stylus.
+        sectors: number of sectors of the swivel angle. The posture at the centre represents the
+            sector. If several postures within limits have this swivel angle, the map uses the most
+            accurate posture.
+        extent: minimum and maximum of x, then of z, ``(4,)`` [m]; default all points within reach
+            without joint limits.
+        conditions: conditions of one record for the whole map; see :func:`accuracy_volume`.
+        method: method of the accuracy volumes; not ``monte-carlo``.
+        workers: number of processes, or a ``concurrent.futures.Executor``. One task has several
+            hundred cells.
+        progress: True for a progress bar in a notebook or on stderr.
+        axis: direction of the stylus in the half-plane y = 0 of the base ``(3,)``, of any length.
+            In other half-planes, the direction is rotated about z. With ``axis`` the tip is at the
+            cell centres; the arm must have six joints and a stylus axis.
 
     Raises:
-        AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an
-            uncertainty.
-        ShapeError: ``conditions`` of more than one record.
-        UnknownNameError: no such method for a map.
-        UnsupportedArmError: no DH table, or one without the joints that this needs; see
+        AacmmError: a size is below 1, ``extent`` has a wrong order or a negative x, or nothing has
+            an uncertainty.
+        ShapeError: ``conditions`` has more than one record.
+        UnknownNameError: the method is not available for a map.
+        UnsupportedArmError: the arm has no DH table or not the required joints; see
             :func:`accuracy_volume`.
     """
     started = time.perf_counter()
@@ -442,7 +444,7 @@ def _left_out(arm: Arm, box: Array) -> list[Note]:
     beyond = (reached - box) * np.array([-1.0, 1.0, -1.0, 1.0]) > SMALLEST_ARM
     names = ("x below", "x above", "z below", "z above")
     ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
-    sides = [f"{name} {at:.4g} mm (to {end:.4g} mm)" for name, at, end, cut in ends if cut]
+    sides = [f"{name} {at:.4g} mm (to {end:z.0f} mm)" for name, at, end, cut in ends if cut]
     return [Note("extent_cuts_reach", {"sides": ", ".join(sides)})] if sides else []
 
 

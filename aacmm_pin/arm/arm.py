@@ -56,27 +56,26 @@ MOST_UNEXPLAINED = 1000
 
 @dataclass(frozen=True, eq=False)
 class Arm(Shown):
-    """A serial arm: its Pinocchio model and, where it has one, its DH table.
+    """A serial arm with its Pinocchio model and, if available, its DH table.
 
     Attributes:
-        name: name for titles and messages.
-        model: the Pinocchio model; treat it as read-only.
+        name: name of the arm in titles and messages.
+        model: Pinocchio model, which you must not change.
         tip: name of the frame whose origin is the tip.
-        limits: joint limits (nq, 2) [rad].
+        limits: joint limits ``(nq, 2)`` [rad].
         parameters: geometric parameters with their uncertainties, in the order of
             :meth:`sensitivity`.
-        dh: the DH table, or None for an arm that came as URDF alone.
-        encoder_noise: standard uncertainty of one reading (nq,) [rad], or None.
-        stylus_axis: direction of the stylus in the tip frame (3,), or None.
-        source: where the numbers come from.
-        reference_temperature: temperature for which the numbers hold [°C].
-        file: the arm file it came from, or could be saved as.
-        covariance: what a calibration knows of parameters together, or None.
-        nominal: of an arm that came as URDF, the Pinocchio model before any correction of its
-            placements; else None.
-        couplings: which joint angles the readings make, where they do not show these; see
-            :meth:`with_couplings`.
-        mimics: joints of an arm that came as URDF that follow others; ``q`` has no column of these.
+        dh: DH table; None for an arm from a URDF alone.
+        encoder_noise: standard uncertainty of one reading ``(nq,)`` [rad]; None if not stated.
+        stylus_axis: direction of the stylus in the tip frame ``(3,)``; None if not stated.
+        source: origin of the numbers.
+        reference_temperature: temperature at which the stated lengths apply [°C].
+        file: content of the arm file.
+        covariance: covariance of parameters from a calibration, or None.
+        nominal: for an arm from a URDF, the Pinocchio model without corrections of its placements;
+            otherwise None.
+        couplings: joint angles that depend on readings of other joints; see :meth:`with_couplings`.
+        mimics: joints of a URDF that follow other joints, and have no columns in ``q``.
     """
 
     name: str
@@ -103,30 +102,30 @@ class Arm(Shown):
 
     @property
     def without_uncertainty(self) -> tuple[str, ...]:
-        """Names of the geometric parameters for which no uncertainty was stated; they count as
-        exact.
+        """The names of the geometric parameters without a stated uncertainty, which count
+        as exact.
         """
         exact = (p for p in self.parameters if p.half_width is None and p.u == 0)
         return tuple(parameter.name for parameter in exact)
 
     @property
     def unexplained(self) -> str:
-        """What its last calibration or diagnosis saw in the records and could not explain, in
-        words; "" where nothing.
+        """The structure that the last calibration or diagnosis did not explain, as text; "" if
+        none.
         """
         return "" if self.file is None else self.file.unexplained
 
     @property
     def tip_on_target(self) -> bool:
-        """Whether a calibration placed the tip on a target whose place on the last body nobody had
-        stated.
+        """True if a calibration estimated the place of the target on the last body, and moved the
+        tip there.
         """
         return self.file is not None and self.file.tip_on_target
 
     @staticmethod
     def load(name_or_path: str | Path) -> Arm:
-        """A bundled arm (``sino6``, ``zero6``) or example robot (``ur5``) by name, or an arm file
-        by path.
+        """Load a bundled arm (``sino6``, ``zero6``) or an example robot (``ur5``) by name, or an
+        arm file by path.
 
         Raises:
             UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.read_arm_file` and
@@ -140,14 +139,14 @@ class Arm(Shown):
 
     @staticmethod
     def from_file(arm: ArmFile | UrdfArmFile, path: str = "") -> Arm:
-        """The arm of a validated arm file: its URDF, or its DH table as one, by Pinocchio.
+        """Build the arm of a validated arm file.
 
         Args:
-            arm: the file.
-            path: what errors call it.
+            arm: content of the file.
+            path: file name for error messages.
 
         Raises:
-            ArmFileError: the URDF that it names is missing, was changed, or has other joints.
+            ArmFileError: the URDF of the arm file is missing, has changed, or has other joints.
         """
         if isinstance(arm, UrdfArmFile):
             return _of_urdf_file(arm, path or arm.name)
@@ -179,27 +178,28 @@ class Arm(Shown):
         translation_half_width: float = 0.0,
         rotation_half_width: float = 0.0,
     ) -> Arm:
-        """Any fixed-base arm with revolute, continuous or prismatic joints, by its URDF.
+        """Load an arm with a fixed base and revolute, continuous or prismatic joints from a URDF
+        file.
 
-        A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle.
-        Joints that do not carry ``frame`` (a gripper's fingers) are locked at zero. A joint that
-        mimics another has no reading and no column of ``q``: it moves with the other. The
-        parameters are the six components of every joint placement (three shifts, three turns about
-        the axes of the placement), each known within ± the half-width.
+        A ``continuous`` joint becomes a revolute joint with limits of ±2π. Joints that do not move
+        ``frame`` (such as gripper fingers) stay at zero. A joint that mimics another joint has no
+        column in ``q``. The parameters are three translations and three rotations of every joint
+        placement, in the axes of the placement.
 
         Args:
-            path: URDF file; meshes are not needed. Or the name of a robot of example-robot-data,
-                one of :data:`aacmm_pin.arm.example_robots.EXAMPLE_ROBOTS`.
-            frame: name of the link or frame whose origin is the tip; such a robot has a default.
-            translation_half_width: bound of every placement shift [m]; 0 states none, as does the
-                next.
-            rotation_half_width: bound of every placement turn [rad].
+            path: URDF file (meshes are not needed), or the name of a robot in
+                :data:`aacmm_pin.arm.example_robots.EXAMPLE_ROBOTS`.
+            frame: name of the link or frame whose origin is the tip; example robots have a default.
+            translation_half_width: half-width of each translation of a placement [m]; 0 states no
+                uncertainty.
+            rotation_half_width: half-width of each rotation of a placement [rad]; 0 states no
+                uncertainty.
 
         Raises:
             ArmFileError: see :func:`aacmm_pin.arm.urdf_check.read_urdf`.
-            UnsupportedArmError: a joint takes more than one number (planar, floating), or mimics
-                one that does not carry ``frame``.
-            UnknownNameError: no such frame; lists the frames.
+            UnsupportedArmError: a joint has more than one coordinate (planar, floating), or mimics
+                a joint that does not move ``frame``.
+            UnknownNameError: the frame is unknown; the message lists all frames.
         """
         if str(path) in EXAMPLE_ROBOTS:
             frame = frame or EXAMPLE_ROBOTS[str(path)][1]
@@ -226,8 +226,9 @@ class Arm(Shown):
         translation_half_width: float = 0.0,
         rotation_half_width: float = 0.0,
     ) -> Arm:
-        """The same from a Pinocchio model that is already there; the joints past ``frame`` are
-        locked at zero.
+        """Build an arm from a Pinocchio model; joints after ``frame`` stay at zero.
+
+        The arguments are like those of :meth:`from_urdf`.
 
         Raises:
             UnsupportedArmError, UnknownNameError: see :meth:`from_urdf`.
@@ -254,8 +255,9 @@ class Arm(Shown):
 
     @property
     def urdf_file(self) -> UrdfArmFile:
-        """The arm file of an arm that came as URDF; its path is empty for one that came as a
-        Pinocchio model or by a pipe.
+        """The arm file of an arm from a URDF.
+
+        The path in the arm file is empty if the arm comes from a Pinocchio model or through a pipe.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
@@ -268,7 +270,7 @@ class Arm(Shown):
 
     @property
     def uncorrected(self) -> Arm:
-        """An arm that came as URDF, every joint placement and the tip as the URDF states them.
+        """The arm with all joint placements and the tip as its URDF states them.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
@@ -280,12 +282,14 @@ class Arm(Shown):
     def with_placements(
         self, steps: Array, covariance: Covariance | None, *, exact: bool = False
     ) -> Arm:
-        """An arm that came as URDF, every joint placement moved by a twist in its own axes.
+        """Return the arm with every joint placement moved by a twist in the axes of the placement.
+
+        The arm must be from a URDF.
 
         Args:
-            steps: shifts, then turns (nq, 6) [m, rad].
-            covariance: what is known of the placements now.
-            exact: state no half-widths any more.
+            steps: translations, then rotations ``(nq, 6)`` [m, rad].
+            covariance: new covariance of the placements, or None.
+            exact: set all half-widths to zero.
         """
         steps = batch(steps, 6, "steps", "m, rad")
         joints = []
@@ -304,8 +308,10 @@ class Arm(Shown):
         return _corrected(self.nominal, file, self.mimics)
 
     def with_encoder_noise(self, noise: Array) -> Arm:
-        """The arm with this standard uncertainty of one reading of each joint (nq,) [rad], in its
-        file too.
+        """Return the arm with a standard uncertainty of one reading for each joint, ``(nq,)``
+        [rad].
+
+        The content of the arm file changes too.
         """
         if self.file is None:
             return replace(self, encoder_noise=noise)
@@ -321,18 +327,19 @@ class Arm(Shown):
         )
 
     def with_couplings(self, *couplings: tuple[int, int, float]) -> Arm:
-        """The arm whose encoders read other angles than those of the joints, in its file too.
+        """Return the arm with joint angles that depend on readings of several encoders.
 
-        A joint angle is the sum of ratios times readings. A joint's own reading counts with ratio
-        1, unless a coupling with ``of = joint`` states another. ``(3, 2, -1.0)`` states that joint
-        3 has its own reading minus that of joint 2, because its encoder shows the sum.
+        A joint angle is the sum of ratios times readings. The own reading of a joint has the ratio
+        1, unless a coupling with ``of = joint`` states another ratio. For example, ``(3, 2, -1.0)``
+        states that the angle of joint 3 is reading 3 minus reading 2. The content of the arm file
+        changes too.
 
         Args:
-            couplings: ``joint``, ``of`` and ``ratio`` of each, with numbers of rows, from 1; they
-                take the place of those that the arm has.
+            couplings: ``joint``, ``of`` and ``ratio`` of each coupling, with row numbers from 1.
+                The new couplings replace all couplings of the arm.
 
         Raises:
-            AacmmError: one is not as expected, or no joint angles follow from the readings.
+            AacmmError: a coupling is invalid, or the readings do not determine all joint angles.
         """
         entries = []
         for number, given in enumerate(couplings, start=1):
@@ -355,32 +362,37 @@ class Arm(Shown):
 
     @cached_property
     def coupling_matrix(self) -> Array:
-        """∂(joint angles)/∂(readings) (nq, nq); the identity for an arm without couplings."""
+        """The derivative of the joint angles by the readings, ``(nq, nq)``; the identity without
+        couplings.
+        """
         return coupling_matrix(self.couplings, self.chain.moving_rows())
 
     def joint_angles(self, readings: Array) -> Array:
-        """Joint angles that readings (n, nq) make, (n, nq) [rad; m where a joint slides].
+        """Compute the joint angles from readings ``(n, nq)``: ``(n, nq)`` [rad; m for a prismatic
+        joint].
 
         Raises:
-            ShapeError: ``readings`` is not a finite (n, nq) array.
+            ShapeError: ``readings`` is not a finite ``(n, nq)`` array.
         """
         readings = batch(readings, self.nq, "readings", "rad or another unit")
         return readings @ self.coupling_matrix.T if self.couplings else readings
 
     def readings(self, q: Array) -> Array:
-        """What the encoders show at joint angles ``q`` (n, nq): (n, nq) [rad; m where a joint
-        slides].
+        """Compute the readings at joint angles ``q`` ``(n, nq)``: ``(n, nq)`` [rad; m for a
+        prismatic joint].
         """
         if not self.couplings:
             return q
         return np.asarray(np.linalg.solve(self.coupling_matrix, q.T).T)
 
     def by_readings(self, by_angles: Array) -> Array:
-        """The derivative by the readings, from one by the joint angles (…, nq)."""
+        """Convert a derivative by the joint angles ``(…, nq)`` to a derivative by the readings."""
         return by_angles @ self.coupling_matrix if self.couplings else by_angles
 
     def with_unexplained(self, text: str) -> Arm:
-        """The arm in whose file is what was left unexplained, shortened to what a file has."""
+        """Return the arm whose file states the structure that no cause explained, shortened to the
+        limit of the file.
+        """
         short = textwrap.shorten(text, MOST_UNEXPLAINED, placeholder=" …")
         return replace(
             self,
@@ -389,37 +401,39 @@ class Arm(Shown):
 
     @property
     def nq(self) -> int:
-        """Number of joints that follow no other."""
+        """The number of joints, without joints that follow others."""
         return len(self.limits)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, from the base on, those that follow others too."""
+        """The names of all joints from the base to the tip, including joints that follow others."""
         return tuple(self.model.names[1:])
 
     @property
     def joint_axes(self) -> Array:
-        """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the
-        joint moves.
-        """
+        """The axis of each joint in the axes of its placement, ``(nq, 3)``."""
         return joint_axes(self.model)
 
     @property
     def gravity(self) -> Array:
-        """Acceleration of gravity in the base frame (3,) [m/s²]."""
+        """The acceleration of gravity in the base frame, ``(3,)`` [m/s²]."""
         return np.array(self.model.gravity.linear)
 
     @property
     def up(self) -> Array:
-        """Unit vector against gravity (3,); +z where the model has no gravity."""
+        """The unit vector against gravity, ``(3,)``; +z if the model has no gravity."""
         length = float(np.linalg.norm(self.gravity))
         return -self.gravity / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
     def require_dh(self, purpose: str, joints: int = 0) -> DHTable:
-        """The DH table, whose first rows, so many, have ``joints``.
+        """Return the DH table.
+
+        Args:
+            purpose: operation that needs the DH table, for the error message.
+            joints: number of first rows that must have joints.
 
         Raises:
-            UnsupportedArmError: the arm has none, or one of these rows is not there or rigid.
+            UnsupportedArmError: the arm has no DH table, or a required row is missing or rigid.
         """
         if self.dh is None:
             first = f" whose first {joints} rows are joints" if joints else ""
@@ -436,23 +450,25 @@ class Arm(Shown):
 
     @cached_property
     def chain(self) -> Chain:
-        """Its kinematics: the arm as a chain of places."""
+        """The kinematics of the arm as a chain of places."""
         if self.dh is None:
             return chain_of(self.model, self.tip, self.mimics)
         return self.dh.chain
 
     @cached_property
     def masses(self) -> Array | None:
-        """Mass of the body behind each ``axis`` of the chain (rows,) [kg]; None where no body of
-        the arm has one.
+        """The mass of the body after each ``axis`` of the chain, ``(rows,)`` [kg]; None if all
+        masses are zero.
         """
         masses = np.array([inertia.mass for inertia in self.model.inertias.tolist()[1:]])
         return self._over_rows(masses) if masses.any() else None
 
     @cached_property
     def centres_of_mass(self) -> Array:
-        """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there
-        is no mass.
+        """The centre of mass of the body after each ``axis``, in the axes of that place, ``(rows,
+        3)`` [m].
+
+        The centre is zero for a body without mass.
         """
         centres = np.zeros((len(self.chain.slides), 3))
         for joint, body in enumerate(self.model.inertias.tolist()[1:]):
@@ -461,8 +477,9 @@ class Arm(Shown):
         return self._over_rows(centres)
 
     def foot(self, row: int) -> int:
-        """Place on the axis of ``row`` where its body begins: in modified DH before its d, which
-        ``axis row`` is behind.
+        """Return the place on the joint axis at which the body of ``row`` begins.
+
+        In modified DH this place is before the distance d of the row; ``axis(row)`` is after d.
         """
         if self.dh is None or self.dh.standard:
             return chain.axis(row)
@@ -474,11 +491,11 @@ class Arm(Shown):
         return values
 
     def place(self, at: str | None = None) -> int:
-        """Place of the chain that has the origin of frame ``at`` (default: the tip).
+        """Return the place of the chain at the origin of frame ``at``; default the tip.
 
         Raises:
-            UnknownNameError: no such frame.
-            UnsupportedArmError: the frame is not one of the chain.
+            UnknownNameError: the frame is unknown.
+            UnsupportedArmError: the frame is not a place of the chain.
         """
         if at is None or at == self.tip:
             return self.chain.tip
@@ -486,12 +503,12 @@ class Arm(Shown):
         return dh.place(self._known_row(at))
 
     def poses(self, q: Array, at: str | None = None) -> Poses:
-        """The arm at configurations ``q`` (n, nq) [rad], looked at in frame ``at`` (default: the
-        tip), by Pinocchio.
+        """Compute placements and Jacobians of frame ``at`` for postures ``q`` ``(n, nq)`` [rad]
+        with Pinocchio; default the tip.
 
         Raises:
-            ShapeError: ``q`` is not a finite (n, nq) array.
-            UnknownNameError: no such frame.
+            ShapeError: ``q`` is not a finite ``(n, nq)`` array.
+            UnknownNameError: the frame is unknown.
         """
         from aacmm_pin.arm.poses import Poses
 
@@ -499,35 +516,41 @@ class Arm(Shown):
         return Poses(self.model, angles, frame_number(self.model, at or self.tip))
 
     def positions(self, q: Array, at: str | None = None) -> Array:
-        """Origin of frame ``at`` (default: the tip) for ``q`` (n, nq) [rad]: (n, 3) [m]."""
+        """Compute the origin of frame ``at`` (default the tip) for postures ``q`` ``(n, nq)``
+        [rad]: ``(n, 3)`` [m].
+        """
         chain_to = self._chain_to(at)
         return chain_to.positions(batch(q, self.nq, "q", "rad"))
 
     def sensitivity(self, q: Array, at: str | None = None) -> Array:
-        """∂(origin of frame ``at``)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, p) [m/unit].
+        """Compute ∂(origin of frame ``at``)/∂parameters for postures ``q`` ``(n, nq)`` [rad]: ``(n,
+        3, p)`` [m/unit].
 
-        In closed form, see :mod:`aacmm_pin.arm.chain`; the p columns are of :attr:`parameters`.
+        The p columns are in the order of :attr:`parameters`. The formulas are in closed form; see
+        :mod:`aacmm_pin.arm.chain`.
         """
         chain_to = self._chain_of_parameters(at)
         return chain_to.position_and_sensitivity(batch(q, self.nq, "q", "rad"))[1]
 
     def jacobian(self, q: Array, at: str | None = None) -> Array:
-        """∂(origin of frame ``at``)/∂q for ``q`` (n, nq) [rad]: (n, 3, nq) [m/rad]."""
+        """Compute ∂(origin of frame ``at``)/∂q for postures ``q`` ``(n, nq)`` [rad]: ``(n, 3, nq)``
+        [m/rad].
+        """
         chain_to = self._chain_to(at)
         return chain_to.position_and_jacobian(batch(q, self.nq, "q", "rad"))[1]
 
     def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
-        """Exact positions under many draws of parameter errors; nothing is linearised.
+        """Compute the exact positions for many draws of parameter errors, without linearisation.
 
-        Errors of a joint placement are a twist, as corrections in an arm file are.
+        Errors of a joint placement form a twist, like the corrections in an arm file.
 
         Args:
-            q: one configuration (1, nq), or one for each draw (m, nq) [rad].
-            errors: (m, len(parameters)), added to the parameters [their units].
-            at: frame (default: the tip).
+            q: one posture ``(1, nq)``, or one posture for each draw ``(m, nq)`` [rad].
+            errors: errors to add to the parameters ``(m, len(parameters))`` [their units].
+            at: frame; default the tip.
 
         Returns:
-            (m, 3) [m].
+            Positions ``(m, 3)`` [m].
         """
         q = batch(q, self.nq, "q", "rad")
         errors = batch(errors, len(self.parameters), "errors", "m or rad")
@@ -575,11 +598,11 @@ class Arm(Shown):
         return row
 
     def dh_row(self, at: str | None = None) -> int | None:
-        """Number of the DH row whose frame is ``at`` (default: the tip); None for frames that the
-        table does not know.
+        """Return the number of the DH row whose frame is ``at`` (default the tip); None for a frame
+        outside the table.
 
         Raises:
-            UnknownNameError: no such frame.
+            UnknownNameError: the frame is unknown.
         """
         if self.dh is None:
             return None

@@ -53,7 +53,7 @@ SMALL_ANGLE_SQUARED = 1e-6
 
 
 def axis(row: int) -> int:
-    """Place on the axis of ``row`` (from 1)."""
+    """Return the place on the axis of ``row`` (from 1)."""
     return 2 * row
 
 

@@ -16,18 +16,18 @@ Scope = Literal["arm", "session", "record"]
 
 @dataclass(frozen=True)
 class Parameter(Shown):
-    """A model parameter whose true value differs from the stated one by an unknown error.
+    """A model parameter with an unknown error.
 
     Attributes:
-        name: short and unique in its arm, such as ``d3`` or ``encoder_noise4``.
-        kind: what it is, such as ``a``, ``d``, ``alpha``, ``theta_offset``, ``encoder``.
-        joint: the DH row or joint that it belongs to, from 1; None for the whole arm.
+        name: short name, unique in the arm, such as ``d3`` or ``encoder_noise4``.
+        kind: kind of the parameter, such as ``a``, ``d``, ``alpha``, ``theta_offset``, ``encoder``.
+        joint: number of the DH row or joint, from 1; None for the whole arm.
         unit: SI unit, such as ``m`` or ``rad``.
         value: stated value [unit].
-        half_width: bound of the error, value ± half_width [unit]; None where no bound is stated.
+        half_width: largest possible error of the value [unit]; None if not stated.
         u: standard uncertainty [unit].
-        scope: ``arm`` (one error for all records), ``session`` (one for each session), ``record``
-            (a new one each record).
+        scope: ``arm`` (one error for all records), ``session`` (a new error in each session) or
+            ``record`` (a new error in each record).
     """
 
     name: str
@@ -43,10 +43,10 @@ class Parameter(Shown):
     def bounded(
         name: str, kind: str, joint: int, unit: str, value: float, half_width: float | None
     ) -> Parameter:
-        """A parameter known within ± half_width: rectangular distribution, u = half_width/√3 (JCGM
-        100:2008, 4.3.7).
+        """Return a parameter that is within ± half_width, with u = half_width/√3.
 
-        Where no half-width is stated (None) the value counts as exact, u = 0.
+        Source: rectangular distribution, JCGM 100:2008, 4.3.7. If the half-width is None, the value
+        is exact (u = 0).
         """
         u = (half_width or 0.0) / math.sqrt(3.0)
         return Parameter(name, kind, joint, unit, value, half_width, u)

@@ -15,13 +15,15 @@ from aacmm_pin._support.display import Shown
 
 @dataclass(frozen=True, eq=False)
 class Poses(Shown):
-    """An arm at many configurations, computed by Pinocchio on first use; the arrays are copies, not
-    views of its memory.
+    """The placements and Jacobians of one frame of an arm in many postures.
+
+    Pinocchio computes the arrays at the first use. The arrays are copies.
 
     Attributes:
-        model: the Pinocchio model.
-        q: configurations (n, nq) [rad; m where a joint slides]; of joints that follow others too.
-        frame_id: Pinocchio's number of the frame looked at.
+        model: Pinocchio model.
+        q: postures ``(n, nq)`` [rad; m for a prismatic joint], with the columns of joints that
+            follow others.
+        frame_id: number of the frame in Pinocchio.
     """
 
     model: Any
@@ -30,7 +32,7 @@ class Poses(Shown):
 
     @cached_property
     def placement(self) -> Array:
-        """Placement of the frame in the base, (n, 4, 4) [m]."""
+        """The placement of the frame in the base, ``(n, 4, 4)`` [m]."""
         model = self.model
         data = self.model.createData()
         placements = np.empty((len(self.q), 4, 4))
@@ -41,12 +43,12 @@ class Poses(Shown):
 
     @property
     def position(self) -> Array:
-        """Origin of the frame in the base, (n, 3) [m]."""
+        """The origin of the frame in the base, ``(n, 3)`` [m]."""
         return self.placement[:, :3, 3]
 
     @cached_property
     def jacobian(self) -> Array:
-        """Twist of the frame per joint speed, linear first, ``LOCAL_WORLD_ALIGNED``: (n, 6, nq)
+        """The Jacobian of the frame in ``LOCAL_WORLD_ALIGNED``, linear part first, ``(n, 6, nq)``
         [m/rad, rad/rad].
         """
         model = self.model
@@ -60,8 +62,9 @@ class Poses(Shown):
 
     @cached_property
     def placement_sensitivity(self) -> Array:
-        """∂position/∂(shift, turn of every joint placement in its own axes): (n, 3, 6 nq) [m/m,
-        m/rad].
+        """The derivative of the position by all joint placements, ``(n, 3, 6 nq)`` [m/m, m/rad].
+
+        Each placement has three translations and three rotations in its own axes.
         """
         model = self.model
         data = self.model.createData()

@@ -122,49 +122,50 @@ def calibrate(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> Calibration:
-    """Estimate parameters of the arm from measurements, with their covariance.
+    """Estimate parameters of the arm and their covariance from measurements.
 
-    Weighted least squares (JCGM 100:2008, 5.2) with the stated uncertainties of the arm as
-    information: known coordinates, unknown points touched repeatedly and known distances together.
-    Each record is weighted by its own noise, the encoders' carried to the tip. Gross errors are
-    found robustly, listed, and left out.
+    The method is weighted least squares (JCGM 100:2008, 5.2). Known coordinates, seats, known
+    distances and the stated uncertainties of the arm are data of one fit. The noise of a record
+    determines its weight; this noise contains the effect of the encoder noise on the tip. The fit
+    lists and excludes records with gross errors.
 
     Args:
-        model: the arm, with effects if it has some; these stay unless they are among
-            ``parameters``. Records outside the range of one that stays are left out, and listed in
-            the notes.
+        model: the arm, or the arm with causes of error. The causes keep their values unless
+            ``parameters`` names them. If a record is outside the known range of a cause, the fit
+            excludes the record and a note lists it.
         measurements: the records.
-        parameters: ``zero-offsets`` (of every joint, the 2010 paper's method), ``geometry``
-            (everything that describes the arm's lengths and axes), effects or their texts, such as
-            ``encoder_gain:5``, or a list of these.
-        reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external``
-            if their frame is unknown, ``session`` if that of each session is; results are then in
-            the frame of the first session.
-        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body
-            was; markers always are. The axes of a target whose orientation the records state are
-            turned in the tip by an unknown constant, one for each marker; ``frame`` if both point
-            and axes are the tip's.
-        prior: use the arm's stated uncertainties as information; default yes for all but plain zero
-            offsets.
-        encoder_noise: standard uncertainty of a reading, one number or (nq,) [rad]; default what
-            the arm states.
-        reference_noise: of each coordinate of a reference where the records do not state it [m].
-        probe_noise: of each coordinate of one contact [m].
-        length_noise: of a bar's length where the records do not state it; default 50 µm, which is
-            then said [m].
-        robust: look for gross errors.
-        hold_out: predict records left out of the fit, at random and by seats, sessions or blocks of
-            joint space.
-        rng: chooses which; default seed 1.
-        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as
-            ``tqdm`` that wraps the parts left out in turn.
+        parameters: ``zero-offsets`` of all joints (the method of the 2010 paper); ``geometry`` (all
+            lengths and axes); a cause, or its text such as ``encoder_gain:5``; or a list of these.
+        reference_frame: ``base`` if the reference coordinates are in the base of the arm;
+            ``external`` if the relation of their frame to the base is unknown. ``session`` if this
+            relation is unknown and differs between sessions; results are then in the frame of the
+            first session.
+        target: ``tip`` if the reference coordinates are those of the tip. ``unknown`` if the
+            references are for an unknown point on the last body; targets with a marker label are
+            always unknown. ``frame`` if the target has the position and the axes of the tip frame.
+            For ``tip`` and ``unknown``, the fit also estimates one constant rotation for each
+            marker if the records state orientations.
+        prior: use the stated uncertainties of the arm as information; default True, except for
+            ``zero-offsets`` alone.
+        encoder_noise: standard uncertainty of one reading, one number or ``(nq,)`` [rad]; default
+            from the arm file.
+        reference_noise: standard uncertainty of each reference coordinate [m], for records without
+            a stated value.
+        probe_noise: standard uncertainty of each coordinate of one contact [m].
+        length_noise: standard uncertainty of the length of a ball bar [m], for bars without a
+            stated value; default 50 µm, with a note.
+        robust: search for gross errors.
+        hold_out: predict held-out records in groups: random groups, seats, sessions, or regions of
+            joint angles.
+        rng: random generator for the held-out groups; default seed 1.
+        progress: True for a progress bar in a notebook or on stderr, or a function such as
+            ``tqdm``.
 
     Raises:
-        UnknownNameError: no such set of parameters, cause, frame or target.
-        MissingConditionError: an effect needs a column that the records lack.
-        AacmmError: no record says anything, or none shows an effect that is asked for; the noise is
-            not stated and there are too few records to find it; the records have nothing to do with
-            this arm.
+        UnknownNameError: a set of parameters, cause, frame or target is unknown.
+        MissingConditionError: the records lack a column that a cause needs.
+        AacmmError: no record has reference data or shows a requested cause; the records are too few
+            to estimate the noise; or the records do not fit the arm.
     """
     model = ErrorModel.of(model)
     measurements = as_measurements(measurements, model.arm)

@@ -228,9 +228,10 @@ def _words(combination: Array, names: list[str]) -> str:
     parts = np.flatnonzero(combination)
     members = [names[i] for i in parts]
     if len(members) == 1:
-        return f"{members[0]}: not at all"
+        return f"{members[0]} is not determined"
     if len(members) == 2:
         ratio = combination[parts[1]] / combination[parts[0]]
         if abs(abs(ratio) - 1) < NEGLIGIBLE_PART:
-            return f"{listed(members)}: only their {'sum' if ratio < 0 else 'difference'}"
-    return f"{listed(members)}: only in combination"
+            known = "sum" if ratio < 0 else "difference"
+            return f"only the {known} of {listed(members)} is determined"
+    return f"only a combination of {listed(members)} is determined"

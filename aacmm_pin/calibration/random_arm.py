@@ -16,17 +16,19 @@ from aacmm_pin.errors import AacmmError
 
 
 def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
-    """The model with all parameters drawn: uniform within half-widths, normal and together where a
-    calibration says so.
+    """Return a model with random parameter values, as a virtual arm.
 
-    Its values are the truth of a virtual arm, so it states no uncertainty of them.
+    The draws are uniform within half-widths. Parameters without half-width, and parameters in a
+    covariance, have normal draws. The values are the truth of the virtual arm, so that the result
+    has no uncertainties.
 
     Args:
-        model: the arm and its effects, with uncertainties.
-        rng: for the draw.
+        model: the arm, or the arm with causes of error; at least one parameter needs an
+            uncertainty.
+        rng: random generator.
 
     Raises:
-        AacmmError: no parameter has an uncertainty, or an arm with a DH table was not made from a
+        AacmmError: no parameter has an uncertainty, or an arm with a DH table does not come from a
             file.
     """
     model = ErrorModel.of(model)
@@ -52,7 +54,7 @@ def _exact(arm: Arm, errors: Array) -> Arm:
         arm, {p.name: float(error) for p, error in zip(arm.parameters, errors, strict=True)}
     )
     rows = [row.model_copy(update={"uncertainty": None}) for row in file.joints]
-    source = f"drawn within the uncertainties of: {arm.source or arm.name}"
+    source = f"drawn within the uncertainties of {arm.source or arm.name}"
     return Arm.from_file(
         file.model_copy(update={"joints": rows, "covariance": None, "source": source})
     )

@@ -67,14 +67,14 @@ def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
 
 @dataclass(frozen=True, eq=False)
 class Calibration(Shown):
-    """A calibrated arm and how far to trust it.
+    """The result of a calibration: the calibrated arm and numbers for its quality.
 
     Attributes:
-        fit: fit of everything.
-        setup: the problem of the set-up alone (reference frame, target), the arm as it was.
-        held_out: residuals of records left out of the fit, by kind; empty where that was not asked
-            for.
-        notes: what was assumed.
+        fit: fit of all parameters.
+        setup: least-squares problem of the set-up alone (reference frame, target) with the arm
+            before calibration.
+        held_out: residuals of held-out records for each kind of group; empty without ``hold_out``.
+        notes: assumptions.
     """
 
     fit: Fit
@@ -84,34 +84,36 @@ class Calibration(Shown):
 
     @cached_property
     def model(self) -> ErrorModel:
-        """The calibrated arm with its effects and the covariance of its parameters."""
+        """The calibrated arm with its causes and the covariance of its parameters."""
         return calibrated_model(self.fit)
 
     @cached_property
     def before(self) -> Fit:
-        """Fit of the set-up alone, the arm as it was."""
+        """The fit of the set-up alone, with the arm before calibration."""
         return fit(self.setup, used=self.fit.used)
 
     @property
     def rms_before(self) -> float:
-        """Root mean square distance of the used records by the arm as it was [m]."""
+        """The RMS residual of the used records with the arm before calibration [m]."""
         return _rms(self.before, self.fit)
 
     @property
     def rms(self) -> float:
-        """Root mean square distance of the used records by the calibrated arm [m]."""
+        """The RMS residual of the used records with the calibrated arm [m]."""
         return _rms(self.fit, self.fit)
 
     @property
     def noise(self) -> float:
-        """What that distance should be by the stated and found noise [m]."""
+        """The RMS residual expected from the stated noise and the estimated scatter alone [m]."""
         return self.fit.distance_of(self.fit.residual_noise)
 
     @property
     def turns(self) -> dict[str, float] | None:
-        """Root mean square turn from the stated orientations of the used records, as
-        :attr:`rms_before`, :attr:`rms` and :attr:`noise` are of distances [rad]; None where none is
-        stated.
+        """The RMS rotation between stated and computed orientations [rad]; None without
+        orientations.
+
+        The keys are ``simulation`` (arm before calibration), ``calibrated`` and ``noise`` (expected
+        from noise alone).
         """
         turned = self.fit.used & self.fit.observations.oriented
         if not turned.any():
@@ -122,40 +124,41 @@ class Calibration(Shown):
 
     @property
     def p_value(self) -> float | None:
-        """Chance of a χ² this large if the model and the stated noise are right; None where the
-        noise was not stated.
+        """The probability of an equal or larger χ² if the model and the stated noise are correct.
+
+        The value is None if the noise is not stated, or if the fit has too few degrees of freedom.
         """
         judged = self.fit.chi2_stated
         return None if judged is None or judged[1] < LEAST_DOF else float(chi2_sf(*judged))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Combinations of parameters that these data cannot tell, in words; such a combination
-        stays as it was.
+        """The combinations of parameters that the records do not determine, as text; their values
+        do not change.
         """
         return self.fit.undetermined.words
 
     @cached_property
     def observability(self) -> Observability:
-        """Observability indices of the records."""
+        """The observability indices of the records."""
         typical = self.fit.problem.vector.typical
         jacobian = self.fit.system.jacobian[:, : typical.size] * typical
         return Observability.of(jacobian, int(self.fit.used.sum()))
 
     @property
     def covariance(self) -> Array:
-        """Covariance of :attr:`parameters` (p, p) [their SI units]."""
+        """The covariance of :attr:`parameters`, ``(p, p)`` [their SI units]."""
         p = self.fit.problem.vector.size
         return self.fit.covariance[:p, :p]
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """One row a parameter: before, after, change, u, U (k = 2), in the unit of the row; and
-        what the data say of it.
+        """The estimated parameters: a table with one row for each parameter.
 
-        ``known`` is ``measured``, ``hardly`` (the data say less than what was stated), ``as
-        stated`` (they add nothing to it) or ``in combination``: it is part of one in
-        :attr:`undetermined`, so that it has no u by itself.
+        The columns are ``before``, ``after``, ``change``, ``u`` and ``U`` (k = 2) in the unit of
+        the row, and ``known``. ``known`` is ``measured``, ``hardly`` (the records add little), ``as
+        stated`` (the records add nothing to the prior) or ``in combination``. A parameter in
+        combination is part of a combination in :attr:`undetermined`, and has no u.
         """
         problem = self.fit.problem
         vector = self.fit.problem.vector
@@ -197,7 +200,7 @@ class Calibration(Shown):
 
     @cached_property
     def correlation(self) -> pd.DataFrame:
-        """Correlation of the parameters."""
+        """The correlation matrix of the parameters as a table."""
         u = np.sqrt(np.diag(self.covariance))
         safe = np.where(u > 0, u, 1.0)
         names = self.fit.problem.vector.names
@@ -205,15 +208,17 @@ class Calibration(Shown):
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
-        """One row a record: line in the file, seat, tip minus target before and after [mm], whether
-        it was used.
+        """The residuals: a table with one row for each record.
+
+        The columns are the line in the file, the seat, the residual before and after calibration
+        [mm], and whether the fit used the record.
         """
         table = residuals_by_record({"before": self.before, "after": self.fit})
         return table.assign(used=self.fit.used)
 
     @property
     def excluded(self) -> pd.DataFrame:
-        """Records that were left out because they cannot belong: row, residual, reason."""
+        """The records that the fit excluded, with row, labels, residual [mm] and reason."""
         table = self.residuals[self.fit.excluded]
         columns = [c for c in ("row", "record", "seat", "marker", "session") if c in table]
         reason = str(Note("excluded"))
@@ -225,11 +230,11 @@ class Calibration(Shown):
 
     @cached_property
     def exclusions(self) -> Exclusions:
-        """Whether these are gross errors."""
+        """The check whether the excluded records are really gross errors of single records."""
         return exclusions_of(self.fit)
 
     def summary(self) -> dict[str, Any]:
-        """Schema ``aacmm-pin/calibration/1``."""
+        """Return the content of the JSON file with the schema ``aacmm-pin/calibration/1``."""
         scatters = self.fit.noise.scatters
         found: dict[str, Any] = {"schema": CALIBRATION_SCHEMA, "arm": self.model.arm.name}
         found["records"] = self._records()
@@ -263,22 +268,23 @@ class Calibration(Shown):
 
     def __str__(self) -> str:
         left = self.exclusions
-        no_errors = ", which are no gross errors" if left.doubtful else ""
+        excluded = f"{left.excluded} excluded{', no gross errors' * left.doubtful}"
         text = (
-            f"{self.model.arm.name} calibrated on {left.used} records ({left.excluded} "
-            f"excluded{no_errors}): "
-            f"RMS {self.rms_before / MM:.4f} mm before, {self.rms / MM:.4f} mm after"
+            f"The RMS residual of {left.used} records of {self.model.arm.name} ({excluded}) is "
+            f"{self.rms_before / MM:.4f} mm before and {self.rms / MM:.4f} mm after calibration"
         )
         for h in self.held_out:
-            text += f"; {h.rms_after / MM:.4f} mm on held-out {h.kind}"
+            text += f", {h.rms_after / MM:.4f} mm for held-out {h.kind}"
         return text
 
     def plot(self, ax: Axes | None = None) -> Figure:
-        """Residuals in space, before and after, in plan and from the side; the figure of the four
-        panels.
+        """Plot residual vectors before and after calibration, in top and side view.
 
         Args:
-            ax: axes, whose place is divided; without them a new pyplot figure is made.
+            ax: axes whose area the four panels share; default a new pyplot figure.
+
+        Returns:
+            The figure of the panels.
         """
         return cast("Figure", report().plots.plot_residual_views(self, ax))
 

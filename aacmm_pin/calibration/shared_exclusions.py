@@ -258,8 +258,8 @@ def _extent(name: str, values: Array) -> str:
     high = values.max(axis=0)
     if name == "place":
         middle = ", ".join(f"{each:.0f}" for each in (low + high) / 2)
-        return f"their tip within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
-    words = {"record": "rows", "time": "time_s from"}.get(name, f"{name} from")
+        return f"the tip within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
+    words = {"record": "row numbers from", "time": "time_s from"}.get(name, f"{name} from")
     return f"{words} {low[0]:.6g} to {high[0]:.6g}"
 
 
@@ -331,7 +331,7 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
         k = int(np.argmin(chances))
         if chances[k] < (TOGETHER if best is None else best.p_value):
             inside = order[: sizes[k]]
-            where = f"{_extent('place', tips[inside])}, where used records deviate alike"
+            where = f"{_extent('place', tips[inside])}, where used records deviate similarly"
             best = Shared(
                 "place",
                 float(chances[k]),
@@ -437,7 +437,9 @@ def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Sha
     last = edges[max(least, most)]
     outside = least > most  # the excluded ones are on both sides of the range
     inside = (numbers >= first) & (numbers < last)
-    where = f"{values.name} {'not ' * outside}from {first:.4g} to {last:.4g}"
+    where = f"{values.name} from {first:.4g} to {last:.4g}"
+    if outside:
+        where = f"{values.name} below {first:.4g} or above {last:.4g}"
     there = like & (inside != outside)
     mine = int((there & excluded).sum())
     every = int((there & counted).sum())

@@ -35,9 +35,7 @@ def run(
     chosen = list(CAUSES.values()) if name is None else [cause_named(name)]
     terminal.show(Document("Causes", [Table(pd.DataFrame([_row(cause) for cause in chosen]))]))
     if name is not None:
-        names = {kind.__name__: cause for cause, kind in CAUSES.items()}
-        text = inspect.getdoc(chosen[0]) or ""
-        say(re.sub(r":\w+:`[^`]*?(\w*)`|``", lambda role: names.get(role[1], role[1] or ""), text))
+        say(re.sub(r":\w+:`~?([^`]*)`|``", r"\1", inspect.getdoc(chosen[0]) or ""))
 
 
 def _row(cause: type[Effect]) -> dict[str, str]:

@@ -277,7 +277,7 @@ def _note_comparisons(
             f"{', '.join(elsewhere)}, because these targets are not at the tip"
         )
         records, tips = records.take(of_tip), tips[of_tip]
-    compared, first = [tips], "nominal arm"
+    compared, first = [tips], "the nominal arm"
     if before is not None:
         compared.insert(0, before.correct(records.q, records.conditions))
     elif model.effects:  # geometry alone: the file may know the effects together with it
@@ -367,4 +367,10 @@ def _accuracy(
     )
     for caveat in found.sources.caveats:
         note(caveat)
+    first = [p.u for p in model.arm.parameters if p.joint == 1]
+    if model.arm.covariance is not None and model.arm.dh is None and not any(first):
+        note(
+            "u_mm does not include the uncertainty of the base, because the arm file states no "
+            "half-widths; with --commands, use u_aligned_mm"
+        )
     return found

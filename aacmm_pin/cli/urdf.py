@@ -36,12 +36,13 @@ def run(
     with Results(force, output) as results:
         model = arm.model()
         if to_dh:
+            table = arm_text(dh_file(model.arm))
             if model.effects:
                 names = ", ".join(effect.label for effect in model.effects)
                 note(f"the DH table does not contain the causes of error {names}")
             if np.diag(model.covariance()).any():
                 note("the DH table does not contain the uncertainties of the arm")
-            results.text(arm_text(dh_file(model.arm)), output)
+            results.text(table, output)
         else:
             results.file(output or "-").write_bytes(urdf_of(model))
 

@@ -75,29 +75,28 @@ def diagnose(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> Diagnosis:
-    """Show what the simulation gets wrong, name the cause, extend the model, measure the gain.
+    """Find the causes of error that explain the residuals, extend the model, and measure the gain.
 
-    The residuals are a linear model of geometry, reference frame and known causes, which are
-    refitted, of a set of causes, of a discrepancy that depends on what was recorded, and of noise.
-    Every probability is read off one posterior over sets of causes. The extended arm has the causes
-    that are more probable than not. The gain is measured on groups of records that had no part in
-    choosing the set and in its linear fit.
+    A linear model explains the residuals by five parts: refitted geometry and reference frame,
+    known causes, a set of new causes, a discrepancy, and noise. All probabilities come from one
+    posterior over sets of causes. The extended arm has every cause with a probability above 0.5.
+    Held-out records, which neither the choice of the set nor the linear fit uses, give the gain.
 
     Args:
-        model: the arm, with the effects that are known of it.
+        model: the arm, with the known causes of error if any.
         measurements: the records.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
             see :func:`aacmm_pin.calibration.calibrate`.
-        hold_out: measure the gain.
-        with_discrepancy: the extended arm has what no cause explains too, as far as new records can
-            have it.
-        extra_causes: causes to try besides, at places or with nonlinear parameters (orders, times,
-            other fields) that are not tried anyway; causes of your own are, once they are
-            registered (:func:`aacmm_pin.effects.register`). They compete with the others, by
-            the ``typical`` size of their terms; their values do not count.
-        rng: for the draws behind p-values and intervals, and the groups left out; default seed 1.
-        progress: show bars in a notebook, or on stderr at a terminal; or a function such as
-            ``tqdm`` that wraps the groups left out.
+        hold_out: measure the gain on held-out records.
+        with_discrepancy: include the discrepancy in the extended arm, if new records can have the
+            same covariates.
+        extra_causes: more causes to try, at places or with nonlinear parameters (orders, times,
+            other fields) that ``diagnose`` does not try by default. Registered causes of your own
+            (:func:`aacmm_pin.effects.register`) need no entry. The prior uses the ``typical``
+            magnitude of their terms, and ignores their values.
+        rng: random generator for p-values, intervals and held-out groups; default seed 1.
+        progress: True for a progress bar in a notebook or on stderr, or a function such as
+            ``tqdm``.
 
     Raises:
         AacmmError, UnknownNameError, MissingConditionError: see

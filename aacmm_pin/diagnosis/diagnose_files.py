@@ -39,26 +39,26 @@ def diagnose_files(
     progress: bool = True,
     **options: Any,
 ) -> pd.DataFrame:
-    """Diagnose many files, each with its arm; one row a file, in the order given.
+    """Diagnose many files, each with its arm, and return one row for each file.
 
-    A file or an arm that cannot be used has a row with its error. Each diagnosis has the random
-    numbers of ``seed``, so a row does not depend on the other files, nor on ``workers``.
+    If an arm or a file cannot be used, its row states the error. Every diagnosis starts with the
+    same ``seed``, so that a row does not depend on other files or on ``workers``.
 
     Args:
-        pairs: an arm and its records each, or the paths of their files.
-        approach_from_order: see :meth:`aacmm_pin.Measurements.with_approach_from_order`.
-        seed: of the random generator.
-        workers: how many processes, or a ``concurrent.futures.Executor``; a file is a piece of
-            work.
-        progress: show a bar in a notebook, or on stderr at a terminal.
-        options: of :func:`aacmm_pin.diagnose`, for every file.
+        pairs: pairs of an arm and its records, or of the paths of their files.
+        approach_from_order: derive the approach directions from the order of the rows; see
+            :meth:`aacmm_pin.Measurements.with_approach_from_order`.
+        seed: seed of the random generator.
+        workers: number of processes, or a ``concurrent.futures.Executor``; each file is one task.
+        progress: True for a progress bar in a notebook or on stderr.
+        options: arguments of :func:`aacmm_pin.diagnose` for all files.
 
     Returns:
-        Columns ``arm``, ``records``; ``verdict``; ``causes``: probability of each finding by its
-        label; ``rms_as_stated_mm``, ``rms_recalibrated_mm``, ``rms_extended_mm``, ``noise_mm``: RMS
-        distances of tip and reference; ``gain``, ``gain_low``, ``gain_high``: on held-out records,
-        with its 95 % interval; ``used``, ``excluded``: records; ``error``: "" if there is none.
-        What a row does not have is missing (NaN).
+        A table in the order of ``pairs``. Columns: ``arm``, ``records``; ``verdict``; ``causes``
+            (probability of each finding by its label); ``rms_as_stated_mm``,
+            ``rms_recalibrated_mm``, ``rms_extended_mm``, ``noise_mm`` (RMS residuals); ``gain``,
+            ``gain_low``, ``gain_high`` (on held-out records, with the 95 % interval); ``used``,
+            ``excluded`` (numbers of records); ``error`` ("" if none). Missing values are NaN.
     """
     causes = tuple(CAUSES.values())
     jobs = [_Job(*pair, approach_from_order, seed, options, causes) for pair in pairs]

@@ -112,24 +112,26 @@ class Finding(Shown):
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Shown):
-    """What the simulation gets wrong, why, and how much better it is when it knows.
+    """The result of a diagnosis: the causes of error, the extended arm, and its gain.
 
     Attributes:
         verdict, doubts: see :func:`aacmm_pin.diagnosis.verdict.verdict_of` and ``doubts_of`` there.
-        otherwise: what would be found if excluded records counted.
+        otherwise: causes that a diagnosis with the excluded records would name.
         contradicted: stated places that the records contradict.
-        findings: causes, strongest first; geometric values beyond their stated uncertainty last.
-        model: the arm recalibrated, with the causes found; without them where it does not predict
-            held-out records better.
-        before: the arm as it was, set-up fitted; recalibrated: geometry refitted; extended: with
-            the causes.
-        choice: the search behind it.
-        held_out: residuals of records left out of choosing and fitting, or None.
-        unexplained: structure without a cause.
-        noise: RMS that the noise alone would give [m].
-        visible: how many causes of typical magnitude these records would have shown, and of how
-            many.
-        assumed: notes of the calibration, and of what was done with the records before.
+        findings: causes, strongest first; geometric values beyond their stated uncertainty come
+            last.
+        model: recalibrated arm with the causes; without the causes if these do not improve the
+            predictions of held-out records.
+        before: fit of the set-up alone, with the arm before the diagnosis.
+        recalibrated: fit with refitted geometry.
+        extended: fit with refitted geometry and the causes.
+        choice: search for the set of causes.
+        held_out: residuals of records that neither chose the causes nor entered the fit, or None.
+        unexplained: structure in the residuals without a cause.
+        noise: RMS residual expected from noise alone [m].
+        visible: number of causes that the records would show at typical magnitude, and number of
+            all causes tried.
+        assumed: notes about assumptions and about changes of the records.
     """
 
     verdict: Verdict
@@ -149,34 +151,34 @@ class Diagnosis(Shown):
     contradicted: tuple[Note, ...]
 
     def geometric(self, finding: Finding) -> bool:
-        """Whether a finding is a value of the arm's own geometry."""
+        """Return whether a finding is a value of the geometry of the arm."""
         return bool(geometric_parameters(self.model.arm, finding.effect))
 
     @property
     def no_better(self) -> bool:
-        """Whether causes were added with which held-out records are not predicted better beyond
-        doubt.
+        """True if held-out records do not clearly confirm that the added causes improve the
+        predictions.
         """
         return "no better" in self.doubts
 
     def cause(self, label: str) -> Effect | None:
-        """The cause that a label of this result names, as it was tried first; None for a
-        covariate.
-        """
+        """Return the cause with the given label; None for the label of a covariate."""
         causes = (variants[0] for variants in self.choice.library)
         return next((cause for cause in causes if cause.label == label), None)
 
     @property
     def alternatives(self) -> dict[tuple[str, ...], float]:
-        """Probability of each set of causes, by their labels, the most probable first; they add up
-        to one.
+        """The probability of each set of causes, most probable first; the probabilities sum to 1.
+
+        Each key is the tuple of the labels of the causes in the set.
         """
         return self.choice.posterior.causes
 
     @property
     def cannot_tell_apart(self) -> list[tuple[str, ...]]:
-        """Causes of which one set has some and another set, which cannot be excluded, has others
-        instead.
+        """The groups of causes that the records cannot distinguish.
+
+        Each group has the causes in which the most probable set and another probable set differ.
         """
         best, *others = self.alternatives.items()
         acting = set(best[0])
@@ -188,34 +190,34 @@ class Diagnosis(Shown):
 
     @property
     def more(self) -> float:
-        """Probability that a cause acts that is not among the findings."""
+        """The probability that at least one cause acts that is not among the findings."""
         named = [finding.label for finding in self.findings]
         return self.choice.posterior.beyond(named)
 
     @property
     def not_saved(self) -> list[str]:
-        """Covariates of the discrepancy that no arm file can have."""
+        """The covariates of the discrepancy that an arm file cannot state."""
         return lost(described_by(self.choice, self.choice.covariates))
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
-        """What was assumed, and what limits what is stated."""
+        """The assumptions and limits of the result."""
         return tuple(report().diagnosis_notes.notes_of(self))
 
     @cached_property
     def residual_groups(self) -> pd.DataFrame:
-        """See :func:`~aacmm_pin.report.residual_tables.residuals_by_group`."""
+        """The table of :func:`~aacmm_pin.report.residual_tables.residuals_by_group`."""
         by_group = report().residual_tables.residuals_by_group
         return cast("pd.DataFrame", by_group(self.before, self.recalibrated, self.extended))
 
     @property
     def converged(self) -> bool:
-        """Whether every search that the verdict rests on ended at a minimum."""
+        """True if the fits of the recalibrated and the extended arm converged."""
         return not self.converge_note
 
     @property
     def converge_note(self) -> str:
-        """What held up a search that did not converge; "" where all did."""
+        """The messages of the fits that did not converge; "" if all converged."""
         fits = {"recalibrated": self.recalibrated, "extended": self.extended}
         stuck = [f"{name}: {fit.message}" for name, fit in fits.items() if not fit.converged]
         return "; ".join(stuck)
@@ -231,8 +233,10 @@ class Diagnosis(Shown):
 
     @property
     def rms(self) -> dict[str, float]:
-        """RMS of the used records by simulation, recalibrated and extended model, and by noise
-        alone [m].
+        """The RMS residual of the used records [m].
+
+        The keys are ``simulation`` (arm before the diagnosis), ``recalibrated``, ``extended`` and
+        ``noise`` (expected from noise alone).
         """
         used = self.extended.used
         sizes = {name: _rms_residual(fit, used) for name, fit in self._fits.items()}
@@ -240,8 +244,8 @@ class Diagnosis(Shown):
 
     @property
     def turns(self) -> dict[str, float] | None:
-        """RMS turn of the used records from their stated orientations, by each model [rad]; None
-        where none is stated.
+        """The RMS rotation between stated and computed orientations, for each model [rad]; None
+        without orientations.
         """
         used = self.extended.used & self.extended.observations.oriented
         if not used.any():
@@ -250,7 +254,9 @@ class Diagnosis(Shown):
 
     @property
     def excluded(self) -> pd.DataFrame:
-        """Records that cannot belong even with the causes known: row, residual [mm], reason."""
+        """The records with gross errors, also with the causes in the model: row, residual [mm],
+        reason.
+        """
         out = self.extended.excluded
         deviation = self.extended.system.deviation[out]
         table = pd.DataFrame({"row": self.extended.problem.measurements.row[out]})
@@ -261,19 +267,21 @@ class Diagnosis(Shown):
         return str(report().diagnosis_line.diagnosis_line(self))
 
     def summary(self) -> dict[str, Any]:
-        """Schema ``aacmm-pin/diagnosis/1``."""
+        """Return the content of the JSON file with the schema ``aacmm-pin/diagnosis/1``."""
         return dict(report().diagnosis_json.diagnosis_to_dict(self))
 
     def plot(self, finding: int = 0, ax: Axes | None = None) -> Axes:
-        """The strongest cause through what the records say of it; where none was found, what the
-        residuals depend on; where they depend on nothing, their size by the three models.
+        """Plot a cause with the partial residuals of the records.
+
+        Without causes, the plot shows the covariate of the residuals. Without a covariate, the plot
+        shows the residuals of the three models.
 
         Args:
-            finding: number of another finding, from 0.
-            ax: axes; without them a new pyplot figure is made.
+            finding: index of the finding, from 0 (the strongest cause).
+            ax: axes; default a new pyplot figure.
 
         Raises:
-            AacmmError: there is no such finding.
+            AacmmError: the diagnosis has no finding with this index.
         """
         return cast("Axes", report().plots.plot_diagnosis(self, finding, ax))
 

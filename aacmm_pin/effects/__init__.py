@@ -1,8 +1,7 @@
-"""The causes of error, one small class each, the conditions of records, and arms with causes.
+"""Causes of error, conditions of records, and arms with causes.
 
-``CAUSES`` finds a class by the name of its cause, ``register`` adds one. Other rooms import from
-here. The names of ``__init__.pyi`` are loaded when they are first used: an arm without causes needs
-none of them.
+``CAUSES`` maps the name of a cause to its class, and ``register`` adds a class. Python loads each
+name of ``__init__.pyi`` at its first use, so that an arm without causes loads no cause.
 """
 
 import lazy_loader

@@ -48,18 +48,20 @@ _Method = Callable[[Any, State], list[Any]]
 
 
 def register(cause: _Own) -> _Own:
-    """Make a cause of your own known by its name; a decorator of its class.
+    """Register a cause of your own by its name; use the function as a decorator of the class.
 
-    From then on ``diagnose`` tries it wherever its ``candidates`` say, plans distinguish it from
-    others, arm files and ``--cause`` may name it, and pages and pictures show it. At the shell
-    ``aacmm-pin --plugin MODULE …`` imports the module that registers it, as does an entry point in
-    the group ``aacmm_pin.causes``. It lasts as long as the process: a program that reads an arm
-    file with the cause registers it first. A class that is defined anew, as in a notebook, takes
-    its own place. What its ``displacements`` and ``exact`` return is checked each time.
+    ``diagnose`` then tries the cause at the places that ``candidates`` returns. Plans distinguish
+    the cause from others, and arm files, ``--cause``, pages and pictures accept it. At the shell,
+    ``aacmm-pin --plugin MODULE …`` or an entry point in the group ``aacmm_pin.causes`` imports the
+    module that registers the cause. The registration ends with the process: a program must register
+    the cause before it reads an arm file with the cause. A new definition of the same class, for
+    example in a notebook, replaces the old class. The package checks every result of
+    ``displacements`` and ``exact``.
 
     Raises:
-        AacmmError: it is no :class:`Effect`, the name is of no use in a file, or is taken.
-        CauseError: it has no ``displacements``, or states something of itself that cannot be.
+        AacmmError: the class is not an :class:`Effect`, or the name is invalid or already
+            registered.
+        CauseError: ``displacements`` is missing, or an attribute of the class is invalid.
     """
     if not (isinstance(cause, type) and issubclass(cause, Effect)):
         raise AacmmError(f"{cause!r} is no cause; expected a subclass of Effect")
@@ -170,7 +172,7 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
 
 
 def raised(error: BaseException, file: str) -> str:
-    """An exception in one line, with the last line of ``file`` on its way, if it came by there."""
+    """Return an exception as one line, with the last line of ``file`` in its traceback, if any."""
     where = ""
     for frame in traceback.extract_tb(error.__traceback__):
         if frame.filename == file:
@@ -180,10 +182,10 @@ def raised(error: BaseException, file: str) -> str:
 
 
 def cause_named(name: str) -> type[Effect]:
-    """The class of a cause.
+    """Return the class of a cause by its name.
 
     Raises:
-        UnknownNameError: no cause of this name is known.
+        UnknownNameError: no cause has this name.
     """
     if name not in CAUSES:
         raise UnknownNameError(
@@ -197,15 +199,14 @@ def cause_named(name: str) -> type[Effect]:
 
 
 def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tuple[Effect, ...]]:
-    """Every cause at every place where it could sit, with the variants to try, but for what a
-    calibration refits anyway.
+    """Yield each possible cause at each possible place of an arm, as a tuple of variants to try.
 
-    In the order of :data:`CAUSES`; neighbours there that sit in places of one kind come place by
-    place.
+    Causes that every calibration fits are omitted. The order is that of :data:`CAUSES`;
+    neighbouring causes with the same kind of place are grouped by place.
 
     Args:
         arm: the arm.
-        records: as far as they show the causes; None for whatever could be recorded.
+        records: records that must show the causes; None for all causes that records could show.
     """
     arm = as_arm(arm)
     free = (cause for cause in CAUSES.values() if not cause.refitted)
@@ -244,7 +245,9 @@ class SyntheticRecords:
 
 @cache
 def example(cause: type[Effect]) -> Effect | None:
-    """One of its kind in SINO6; None where :meth:`Effect.candidates` has none there."""
+    """Return an example of a cause in SINO6; None if :meth:`Effect.candidates` finds no place in
+    SINO6.
+    """
     from aacmm_pin.arm import joint_bounds
 
     arm = Arm.load("sino6")

@@ -26,12 +26,13 @@ class JointCompliance(GravityEffect):
     """The joint deflects about its own axis: ``δθ = c τ``, with the moment τ of the weight about
     the axis.
 
-    It applies to a joint that a spring, brake or drive holds (joint 2 of a measuring arm, every
-    joint of a robot). A free joint carries no moment about its axis, see :class:`BearingTilt`. With
-    ``torque="measured"`` τ is minus the measured torque of the drive. Unit rad/(N·m); typical 1e-5
-    to 3e-5. Source: robot calibration with joint stiffness (Whitney, Lozinski, Rourke 1986). Needs
-    ``torqueN_nm`` if measured. Aliases: ``encoder_eccentricity`` and ``counterbalance`` of the same
-    joint, if the load rotates with the joint; ``base_compliance``; ``torsional_windup``.
+    This cause applies to a joint that a spring, brake or drive holds (joint 2 of a measuring arm,
+    every joint of a robot). A free joint carries no moment about its axis; see ``bearing_tilt``.
+    With ``torque=measured``, τ is minus the measured torque of the drive. The unit is rad/(N·m);
+    the typical magnitude is 1e-5 to 3e-5. Source: robot calibration with joint stiffness (Whitney,
+    Lozinski, Rourke 1986). For measured torques, this cause needs ``torqueN_nm``. Aliases:
+    ``encoder_eccentricity`` and ``counterbalance`` of the same joint, if the load rotates with the
+    joint; ``base_compliance``; ``torsional_windup``.
     """
 
     joint: int
@@ -56,11 +57,11 @@ class JointCompliance(GravityEffect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that turns: by measured torques, which have noise, and by the weights, known
-        or unknown, but for a vertical axis of the first joint.
+        """Return a candidate for every revolute joint: with measured torques, and with known or
+        unknown weights.
 
-        The other causes that yield know the weights alone; by noisy torques alone it would seem to
-        fit worse than these.
+        A first joint with a vertical axis has no variant with weights. Measured torques have noise:
+        with measured torques alone this cause would fit worse than causes that use the weights.
         """
         chain = arm.chain
         rows = chain.joint_rows()
@@ -85,19 +86,19 @@ class JointCompliance(GravityEffect):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """By measured torques, where the records have them."""
+        """Return ``torque="measured"`` if the records have torques."""
         return {"torque": "measured"} if "torque" in present else {}
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The torque, where it is measured."""
+        """The condition ``torque`` if the cause uses measured torques."""
         return ("torque",) if self.torque == "measured" else ()
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The moment about the axis.
+        """Return the rotation about the axis, proportional to the moment.
 
         Raises:
-            UnsupportedArmError: the joint slides, or see :meth:`GravityEffect.moments`.
+            UnsupportedArmError: the joint is prismatic; see also :meth:`GravityEffect.moments`.
         """
         number = state.joint(self.joint)
         if state.arm.chain.prismatic[number]:
@@ -127,9 +128,10 @@ class BearingTilt(GravityEffect):
     """The bearing deflects across its axis: ``δφ = C (I - z zᵀ) m``, with the moment m of the
     weight.
 
-    The bearing of a free joint carries every moment but the one about the axis. Unit rad/(N·m);
-    typical 2e-6 to 2e-5. Source: angular stiffness of a bearing pair. Needs no column. Aliases:
-    ``link_bending`` of the tube after the joint; ``base_compliance``, if the joint is joint 1.
+    The bearing of a free joint carries all moments except the moment about the axis z. The unit is
+    rad/(N·m); the typical magnitude is 2e-6 to 2e-5. Source: angular stiffness of a bearing pair.
+    Aliases: ``link_bending`` of the tube after the joint; ``base_compliance``, if the joint is
+    joint 1.
     """
 
     joint: int
@@ -141,7 +143,7 @@ class BearingTilt(GravityEffect):
     )
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The moment without its part about the axis."""
+        """Return the rotation that is proportional to the moment across the axis."""
         state.joint(self.joint)  # a rigid row has no bearing
         place = state.bearing(self.joint)
         local = state.rotation[place].transpose(0, 2, 1) @ self.moments(state, self.joint)
@@ -151,7 +153,7 @@ class BearingTilt(GravityEffect):
 
 @dataclass(frozen=True)
 class _OfTube(LoadedEffect):
-    """A tube that yields under what it carries: the end of its body is shifted and turned."""
+    """A tube that deflects under its load, so that the end of its body moves and rotates."""
 
     link: int
 
@@ -162,7 +164,7 @@ class _OfTube(LoadedEffect):
         raise NotImplementedError
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Of the end of the body, which is rigid behind the tube."""
+        """Return the displacement of the end of the body; the body is rigid after the tube."""
         tube = Tube.of(state, self.link, self.label)
         place = end(self.link)
         if self.load_at is not None:
@@ -178,11 +180,11 @@ class _OfTube(LoadedEffect):
 
 @dataclass(frozen=True)
 class TorsionalWindup(_OfTube):
-    """A tube twists about its own axis: ``δφ = c (u · m) u``, with the moment m of all bodies
-    beyond about the tube's end.
+    """A tube twists about its own axis u: ``δφ = c (u · m) u``.
 
-    Unit rad/(N·m); typical 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant
-    torsion. Needs no column, but masses. Aliases: ``joint_compliance`` of a joint whose axis is
+    m is the moment of all bodies after the tube about its end. The unit is rad/(N·m); the typical
+    magnitude is 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant torsion.
+    This cause needs masses in the arm file. Aliases: ``joint_compliance`` of a joint whose axis is
     along the tube, such as joints 3 and 5 of SINO6.
     """
 
@@ -200,14 +202,15 @@ class TorsionalWindup(_OfTube):
 
 @dataclass(frozen=True)
 class LinkBending(_OfTube):
-    """A tube bends under its own weight and that of all bodies beyond: slope and sag of its end.
+    """A tube bends under its own weight and the weight of all later bodies: slope and sag of the
+    end.
 
-    Euler–Bernoulli cantilever of length L along u, with the weight W and moment M of all bodies
-    beyond at its end, and the evenly distributed weight w of the tube (see
-    :class:`~aacmm_pin.effects.tube.Tube`), κ = 1/EI: slope ``κ (L²/2 u×W + L²/6 u×w + L M)``, sag
-    ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each without its part along u. Unit rad/(N·m²) =
-    (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam
-    theory (Timoshenko). Needs no column, but masses. Aliases: ``bearing_tilt`` and
+    The tube is an Euler–Bernoulli cantilever of length L along u. W and M are the weight and the
+    moment of all later bodies at the end of the tube. The vector w is the evenly distributed weight
+    of the tube, and κ = 1/EI. The slope is ``κ (L²/2 u×W + L²/6 u×w + L M)``. The sag is ``κ (L³/3
+    W + L³/8 w + L²/2 M×u)``. Both omit the part along u. The unit is rad/(N·m²) = (rad/m)/(N·m);
+    the typical magnitude is 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam
+    theory (Timoshenko). This cause needs masses in the arm file. Aliases: ``bearing_tilt`` and
     ``joint_compliance`` of the joint before the tube.
     """
 
@@ -232,14 +235,14 @@ class LinkBending(_OfTube):
 class Counterbalance(Effect):
     """The spring of a joint balances the weight incompletely: ``δθ = κ z · (u × down)``.
 
-    u is the direction of the next joint's axis if this axis is across the present one (the upper
-    tube of SINO6 behind joint 2), else of the body. The lever arm of a weight on the body is
-    proportional to the horizontal part of u, in every posture of the rest. A positive κ lowers u:
-    the spring carries too little if u points outwards, and too much if the axis points back to the
-    shoulder, as on SINO6 (d3 < 0). Unit rad: the rotation of the level body; typical 2e-5 to 2e-4.
-    Source: moment of a constant-force counterbalance. Needs no column. Aliases:
-    ``encoder_eccentricity`` of the same joint, if the eccentricity has the phase of gravity;
-    ``joint_compliance`` of the same joint, if the load hardly changes.
+    The vector u is the direction of the body. If the next joint axis is across the axis z of the
+    joint, u is the direction of the next axis (upper tube of SINO6 after joint 2). The lever arm of
+    a weight on the body is proportional to the horizontal part of u in all postures. A positive κ
+    lowers u. The spring then carries too little if u points outwards. If u points back to the
+    shoulder, as on SINO6 (d3 < 0), the spring carries too much. The unit is rad (rotation of the
+    level body); the typical magnitude is 2e-5 to 2e-4. Source: moment of a constant-force
+    counterbalance. Aliases: ``encoder_eccentricity`` of the same joint, if the eccentricity has the
+    phase of gravity; ``joint_compliance`` of the same joint, if the load hardly changes.
     """
 
     joint: int
@@ -251,14 +254,16 @@ class Counterbalance(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """The second joint, which lifts the arm, where it has a body."""
+        """Return a candidate for the second joint, which lifts the arm."""
         for row in arm.chain.moving_rows()[1:2]:
             effect = cls(row)
             if is_possible(effect, arm, records):
                 yield (effect,)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The horizontal part of the body across the axis."""
+        """Return the rotation that is proportional to the horizontal part of the body across the
+        axis.
+        """
         row = state.known_row(self.joint)
         horizontal = np.cross(self._carried(state), state.down)
         lever = state.along_axis(row, horizontal)

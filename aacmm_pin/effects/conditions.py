@@ -51,23 +51,23 @@ LONGEST_ON = 30 * 86400.0
 
 @dataclass(frozen=True, eq=False)
 class Conditions(Shown):
-    """Conditions of n records; None where nothing is known.
+    """The conditions of n records; an unknown condition is None.
 
     Attributes:
         n: number of records.
-        time: (n,) [s].
-        temperature: of the whole arm (n,) [°C].
-        link_temperature: of each DH row (n, rows) [°C].
-        approach: sign of each joint's last motion (n, nq), -1, 0 or 1.
-        torque: measured joint torques (n, nq) [N·m].
-        probe_direction: unit vector of the probe's motion when it touched, from the probe to the
-            surface, in the axes of the base (n, 3); zero where none.
-        seat: label of the seat touched (n,), "" where none.
-        marker: label of the target on the flange (n,), "" where none.
-        session: label of the session (n,), "" where none.
+        time: time ``(n,)`` [s].
+        temperature: temperature of the whole arm ``(n,)`` [°C].
+        link_temperature: temperature of each DH row ``(n, rows)`` [°C].
+        approach: sign of the last motion of each joint ``(n, nq)``: -1, 0 or 1.
+        torque: measured joint torques ``(n, nq)`` [N·m].
+        probe_direction: unit vector of the motion of the probe towards the surface, in the axes of
+            the base ``(n, 3)``; zero if not stated.
+        seat: label of the seat ``(n,)``; "" for no seat.
+        marker: label of the target on the last body ``(n,)``; "" for no label.
+        session: label of the session ``(n,)``; "" for no label.
 
     Raises:
-        ShapeError: another shape, or numbers or labels that cannot be.
+        ShapeError: an array has a wrong shape, or impossible numbers or labels.
     """
 
     n: int
@@ -105,7 +105,7 @@ class Conditions(Shown):
             object.__setattr__(self, name, given)
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Conditions:
-        """The same of some of the records."""
+        """Return the conditions of some of the records, by indices, a slice or a mask."""
         chosen = {}
         for field in fields(self)[1:]:
             values = getattr(self, field.name)
@@ -117,20 +117,22 @@ class Conditions(Shown):
 
     @cached_property
     def times(self) -> Array:
-        """The different times in their order; without any where none is known [s]."""
+        """The different times in ascending order [s]; empty if the time is unknown."""
         if self.time is None:
             return np.zeros(0)
         return np.unique(self.time)
 
     @property
     def present(self) -> tuple[str, ...]:
-        """Names of the conditions that are known."""
+        """The names of the known conditions."""
         names = [field.name for field in fields(self)[1:]]
         return tuple(name for name in names if getattr(self, name) is not None)
 
     def odd_temperatures(self, reference: float) -> list[Note]:
-        """Temperatures that no workshop has; ``reference`` is that at which the arm's lengths hold
-        [°C].
+        """Return notes about temperatures that are implausible for a workshop.
+
+        Args:
+            reference: reference temperature of the arm [°C].
         """
         found = []
         for values in (self.temperature, self.link_temperature):
@@ -148,7 +150,11 @@ class Conditions(Shown):
         return found
 
     def other_temperatures(self, reference: float) -> list[Note]:
-        """Temperatures at which lengths that hold at ``reference`` [°C] are others."""
+        """Return a note if temperatures differ from the reference temperature of the lengths.
+
+        Args:
+            reference: reference temperature of the arm [°C].
+        """
         values = self.temperature if self.temperature is not None else self.link_temperature
         if (
             values is None
@@ -161,17 +167,21 @@ class Conditions(Shown):
 
     @property
     def odd_clock(self) -> list[Note]:
-        """A clock that does not count from the moment at which the arm was switched on."""
+        """A note if the times cannot count from the moment at which the arm was switched on."""
         time = self.time
         if time is None or not time.size or 0.0 <= time.min() <= LONGEST_ON:
             return []
         return [Note("clock_odd", {"least": float(time.min()), "most": float(time.max())})]
 
     def require(self, name: str, purpose: str) -> NDArray:  # type: ignore[type-arg]
-        """The condition ``name``.
+        """Return the condition ``name``.
+
+        Args:
+            name: name of the condition.
+            purpose: operation that needs the condition, for the error message.
 
         Raises:
-            MissingConditionError: it is not known; names the column that would tell.
+            MissingConditionError: the condition is unknown; the message names the column.
         """
         values = getattr(self, name)
         if values is None:
@@ -180,21 +190,21 @@ class Conditions(Shown):
 
 
 class Records(Protocol):
-    """What a cause may ask of records, to say where it could sit: :class:`aacmm_pin.Measurements`
-    are such.
+    """The part of records that a cause may use to find its candidates;
+    :class:`aacmm_pin.Measurements` have this part.
     """
 
     @property
     def q(self) -> Array:
-        """Indications of the encoders (n, nq) [rad]."""
+        """The joint angles, ``(n, nq)`` [rad]."""
 
     @property
     def conditions(self) -> Conditions:
-        """What else is known of the records."""
+        """The conditions of the records."""
 
     @property
     def known(self) -> Mask:
-        """True where the coordinates of the tip are known (n,)."""
+        """True for records with known coordinates of the tip, ``(n,)``."""
 
 
 def _directions(values: ArrayLike) -> Array:
@@ -214,10 +224,10 @@ def _directions(values: ArrayLike) -> Array:
 
 
 def labels_of(name: str, values: ArrayLike, n: int) -> Labels:
-    """Labels of n records, as an array of its own.
+    """Return the labels of n records as a new array.
 
     Raises:
-        ShapeError: another shape, or something else than text.
+        ShapeError: the shape is wrong, or a label is not text.
     """
     labels = np.array(values, dtype=object)
     if labels.shape != (n,):

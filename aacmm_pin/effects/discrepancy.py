@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import BASE, DiscrepancyEntry, DiscrepancyPart, axis
-from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.conditions import CONDITION_UNITS, Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
 from aacmm_pin.effects.environment import growth_of_body
 from aacmm_pin.effects.smooth_functions import (
@@ -70,13 +70,19 @@ CARRIER_KINDS = {
 
 @dataclass(frozen=True)
 class Carrier:
-    """What the functions of a discrepancy act on.
+    """The quantity that the functions of a discrepancy change.
 
     Attributes:
-        name: ``room`` (the tip shifts along the axes of the base), ``target`` (along those of the
-            last body), ``before j`` (along those of the body before row j), ``angle j`` (the angle
-            of row j; ``slide j`` of one that slides), ``lengths`` (the distance of the tip from the
-            base grows), ``tubes`` (all long bodies grow), ``tube j`` (the body of row j does).
+        name: one of the names below.
+
+    The names are:
+
+    - ``room``: translation of the tip along the axes of the base.
+    - ``target``: translation of the tip along the axes of the last body.
+    - ``before j``: translation of the tip along the axes of the body before row j.
+    - ``angle j``, ``slide j``: angle or position of joint j.
+    - ``lengths``: distance of the tip from the base.
+    - ``tubes``, ``tube j``: length of all tubes, or of the body of row j.
     """
 
     name: str
@@ -95,28 +101,28 @@ class Carrier:
 
     @property
     def kind(self) -> Kind:
-        """What all carriers of its kind have in common."""
+        """The common properties of all carriers with the same name without row."""
         return CARRIER_KINDS[self.what]
 
     @property
     def row(self) -> int:
-        """Row of a joint; only of carriers that have one."""
+        """The row of the joint; only for carriers with a row."""
         return int(self.name.partition(" ")[2])
 
     @property
     def axes(self) -> int:
-        """How many coefficients each function has."""
+        """The number of coefficients of each function."""
         return len(self.kind.quantities)
 
     @property
     def in_words(self) -> str:
-        """What is off."""
+        """The changed quantity as text."""
         _, _, row = self.name.partition(" ")
         return str(Note(self.kind.code, {"row": row}))
 
     @property
     def quantities(self) -> dict[str, float]:
-        """What it changes: names with unit, and how many SI units one of them is."""
+        """The names of the changed quantities, with their units in SI."""
         names = map(self._with_row, self.kind.quantities)
         return dict(zip(names, self.kind.quantities.values(), strict=True))
 
@@ -124,10 +130,12 @@ class Carrier:
         return text.format(row=self.name.partition(" ")[2])
 
     def displacements(self, state: State, shifts: Array) -> list[Displacement]:
-        """The places that move.
+        """Return the displacements of the places that move.
 
         Args:
-            shifts: along the axes of the carrier (n, axes, p) [m, rad, m/m per unit].
+            state: the arm in n records.
+            shifts: displacements along the axes of the carrier ``(n, axes, p)`` [m, rad, m/m per
+                unit].
         """
         if self.what in ("angle", "slide"):
             return [about_axis(state, self.row, shifts[:, 0])]
@@ -147,13 +155,13 @@ class Carrier:
 
 @dataclass(frozen=True)
 class Part:
-    """Functions of a discrepancy on one carrier.
+    """One part of a discrepancy: functions of covariates that change one quantity.
 
     Attributes:
-        carrier: what they act on.
-        functions: products with one function of each of these; () for the constant 1.
-        directions: coefficients of the functions, those of each on all axes together, per unit of
-            each parameter (functions · axes, p); () where each coefficient is a parameter.
+        carrier: the quantity that the functions change.
+        functions: sets of functions whose products the part uses; () for the constant 1.
+        directions: coefficients of the functions for one unit of each parameter, function by
+            function, ``(functions · axes, p)``; () if each coefficient is a parameter.
     """
 
     carrier: Carrier
@@ -162,12 +170,12 @@ class Part:
 
     @property
     def coefficients(self) -> int:
-        """How many coefficients the functions have on all axes."""
+        """The number of coefficients on all axes."""
         functions = math.prod(each.number for each in self.functions)
         return functions * self.carrier.axes
 
     def displacements(self, state: State) -> list[Displacement]:
-        """By one unit of each parameter."""
+        """Return the displacements for one unit of each parameter."""
         rows = np.array(self.directions) if self.directions else np.eye(self.coefficients)
         of_functions = rows.reshape(-1, self.carrier.axes, rows.shape[1])
         functions = product_of(self.functions, state)
@@ -175,7 +183,7 @@ class Part:
         return self.carrier.displacements(state, shifts)
 
     def filed(self) -> DiscrepancyPart:
-        """The part as an arm file has it."""
+        """Return the entry of the part in an arm file."""
         functions = [as_filed(each) for each in self.functions]
         directions = tuple(map(_rounded, self.directions))
         return DiscrepancyPart(
@@ -191,16 +199,16 @@ def _rounded(row: tuple[float, ...]) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Discrepancy(Effect):
-    """What no cause explains: smooth functions of what was recorded, with coefficients that a fit
-    gave them.
+    """The discrepancy: structure that no cause explains, as smooth functions of recorded quantities
+    with fitted coefficients.
 
-    It is described and not named: it is no candidate of a diagnosis, which holds it as the arm's
-    file states it, as a calibration does. Outside the range of the records that it was fitted to,
-    functions of time, temperature and ranks stay as they are at its ends.
+    ``diagnose`` does not try a discrepancy as a cause. A calibration or diagnosis keeps the
+    discrepancy of the arm file unchanged. Outside the range of the fitted records, functions of
+    time, temperature and ranks keep their last values.
 
     Attributes:
-        covariate: what it depends on, such as ``joint 2 × joint 4``.
-        parts: the functions and what they act on. Several of them share the parameters.
+        covariate: quantity on which the discrepancy depends, such as ``joint 2 × joint 4``.
+        parts: the functions and the changed quantities; several parts share the parameters.
         size: number of parameters.
     """
 
@@ -235,7 +243,7 @@ class Discrepancy(Effect):
 
     @property
     def label(self) -> str:
-        """What it depends on, and what it acts on."""
+        """The name of the covariate and of the changed quantity."""
         label = f"{self.cause}:{self.covariate}"
         if len(self.parts) > 1:
             return label
@@ -243,12 +251,12 @@ class Discrepancy(Effect):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Conditions that it is a function of."""
+        """The conditions on which the functions depend."""
         return needs_of(self._functions)
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """The coefficients; of shared directions, their factors."""
+        """The coefficients, or the factors of shared directions."""
         names = [f"c{k}" for k in range(1, self.size + 1)]
         if self.parts[0].directions:
             return tuple(Term(name, "1", 1.0, name, read_in=("1", 1.0)) for name in names)
@@ -261,18 +269,18 @@ class Discrepancy(Effect):
 
     @property
     def details(self) -> list[str]:
-        """What it depends on, and what is off."""
+        """The covariate and the changed quantity as text."""
         words = [f"over {self.covariate}"]
         if len(self.parts) == 1:
             words.append(self.parts[0].carrier.in_words)
         return words
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The functions along the axes of their carriers."""
+        """Return the functions along the axes of their carriers."""
         return [moved for part in self.parts for moved in part.displacements(state)]
 
     def filed(self) -> DiscrepancyEntry:
-        """The discrepancy as an arm file has it."""
+        """Return the entry of the discrepancy in an arm file."""
         parts = [part.filed() for part in self.parts]
         u = self.u if any(self.u) else ()
         return DiscrepancyEntry(
@@ -280,7 +288,7 @@ class Discrepancy(Effect):
         )
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """That readings are outside the range of time or temperature that it was fitted to."""
+        """Return notes about records outside the fitted range of time or temperature."""
         found: dict[str, Note] = {}
         for each in self._functions:
             if not (isinstance(each, Cosines) and each.of in self.needs):
@@ -292,6 +300,7 @@ class Discrepancy(Effect):
             fitted = {
                 "cause": self.label,
                 "condition": each.of,
+                "unit": CONDITION_UNITS[each.of],
                 "low": float(low),
                 "high": float(high),
             }
@@ -303,10 +312,10 @@ class Discrepancy(Effect):
 
 
 def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
-    """The discrepancy that an arm file has.
+    """Return the discrepancy of an entry in an arm file.
 
     Raises:
-        AacmmError: its functions, carriers or directions are none.
+        AacmmError: the functions, carriers or directions are invalid.
     """
     parts = tuple(_part(part) for part in entry.parts)
     values = entry.values_si

@@ -37,9 +37,7 @@ UNIT_OF_KEY = re.compile(r"_(rad|deg|mm|um|m|s|k|kg|n|nm)?(_?per_\w+)?$")
 
 
 class Reading(NamedTuple):
-    """How people read a value of a file: its name, a unit, and how many of these are one of the
-    file's.
-    """
+    """The name, the unit and the factor with which outputs show a value of a file."""
 
     name: str
     unit: str
@@ -51,17 +49,16 @@ class Term:
     """One parameter of a cause.
 
     Attributes:
-        name: its name among the parameters of its cause; "" where there is one.
+        name: name among the parameters of the cause; "" for the only parameter.
         unit: SI unit.
-        typical: typical magnitude on a measuring arm of 1 to 2.5 m [unit].
-        key: how files write it, with their unit.
-        scale: one of the file's units in SI.
-        read_in: the unit in which people read it, and one of it in SI; None for the SI unit with
-            the prefix that makes ``typical`` a number of few digits.
-        positive: True where nature has it above zero only: a finding that is negative beyond its
-            uncertainty explains nothing.
-        largest: magnitude beyond which it must be a mistake [unit]; None for a thousand times
-            ``typical``.
+        typical: typical magnitude in a measuring arm of 1 to 2.5 m [unit].
+        key: name in files, with the unit.
+        scale: unit of the file in SI units.
+        read_in: unit in outputs, and its size in SI units; None for the SI unit with a suitable
+            prefix.
+        positive: True if the parameter is physically above zero; a significantly negative estimate
+            explains nothing.
+        largest: largest plausible magnitude [unit]; None for a thousand times ``typical``.
     """
 
     name: str
@@ -83,12 +80,12 @@ class Term:
 
     @property
     def unit_read(self) -> tuple[str, float]:
-        """The unit in which people read it, and one of it in SI."""
+        """The unit in outputs, and its size in SI units."""
         return self.read_in or prefixed(self.unit, self.typical)
 
     @property
     def reading(self) -> Reading:
-        """How people read it."""
+        """The name, the unit and the factor in outputs."""
         unit, size = self.unit_read
         name = UNIT_OF_KEY.sub("", self.key) or self.key
         return Reading(name.replace("_", " "), unit, self.scale / size)
@@ -96,11 +93,12 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """How one place moves per unit of each parameter.
+    """The displacement of one place for one unit of each parameter.
 
     Attributes:
         place: place of the chain.
-        columns: (n, 6, p) or (1, 6, p): v then ω in the axes of the place [m/unit, rad/unit].
+        columns: translation v, then rotation ω in the axes of the place, ``(n, 6, p)`` or ``(1, 6,
+            p)`` [m/unit, rad/unit].
     """
 
     place: int
@@ -108,68 +106,72 @@ class Displacement:
 
 
 class Notation:
-    """How files and people write the values of a cause: here each term by its key."""
+    """How files and outputs state the values of a cause: by default one number for each term."""
 
     def parameters(self, effect: Effect) -> dict[str, float]:
-        """The values as a file has them."""
+        """Return the values with the names and units of a file."""
         pairs = zip(effect.terms, effect.values, strict=True)
         return {term.key: value / term.scale for term, value in pairs}
 
     def jacobian(self, effect: Effect) -> Array:
-        """∂(parameters of the file)/∂(values) (parameters, p)."""
+        """Return ∂(parameters of the file)/∂(values), ``(parameters, p)``."""
         return np.diag([1.0 / term.scale for term in effect.terms])
 
     def readings(self, effect: Effect) -> dict[str, Reading]:
-        """How people read each parameter of the file."""
+        """Return the name, unit and factor in outputs for each parameter of the file."""
         return {term.key: term.reading for term in effect.terms}
 
     def phase_is_free(self, effect: Effect) -> bool:
-        """Whether its values stand for their magnitude, in any direction."""
+        """Return whether the values state only a magnitude, so that the phase is free."""
         return False
 
     def values(self, effect: Effect, parameters: Mapping[str, float]) -> tuple[float, ...]:
-        """Values from the parameters of a file; what it leaves out is zero [SI].
+        """Return the values of a cause from the parameters of a file [SI]; a missing parameter is
+        zero.
 
         Raises:
-            UnknownNameError: a parameter that the cause does not have.
+            UnknownNameError: the cause does not have a parameter of this name.
         """
         return values_by_key(effect, parameters, "parameter")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect(Shown, ABC):
-    """A physical cause of error with the values of its parameters.
+    """A cause of error with the values of its parameters.
 
-    A subclass states its ``cause``, its ``terms``, its :meth:`displacements`, and fields that
-    state which one it is: a place (``joint``, ``link``, ``seat`` or ``marker``), an order, …
-    The rest has defaults, which a subclass may replace. It may also state ``load``: words for what
-    one parameter is multiplied by, on the axis of its picture.
+    A subclass states ``cause``, ``terms``, :meth:`displacements`, and fields such as its place
+    (``joint``, ``link``, ``seat`` or ``marker``) or an order. All other attributes have defaults
+    that a subclass may replace. A subclass may also state ``load``, the name of the quantity to
+    which the displacement is proportional, for pictures.
 
     Attributes:
-        values: of the parameters, in the order of ``terms``; () means all zero [SI].
-        u: their standard uncertainties; () means zero [SI].
+        values: values of the parameters in the order of ``terms`` [SI]; () for zero.
+        u: standard uncertainties of the values [SI]; () for zero.
         nonlinear_u: standard uncertainty of the field in :attr:`nonlinear`.
     """
 
     cause: ClassVar[str]
-    """Name of the cause in files and commands."""
+    """The name of the cause in files and commands."""
     words: ClassVar[str] = ""
-    """What people call it; "" for the name of the cause with spaces."""
+    """The name of the cause in outputs; "" for ``cause`` with spaces."""
     elastic: ClassVar[bool] = False
-    """True where the displacement depends on where the arm is, and so on other displacements."""
+    """True if the displacement depends on the deflected posture, and so on other displacements."""
     of_reference: ClassVar[bool] = False
-    """True where it is not the arm that is off but the coordinates it is compared with."""
+    """True if the reference coordinates have the error, and not the arm."""
     refitted: ClassVar[bool] = False
-    """True for what every calibration fits (geometry, tip, frame): a cause only beyond that."""
+    """True for parameters that every calibration fits (geometry, tip, frame); only a change beyond
+    the stated uncertainty counts as a cause.
+    """
     prior_weight: ClassVar[float] = 1.0
-    """Weight of its prior probability beside other causes."""
+    """The prior weight of the cause relative to other causes."""
     special_case_of: ClassVar[tuple[str, ...]] = ()
-    """Freer causes that can be this one too at its place; the two do not stand beside each other.
+    """The names of more general causes that contain this cause at its place; a set of causes never
+    has both.
     """
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
-    """The field that records determine by trial; the key has its value."""
+    """The field whose value the records determine by trial; :attr:`key` contains the value."""
     notation: ClassVar[Notation] = Notation()
-    """How files and people write its values."""
+    """How files and outputs state the values."""
 
     values: tuple[float, ...] = ()
     u: tuple[float, ...] = ()
@@ -208,44 +210,47 @@ class Effect(Shown, ABC):
     @property
     @abstractmethod
     def terms(self) -> tuple[Term, ...]:
-        """The parameters."""
+        """The parameters of the cause."""
 
     @abstractmethod
     def displacements(self, state: State) -> list[Displacement]:
-        """What one unit of each parameter does to which places.
+        """Return the displacements of places for one unit of each parameter.
 
         Raises:
-            MissingConditionError: the records lack a condition that the cause depends on.
-            UnsupportedArmError: the arm lacks what the cause needs, such as masses.
+            MissingConditionError: the records lack a condition that the cause needs.
+            UnsupportedArmError: the arm lacks a property that the cause needs, such as masses.
         """
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
-        """Place and twist (n, 6) at the values, by exact physics; here the linear ones."""
+        """Return places and their exact twists ``(n, 6)`` at the values; by default the linear
+        twists.
+        """
         values = np.array(self.values)
         return [(each.place, each.columns @ values) for each in self.displacements(state)]
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Conditions that it depends on, by their names in :class:`Conditions`."""
+        """The names of the required conditions in :class:`Conditions`."""
         return ()
 
     @property
     def known_range(self) -> tuple[float, float] | None:
-        """Indications of its joint between which it is known [rad]; None for everywhere."""
+        """The range of joint angles in which the cause is known [rad]; None for all angles."""
         return None
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Where the cause could sit: for each place its variants, by the values to try.
+        """Return the possible places of the cause, each with its variants to try.
 
-        Here the whole arm, if no place need be named; every joint, every tube (a body longer than
-        0.15 m), every seat that was touched twice, every target, as the field says; without those
-        where :meth:`displacements` raises an :class:`AacmmError`. A class with other fields
-        without a default states its own, or has no candidates.
+        The default places are every joint, tube (body longer than 0.15 m), seat with at least two
+        records, or target, according to the field of the place. Without such a field, the default
+        is the whole arm. Places at which :meth:`displacements` raises an :class:`AacmmError` are
+        omitted. A class with other fields without default must replace this method, or has no
+        candidates.
 
         Args:
             arm: the arm.
-            records: as far as they show the cause; None for whatever could be recorded.
+            records: records that must show the cause; None for all places that records could show.
         """
         location = cls.location_field()
         nonlinear = cls.nonlinear
@@ -267,39 +272,45 @@ class Effect(Shown, ABC):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Fields that a person may leave out, by the arm and the conditions in the records."""
+        """Return default values of optional fields for an arm and the conditions of the records."""
         return {}
 
     @classmethod
     @cache  # asked for thousands of times in a calibration
     def location_field(cls) -> str | None:
-        """The field of :data:`LOCATION_FIELDS` that it has; None for the whole arm."""
+        """Return the name of the field that states the place, one of :data:`LOCATION_FIELDS`; None
+        for the whole arm.
+        """
         return next((name for name in LOCATION_FIELDS if name in fields_of(cls)), None)
 
     @property
     def place(self) -> int | str | None:
-        """Number of the joint or link, or label of the seat or target; None for the whole arm."""
+        """The number of the joint or link, or the label of the seat or target; None for the whole
+        arm.
+        """
         name = self.location_field()
         return None if name is None else getattr(self, name)
 
     @property
     def row(self) -> int | None:
-        """The DH row it belongs to; None for causes of the whole arm."""
+        """The DH row of the cause; None for the whole arm."""
         if self.place is None or self.location_field() not in ("joint", "link"):
             return None
         return int(self.place)
 
     @property
     def label(self) -> str:
-        """The cause and where it sits, such as ``encoder_gain:5``."""
+        """The name and the place of the cause, such as ``encoder_gain:5``."""
         place = "" if self.place is None else f":{self.place}"
         return f"{self.cause}{place}"
 
     @property
     def key(self) -> str:
-        """The label, with the value in which several of a cause at a place differ: ``…,order=7``.
+        """The label with the nonlinear value, such as ``…,order=7``, which is different for each
+        variant at a place.
 
-        It has six digits; of times since 1970, which these do not tell apart, the milliseconds too.
+        The nonlinear value has six digits. A time since 1970 also has milliseconds, because six
+        digits do not distinguish two such times.
         """
         if not self.nonlinear.field:
             return self.label
@@ -309,25 +320,25 @@ class Effect(Shown, ABC):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """Which cause it is and where it sits, with all fields, whatever its values are."""
+        """The name, the place and all other fields of the cause, without its values."""
         names = fields_of(type(self))
         return (self.cause, *(getattr(self, name) for name in names))
 
     @property
     def details(self) -> list[str]:
-        """In which it differs from others of its cause at its place, for people."""
+        """The differences from other variants of the cause at its place, as text."""
         return [self.nonlinear.in_words(self)] if self.nonlinear.field else []
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """What whoever applies it to new records should know."""
+        """Return notes about records to which the estimated values do not apply."""
         return []
 
     def at(self, values: Sequence[float] | Array, u: Sequence[float] | Array = ()) -> Self:
-        """The same cause with other values [SI]."""
+        """Return the cause with other values and uncertainties [SI]."""
         return replace(self, values=tuple(values), u=tuple(u))
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Its parameters with their values and uncertainties."""
+        """Return the parameters of the cause with their values and uncertainties."""
         found = []
         for term, value, u in zip(self.terms, self.values, self.u, strict=True):
             name = f"{self.key}.{term.name}" if term.name else self.key
@@ -337,7 +348,7 @@ class Effect(Shown, ABC):
 
 @cache
 def fields_of(kind: type[Effect]) -> tuple[str, ...]:
-    """Names of the fields that state which one it is: ``joint``, ``order``, …"""
+    """Return the names of the fields that identify a cause, such as ``joint`` and ``order``."""
     names = [field.name for field in fields(kind)]
     return tuple(name for name in names if name not in NUMBERS)
 
@@ -356,10 +367,10 @@ def values_by_key(effect: Effect, stated: Mapping[str, float], what: str) -> tup
 
 
 def require_row(effect: Effect, arm: Arm) -> Effect:
-    """The effect, if the arm has the row on which it sits.
+    """Return the effect, after a check that the arm has the row of the effect.
 
     Raises:
-        AacmmError: it has not.
+        AacmmError: the arm does not have the row.
     """
     if effect.row is not None and effect.row > arm.chain.rows:
         raise AacmmError(
@@ -386,7 +397,7 @@ def is_possible(effect: Effect, arm: Arm, records: Records | None) -> bool:
 
 
 def corrects_seat(effect: Effect) -> bool:
-    """Whether it is the stated place of a seat that is off."""
+    """Return whether the cause is an error of the stated place of a seat."""
     return effect.of_reference and effect.location_field() == "seat"
 
 
@@ -425,10 +436,10 @@ def turns(typical: float) -> tuple[Term, ...]:
 
 
 def sensitivity(effect: Effect, state: State) -> Array:
-    """∂(position of the target)/∂parameters (n, 3, p) [m/unit].
+    """Compute ∂(position of the target)/∂parameters, ``(n, 3, p)`` [m/unit].
 
-    Places behind the target do not matter to it. With ``state.turns`` (n, 6, p): the turn of the
-    last body behind it [rad/unit].
+    Displacements of places after the target have no effect. With ``state.turns``, the result also
+    has the rotation of the last body, ``(n, 6, p)`` [m/unit, rad/unit].
     """
     total = np.zeros((state.n, state.coordinates, len(effect.terms)))
     for displacement in effect.displacements(state):
@@ -438,9 +449,11 @@ def sensitivity(effect: Effect, state: State) -> Array:
 
 
 def point_sensitivity(state: State, displacement: Displacement) -> Array:
-    """What a displacement does to the target: ``R (v + ω × r)`` (n, 3, p), r its lever.
+    """Compute the displacement of the target that a displacement of a place causes, ``(n, 3, p)``.
 
-    With ``state.turns`` the turn ``R ω`` behind it: (n, 6, p), as ``LOCAL_WORLD_ALIGNED`` has it.
+    The formula is ``R (v + ω × r)``, with the lever r from the place to the target. With
+    ``state.turns``, the result also has the rotation ``R ω``, ``(n, 6, p)``, as in
+    ``LOCAL_WORLD_ALIGNED``.
     """
     rotation = state.rotation[displacement.place]
     columns = displacement.columns
@@ -460,8 +473,10 @@ def point_sensitivity(state: State, displacement: Displacement) -> Array:
 
 
 def about_axis(state: State, row: int, columns: Array) -> Displacement:
-    """Body ``row`` turned about its joint by ``columns`` (n, p) [rad]; along it if the joint
-    slides.
+    """Return the rotation of body ``row`` about its joint axis by ``columns`` ``(n, p)``
+    [rad/unit].
+
+    For a prismatic joint, the result is a translation along the axis [m/unit].
     """
     component = 2 if state.slides(row) else 5
     # Component by component, so that the zeros of the others take no memory: nobody writes there.
@@ -481,11 +496,13 @@ def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
-    """Columns (n, 6, p) of a displacement, from shifts and turns in the axes of its place.
+    """Make the columns ``(n, 6, p)`` of a displacement from translations and rotations in the axes
+    of the place.
 
     Args:
-        linear: shift per unit of each of p parameters (n, 3, p) [m/unit]; None for none.
-        angular: turn per unit of each (n, 3, p) [rad/unit]; None for none.
+        linear: translation for one unit of each of p parameters ``(n, 3, p)`` [m/unit]; None if
+            zero.
+        angular: rotation for one unit of each parameter ``(n, 3, p)`` [rad/unit]; None if zero.
     """
     given = linear if linear is not None else angular
     assert given is not None

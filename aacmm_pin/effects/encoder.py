@@ -70,9 +70,8 @@ PER_COEFFICIENT = 2
 
 @dataclass(frozen=True)
 class _OfAngle(Effect):
-    """Base of errors that are a function of the angle of one joint; a free curve can be each.
-
-    It states the joint, and that every joint may have it that turns by enough to show it.
+    """The base class of errors that depend on the angle of one joint; a general error curve can
+    represent each.
     """
 
     joint: int
@@ -80,7 +79,7 @@ class _OfAngle(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that turns, by enough to show it."""
+        """Return a candidate for every revolute joint that moves far enough to show the cause."""
         for row, _ in _turning(arm, records):
             yield (cls(row),)
 
@@ -147,7 +146,7 @@ class _Polar(Notation):
 
 @dataclass(frozen=True)
 class _Periodic(_OfAngle):
-    """``δ = A cos(kθ - φ)``, linear in ``A cos φ`` and ``A sin φ``."""
+    """A periodic error ``δ = A cos(kθ - φ)``, linear in ``A cos φ`` and ``A sin φ``."""
 
     notation: ClassVar[Notation] = _Polar()
     terms: ClassVar[tuple[Term, ...]] = (
@@ -157,11 +156,11 @@ class _Periodic(_OfAngle):
 
     @property
     def turns(self) -> float:
-        """Order k: periods per turn."""
+        """The order k: number of periods per turn."""
         raise NotImplementedError
 
     def displacements(self, state: State) -> list[Displacement]:
-        """``cos kθ`` and ``sin kθ`` about the axis."""
+        """Return ``cos kθ`` and ``sin kθ`` as rotations about the axis."""
         waves = self._waves(state.angle(self.joint))
         return [about_axis(state, self.joint, waves)]
 
@@ -172,34 +171,35 @@ class _Periodic(_OfAngle):
 
 @dataclass(frozen=True)
 class _PeriodicReading(_Periodic):
-    """The same of the reading of an encoder."""
+    """A periodic error of the reading of an encoder."""
 
     def displacements(self, state: State) -> list[Displacement]:
-        """``cos kθ`` and ``sin kθ`` in the reading."""
+        """Return the rotations for the errors ``cos kθ`` and ``sin kθ`` of the reading."""
         waves = self._waves(state.reading(self.joint))
         return of_encoder(state, self.joint, waves)
 
 
 @dataclass(frozen=True)
 class EncoderEccentricity(_PeriodicReading):
-    """The disc rotates about a point that is not the centre of its track; one reading head: ``δ =
-    arcsin(A cos(θ - φ))``.
+    """The disc rotates about a point that is not the centre of its track: ``δ = arcsin(A cos(θ -
+    φ))``.
 
-    A is the eccentricity over the radius of the track. Derivation: in the triangle of axis, disc
-    centre and head the law of sines gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. Two
-    opposite heads cancel the error. Unit rad; typical 2e-5 to 3e-4. Needs no column. Aliases:
-    ``joint_compliance`` and ``counterbalance`` of the same joint, if its axis is not vertical;
-    ``encoder_ellipticity`` and ``encoder_gain``, if the joint covers only a part of a turn.
+    The encoder has one reading head; two opposite heads cancel the error. A is the eccentricity
+    over the radius of the track. The law of sines in the triangle of axis, disc centre and head
+    gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. The unit is rad; the typical
+    magnitude is 2e-5 to 3e-4. Aliases: ``joint_compliance`` and ``counterbalance`` of the same
+    joint, if its axis is not vertical; ``encoder_ellipticity`` and ``encoder_gain``, if the joint
+    covers only a part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_eccentricity"
     turns: ClassVar[float] = 1.0
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
-        """The arcsine.
+        """Return the exact rotation with the arcsine.
 
         Raises:
-            AacmmError: an eccentricity as large as the disc.
+            AacmmError: the eccentricity is as large as the radius of the track.
         """
         amplitude = math.hypot(*self.values)
         if amplitude >= 1.0:
@@ -215,12 +215,12 @@ class EncoderEccentricity(_PeriodicReading):
 
 @dataclass(frozen=True)
 class EncoderEllipticity(_PeriodicReading):
-    """An oval disc, or the rest of an eccentricity with two opposite heads: twice per turn, ``δ = A
-    cos(2θ - φ)``.
+    """The disc is oval, which gives an error twice per turn: ``δ = A cos(2θ - φ)``.
 
-    Unit rad; typical 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et al.
-    2001, CIRP Annals 50). Needs no column. Aliases: ``encoder_eccentricity``, and
-    ``joint_periodic_error`` of a similar order, if the joint covers only a part of a turn.
+    With two opposite heads, the rest of an eccentricity has the same form. The unit is rad; the
+    typical magnitude is 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et
+    al. 2001, CIRP Annals 50). Aliases: ``encoder_eccentricity``, and ``joint_periodic_error`` of a
+    similar order, if the joint covers only a part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_ellipticity"
@@ -252,10 +252,10 @@ class _Order(Nonlinear["JointPeriodicError"]):
 
 @dataclass(frozen=True)
 class JointPeriodicError(_Periodic):
-    """An error of another order, as of a gear or the subdivision of a scale: ``δ = A cos(kθ - φ)``,
-    k any number.
+    """A periodic error of any order k, such as that of a gear or a scale: ``δ = A cos(kθ - φ)``.
 
-    Unit rad; typical 1e-5 to 1e-4. Source: as ``encoder_ellipticity``. Needs no column. Aliases:
+    k may be any positive number. The unit is rad; the typical magnitude is 1e-5 to 1e-4. Source:
+    harmonic analysis of circle divisions (Watanabe et al. 2001, CIRP Annals 50). Aliases:
     ``joint_periodic_error`` of another order, if the joint covers a short range, or if the records
     are too few for waves of this order.
     """
@@ -267,7 +267,10 @@ class JointPeriodicError(_Periodic):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Orders at every joint that make a period over the covered range: less is a gain."""
+        """Return, for every joint, the orders with at least one period in the range of the records.
+
+        A longer period is similar to :class:`EncoderGain`.
+        """
         for row, angle in _turning(arm, records):
             orders = [
                 order for order in PERIODIC_ORDERS if order * np.ptp(angle) / (2 * np.pi) >= 1.0
@@ -302,11 +305,11 @@ class _Knots(Nonlinear["JointErrorCurve"]):
 
 @dataclass(frozen=True)
 class JointErrorCurve(Effect):
-    """A repeatable error of one joint as any function of its angle: a cubic spline with uniform
-    knots from ``lower_rad`` to ``upper_rad``.
+    """A repeatable error of one joint as any smooth function of its angle.
 
-    ``δ(θ) = Σ c_i B_i(θ)`` with cubic B-splines (de Boor 1978). Unit rad; typical 1e-5 to 3e-4.
-    Needs no column. Aliases: every other cause that depends only on the angle of the same joint;
+    The function is a cubic spline with uniform knots from ``lower_rad`` to ``upper_rad``: ``δ(θ) =
+    Σ c_i B_i(θ)``, with cubic B-splines (de Boor 1978). The unit is rad; the typical magnitude is
+    1e-5 to 3e-4. Aliases: every other cause that depends only on the angle of the same joint;
     causes of load, if only the same joint moves the load.
     """
 
@@ -332,7 +335,10 @@ class JointErrorCurve(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Over the range that the records cover, with coarser and finer knots."""
+        """Return curves over the range of the records for every joint, with coarse and fine knots.
+
+        Without records, the method returns no candidate.
+        """
         for row, angle in _turning(arm, records) if records is not None else ():
             span = np.ptp(angle)
             margin = 1e-6 + 1e-3 * span
@@ -349,7 +355,7 @@ class JointErrorCurve(Effect):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Over the range of the joint."""
+        """Return the range of the joint as the default range of the curve."""
         from aacmm_pin.arm import joint_bounds
 
         rows = arm.chain.moving_rows()
@@ -364,15 +370,15 @@ class JointErrorCurve(Effect):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """The coefficients."""
+        """The coefficients of the spline."""
         names = [f"c{i}" for i in range(1, self.coefficients + 1)]
         return tuple(Term(name, "rad", 1e-4, f"{name}_rad") for name in names)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The B-splines at the indications.
+        """Return the values of the B-splines as rotations about the axis.
 
         Raises:
-            AacmmError: an indication is outside the range on which the curve is known.
+            AacmmError: a reading is outside the range of the curve.
         """
         angle = state.angle(self.joint)
         outside = ~((angle >= self.lower_rad) & (angle <= self.upper_rad))
@@ -389,12 +395,12 @@ class JointErrorCurve(Effect):
 
     @property
     def known_range(self) -> tuple[float, float]:
-        """The curve's range."""
+        """The range of the curve [rad]."""
         return self.lower_rad, self.upper_rad
 
     @property
     def knots(self) -> Array:
-        """Knots of the spline [rad]."""
+        """The knots of the spline [rad]."""
         low = self.lower_rad
         high = self.upper_rad
         inner = np.linspace(low, high, self.coefficients - 2)
@@ -403,13 +409,13 @@ class JointErrorCurve(Effect):
 
 @dataclass(frozen=True)
 class EncoderGain(_OfAngle):
-    """The error grows in proportion to the angle: ``δ = g θ``.
+    """The error is proportional to the angle: ``δ = g θ``.
 
-    Beside the ratio c of a coupling of the joint with itself, the ratio is ``c (1 + g)``. A closed
-    disc cannot have this error; a belt, a gear or an interpolator can, and a wound cable has a
-    similar effect. Of a prismatic joint: the error of its scale. Unit 1 (rad/rad, m/m); typical
-    2e-5 to 4e-4. Needs no column. Aliases: ``encoder_eccentricity`` and ``encoder_ellipticity`` of
-    the same joint, if the joint covers only a part of a turn.
+    If a coupling states the ratio c for the own reading of the joint, the ratio becomes ``c (1 +
+    g)``. A closed disc cannot have this error; a belt, a gear or an interpolator can, and a wound
+    cable has a similar effect. For a prismatic joint, g is the error of its scale. The unit is 1
+    (rad/rad, m/m); the typical magnitude is 2e-5 to 4e-4. Aliases: ``encoder_eccentricity`` and
+    ``encoder_ellipticity`` of the same joint, if the joint covers only a part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_gain"
@@ -417,26 +423,25 @@ class EncoderGain(_OfAngle):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that moves by enough to show it."""
+        """Return a candidate for every joint that moves far enough to show the cause."""
         for row, _ in _moving(arm, records):
             yield (cls(row),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The indication itself."""
+        """Return the displacement that is proportional to the reading."""
         reading = state.reading(self.joint)
         return of_encoder(state, self.joint, reading[:, None])
 
 
 @dataclass(frozen=True)
 class JointCoupling(Effect):
-    """The angle of a joint has a part of another encoder's reading: ``δ = r θ_of``, with the change
-    r of the stated ratio.
+    """The angle of a joint contains a part of the reading of another encoder: ``δ = r θ_of``.
 
-    A gear, belt or parallelogram whose ratio is not the stated one, or a cable that another joint
-    winds. The ratio is the one in ``[[couplings]]``, or 0, plus r. Unit 1 (rad/rad); typical 1e-4
-    to 3e-3. Needs no column. Aliases: ``joint_error_curve`` of the joint ``of``, if the axes of the
-    two joints are parallel and near each other; causes of load, if the joint ``of`` lifts the other
-    joint.
+    The reason is a gear, belt or parallelogram with another ratio than stated, or a cable that
+    another joint winds. The true ratio is the ratio in ``[[couplings]]``, or 0, plus r. The unit is
+    1 (rad/rad); the typical magnitude is 1e-4 to 3e-3. Aliases: ``joint_error_curve`` of the joint
+    ``of``, if the axes of the two joints are parallel and near each other; causes of load, if the
+    joint ``of`` lifts the other joint.
     """
 
     joint: int
@@ -458,8 +463,10 @@ class JointCoupling(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that turns with the one before, and with that which it mimics, if this turns
-        by enough to show it.
+        """Return a candidate for every revolute joint with the previous joint, and for every joint
+        that mimics another joint.
+
+        The other joint must rotate far enough to show the cause.
         """
         rows = arm.chain.moving_rows()
         mimicked = [(mimic.of, mimic.joint) for mimic in arm.mimics]
@@ -473,35 +480,35 @@ class JointCoupling(Effect):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """The joint before."""
+        """Return the joint before as the default of ``of``."""
         before = [row for row in arm.chain.moving_rows() if row < stated.get("joint", 0)]
         return {"of": before[-1]} if before else {}
 
     @property
     def key(self) -> str:
-        """With the other joint."""
+        """The label with the other joint."""
         return f"{self.label},of={self.of}"
 
     @property
     def details(self) -> list[str]:
-        """The other joint."""
+        """The other joint as text."""
         return [f"with joint {self.of}"]
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The reading of the other joint."""
+        """Return the rotation that is proportional to the reading of the other joint."""
         reading = state.reading(self.of)
         return [about_axis(state, self.joint, reading[:, None])]
 
 
 @dataclass(frozen=True)
 class JointHysteresis(Effect):
-    """Friction, a cable or a coupling holds the joint back towards its last position: ``δ = h s``,
-    s = -1, 0, 1.
+    """Friction, a cable or a coupling holds the joint back towards its last position: ``δ = h s``.
 
-    Unit rad: half of the reversal error; the sign depends on whether the encoder is before or
-    behind the elastic part. Typical 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. Needs
-    ``approachN``. Aliases: ``joint_hysteresis`` of a neighbouring joint, if both joints always move
-    together.
+    s = -1, 0 or 1 is the sign of the last motion of the joint. The value h is half of the reversal
+    error. The sign of h depends on whether the encoder is before or after the elastic part. The
+    unit is rad; the typical magnitude is 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. This
+    cause needs ``approachN``. Aliases: ``joint_hysteresis`` of a neighbouring joint, if both joints
+    always move together.
     """
 
     joint: int
@@ -512,7 +519,9 @@ class JointHysteresis(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that came from more than one side."""
+        """Return a candidate for every joint that has records with different approach
+        directions.
+        """
         approach = None if records is None else records.conditions.approach
         if records is None:
             approach = np.stack([-np.ones(arm.nq), np.ones(arm.nq)])
@@ -521,17 +530,17 @@ class JointHysteresis(Effect):
                 yield (cls(row),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The sign of the last motion."""
+        """Return the sign of the last motion as a rotation about the axis."""
         approach = state.conditions.require("approach", self.label)
         return [about_axis(state, self.joint, approach[:, state.joint(self.joint), None])]
 
 
 def strongest_waves(effect: Effect, peaks: int = 6) -> list[tuple[float, float]] | None:
-    """Orders [per turn] and amplitudes [rad] of the strongest waves in an error curve.
+    """Return the orders [per turn] and amplitudes [rad] of the strongest waves in an error curve.
 
-    Peaks of the periodogram over the covered range (Hann window), strongest first: waves closer
-    than two periods over that range are one peak, and what makes less than one period is none.
-    None for an effect that is no such curve.
+    The waves are the peaks of the periodogram over the range of the curve (Hann window), strongest
+    first. Two waves that differ by less than two periods over this range form one peak. Waves with
+    less than one period are omitted. The result is None for every other kind of effect.
     """
     if not isinstance(effect, JointErrorCurve):
         return None

@@ -31,8 +31,8 @@ class BaseCompliance(GravityEffect):
     """The stand tilts under the moment of the whole arm: ``δφ = c m``, with the moment m of the
     weight about the base origin.
 
-    Unit rad/(N·m); typical 5e-6 to 2e-5 (magnetic base, tripod). Source: rotational stiffness of
-    the mount. Needs no column. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``,
+    The unit is rad/(N·m); the typical magnitude is 5e-6 to 2e-5 (magnetic base, tripod). Source:
+    rotational stiffness of the mount. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``,
     ``encoder_eccentricity:2``.
     """
 
@@ -43,7 +43,7 @@ class BaseCompliance(GravityEffect):
     )
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The moment about the origin of the base."""
+        """Return the rotation of the base that is proportional to the moment about its origin."""
         if self.bodies or self.load_at is not None:
             moments = self.moments(state, 1)
         else:
@@ -53,12 +53,12 @@ class BaseCompliance(GravityEffect):
 
 @dataclass(frozen=True)
 class SeatError(Effect):
-    """The stated position of one seat has an error: true position = stated position + e. The arm
+    """The stated position of one seat has an error e: true position = stated position + e. The arm
     has no error.
 
-    Unit m; typical 1e-5 (worn, dirty, moved). Source: seats of single-point tests, ASME
-    B89.4.22-2004. Needs ``seat``. Aliases: every smooth error of the arm, if you touch the seat in
-    only one posture.
+    The unit is m; the typical magnitude is 1e-5 (worn, dirty or moved seat). Source: seats of
+    single-point tests, ASME B89.4.22-2004. This cause needs ``seat``. Aliases: every smooth error
+    of the arm, if you touch the seat in only one posture.
     """
 
     seat: str
@@ -70,13 +70,13 @@ class SeatError(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every seat, where there are others that tell where it should be."""
+        """Return a candidate for every seat, if other seats determine where the seat should be."""
         seats = list(super().candidates(arm, records))
         if records is not None and len(seats) >= LEAST_SEATS and records.known.any():
             yield from seats
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The stated coordinates are those of the tip minus e, in records of this seat."""
+        """Return -e as a translation of the stated coordinates in the records of the seat."""
         touched = state.conditions.require("seat", self.label) == self.seat
         shift = -np.eye(3) * touched[:, None, None]
         return [Displacement(BASE, twist(shift))]
@@ -86,10 +86,11 @@ class SeatError(Effect):
 class ReferenceFrame(Effect):
     """The frame of the references has a small translation and rotation relative to the base.
 
-    A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that
-    remains after the fit of the two frames. With ``session``, only the records of that session.
-    Source: rigid registration. Needs ``session`` if one is named. Aliases: ``joint_zero_offset:1``
-    and ``joint_distance:1``, which also displace the whole arm.
+    The error is a twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. With ``session``,
+    only the records of this session have the error. The units are m and rad; the magnitude is any
+    that remains after the fit of the two frames. Source: rigid registration. With a session, this
+    cause needs ``session``. Aliases: ``joint_zero_offset:1`` and ``joint_distance:1``, which also
+    displace the whole arm.
     """
 
     session: str | None = None
@@ -102,16 +103,16 @@ class ReferenceFrame(Effect):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The session, where one is named."""
+        """The condition ``session`` if the cause names a session."""
         return () if self.session is None else ("session",)
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """That of all records."""
+        """Return one candidate for all records."""
         yield (cls(),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Unit twists of the base."""
+        """Return the unit twists of the base."""
         columns = np.eye(6)[None]
         if self.session is not None:
             own = state.conditions.require("session", self.label) == self.session
@@ -121,11 +122,12 @@ class ReferenceFrame(Effect):
 
 @dataclass(frozen=True)
 class StylusOffset(Effect):
-    """The ball or target is not at the tip: a constant translation in the axes of the last frame;
-    with ``marker``, of that target.
+    """The ball or target is not at the tip, but has a constant translation in the axes of the last
+    frame.
 
-    Unit m; typical 2e-5 for a qualified stylus, 0.1 for a mounted target. Source: probe
-    qualification, ISO 10360-12:2016. Needs ``marker`` if one is named. Aliases: ``link_length``,
+    With ``marker``, only this target has the translation. The unit is m; the typical magnitude is
+    2e-5 for a qualified stylus, and 0.1 for a mounted target. Source: probe qualification, ISO
+    10360-12:2016. With a marker, this cause needs ``marker``. Aliases: ``link_length``,
     ``joint_distance`` and ``joint_zero_offset`` of the last row.
     """
 
@@ -137,18 +139,20 @@ class StylusOffset(Effect):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The marker, where one is named."""
+        """The condition ``marker`` if the cause names a marker."""
         return () if self.marker is None else ("marker",)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """That coordinates are of another point than the tip of the arm's geometry."""
+        """Return a note if the coordinates are of a target, and not of the tip in the geometry of
+        the arm.
+        """
         far = float(np.linalg.norm(self.values))
         if self.marker is not None or far < ANOTHER_POINT:
             return []
         return [Note("tip_is_target", {"cause": self.label, "distance": far})]
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Unit shifts at the tip."""
+        """Return the unit translations at the tip."""
         columns = twist(np.eye(3)[None])
         if self.marker is not None:
             columns = (
@@ -160,12 +164,12 @@ class StylusOffset(Effect):
 
 @dataclass(frozen=True)
 class StylusBending(Effect):
-    """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, with the stylus axis e and the sag
-    s of the level stylus.
+    """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, with the stylus axis e.
 
-    Unit m; typical 1e-6 to 2e-5. Source: beam theory; a probing force that is always the same
-    increases the sag. Needs no column, but the stylus axis of the arm file. Aliases:
-    ``bearing_tilt`` and ``joint_compliance`` of the last joint.
+    The parameter s is the sag of the level stylus. A constant probing force increases the sag. The
+    unit is m; the typical magnitude is 1e-6 to 2e-5. Source: beam theory. This cause needs the
+    stylus axis in the arm file. Aliases: ``bearing_tilt`` and ``joint_compliance`` of the last
+    joint.
     """
 
     cause: ClassVar[str] = "stylus_bending"
@@ -174,21 +178,22 @@ class StylusBending(Effect):
     terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 1e-5, "level_sag_mm", MM, positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Gravity across the stylus."""
+        """Return the translation of the tip along gravity across the stylus."""
         stylus = _stylus_axis(self, state.arm)
         return [_across(stylus, state, state.down)]
 
 
 @dataclass(frozen=True)
 class ProbeBending(Effect):
-    """The stylus bends under the probing force: ``δp = -b (I - e eᵀ) d``, with the stylus axis e,
-    the direction d in which the probe moved when it touched, and the deflection b.
+    """The stylus bends under the probing force: ``δp = -b (I - e eᵀ) d``.
 
-    The ball lags behind the motion of the probe, so that b is above zero. The force is the same in
-    all records. Unit m; typical 5e-6 to 5e-5: 1 N on a steel stylus of 50 mm and Ø 4 mm gives
-    1.6e-5. Source: cantilever, ``b = F L³ / (3 E I)``. Needs ``probe_direction_x …``, and the
-    stylus axis of the arm file. Aliases: ``stylus_offset``, and ``joint_hysteresis`` of the last
-    joints, if you always touch with the same side of the stylus.
+    The vector e is the stylus axis, d is the direction of the motion of the probe at the contact,
+    and b is the deflection. The ball lags behind the probe, so that b is above zero. The force is
+    the same in all records. The unit is m; the typical magnitude is 5e-6 to 5e-5. For example, 1 N
+    on a steel stylus of 50 mm length and 4 mm diameter gives 1.6e-5. Source: cantilever, ``b = F L³
+    / (3 E I)``. This cause needs ``probe_direction_x …``, and the stylus axis in the arm file.
+    Aliases: ``stylus_offset``, and ``joint_hysteresis`` of the last joints, if you always touch
+    with the same side of the stylus.
     """
 
     cause: ClassVar[str] = "probe_bending"
@@ -197,7 +202,7 @@ class ProbeBending(Effect):
     terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 2e-5, "deflection_mm", MM, positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Against the motion of the probe, across the stylus."""
+        """Return the translation of the tip against the motion of the probe, across the stylus."""
         stylus = _stylus_axis(self, state.arm)
         direction = state.conditions.require("probe_direction", self.label)
         return [_across(stylus, state, -direction)]
@@ -205,16 +210,16 @@ class ProbeBending(Effect):
 
 @dataclass(frozen=True)
 class ThermalExpansion(Effect):
-    """The lengths of the whole arm or of one body expand with temperature: ``δl = α (T - T0) l``,
-    with T0 of the arm file.
+    """The lengths of the whole arm or of one body expand with temperature: ``δl = α (T - T0) l``.
 
-    Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1:2022. Needs
-    ``temperature_c``, or ``temperature1_c …`` of each row. The temperature of a row applies to the
-    body that moves with it: d and a of the row in standard DH, d of the row and a of the next in
-    modified DH. Bodies before row 1 have the mean of the rows. If the whole arm expands too, the
-    value of one body is the difference. Aliases: an error of scale of the reference coordinates;
-    ``link_length`` and ``joint_distance``, if the temperature hardly changes; for one body,
-    ``thermal_expansion`` of the whole arm.
+    T0 is the reference temperature in the arm file. The temperature of a row applies to the body
+    that moves with the row. In standard DH this body has d and a of the row; in modified DH, d of
+    the row and a of the next row. Bodies before row 1 have the mean temperature of the rows. If the
+    whole arm also expands, α of one body is the difference. The unit is 1/K; the typical magnitude
+    is 12e-6 (steel) to 24e-6 (aluminium), and 1e-6 for carbon. Source: ISO 1:2022. This cause needs
+    ``temperature_c``, or ``temperature1_c …`` of each row. Aliases: an error of scale of the
+    reference coordinates; ``link_length`` and ``joint_distance``, if the temperature hardly
+    changes; for one body, ``thermal_expansion`` of the whole arm.
     """
 
     link: int | None = None
@@ -225,7 +230,9 @@ class ThermalExpansion(Effect):
     )
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Each length of the chain per kelvin, times what the record is warmer."""
+        """Return the growth of each length per unit of α, proportional to the difference
+        from T0.
+        """
         rows = (
             range(state.arm.chain.rows + 1) if self.link is None else [state.known_row(self.link)]
         )

@@ -47,10 +47,10 @@ SAME_TWIST = 1e-15
 
 @dataclass(frozen=True, eq=False, init=False)
 class ErrorModel(Shown):
-    """An arm plus effects.
+    """An arm with causes of error.
 
     Attributes:
-        arm: the arm, with what its file knows of its parameters together.
+        arm: the arm, with the covariance of its file.
         effects: causes of error with the values of their parameters.
     """
 
@@ -58,12 +58,14 @@ class ErrorModel(Shown):
     effects: tuple[Effect, ...]
 
     def __init__(self, arm: GivenArm, effects: GivenCause | Iterable[GivenCause] = ()) -> None:
-        """An arm, or its name or path without the effects of its file, and effects, or their texts.
+        """Make a model from an arm, its name or its path, and from causes or their texts.
+
+        The constructor ignores causes in the arm file; :meth:`load` includes them.
 
         Raises:
-            UnknownNameError: a parameter in the arm's covariance that neither has; an unknown name
-                or cause.
-            AacmmError: the same parameter twice.
+            UnknownNameError: a name or cause is unknown, or the covariance of the arm has an
+                unknown parameter.
+            AacmmError: two causes have the same parameter.
         """
         object.__setattr__(self, "arm", as_arm(arm))
         object.__setattr__(self, "effects", ())
@@ -89,11 +91,12 @@ class ErrorModel(Shown):
 
     @staticmethod
     def of(model: GivenModel) -> ErrorModel:
-        """``model`` itself, or an arm, given or by name or path, with the effects of its file.
+        """Return ``model`` as an error model: unchanged, or from an arm, its name or its path with
+        the causes of the arm file.
 
         Raises:
             UnknownNameError, ArmFileError: see :meth:`load`.
-            AacmmError: it is something else.
+            AacmmError: ``model`` has another type.
         """
         if isinstance(model, ErrorModel):
             return model
@@ -105,29 +108,31 @@ class ErrorModel(Shown):
 
     @staticmethod
     def arm_of(model: GivenModel) -> Arm:
-        """The arm of a model, or the arm itself, given or by name or path.
+        """Return the arm of a model, or the arm that a name or path states.
 
         Raises:
             UnknownNameError, ArmFileError: see :meth:`load`.
-            AacmmError: it is something else.
+            AacmmError: ``model`` has another type.
         """
         return model.arm if isinstance(model, ErrorModel) else as_arm(model, "model")
 
     @staticmethod
     def load(name_or_path: str | Path) -> ErrorModel:
-        """A bundled arm by name or an arm file by path, with its ``[[effects]]``.
+        """Load a bundled arm by name, or an arm file by path, with its ``[[effects]]``.
 
         Raises:
-            UnknownNameError, ArmFileError: see :meth:`aacmm_pin.Arm.load`; an effect that is none.
+            UnknownNameError, ArmFileError: see :meth:`aacmm_pin.Arm.load`; also for an invalid
+                cause.
         """
         return _extended(Arm.load(name_or_path), str(name_or_path))
 
     def file(self) -> ArmFile | UrdfArmFile:
-        """The arm file of this model.
+        """Return the content of the arm file of this model.
 
         Raises:
-            AacmmError: the arm was made from neither an arm file nor a URDF that is a regular file.
-            ArmFileError: the URDF has a name that no arm file can have.
+            AacmmError: the arm comes neither from an arm file nor from a URDF that is a regular
+                file.
+            ArmFileError: an arm file cannot state the name of the URDF.
         """
         file = self.arm.file
         if file is None or (isinstance(file, UrdfArmFile) and not file.urdf.file):
@@ -144,13 +149,13 @@ class ErrorModel(Shown):
         )
 
     def text(self, comment: str = "", path: str | Path | None = None) -> str:
-        """The arm file of this model as TOML; see :func:`aacmm_pin.arm.file.arm_text` and
+        """Return the arm file of this model as TOML; see :func:`aacmm_pin.arm.file.arm_text` and
         :meth:`file`.
         """
         return arm_text(self.file(), comment, path)
 
     def save(self, path: str | Path, force: bool = False, comment: str = "") -> None:
-        """Write the arm file of this model; ``comment`` stands in front.
+        """Save the arm file of this model, with ``comment`` at its beginning.
 
         Raises:
             OutputError: see :func:`aacmm_pin._support.output_files.whole_file`.
@@ -164,8 +169,8 @@ class ErrorModel(Shown):
             temporary.write_text(encodable(text), encoding="utf-8")
 
     def with_effects(self, *effects: GivenCause) -> ErrorModel:
-        """The model with more effects; one that sits where another of the same cause sits takes its
-        place.
+        """Return the model with more causes; a new cause replaces the same cause at the
+        same place.
         """
         added = as_causes(effects, self)
         new = {effect.identity for effect in added}
@@ -173,8 +178,8 @@ class ErrorModel(Shown):
 
     @property
     def without_covariance(self) -> ErrorModel:
-        """The model with nothing stated of the parameters that its covariance names, of the arm or
-        of effects.
+        """The model without a covariance, and without uncertainties of the parameters in the
+        covariance.
         """
         known = set(() if self.arm.covariance is None else self.arm.covariance.parameters)
         untold = [
@@ -189,8 +194,8 @@ class ErrorModel(Shown):
         return ErrorModel(arm, tuple(effects))
 
     def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
-        """The arm with some of its effects alone, and what is known of their parameters and the
-        arm's together.
+        """Return the arm with only the given causes, and the part of the covariance for their
+        parameters.
         """
         if self.arm.covariance is None:
             return replace(self, effects=effects)
@@ -202,10 +207,10 @@ class ErrorModel(Shown):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The arm's parameters, then those of the effects: the columns of :meth:`sensitivity`.
+        """The parameters of the arm, then those of the causes, in the order of the columns of
+        :meth:`sensitivity`.
 
-        The file's covariance overrides the u of the effects that it names, as it does for the arm's
-        own parameters.
+        The covariance in the arm file replaces the u of each parameter that it names.
         """
         known = self.arm.covariance
         u = {}
@@ -217,8 +222,9 @@ class ErrorModel(Shown):
         return tuple(found)
 
     def covariance(self) -> Array:
-        """Covariance of all parameters (p, p) [their units]: independent, but for those that the
-        file knows together.
+        """Return the covariance of all parameters, ``(p, p)`` [their units].
+
+        Parameters that are not in the covariance of the arm file are independent.
         """
         parameters = self.parameters
         matrix = np.diag([p.u**2 for p in parameters])
@@ -237,38 +243,44 @@ class ErrorModel(Shown):
         *,
         as_referenced: bool = False,
     ) -> Array:
-        """Where the tip (or frame ``at``) is, by exact physics, for indications ``q`` (n, nq)
-        [rad]: (n, 3) [m].
+        """Compute the exact positions of the tip at joint angles ``q``: ``(n, 3)`` [m].
 
         Args:
-            q: encoder indications (n, nq) [rad].
-            conditions: of the records; needed by causes that depend on them.
-            at: name of a frame.
-            as_referenced: with the errors of the references too: the coordinates that the reference
-                would state.
+            q: joint angles from the readings ``(n, nq)`` [rad]. For an arm with couplings, use
+                :meth:`aacmm_pin.Arm.joint_angles`.
+            conditions: conditions of the records, if causes depend on them.
+            at: name of a frame; default the tip.
+            as_referenced: include errors of the references, to compute the coordinates that the
+                references state.
 
         Raises:
-            ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number
-                of records.
-            MissingConditionError: an effect depends on a condition that is not there.
+            ShapeError: ``q`` is not a finite ``(n, nq)`` array, or ``conditions`` has another
+                number of records.
+            MissingConditionError: a condition that a cause needs is missing.
         """
         return self.state(q, conditions, at, as_referenced=as_referenced).position
 
     def correct(self, readings: ArrayLike, conditions: Conditions | None = None) -> Array:
-        """Compensated coordinates of the tip for encoder readings (n, nq) [rad]: (n, 3) [m]; see
-        :meth:`predict`.
+        """Compute corrected coordinates of the tip from readings ``(n, nq)`` [rad]: ``(n, 3)`` [m].
 
-        Readings of which :meth:`known_at` is not all True are refused; leave them out.
+        For an arm with couplings, first convert the readings with
+        :meth:`aacmm_pin.Arm.joint_angles`. The method refuses readings outside the known range of a
+        cause; omit records for which :meth:`known_at` is False.
+
+        Raises:
+            ShapeError, MissingConditionError: see :meth:`predict`.
+            AacmmError: a reading is outside the known range of a cause.
         """
         return self.predict(readings, conditions)
 
     def input_warnings(self, q: Array, conditions: Conditions) -> list[Note]:
-        """What looks as if it were in another unit, or by another clock.
+        """Return notes about input that may have another unit or another clock.
 
-        That is angles ``q`` (n, nq) [rad] outside the limits, and conditions of the effects.
+        The notes are about angles ``q`` ``(n, nq)`` [rad] outside the limits, and about conditions
+        that the causes need.
 
         Raises:
-            MissingConditionError: an effect depends on a condition that is not there.
+            MissingConditionError: a condition that a cause needs is missing.
         """
         found = [*whole_turn_notes(q, self.arm.limits, self.arm.chain.prismatic)]
         if any(isinstance(effect.nonlinear, TimeConstant) for effect in self.effects):
@@ -286,21 +298,22 @@ class ErrorModel(Shown):
         return found
 
     def other_targets(self, conditions: Conditions) -> list[str]:
-        """Labels of the markers whose place on the last body the arm does not know: the coordinates
-        are of the tip there.
+        """Return the labels of markers whose place the arm does not state; :meth:`predict` then
+        returns the tip.
         """
         known = {effect.place for effect in self.effects if effect.location_field() == "marker"}
         labels = [] if conditions.marker is None else conditions.marker.tolist()
         return [label for label in dict.fromkeys(labels) if label and label not in known]
 
     def known_at(self, q: ArrayLike) -> Mask:
-        """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error
-        curve has a range.
+        """Return True for each cause that is known at the angles ``q`` ``(n, nq)``: ``(n,
+        effects)``.
 
-        Of angles in another unit too, which are looked for where a file does not fit the arm.
+        For example, an error curve is known only in its range. ``q`` may be in a wrong unit,
+        because the package also searches files for such mistakes.
 
         Raises:
-            ShapeError: ``q`` is not a finite (n, nq) array.
+            ShapeError: ``q`` is not a finite ``(n, nq)`` array.
         """
         q = batch(q, self.arm.nq, "q", "rad or another unit")
         state = State(self.arm, q, Conditions(len(q)), self.arm.place())
@@ -313,10 +326,10 @@ class ErrorModel(Shown):
         return known
 
     def restricted_to_known_range(self) -> ErrorModel:
-        """The model whose joints stay where its effects are known: an error curve has a range.
+        """Return the model with joint limits reduced to the known ranges of its causes.
 
         Raises:
-            AacmmError: that is nowhere between the limits of a joint.
+            AacmmError: no angle within the limits of a joint is in the known range.
         """
         limits = self.arm.limits.copy()
         for effect in self.effects:
@@ -338,8 +351,10 @@ class ErrorModel(Shown):
     def sensitivity(
         self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None
     ) -> Array:
-        """∂(position)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit]. See
-        :meth:`predict`.
+        """Compute ∂(position)/∂parameters at ``q`` ``(n, nq)`` [rad]: ``(n, 3, len(parameters))``
+        [m/unit].
+
+        For arguments and errors see :meth:`predict`.
         """
         state = self.state(q, conditions, at)
         columns = [sensitivity(effect, state) for effect in self.effects]
@@ -358,7 +373,9 @@ class ErrorModel(Shown):
         *,
         as_referenced: bool = False,
     ) -> State:
-        """The arm in its records, displaced by the effects at their values; see :meth:`predict`."""
+        """Return the arm in n records, displaced by all causes at their values; see
+        :meth:`predict`.
+        """
         q = batch(q, self.arm.nq, "q", "rad")
         conditions = Conditions(len(q)) if conditions is None else conditions
         if conditions.n != len(q):
@@ -383,10 +400,10 @@ def displaced(
     target: int,
     as_referenced: bool,
 ) -> State:
-    """The arm with every place displaced by the exact effects.
+    """Return the state with every place displaced by the exact causes.
 
-    Weights act on the arm as it is bent. Errors of the references do not turn it against gravity:
-    they come last.
+    Weights act on the deflected arm. Errors of the references come last, and do not rotate the arm
+    relative to gravity.
     """
     acting = [effect for effect in effects if any(effect.values)]
     of_reference = [effect for effect in acting if effect.of_reference]
@@ -402,10 +419,10 @@ def displaced(
 
 
 def static_equilibrium(elastic: list[Effect], state: State) -> State:
-    """The arm bent so far that the displacements are those of the weights in the bent arm.
+    """Return the state in static equilibrium, in which the weights act on the deflected arm.
 
     Raises:
-        AacmmError: that is not reached.
+        AacmmError: the iteration does not converge.
     """
     if not elastic:
         return state
@@ -431,12 +448,19 @@ def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) ->
 
 
 def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, source: str) -> None:
-    """Refuse an effect whose seat, target, time, … none of the records has; ``source`` is what
-    errors call these.
+    """Check that the records show an effect that depends on conditions, such as a seat, target or
+    time.
+
+    Args:
+        effect: the effect.
+        arm: the arm.
+        q: joint angles ``(n, nq)`` [rad].
+        conditions: conditions of the n records.
+        source: name of the records in messages.
 
     Raises:
-        AacmmError: nothing in the columns that it depends on moves anything; says what stands
-            there.
+        AacmmError: the effect displaces nothing in the records; the message states the content of
+            the columns.
     """
     state = State(arm, q, conditions, arm.chain.tip)
     if not effect.needs or any(d.columns.any() for d in effect.displacements(state)):
@@ -467,12 +491,14 @@ GivenCause = Effect | str
 def as_causes(
     causes: GivenCause | Iterable[GivenCause], model: ErrorModel, present: Collection[str] = ()
 ) -> tuple[Effect, ...]:
-    """Causes themselves, and those that texts name by :func:`aacmm_pin.effects.cause_of`; one alone
-    counts as a list of one.
+    """Return causes and texts of causes (see :func:`aacmm_pin.effects.cause_of`) as a tuple of
+    causes.
+
+    A single cause or text counts as a list.
 
     Raises:
-        UnknownNameError, AacmmError: see :func:`aacmm_pin.effects.cause_of`; something that is
-            neither.
+        UnknownNameError, AacmmError: see :func:`aacmm_pin.effects.cause_of`; an item has another
+            type.
     """
     each = [causes] if isinstance(causes, Effect | str) else list(causes)
     if wrong := [given for given in each if not isinstance(given, Effect | str)]:
@@ -493,7 +519,7 @@ GivenModel = Arm | ErrorModel | str | Path
 
 
 def loaded(model: GivenModel) -> Arm | ErrorModel:
-    """A model or an arm itself; what a name or path stands for, with the effects of its file.
+    """Return a model or an arm unchanged, or load the model that a name or path states.
 
     Raises:
         UnknownNameError, ArmFileError: see :meth:`ErrorModel.load`.

@@ -15,12 +15,17 @@ from aacmm_pin.effects.state import State
 
 @dataclass(frozen=True)
 class _RowValue(Effect):
-    """One value of a DH row; exact, because two screws about one axis commute."""
+    """One value of a DH row; the displacement is exact, because two screws about one axis
+    commute.
+    """
 
     joint: int
     refitted: ClassVar[bool] = True
     component: ClassVar[int]
-    """Of the twist at the place: 0, 2 shift along x, z; 3, 4, 5 turn about x, y, z."""
+    """The component of the displacement that the parameter changes.
+
+    0 and 2 are translations along x and z; 3, 4 and 5 are rotations about x, y and z.
+    """
 
     def _moved(self, state: State) -> int:
         """(d, θ) act on the row's axis; (a, α) behind the body in standard DH, before the axis in
@@ -33,7 +38,7 @@ class _RowValue(Effect):
         return end(row if dh.standard else row - 1)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """A unit shift or turn."""
+        """Return a unit translation or rotation."""
         columns = np.zeros((1, 6, 1))
         columns[:, self.component] = 1.0
         return [Displacement(self._moved(state), columns)]
@@ -44,10 +49,10 @@ class JointZeroOffset(_RowValue):
     """The zero of the encoder has an error: the body is rotated by ``δ`` about the joint axis, or
     displaced along it.
 
-    Unit rad; typical 1e-4 after a factory calibration, up to 0.05 (3°) as assembled. Source: any DH
-    calibration; the 2010 zero-offset paper. Needs no column. Aliases: ``seat_error``, if the
-    records have few seats; for joint 1, a rotation of the reference frame, which has the same
-    effect.
+    The unit is rad; the typical magnitude is 1e-4 after a factory calibration, and up to 0.05 (3°)
+    after assembly. Source: any DH calibration; the 2010 zero-offset paper. Aliases: ``seat_error``,
+    if the records have few seats; for joint 1, a rotation of the reference frame, which has the
+    same effect.
     """
 
     cause: ClassVar[str] = "joint_zero_offset"
@@ -56,7 +61,7 @@ class JointZeroOffset(_RowValue):
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 3e-4, "offset_rad"),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """A unit of the joint's own motion; a row without a joint turns."""
+        """Return a unit motion of the joint; a row without joint rotates."""
         place = axis(state.known_row(self.joint))
         if state.arm.chain.moved[place] < 0:
             return super().displacements(state)
@@ -65,11 +70,10 @@ class JointZeroOffset(_RowValue):
 
 @dataclass(frozen=True)
 class LinkLength(_RowValue):
-    """The length a of a row has an error: the rest of the arm is displaced along x of the row. Unit
-    m; typical 2e-5.
+    """The length a of a row has an error: the rest of the arm is displaced along x of the row.
 
-    Source: Denavit–Hartenberg. Needs no column. Aliases: ``thermal_expansion``; ``stylus_offset``,
-    if the row is the last row.
+    The unit is m; the typical magnitude is 2e-5. Source: Denavit–Hartenberg. Aliases:
+    ``thermal_expansion``; ``stylus_offset``, if the row is the last row.
     """
 
     cause: ClassVar[str] = "link_length"
@@ -82,10 +86,10 @@ class LinkLength(_RowValue):
 @dataclass(frozen=True)
 class JointDistance(_RowValue):
     """The distance d of a row has an error: the rest of the arm is displaced along the joint axis.
-    Unit m; typical 2e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Aliases: ``joint_distance`` of a neighbouring row
-    with a parallel axis; ``thermal_expansion``; for row 1, the height of the reference frame.
+    The unit is m; the typical magnitude is 2e-5. Source: Denavit–Hartenberg. Aliases:
+    ``joint_distance`` of a neighbouring row with a parallel axis; ``thermal_expansion``; for row 1,
+    the height of the reference frame.
     """
 
     cause: ClassVar[str] = "joint_distance"
@@ -98,10 +102,9 @@ class JointDistance(_RowValue):
 @dataclass(frozen=True)
 class LinkTwist(_RowValue):
     """The twist alpha of a row has an error: the rest of the arm is rotated about x of the row.
-    Unit rad; typical 5e-5.
 
-    Source: Denavit–Hartenberg. Needs no column. Aliases: ``bearing_tilt``, if the load hardly
-    changes.
+    The unit is rad; the typical magnitude is 5e-5. Source: Denavit–Hartenberg. Aliases:
+    ``bearing_tilt``, if the load hardly changes.
     """
 
     cause: ClassVar[str] = "link_twist"
@@ -116,8 +119,9 @@ class LinkTilt(_RowValue):
     """The next axis is tilted about y of the row. DH parameters cannot state this tilt of nearly
     parallel axes.
 
-    Unit rad; typical 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column. Aliases:
-    ``joint_distance`` of the same row and of the next row, if the axes are far from parallel.
+    The unit is rad; the typical magnitude is 5e-5. Source: Hayati, Mirmirani 1985 (angle β).
+    Aliases: ``joint_distance`` of the same row and of the next row, if the axes are far from
+    parallel.
     """
 
     cause: ClassVar[str] = "link_tilt"
@@ -131,9 +135,9 @@ class JointPlacement(Effect):
     """The placement of a joint has an error: three translations and three rotations in its own
     axes.
 
-    For arms of a URDF, which have placements and no DH rows. No data determine all of these
-    parameters: some are known only in combination. Units m and rad; typical 5e-5, 1e-4. Needs no
-    column. Aliases: ``joint_placement`` of a neighbouring joint.
+    This cause is for arms from a URDF, which have placements instead of DH rows. Records determine
+    some placement parameters only in combination. The units are m and rad; the typical magnitudes
+    are 5e-5 and 1e-4. Aliases: ``joint_placement`` of a neighbouring joint.
     """
 
     joint: int
@@ -143,13 +147,15 @@ class JointPlacement(Effect):
     terms: ClassVar[tuple[Term, ...]] = (*shifts(5e-5), *turns(1e-4))
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Unit twists behind the placement, before the joint."""
+        """Return the unit twists after the placement and before the joint."""
         row = state.known_row(self.joint)
         return [Displacement(end(row - 1), np.eye(6)[None])]
 
 
 def of_geometry(arm: Arm) -> list[Effect]:
-    """Causes whose parameters are the arm's own, in the order of :meth:`Arm.sensitivity`."""
+    """Return the causes for all geometric parameters of the arm, in the order of
+    :meth:`Arm.sensitivity`.
+    """
     rows = range(1, arm.chain.rows + 1)
     if arm.dh is None:
         return [JointPlacement(joint=row) for row in rows]

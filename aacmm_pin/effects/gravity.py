@@ -26,51 +26,54 @@ TYPICAL_LOAD = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class LoadedEffect(Effect):
-    """Something that yields to the weights which it carries, with one flexibility.
+    """The base class of elastic causes with one compliance.
 
-    A load that the arm's file does not have may hang at the end of a body: ``flexibility × weight``
-    is the parameter then, of a unit force downwards there. It comes on top of the flexibility that
-    is known.
+    A load that the arm file does not state may act at the end of a body. The parameter is then
+    compliance times weight, for a unit force downwards. The load acts in addition to the known
+    masses.
 
     Attributes:
-        load_at: row of the body at whose end the load hangs; None where the arm's masses count.
+        load_at: row of the body at whose end the load acts; None for the masses of the arm.
     """
 
     load_at: int | None = None
     flexibility: ClassVar[Term]
-    """The parameter where the masses are known."""
+    """The parameter if the masses are known."""
     of_load: ClassVar[Term] = Term("", "rad/m", TYPICAL_LOAD, "load_rad_per_m")
-    """The parameter under a load."""
+    """The parameter for an unknown load."""
     elastic: ClassVar[bool] = True
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One flexibility, or that times a load."""
+        """The compliance, or the compliance times a load."""
         return (self.flexibility if self.load_at is None else self.of_load,)
 
     @property
     def key(self) -> str:
-        """With where the load hangs."""
+        """The label with the place of the load."""
         if self.load_at is None:
             return super().key
         return f"{self.label},load_at={self.load_at}"
 
     @property
     def details(self) -> list[str]:
-        """Where the load hangs."""
+        """The place of the load as text."""
         return [] if self.load_at is None else [f"load at end of body {self.load_at}"]
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
-        """With a load at the end of each tube that it carries, and at the tip."""
+        """Return variants with a load at the end of each tube that the cause carries, and at the
+        tip.
+        """
         ends = dict.fromkeys((*tubes(arm), arm.chain.rows))
         carried = [row for row in ends if row >= (self.row or 0)]
         return tuple(replace(self, load_at=row, values=(), u=()) for row in carried)
 
     def unit_load(self, state: State, row: int, about: Array) -> Array:
-        """Moment of a unit load about points of the base (n, 3) [m], carried by body ``row``.
+        """Return the moment of a unit load about points ``(n, 3)`` [m] in the base, if body ``row``
+        carries the load.
 
         Raises:
-            AacmmError: the load hangs before this body.
+            AacmmError: the load is at a body before ``row``.
         """
         at = state.known_row(self.load_at or 0)
         if at < row:
@@ -80,17 +83,16 @@ class LoadedEffect(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class GravityEffect(LoadedEffect):
-    """A displacement proportional to a static moment.
+    """The base class of causes that are proportional to a static moment.
 
-    With the masses of the arm the one parameter is a flexibility. Where the arm states none, name
-    the ``bodies`` (rows)
-    that pull: the static moment is linear in their first moments, so that flexibility × first
-    moment × |g| of each body, three numbers in its own axes, are the parameters; nothing is
-    guessed. Weights farther out are gathered at the bodies' ends, so some of these numbers are
-    known only together.
+    If the arm has masses, the only parameter is a compliance. If not, ``bodies`` names the rows
+    whose weight acts. The static moment is linear in the first moments of these bodies. The
+    parameters are then compliance × first moment × |g|: three numbers for each body, in its own
+    axes. Weights farther out act at the ends of the bodies, so that records determine some
+    parameters only in combination.
 
     Attributes:
-        bodies: rows of the bodies with unknown masses; () where the arm's masses count.
+        bodies: rows of the bodies with unknown masses; () for the masses of the arm.
     """
 
     bodies: tuple[int, ...] = ()
@@ -106,25 +108,26 @@ class GravityEffect(LoadedEffect):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One flexibility, or three numbers for each body of unknown mass, or one for a load."""
+        """The compliance, three numbers for each body of unknown mass, or one number for a load."""
         if not self.bodies:
             return super().terms
         names = [f"{body}{component}" for body in self.bodies for component in "xyz"]
         return tuple(Term(name, "rad", TYPICAL_SAG, f"sag{name}_rad") for name in names)
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
-        """None where the masses do not count."""
+        """Return the variants with a load; none if the cause does not use the masses of the arm."""
         if self.bodies or "torque" in self.needs:
             return ()
         return super().load_variants(arm)
 
     def moments(self, state: State, row: int) -> Array:
-        """Moment about ``axis row`` per unit of each parameter, in the base: (n, 3, p).
+        """Return the moment about the bearing of ``row`` per unit of each parameter, in the base:
+        ``(n, 3, p)``.
 
         Raises:
-            UnsupportedArmError: the arm states no masses and no ``bodies`` are named.
-            AacmmError: the ``bodies`` are not those at and beyond the axis, or the load hangs
-                before it.
+            UnsupportedArmError: the arm has no masses and ``bodies`` is empty.
+            AacmmError: ``bodies`` are not the bodies of this axis and all later axes, or the load
+                is before the axis.
         """
         if self.load_at is not None:
             return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
@@ -141,7 +144,5 @@ class GravityEffect(LoadedEffect):
 
 
 def load_variants(effect: Effect, arm: Arm) -> tuple[Effect, ...]:
-    """The effect under loads that the arm's file does not have; none of one that bears no
-    weight.
-    """
+    """Return the variants of an effect with an unknown load; none for an effect without weights."""
     return effect.load_variants(arm) if isinstance(effect, LoadedEffect) else ()

@@ -31,27 +31,27 @@ SINGULAR_MOTION = 1e-6
 def joint_commands(
     model: GivenModel, nominal: GivenModel, q: ArrayLike, conditions: Conditions | None = None
 ) -> tuple[Array, Mask]:
-    """Commands by which ``model`` has the tip, and with six joints or more its axes, that
-    ``nominal`` has at ``q``.
+    """Compute joint commands for ``model`` that bring its tip to the place of the tip of
+    ``nominal`` at ``q``.
 
-    Newton's method with the shortest step, so that an arm with more joints than it needs stays near
-    ``q``.
+    With six joints or more, the commands also reproduce the orientation. The method is Newton's
+    with the shortest step, so that an arm with redundant joints stays near ``q``.
 
     Args:
-        model: the arm as it is.
-        nominal: the arm as its controller believes it to be.
-        q: commands for the nominal arm (n, nq) [rad].
-        conditions: of the n commands.
+        model: the true arm.
+        nominal: the arm in the controller.
+        q: commands for the nominal arm ``(n, nq)`` [rad].
+        conditions: conditions of the n postures.
 
     Returns:
-        commands (n, nq) [rad], and True for each that arrives within 1 nm (and 1 nrad) (n,).
+        Commands ``(n, nq)`` [rad]; True for each command that arrives within 1 nm (and 1 nrad)
+        ``(n,)``.
 
     Raises:
-        ShapeError: ``q`` is not a finite (n, nq) array, or the arms have not as many joints as each
-            other.
-        MissingConditionError: an effect depends on a condition that is not there.
-        AacmmError: the tip of ``model`` is a target, and that of ``nominal`` is not: they are two
-            points.
+        ShapeError: ``q`` is not a finite ``(n, nq)`` array, or the arms have different numbers of
+            joints.
+        MissingConditionError: a condition that a cause needs is missing.
+        AacmmError: the tip of ``model`` is a target and the tip of ``nominal`` is not.
     """
     model = ErrorModel.of(model)
     nominal = ErrorModel.of(nominal)

@@ -11,7 +11,12 @@ from aacmm_pin._support.units import DEG, LARGE_IN_MICRO, MM
 from aacmm_pin.arm import COVERAGE_FACTOR, Arm, axis
 from aacmm_pin.effects.effect import Effect, Reading
 
-PLACE_WORDS = {"marker": "target", "link_bending": "tube", "torsional_windup": "tube"}
+PLACE_WORDS = {
+    "marker": "target",
+    "link": "body",
+    "link_bending": "tube",
+    "torsional_windup": "tube",
+}
 """What people call a place, by the cause or else by the field; without either as the field."""
 WHOLE_ARM = {"thermal_expansion": "the arm"}
 """Causes that may be of a place, and what people call the whole arm there."""
@@ -22,12 +27,14 @@ MOST_DECIMALS = 6
 
 
 def cause_in_words(kind: type[Effect]) -> str:
-    """What people call a cause."""
+    """Return the name of a cause in outputs."""
     return kind.words or kind.cause.replace("_", " ")
 
 
 def name_in_words(effect: Effect, arm: Arm | None = None) -> str:
-    """The cause and where it sits: ``encoder gain of joint 5``, ``distance d of tool row 7``."""
+    """Return the name and the place of a cause: ``encoder gain of joint 5``, ``distance d of tool
+    row 7``.
+    """
     words = cause_in_words(type(effect))
     if effect.place is not None:
         return f"{words} of {_place_words(effect, arm)} {effect.place}"
@@ -36,13 +43,13 @@ def name_in_words(effect: Effect, arm: Arm | None = None) -> str:
 
 
 def in_words(effect: Effect, arm: Arm | None = None) -> str:
-    """The same, and its order or time."""
+    """Return the name and the place of a cause, with its order or time."""
     details = f" ({', '.join(effect.details)})" if effect.details else ""
     return name_in_words(effect, arm) + details
 
 
 def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
-    """Causes in a row; those of one kind together, ``error curve of joints 1, 2 and 3``."""
+    """Return a list of causes as text, grouped by kind: ``error curve of joints 1, 2 and 3``."""
     kinds: dict[tuple[str, str], list[Effect]] = {}
     for effect in effects:
         kinds.setdefault(
@@ -72,15 +79,17 @@ def _place_words(effect: Effect, arm: Arm | None) -> str:
 
 
 def row_in_words(row: int, arm: Arm) -> str:
-    """``joint`` for a row (from 1) that a joint moves, ``row`` for a rigid one, ``tool row`` behind
-    the last joint.
+    """Return the word for a row (from 1): ``joint`` if it moves, ``row`` if rigid, ``tool row``
+    after the last joint.
     """
     moving = arm.chain.moving_rows()
     return "joint" if row in moving else "row" if row < moving[-1] else "tool row"
 
 
 def slides(effect: Effect, arm: Arm) -> bool:
-    """Whether its values are of a joint that slides, so that those in rad are metres."""
+    """Return whether the values of a cause are for a prismatic joint, so that metres replace
+    radians.
+    """
     if effect.location_field() != "joint" or effect.row is None:
         return False
     number = int(arm.chain.joint[axis(effect.row)])
@@ -89,8 +98,9 @@ def slides(effect: Effect, arm: Arm) -> bool:
 
 
 def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
-    """Described values of an effect with u, by their keys, from the covariance of its parameters
-    (p, p).
+    """Return the values of a cause with their u, as texts by key.
+
+    The covariance ``(p, p)`` of the parameters gives u.
     """
     jacobian = effect.notation.jacobian(effect)
     values = effect.notation.parameters(effect)
@@ -100,7 +110,9 @@ def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, f
 
 
 def known_range_in_words(effect: Effect) -> str:
-    """The range of its joint in which it is known, after a comma; "" for everywhere."""
+    """Return the range of joint angles in which an effect is known, as text after a comma; "" for
+    all angles.
+    """
     if effect.known_range is None:
         return ""
     low, high = effect.known_range
@@ -111,8 +123,9 @@ def known_range_in_words(effect: Effect) -> str:
 def values_in_words(
     effect: Effect, values: Mapping[str, tuple[float, float]], slides: bool = False
 ) -> str:
-    """Described values of an effect and their u, by their keys, as value ± U (k = 2); metres where
-    a joint ``slides``.
+    """Return the values of a cause with U (k = 2), as texts by key.
+
+    If the joint ``slides``, metres replace radians.
     """
     if len(values) > FEW_VALUES:
         return f"curve with {len(values)} values"
@@ -153,12 +166,12 @@ def _value(reading: Reading, value: float, expanded: float) -> str:
 
 
 def probability(value: float) -> str:
-    """A probability of a cause: three digits, and no certainty."""
+    """Return a probability as text with three decimals, "> 0.999" or "< 0.001"."""
     return "> 0.999" if value > 0.999 else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
 def typical_magnitude_in_words(effect: Effect) -> str:
-    """Typical magnitudes of its parameters, each once: ``10 µrad/(N·m)``."""
+    """Return the different typical magnitudes of the parameters as text: ``10 µrad/(N·m)``."""
     sizes = []
     for term in effect.terms:
         unit, size = term.unit_read
@@ -167,7 +180,7 @@ def typical_magnitude_in_words(effect: Effect) -> str:
 
 
 def listed(items: Sequence[str], last: str = "and") -> str:
-    """``a, b and c``."""
+    """Return items as text: ``a, b and c``."""
     if len(items) < 2:
         return "".join(items)
     return f"{', '.join(items[:-1])} {last} {items[-1]}"

@@ -23,18 +23,17 @@ TIME_CONSTANTS = 15
 
 @dataclass(frozen=True)
 class Nonlinear(Generic[E]):
-    """The nonlinear parameter of a cause, whose value records determine by trial; none if ``field``
-    is "".
+    """The nonlinear parameter of a cause, whose value the records determine by trial.
 
-    A search tries the values of :meth:`grid`, and refines the likeliest by :meth:`refine`.
+    A search tries the values of :meth:`grid`, and refines the most probable value with
+    :meth:`refine`. All methods have defaults for a cause without nonlinear parameter.
 
     Attributes:
-        field: field of the effect that holds the parameter; "" for a cause that is linear in all
-            that is estimated of it.
+        field: field of the effect with the parameter; "" for none.
         unit: SI unit of the value.
-        above: what is not above this is no value.
-        words: the value for people, with ``value``, and ``minutes`` of a time; "" for the name of
-            the field and the value.
+        above: valid values are above this number.
+        words: format of the value in outputs, with ``value``, and ``minutes`` for a time; "" for
+            the name of the field and the value.
     """
 
     field: str = ""
@@ -43,78 +42,92 @@ class Nonlinear(Generic[E]):
     words: str = ""
 
     def value(self, effect: E) -> float:
-        """The value that an effect has."""
+        """Return the value of an effect."""
         return float(getattr(effect, self.field))
 
     def at(self, effect: E, value: float) -> E:
-        """The effect with another value."""
+        """Return the effect with another value."""
         field: dict[str, Any] = {self.field: value}
         return replace(effect, **field)
 
     def in_words(self, effect: E) -> str:
-        """The value for people."""
+        """Return the value as text."""
         value = self.value(effect)
         if not self.words:
             return f"{self.field.replace('_', ' ')} {value:.4g}"
         return self.words.format(value=value, minutes=value / 60.0)
 
     def grid(self, records: Records | None) -> Sequence[float]:
-        """Values to try; here none, and a class states them in its ``candidates``."""
+        """Return the values to try; by default none, so that the class must state values in
+        ``candidates``.
+        """
         return ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
-        """The effect with values near its own, in their order; here itself."""
+        """Return the effect with values near its own, in ascending order; by default only the
+        effect itself.
+        """
         return [effect]
 
     def special_cases(self, effect: E) -> Sequence[Effect]:
-        """Causes with fewer parameters that it may be, to be tried in its place; here none."""
+        """Return simpler causes to try instead of the effect; by default none."""
         return ()
 
     def prior_sd(self, effect: E) -> float:
-        """How far off the value may be before records tell; 0 where the cause is not smooth
-        in it.
+        """Return the prior standard deviation of the value; 0 if the cause is not smooth in the
+        value.
         """
         return 0.0
 
     def prior_probability(self, effect: E, records: Records) -> float:
-        """Probability of the value beside others that are tried, up to a factor; here all alike."""
+        """Return the prior probability of the value, up to a common factor; by default equal for
+        all values.
+        """
         return 1.0
 
     def is_preferred(self, effect: E) -> bool:
-        """Whether machines are made with this value, so that it is likelier than those near it."""
+        """Return whether the value of the effect is common in machines, and so more probable than
+        neighbouring values.
+        """
         return False
 
     def gap(self, effect: E, records: Records) -> float:
-        """Distance of the two records between which the cause steps; 0 where it does not step."""
+        """Return the time between the two records between which the cause steps; 0 for a cause
+        without step.
+        """
         return 0.0
 
     def with_coverage_interval(self, effect: E, low: float, high: float, records: Records) -> E:
-        """The effect, whose value ``records`` determine from ``low`` to ``high`` (95 %)."""
+        """Return the effect with the 95 % interval from ``low`` to ``high`` of its value; by
+        default unchanged.
+        """
         return effect
 
     def extrapolation_terms(self, effect: E) -> tuple[Effect, ...]:
-        """Effects of value zero whose u is what is uncertain where no record was; here none."""
+        """Return effects with value zero whose u describes the uncertainty outside the records; by
+        default none.
+        """
         return ()
 
 
 @dataclass(frozen=True)
 class TimeConstant(Nonlinear[E]):
-    """Time from switching on over which a cause comes to rest [s]."""
+    """The time constant of a warm-up after the arm is switched on [s]."""
 
     unit: str = "s"
     above: float = 1e-3
     words: str = "time constant {minutes:.0f} min"
 
     def grid(self, records: Records | None) -> Sequence[float]:
-        """Quick and slow, where time goes on."""
+        """Return short and long time constants, if the records have different times."""
         time = np.arange(2) if records is None else records.conditions.time
         return WARM_UP_TIMES if time is not None and np.ptp(time) > 0.0 else ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
-        """From a third to three times as slow."""
+        """Return the effect with time constants from a third to three times its own."""
         constants = self.value(effect) * np.geomspace(1 / 3, 3, TIME_CONSTANTS)
         return [self.at(effect, constant) for constant in constants.tolist()]
 
     def prior_sd(self, effect: E) -> float:
-        """It is known to a factor of three or so."""
+        """Return twice the value, because the time constant is known to a factor of about three."""
         return 2.0 * self.value(effect)

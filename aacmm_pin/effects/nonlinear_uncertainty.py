@@ -17,7 +17,9 @@ RELATIVE_STEP = 1e-4
 
 
 def extra_uncertainty_effects(effect: Effect) -> tuple[Effect, ...]:
-    """Effects of value zero with the uncertainty of ``effect`` that its values do not carry."""
+    """Return effects with value zero whose u describes the uncertainty of ``effect`` beyond the u
+    of its values.
+    """
     nonlinear = effect.nonlinear
     terms = nonlinear.extrapolation_terms(effect)
     if effect.nonlinear_u and nonlinear.prior_sd(effect):

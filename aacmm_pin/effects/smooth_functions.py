@@ -31,18 +31,18 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Cosines:
-    """``cos kπp`` for k from 0 to ``count``, p the part of the fitted records whose value is below.
+    """The functions ``cos kπp`` for k from 0 to ``count``, with the rank p of a value among the
+    fitted records.
 
-    p is interpolated between knots. Outside the range of the fitted records it is that of the
-    nearest of them.
+    p is the share of the fitted records with a smaller value, interpolated between knots. Outside
+    the range of the fitted records, p is that of the nearest record.
 
     Attributes:
         of: ``joint 2``, ``time`` or ``temperature``.
-        at_si: values at the knots, ascending [rad, m of a joint that slides, s, °C].
-        below: how many of the fitted records are below each of them, half of those that are there
-            included.
-        records: how many fitted records there are.
-        count: k of the last one.
+        at_si: values at the knots in ascending order [rad, m for a prismatic joint, s, °C].
+        below: number of fitted records below each knot, plus half of the records at the knot.
+        records: number of fitted records.
+        count: largest k.
     """
 
     of: str
@@ -67,12 +67,12 @@ class Cosines:
 
     @property
     def number(self) -> int:
-        """How many functions there are."""
+        """The number of functions."""
         return self.count + 1
 
     @staticmethod
     def over(of: str, values: ArrayLike, count: int) -> Cosines:
-        """The cosines over the ranks of ``values`` (n,)."""
+        """Return the cosines over the ranks of ``values`` ``(n,)``."""
         numbers = np.asarray(values, dtype=np.float64)
         at, times = np.unique(numbers, return_counts=True)
         below = np.cumsum(times) - 0.5 * times
@@ -84,25 +84,25 @@ class Cosines:
         return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), numbers.size, count)
 
     def of_values(self, values: ArrayLike) -> Array:
-        """The functions of values (n,): (n, count + 1)."""
+        """Return the functions of ``values`` ``(n,)``: ``(n, count + 1)``."""
         numbers = np.asarray(values, dtype=np.float64)
         part = np.interp(numbers, self.at_si, self.below) / self.records
         frequency = np.pi * np.arange(self.count + 1)
         return np.cos(frequency * part[:, None])
 
     def values(self, state: State) -> Array:
-        """The functions in records (n, count + 1)."""
+        """Return the functions in the records, ``(n, count + 1)``."""
         return self.of_values(_recorded(self.of, state))
 
 
 @dataclass(frozen=True)
 class Waves:
-    """``cos kq`` and ``sin kq`` of one joint, behind a constant where asked for.
+    """The functions ``cos kq`` and ``sin kq`` of one joint, optionally after the constant 1.
 
     Attributes:
         of: ``joint 2``.
-        constant: whether the constant is there.
-        order: k.
+        constant: whether the constant is included.
+        order: order k.
     """
 
     of: str
@@ -119,11 +119,11 @@ class Waves:
 
     @property
     def number(self) -> int:
-        """How many functions there are."""
+        """The number of functions."""
         return 2 + self.constant
 
     def values(self, state: State) -> Array:
-        """The functions in records (n, 2 or 3)."""
+        """Return the functions in the records, ``(n, 2 or 3)``."""
         angle = self.order * _recorded(self.of, state)
         constant = [np.ones_like(angle)] if self.constant else []
         return np.stack([*constant, np.cos(angle), np.sin(angle)], axis=1)
@@ -131,13 +131,13 @@ class Waves:
 
 @dataclass(frozen=True)
 class Moment:
-    """Moment of the weights about the axis of one joint, by the masses of the arm.
+    """The moment of the weights about the axis of one joint, from the masses of the arm.
 
-    A first order of the joint's angle may be subtracted.
+    The function may subtract a first-order wave of the joint angle.
 
     Attributes:
         of: ``joint 2``.
-        less_nm: constant, and factors of ``cos q`` and ``sin q``, that are subtracted [N·m].
+        less_nm: constant, and factors of ``cos q`` and ``sin q``, to subtract [N·m].
     """
 
     of: str
@@ -148,17 +148,19 @@ class Moment:
 
     @staticmethod
     def beyond_own_angle(of: str, state: State) -> Moment:
-        """The part that the joint's own angle does not give, by least squares over the records."""
+        """Return the part of the moment that a first-order wave of the joint angle does not explain
+        (least squares).
+        """
         whole = Moment(of).values(state)[:, 0]
         first_order = Waves(of, constant=True).values(state)
         (c0, c1, c2), *_ = np.linalg.lstsq(first_order, whole, rcond=None)
         return Moment(of, (float(c0), float(c1), float(c2)))
 
     def values(self, state: State) -> Array:
-        """The moment in records (n, 1) [N·m].
+        """Return the moment in the records, ``(n, 1)`` [N·m].
 
         Raises:
-            UnsupportedArmError: the arm states no masses.
+            UnsupportedArmError: the arm has no masses.
         """
         row = _row_of(self.of)
         moment = state.along_axis(row, state.moment_at_axis(row))
@@ -168,11 +170,12 @@ class Moment:
 
 @dataclass(frozen=True)
 class Bumps:
-    """``exp(-½ (r / width)²)`` of the tip's distance r from each of some places.
+    """The functions ``exp(-½ (r / width)²)`` with the distance r of the tip from each of several
+    points.
 
     Attributes:
-        centres_si: places in the base [m].
-        width_si: [m].
+        centres_si: points in the base [m].
+        width_si: width [m].
     """
 
     centres_si: tuple[Point, ...]
@@ -190,11 +193,11 @@ class Bumps:
 
     @property
     def number(self) -> int:
-        """How many functions there are."""
+        """The number of functions."""
         return len(self.centres_si)
 
     def values(self, state: State) -> Array:
-        """The functions in records (n, centres)."""
+        """Return the functions in the records, ``(n, centres)``."""
         tip = state.origin[state.arm.chain.tip]
         distance = np.linalg.norm(tip[:, None] - np.array(self.centres_si), axis=2)
         squares = np.square(distance / self.width_si)
@@ -217,8 +220,10 @@ QUANTITIES_OF_KIND = {
 
 
 def product_of(functions: Sequence[Smooth], state: State) -> Array:
-    """Products of one function of each of these (n, m), the last one varying fastest; without any
-    the constant 1 (n, 1).
+    """Return all products of one function of each set, ``(n, m)``, with the last set varying
+    fastest.
+
+    Without sets the result is the constant 1, ``(n, 1)``.
     """
     found = np.ones((state.n, 1))
     for each in functions:

@@ -18,20 +18,21 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What a cause of error may look at. Places are those of :mod:`aacmm_pin.arm.chain`.
+    """The arm in n records, as the input of a cause of error; places are those of
+    :mod:`aacmm_pin.arm.chain`.
 
-    All vectors and axes are in the base frame; :meth:`in_axes_of` turns vectors into the axes of a
+    All vectors and axes are in the base frame. :meth:`in_axes_of` converts vectors to the axes of a
     place, in which a :class:`~aacmm_pin.effects.Displacement` states its columns.
 
     Attributes:
         arm: the arm.
-        q: joint angles by the readings (n, nq) [rad].
-        conditions: what else is known of the records.
-        target: the place whose origin is looked at.
-        twists: displacements of places, see :meth:`Chain.walk`.
-        looked_at: a point of the last body near the target, whose motion is asked for (n, 3) [m];
-            None for the target.
-        turns: whether the turn of the last body is asked for too, behind the motion of the point.
+        q: joint angles from the readings ``(n, nq)`` [rad].
+        conditions: conditions of the records.
+        target: place whose origin is the target.
+        twists: displacements of places; see :meth:`Chain.walk`.
+        looked_at: another point of the last body near the target, ``(n, 3)`` [m]; None for the
+            target.
+        turns: also compute the rotation of the last body, after the translation of the point.
     """
 
     arm: Arm
@@ -48,46 +49,47 @@ class State:
 
     @property
     def rotation(self) -> Array:
-        """Axes of every place in the base, as columns: (places, n, 3, 3); ``rotation[axis(2)][:, :,
-        2]`` is z of joint 2.
+        """The axes of every place in the base, as columns, ``(places, n, 3, 3)``.
+
+        For example, ``rotation[axis(2)][:, :, 2]`` is z of joint 2.
         """
         return self._frames[0]
 
     @property
     def origin(self) -> Array:
-        """Origin of every place in the base (places, n, 3) [m]."""
+        """The origin of every place in the base, ``(places, n, 3)`` [m]."""
         return self._frames[1]
 
     @property
     def n(self) -> int:
-        """Number of records."""
+        """The number of records."""
         return len(self.q)
 
     @property
     def coordinates(self) -> int:
-        """How many numbers a motion has: three, or six with the turn."""
+        """The number of coordinates of a motion: three, or six with the rotation."""
         return 6 if self.turns else 3
 
     @property
     def position(self) -> Array:
-        """Origin of the target, or what is looked at in its stead, in the base (n, 3) [m]."""
+        """The origin of the target, or of ``looked_at``, in the base, ``(n, 3)`` [m]."""
         if self.looked_at is not None:
             return self.looked_at
         return np.asarray(self.origin[self.target])
 
     def joint(self, row: int) -> int:
-        """Number, from 0, of the joint of ``row`` (from 1), which follows no other.
+        """Return the index (from 0) of the joint of ``row`` (from 1).
 
         Raises:
-            AacmmError: no such row, or it has no such joint.
+            AacmmError: the row does not exist, has no joint, or its joint follows another joint.
         """
         return self._number(self.arm.chain.joint, row)
 
     def slides(self, row: int) -> bool:
-        """Whether the joint of ``row`` slides; it may follow another.
+        """Return whether the joint of ``row`` is prismatic; the joint may follow another joint.
 
         Raises:
-            AacmmError: no such row, or it does not move.
+            AacmmError: the row does not exist or has no joint.
         """
         chain = self.arm.chain
         number = self._number(chain.moved, row)
@@ -103,10 +105,10 @@ class State:
         return number
 
     def known_row(self, row: int) -> int:
-        """``row`` itself (from 1), if the arm has it.
+        """Return ``row`` (from 1), after a check that the arm has it.
 
         Raises:
-            AacmmError: no such row.
+            AacmmError: the row does not exist.
         """
         rows = self.arm.chain.rows
         if not 1 <= row <= rows:
@@ -114,27 +116,29 @@ class State:
         return row
 
     def bearing(self, row: int) -> int:
-        """Place of the bearing on the axis of ``row``, where its body begins.
+        """Return the place of the bearing, at which the body of ``row`` begins on the joint axis.
 
-        :meth:`moment_at_axis` is about its origin.
+        :meth:`moment_at_axis` is about the origin of the bearing.
 
         Raises:
-            AacmmError: no such row.
+            AacmmError: the row does not exist.
         """
         return self.arm.foot(self.known_row(row))
 
     def angle(self, row: int) -> Array:
-        """Angle of the joint of ``row`` (n,) [rad; m where the joint slides]."""
+        """Return the angle or position of the joint of ``row``, ``(n,)`` [rad; m for a prismatic
+        joint].
+        """
         return self.q[:, self.joint(row)]
 
     def reading(self, row: int) -> Array:
-        """Indication of the encoder of ``row`` (n,) [rad; m where the joint slides]."""
+        """Return the reading of the encoder of ``row``, ``(n,)`` [rad; m for a prismatic joint]."""
         readings = self.arm.readings(self.q)
         return readings[:, self.joint(row)]
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
-        """Vectors of the base (n, 3), or one (3,), as components along the axes of ``place`` (n,
-        3).
+        """Return vectors of the base, ``(n, 3)`` or ``(3,)``, as components in the axes of
+        ``place``, ``(n, 3)``.
         """
         turned = self.rotation[place]
         return np.asarray(
@@ -142,52 +146,62 @@ class State:
         )
 
     def span(self, row: int) -> Array:
-        """From the bearing to the end of body ``row``, in the base (n, 3) [m]."""
+        """Return the vector from the bearing to the end of body ``row`` in the base, ``(n, 3)``
+        [m].
+        """
         bearing = self.bearing(row)
         return np.asarray(self.origin[end(row)] - self.origin[bearing])
 
     @property
     def down(self) -> Array:
-        """Unit vector along gravity, in the base (3,)."""
+        """The unit vector along gravity in the base, ``(3,)``."""
         return -self.arm.up
 
     def moment_at_axis(self, row: int) -> Array:
-        """Moment of the weight of body ``row`` and all beyond about its bearing, in the base (n, 3)
-        [N·m].
+        """Return the moment of the weight of body ``row`` and all later bodies about its bearing,
+        ``(n, 3)`` [N·m].
+
+        The moment is in the axes of the base.
 
         Raises:
-            UnsupportedArmError: the arm states no masses.
+            UnsupportedArmError: the arm has no masses.
         """
         return self.moment(row, self.origin[self.bearing(row)])
 
     def along_axis(self, row: int, vectors: Array) -> Array:
-        """Part of vectors of the base (n, 3, …) along the axis of ``row`` (n, …): of a moment, what
-        turns the joint.
+        """Return the component of vectors of the base ``(n, 3, …)`` along the axis of ``row``,
+        ``(n, …)``.
+
+        For a moment, this component rotates the joint.
         """
         z = self.rotation[axis(row)][:, :, 2]
         return np.asarray(np.einsum("ni,ni...->n...", z, vectors))
 
     def weight_beyond(self, row: int) -> Array:
-        """Weight of all bodies beyond ``row``, in the base (3,) [N]."""
+        """Return the weight of all bodies after ``row`` in the base, ``(3,)`` [N]."""
         mass = self.masses[row:].sum()
         return np.asarray(mass * self.arm.gravity)
 
     def moment(self, row: int, about: Array) -> Array:
-        """The same about points of the base (n, 3) [m]."""
+        """Return the moment of the weight of body ``row`` and all later bodies, ``(n, 3)`` [N·m].
+
+        Args:
+            row: number of the row, from 1.
+            about: points in the base ``(n, 3)`` [m].
+        """
         mass = self.masses[row - 1 :].sum()
         lever = self._first_moments[row - 1] - mass * about
         return np.cross(lever, self.arm.gravity)
 
     def unit_moments(self, row: int) -> Array:
-        """The same moment for unknown masses: columns of the unknown first moments of body ``row``
-        and each beyond.
+        """Return the moment about ``axis(row)`` for unknown masses, ``(n, 3, 3 · bodies)``.
 
-        The static moment about ``axis row`` is ``Σ (R_k H_k) × g`` with one constant vector H_k in
-        each body, into which the masses farther out have been gathered at the body's end; for each
-        component of H_k and unit gravity: (n, 3, 3 · bodies).
+        The static moment is ``Σ (R_k H_k) × g``, with one constant vector H_k for body ``row`` and
+        each later body. H_k also contains the masses farther out, lumped at the end of the body.
+        Each column is for one component of H_k and for unit gravity.
 
         Raises:
-            UnsupportedArmError: a joint beyond ``row`` slides, and H_k is not constant.
+            UnsupportedArmError: a joint after ``row`` is prismatic, so that H_k is not constant.
         """
         rows = [k for k in self.arm.chain.joint_rows() if k >= row]
         slide = [k for k in rows if k > row and self.slides(k)]
@@ -201,10 +215,10 @@ class State:
 
     @property
     def masses(self) -> Array:
-        """Masses of the bodies (rows,) [kg].
+        """The masses of the bodies, ``(rows,)`` [kg].
 
         Raises:
-            UnsupportedArmError: the arm states none.
+            UnsupportedArmError: the arm has no masses.
         """
         if self.arm.masses is None:
             raise UnsupportedArmError(

@@ -31,22 +31,22 @@ AnyEffect = TypeVar("AnyEffect", bound=Effect)
 
 
 def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Effect:
-    """The cause that a text names: ``cause[:place][,name=value…]``.
+    """Return the cause that a text states: ``cause[:place][,name=value…]``.
 
-    Such as ``joint_compliance:2`` or ``joint_periodic_error:6,order=7,amplitude_rad=2e-5``. Names
-    are fields or parameters, as arm files have them; ``joint=2`` may stand for the place. What ends
-    in ``_rad`` may carry a unit: ``amplitude_rad=20urad``, ``1.65arcsec``, ``0.5mdeg``. Without
-    parameters it has the values of the same cause of the model, if there is one; else all are zero,
-    which stands for a typical magnitude.
+    Examples are ``joint_compliance:2`` and ``joint_periodic_error:6,order=7,amplitude_rad=2e-5``.
+    Names are fields or parameters as in arm files; ``joint=2`` may replace the place. Values of
+    names that end in ``_rad`` may have a unit: ``amplitude_rad=20urad``, ``1.65arcsec``,
+    ``0.5mdeg``. Without parameters, the cause has the values of the same cause in the model, if
+    any. Otherwise all values are zero, which means a typical magnitude.
 
     Args:
-        text: cause, place, fields, parameters.
-        model: the arm.
-        present: conditions that the records state (``Conditions.present``), for missing fields.
+        text: cause, place, fields and parameters.
+        model: arm with or without causes, for default values.
+        present: conditions of the records (``Conditions.present``), for defaults of fields.
 
     Raises:
-        UnknownNameError: an unknown cause, field or parameter.
-        AacmmError: a field is missing or of no use, or the arm has no such row.
+        UnknownNameError: a cause, field or parameter is unknown.
+        AacmmError: a field is missing or invalid, or the arm does not have the row.
     """
     cause, *rest = re.split("[:,]", text, maxsplit=1)
     kind = cause_named(cause)
@@ -74,7 +74,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
 
 
 def stated_cause(text: str, model: ErrorModel) -> Effect:
-    """The cause that a text names, with values as a person states them.
+    """Return the cause that a text states, with a check of the signs of its values.
 
     Raises:
         UnknownNameError, AacmmError: see :func:`cause_of` and :func:`require_sign`.
@@ -84,7 +84,9 @@ def stated_cause(text: str, model: ErrorModel) -> Effect:
 
 
 def text_of(effect: Effect) -> str:
-    """The text by which :func:`cause_of` finds a cause again, with its values if they are few."""
+    """Return the text from which :func:`cause_of` makes the cause, with its values if there are
+    few.
+    """
     if not any(effect.values) or len(effect.terms) > VALUES_IN_TEXT:
         return effect.key
     parameters = effect.notation.parameters(effect).items()
@@ -142,11 +144,11 @@ def effect_from(
     parameters: Mapping[str, float],
     uncertainty: Mapping[str, float] | None = None,
 ) -> AnyEffect:
-    """A cause from what a file states: fields, parameters and their standard uncertainty.
+    """Return the cause that a file states by fields, parameters and their standard uncertainty.
 
     Raises:
-        UnknownNameError: a field or parameter that the cause does not have.
-        AacmmError: a field is missing or of no use, or a number is beyond what can be.
+        UnknownNameError: the cause does not have a field or parameter of this name.
+        AacmmError: a field is missing or invalid, or a number is implausible.
     """
     for name in stated:
         if name not in fields_of(kind):
@@ -174,10 +176,10 @@ def _checked_field(kind: type[Effect], name: str, value: Any) -> Any:
 
 
 def require_plausible(effect: AnyEffect) -> AnyEffect:
-    """The cause itself, if no value or u is beyond what a file can state.
+    """Return the cause, after a check that a file can state its values and u.
 
     Raises:
-        AacmmError: one is.
+        AacmmError: a value or u is implausibly large.
     """
     for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
         most = MOST_TYPICAL * term.typical if term.largest is None else term.largest
@@ -206,7 +208,7 @@ def require_sign(effect: AnyEffect) -> AnyEffect:
 
 
 def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | DiscrepancyEntry]]:
-    """The effects as an arm file has them: causes by their names, and what no cause explains."""
+    """Return the entries of effects in an arm file: causes by name, and the discrepancy."""
     found: dict[str, list[EffectEntry | DiscrepancyEntry]] = {"effects": [], "discrepancy": []}
     for effect in effects:
         if isinstance(effect, Discrepancy):

@@ -58,13 +58,13 @@ class _TimeOfDrift(TimeConstant["ZeroDrift"]):
 class ZeroDrift(Effect):
     """The zero of one encoder drifts while it warms up: ``δ = A (1 - exp(-t/τ))``, 0 before t = 0.
 
-    t counts from the time at which the arm is switched on. Unit rad; typical 5e-5 to 3e-4, τ a
-    quarter to two hours. Source: first-order heating. Needs ``time_s``. Aliases: ``encoder_slip``,
-    if the time constant is short; ``thermal_expansion``, if the room warms up at the same rate.
+    t counts from the time at which the arm is switched on. The unit is rad; the typical magnitude
+    is 5e-5 to 3e-4, with τ from a quarter of an hour to two hours. Source: first-order heating.
+    This cause needs ``time_s``. Aliases: ``encoder_slip``, if the time constant is short;
+    ``thermal_expansion``, if the room warms up at the same rate.
 
-    The records of the fit may determine hardly more than a slope. After they end, at ``until_s``,
-    the drift may stop or continue: its rate at that time is the standard uncertainty of its later
-    rate.
+    The drift may stop or continue after the last record, at ``until_s``. The standard uncertainty
+    of the later rate is therefore the rate at ``until_s``.
     """
 
     joint: int
@@ -78,11 +78,11 @@ class ZeroDrift(Effect):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """That of the joint and the time constant."""
+        """The name, the joint and the time constant."""
         return (self.cause, self.joint, self.time_constant_s)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """That readings are later than what was seen of it."""
+        """Return a note about records that are later than ``until_s``."""
         time = conditions.require("time", self.label)
         until = self.until_s
         if until is None or not (time > until).any():
@@ -96,7 +96,7 @@ class ZeroDrift(Effect):
         ]
 
     def displacements(self, state: State) -> list[Displacement]:
-        """How far the warm-up has come; nothing before 0."""
+        """Return the completed part of the warm-up as a rotation; zero before t = 0."""
         time = np.maximum(state.conditions.require("time", self.label), 0.0)
         part = -np.expm1(-time / self.time_constant_s)
         return [about_axis(state, self.joint, part[:, None])]
@@ -186,12 +186,14 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
 class EncoderSlip(Effect):
     """The disc or coupling slips once: ``δ`` from ``time_s`` on, zero before.
 
-    Unit rad; typical 5e-5 to 5e-4. Needs ``time_s``. Aliases: ``zero_drift``, if few records are
-    near the slip; a reference that moved, or a session that began, at the time of the slip.
+    The unit is rad; the typical magnitude is 5e-5 to 5e-4. This cause needs ``time_s``. Aliases:
+    ``zero_drift``, if few records are near the slip; a reference that moved, or a session that
+    began, at the time of the slip.
 
-    The slip is between the two times ``between_s``. Between them the model uses ``δ/2``, with the
-    standard uncertainty ``δ/2`` (JCGM 100:2008, 4.3: two equally probable values). The times are by
-    the clock of the ``sessions``; records of other sessions count as later and have all of ``δ``.
+    The slip is between the two times ``between_s``. Between these times the model uses ``δ/2``,
+    with the standard uncertainty ``δ/2`` (JCGM 100:2008, 4.3: two equally probable values). The
+    times are by the clock of the ``sessions``. Records of other sessions count as later and have
+    all of ``δ``.
     """
 
     joint: int
@@ -212,11 +214,11 @@ class EncoderSlip(Effect):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """That of the joint and the time."""
+        """The name, the joint and the time."""
         return (self.cause, self.joint, self.time_s)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """That records are before it, by a clock that may be another, or later by their session."""
+        """Return notes about records before the slip, and about records of later sessions."""
         found = []
         if self.sessions and (before := self.part(conditions) == 0.0).any():
             slip = {"cause": self.label, "time": self.time_s}
@@ -233,7 +235,9 @@ class EncoderSlip(Effect):
         return found
 
     def part(self, conditions: Conditions) -> Array:
-        """(n,) 0 before it, 1 after it, a half between the two times."""
+        """Return the part of the slip in each record, ``(n,)``: 0 before, 1 after, 0.5 between the
+        two times.
+        """
         later = self._is_of_later_session(conditions)
         if conditions.n and later.all():
             return np.ones(conditions.n)
@@ -252,7 +256,7 @@ class EncoderSlip(Effect):
         return np.asarray((labels != "") & ~np.isin(labels.astype(str), self.sessions))
 
     def displacements(self, state: State) -> list[Displacement]:
-        """One from the time on; a half between the two times."""
+        """Return the part of the slip in each record as an error of the reading."""
         part = self.part(state.conditions)
         return of_encoder(state, self.joint, part[:, None])
 

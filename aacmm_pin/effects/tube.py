@@ -19,7 +19,7 @@ BENDS = 0.15
 
 
 def tubes(arm: Arm) -> list[int]:
-    """Rows of the bodies that are long enough to bend."""
+    """Return the rows of the tubes: bodies that are long enough to bend."""
     _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     rows = range(1, arm.chain.rows + 1)
     found = []

@@ -111,9 +111,9 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
         text = _text(path, content)
         separator, spaced = _separation(text)
         if separator in SEPARATORS:
-            ways.append(f"{SEPARATORS[separator]} between cells")
+            ways.append(f"with {SEPARATORS[separator]} between cells")
         if spaced:
-            ways.append("spaces around cells left out")
+            ways.append("without the spaces around cells")
         rows = list(_rows(path, text, separator, spaced))
     while rows and not any(cell.strip() for cell in rows[-1].cells):
         rows.pop()
@@ -121,7 +121,7 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
     cells = [list(column) for column in zip(*records, strict=True)] or [[] for _ in header]
     sign = "." if separator == "," else _decimal_sign_of(header, cells, Problems(path, lines))
     if sign == ",":
-        ways.append("decimal commas")
+        ways.append("with decimal commas")
         for k in _numeric(header):
             cells[k] = _with_sign(cells[k], ".")
     table = pd.DataFrame(dict(enumerate(cells)), dtype=object).set_axis(header, axis=1)
@@ -144,7 +144,7 @@ def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[Row]:
             path, None, "", f"the sheet {sheet.title!r} is empty; expected a header and records"
         )
     if sheet.of > 1:
-        ways.append(f"the first of {sheet.of} sheets, {sheet.title!r}")
+        ways.append(f"from sheet {sheet.title!r}, the first of {sheet.of}")
     width = 0
     rows = []
     for line, cells in sheet.rows:
@@ -295,7 +295,7 @@ def _with_known_names(header: list[str], ways: list[str]) -> list[str]:
     lower = [name.lower() if column_of(name.lower(), known) else name for name in header]
     if lower == header or max(Counter(lower).values()) > 1:
         return header
-    ways.append("columns in lower case")
+    ways.append("with lower-case column names")
     return lower
 
 

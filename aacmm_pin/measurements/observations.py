@@ -1,6 +1,4 @@
-"""What records say of where their tips were, as arrays: known coordinates, one point touched again,
-known distances.
-"""
+"""Reference data of records as arrays: known coordinates, seats and known distances."""
 
 from __future__ import annotations
 
@@ -16,20 +14,25 @@ from scipy.sparse.csgraph import connected_components
 from aacmm_pin._support.checks import Array, Index, Mask
 
 NOTHING_KNOWN = 1e-4
-"""With less information than this nothing is known of a seat, which is somewhere within a hundred
-metres [1/m²].
+"""The smallest information for a known seat [1/m²]; a seat with less may be anywhere
+within 100 m.
 """
 
 
 NOTHING_BESIDE = 1e-3
-"""Standard deviation of what does not count of a deviation, over that of what counts."""
+"""The relative standard deviation that stands in for the part of a deviation that does
+not count.
+"""
 WILD_CONTACT = 1e-4
-"""A contact that is farther from a sphere than this pulls its first centre less [m]."""
+"""The distance from a sphere [m] above which a contact has less weight in the first estimate of the
+centre.
+"""
 
 
 def best_sphere(points: Array) -> tuple[Array, float]:
-    """Centre (3,) and radius of the sphere that points (m, 3) are on [m], by the linear least
-    squares of ``|p|² = 2 c·p + k``.
+    """Fit a sphere to points ``(m, 3)`` [m] and return its centre ``(3,)`` and radius [m].
+
+    The method is the linear least squares of ``|p|² = 2 c·p + k``.
     """
     middle = points.mean(axis=0)
     about = points - middle
@@ -40,8 +43,9 @@ def best_sphere(points: Array) -> tuple[Array, float]:
 
 
 def centre_of_sphere(points: Array, radius: float) -> Array:
-    """Centre (3,) of the sphere of known radius that points (m, 3) are on [m]: the least sum of
-    distances of which large ones count less, from starts on both sides of the points.
+    """Fit the centre ``(3,)`` [m] of a sphere with known radius to points ``(m, 3)`` [m].
+
+    The robust fit (soft L1 loss) starts on both sides of the points.
     """
 
     def beyond(centre: Array) -> Array:
@@ -60,7 +64,9 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
 
 
 def normal_of_plane(points: Array) -> Array:
-    """Unit normal (3,) of the plane that fits points (m, 3) best, up to its sign."""
+    """Return the unit normal ``(3,)`` of the best plane through points ``(m, 3)`` [m]; its sign is
+    arbitrary.
+    """
     about = points - points.mean(axis=0)
     *_, directions = np.linalg.svd(about, full_matrices=False)
     return np.asarray(directions[2])
@@ -68,34 +74,35 @@ def normal_of_plane(points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Targets of the tips of n records, some of them at s seats: points of unknown coordinates
-    (nuisances).
+    """The targets of the tip in n records, some of these at s seats with unknown coordinates.
 
-    The residual of a record is tip - target, so that its derivative by the tip is one. What is
-    known of the seats themselves, their coordinates or the lengths of bars between them, comes as
-    further residuals, the *ties*: an error of a seat's stated coordinates is common to its records,
-    and does not average out over them.
+    The residual of a record is tip minus target. Stated coordinates of seats and lengths of bars
+    between seats add further residuals, the *ties*. All records of a seat share the error of its
+    stated coordinates, so that more records do not reduce this error.
 
     Attributes:
-        reference: known coordinates (n, 3) [m]; NaN where there are none, or where the record
-            touches a seat.
-        seat: number of the seat that a record touches (n,); -1 where none.
-        covariance: of each record's own target, apart from the arm (n, 3, 3) [m²].
-        labels: of the seats (s,).
-        stated: stated coordinates of the seats (s, 3) [m]; NaN where there are none.
-        stated_u: their standard uncertainty (s, 3) [m]; NaN where none is stated.
-        ends: seats at the two ends of each bar (b, 2).
-        length: calibrated lengths of the bars (b,) [m].
-        length_u: their standard uncertainties (b,) [m].
-        oriented: True for records that state an orientation (n,). The covariance is then (n, 6, 6),
-            of the turn behind the tip [rad²].
-        radius: distance of the tip from its seat where this is the centre of a sphere (n,) [m]; NaN
-            where the tip is at the seat.
-        on_plane: (n,) True where the tip is on a plane parallel to the one that the record touches;
-            its seat is then the point of that plane nearest to the ``anchor``.
-        anchor: a point 1 m off the plane of each seat (s, 3) [m]; NaN where the seat is no plane.
-        normal: of the sphere or plane at each record (n, 3); zero where the tip is at the seat.
-        by_place: derivative of a record's distance from its plane by the seat, times -1 (n, 3).
+        reference: known coordinates ``(n, 3)`` [m]; NaN if unknown or if the record touches a seat.
+        seat: index of the seat that the record touches ``(n,)``; -1 for no seat.
+        covariance: covariance of the target of each record, without the covariance of the arm,
+            ``(n, 3, 3)`` [m²]. If any record states an orientation: ``(n, 6, 6)``, with the
+            rotation after the position [rad²].
+        labels: labels of the seats ``(s,)``.
+        stated: stated coordinates of the seats ``(s, 3)`` [m]; NaN if not stated.
+        stated_u: standard uncertainty of ``stated`` ``(s, 3)`` [m]; NaN if not stated.
+        ends: indices of the two seats of each bar ``(b, 2)``.
+        length: calibrated lengths of the bars ``(b,)`` [m].
+        length_u: standard uncertainties of the lengths ``(b,)`` [m].
+        oriented: True for records that state an orientation ``(n,)``.
+        radius: distance between the tip and the seat if the seat is the centre of a sphere ``(n,)``
+            [m]; NaN if the tip is at the seat.
+        on_plane: True for records that touch a plane ``(n,)``. The centre of the ball is then on a
+            parallel plane, and the seat is the point of the parallel plane nearest to ``anchor``.
+        anchor: a point 1 m away from the plane of each seat ``(s, 3)`` [m]; NaN if the seat is no
+            plane.
+        normal: normal of the sphere or plane at each record ``(n, 3)``; zero if the tip is at the
+            seat.
+        by_place: derivative of the distance between a record and its plane by the seat, times -1,
+            ``(n, 3)``.
     """
 
     reference: Array
@@ -116,36 +123,40 @@ class Observations:
 
     @cached_property
     def has_target(self) -> Mask:
-        """(n,) True for records that say something."""
+        """True for records with a target, ``(n,)``."""
         known = np.isfinite(self.reference).all(axis=1)
         return (self.seat >= 0) | known
 
     @property
     def counts(self) -> Index:
-        """How many numbers each record states (n,): none, three, or six with its orientation."""
+        """The number of coordinates that each record states, ``(n,)``.
+
+        A record without target states 0, a sphere or plane 1, a point 3, and an orientation 3 more.
+        """
         of_tip = np.where(self.on_surface, 1, 3)
         return np.asarray(self.has_target * of_tip + 3 * (self.has_target & self.oriented))
 
     @property
     def on_sphere(self) -> Mask:
-        """(n,) True for records that touch a sphere."""
+        """True for records that touch a sphere, ``(n,)``."""
         return np.asarray(np.isfinite(self.radius))
 
     @property
     def on_surface(self) -> Mask:
-        """(n,) True for records that touch a sphere or a plane: of their deviation, the part along
-        the normal counts.
+        """True for records that touch a sphere or a plane, ``(n,)``.
+
+        Only the component of their deviation along the normal counts.
         """
         return self.on_sphere | self.on_plane
 
     @property
     def spheres(self) -> Mask:
-        """(s,) True for seats that are centres of spheres."""
+        """True for seats that are centres of spheres, ``(s,)``."""
         return self._seats_of(self.on_sphere)
 
     @property
     def planes(self) -> Mask:
-        """(s,) True for seats that are planes."""
+        """True for seats that are planes, ``(s,)``."""
         return self._seats_of(self.on_plane)
 
     def _seats_of(self, records: Mask) -> Mask:
@@ -155,12 +166,15 @@ class Observations:
 
     @property
     def surfaces(self) -> Mask:
-        """(s,) True for seats that are spheres or planes."""
+        """True for seats that are spheres or planes, ``(s,)``."""
         return self.spheres | self.planes
 
     def with_normals(self, tips: Array, points: Array) -> Observations:
-        """The same with the normals of spheres and planes at tips (n, 3), whose seats are at
-        ``points`` (s, 3) [m].
+        """Return the observations with the normals of spheres and planes.
+
+        Args:
+            tips: positions of the tip ``(n, 3)`` [m].
+            points: coordinates of the seats ``(s, 3)`` [m].
         """
         on = self.on_sphere
         way = tips[on] - points[self.seat[on]]
@@ -190,8 +204,10 @@ class Observations:
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def by_seats(self, whitening: Array) -> Array:
-        """Derivative of whitened deviations by the seats (n, r, 3), by the rows of ``whitening``
-        (n, r, 3 or 6).
+        """Return the derivative of whitened deviations by the seats, ``(n, r, 3)``.
+
+        Args:
+            whitening: rows that whiten the deviations ``(n, r, 3 or 6)``.
         """
         found = -whitening[:, :, :3]
         on = self.on_plane
@@ -201,14 +217,16 @@ class Observations:
         return found
 
     def along_normals(self, rows: Array) -> Array:
-        """Rows (n, r, 3 or 6) that multiply deviations, with the part that counts alone."""
+        """Return rows ``(n, r, 3 or 6)`` that multiply only the part of a deviation that counts."""
         if not self.on_surface.any():
             return rows
         return np.asarray(rows @ self._projections(rows.shape[2]))
 
     def counting(self, covariance: Array) -> Array:
-        """Covariance of deviations (n, 3 or 6, 3 or 6) [m², rad²], that of the part that does not
-        count being next to nothing.
+        """Return the covariance of the part of deviations that counts, ``(n, 3 or 6, 3 or 6)`` [m²,
+        rad²].
+
+        The rest of a deviation has a very small variance.
         """
         if not self.on_surface.any():
             return covariance
@@ -227,20 +245,18 @@ class Observations:
 
     @property
     def known(self) -> Mask:
-        """(s,) True for seats whose coordinates are stated."""
+        """True for seats with stated coordinates, ``(s,)``."""
         return np.asarray(np.isfinite(self.stated).all(axis=1))
 
     @property
     def unstated(self) -> Mask:
-        """(s, 3) True for coordinates of seats that are stated without an uncertainty."""
+        """True for stated coordinates of seats without an uncertainty, ``(s, 3)``."""
         known = self.known[:, None]
         return known & np.isnan(self.stated_u)
 
     @cached_property
     def clusters(self) -> Index:
-        """Number of the cluster of each seat (s,): seats that bars connect, directly or by way of
-        others.
-        """
+        """The number of the cluster of each seat, ``(s,)``; bars connect all seats of a cluster."""
         bars = len(self.ends)
         seats = len(self.labels)
         graph = coo_array((np.ones(bars), tuple(self.ends.T)), shape=(seats, seats))
@@ -248,8 +264,14 @@ class Observations:
         return np.asarray(number, dtype=np.intp)
 
     def start(self, tips: Array) -> Array:
-        """First coordinates of the seats (s, 3): the stated ones, else the median of their tips
-        (n, 3), the centre of the sphere that they are on, or their mean on a plane [m].
+        """Return first estimates of the coordinates of the seats, ``(s, 3)`` [m].
+
+        For a point the estimate is the stated value, otherwise the median of its tips. For a sphere
+        without stated value the estimate is the fitted centre, and for a plane the mean of its
+        tips.
+
+        Args:
+            tips: positions of the tip ``(n, 3)`` [m].
         """
         touched = self.seat >= 0
         if not touched.any():
@@ -266,16 +288,24 @@ class Observations:
         return np.nan_to_num(found)
 
     def targets(self, points: Array) -> Array:
-        """Where the tips should be with the seats at ``points`` (s, 3): (n, 3) [m]; NaN for records
-        that say nothing.
+        """Return the target of each tip, ``(n, 3)`` [m]; NaN for records without target.
+
+        Args:
+            points: coordinates of the seats ``(s, 3)`` [m].
         """
         found = self.reference.copy()
         found[self.seat >= 0] = points[self.seat[self.seat >= 0]]
         return found
 
     def deviations(self, poses: Array, points: Array) -> Array:
-        """``poses`` (n, 3 or 6) [m, rad] less the targets, see :meth:`targets`; turns are from the
-        target already. From a sphere or plane it is the distance along the normal.
+        """Return the deviations of ``poses`` from the targets, ``(n, 3 or 6)`` [m, rad].
+
+        For a sphere or a plane, the deviation is along the normal.
+
+        Args:
+            poses: positions of the tip, and rotations relative to the target if stated, ``(n, 3 or
+                6)`` [m, rad].
+            points: coordinates of the seats ``(s, 3)`` [m].
         """
         off = poses.copy()
         off[:, :3] -= self.targets(points)
@@ -288,15 +318,17 @@ class Observations:
         return off
 
     def of_seats(self, points: Array) -> Array:
-        """Residual of each seat's stated coordinates over their u (s, 3); zero where none are
-        stated.
+        """Return the residuals of the stated coordinates of seats over their u, ``(s, 3)``; zero if
+        not stated.
         """
         known = self.known[:, None]
         return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
 
     def of_bars(self, points: Array) -> tuple[Array, Array]:
-        """Residuals of lengths over their u (b,), and derivatives by the first ends (b, 3): minus
-        those by the others.
+        """Return the residuals of bar lengths over their u ``(b,)``, and their derivatives by the
+        first ends ``(b, 3)``.
+
+        The derivatives by the second ends have the opposite sign.
         """
         first, second = self.ends.T
         way = points[first] - points[second]
@@ -305,8 +337,14 @@ class Observations:
         return (distance - self.length) / self.length_u, along / self.length_u[:, None]
 
     def divided(self, part: Index) -> tuple[Observations, Index, Index]:
-        """The same with seats of their own in each part of the records (n,); and of each seat
-        its number before and its part (s',).
+        """Return the observations with separate seats in each part of the records.
+
+        Args:
+            part: number of the part of each record ``(n,)``.
+
+        Returns:
+            The observations; the old index of each new seat ``(s',)``; the part of each new seat
+            ``(s',)``.
         """
         touched = self.seat >= 0
         of_touches = np.stack([part[touched], self.seat[touched]], axis=1)

@@ -110,39 +110,39 @@ class CovariateColumn(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Measurements(Shown):
-    """Records of one arm, n of them.
+    """The n records of one arm.
 
     Attributes:
-        q: joint angles (n, nq) [rad]. They are the readings, but for an arm with couplings; see
+        q: joint angles ``(n, nq)`` [rad]; for an arm without couplings the readings; see
             :meth:`with_joint_angles`.
-        reference: coordinates of the tip (n, 3) [m], NaN rows where they are not known.
-        reference_u: their standard uncertainty (n, 3) [m], NaN rows where it is not stated.
-        conditions: what else is known of each record.
-        bar: label of the bar that the seat of a record is an end of (n,), "" where none.
-        bar_end: ``A``, ``B`` or "" (n,).
-        bar_length: length of the bar (n,) [m], NaN where none.
-        operator: label (n,), "" where none.
-        record: label (n,), "" where none.
-        extra: columns without an attribute of their own, unknown ones and others, as they came,
-            n rows.
-        row: line of each record in the file (n,), the header being line 1; in a table, the line it
-            would have.
-        source: the file as the caller named it, or ``table``.
-        read_as: how the file was read, where that is not as it usually is: separators, decimal
-            commas, comments left out, touches of an acceptance test; records that were left out.
-        header: names of the columns of the file, as they stand there.
-        orientation: of the target in the frame of the references, unit quaternions with the scalar
-            first (n, 4), NaN rows where it is not known; None where it nowhere is.
-        orientation_u: its standard uncertainty about each axis (n,) [rad], NaN where it is not
-            stated; None where it nowhere is.
-        bar_length_u: standard uncertainty of that length (n,) [m], NaN where it is not stated; None
-            where it nowhere is.
-        feature_diameter: of the sphere that a seat is, probed from outside (n,) [m]; NaN where the
-            seat is a point. References of such records are those of the sphere's centre.
-        probe_diameter: of the probe's ball (n,) [m], whose centre is the tip; NaN where references
-            are those of the tip, see :func:`~aacmm_pin.measurements.contacts.at_centres`.
-        feature_kind: ``plane`` where the seat is one (n,), "" elsewhere.
-        of_encoders: readings that differ from ``q`` (n, nq) [rad]; None where they do not.
+        reference: coordinates of the tip ``(n, 3)`` [m]; NaN rows if unknown.
+        reference_u: standard uncertainty of ``reference`` ``(n, 3)`` [m]; NaN rows if not stated.
+        conditions: conditions of the records.
+        bar: label of the ball bar whose end is the seat of the record ``(n,)``; "" for no bar.
+        bar_end: end of the bar, ``A``, ``B`` or "" ``(n,)``.
+        bar_length: length of the bar ``(n,)`` [m]; NaN for no bar.
+        operator: label of the operator ``(n,)``; "" if not stated.
+        record: label of the record ``(n,)``; "" if not stated.
+        extra: columns without an attribute, unchanged, n rows.
+        row: line of each record in the file ``(n,)``, with the header as line 1. For records from a
+            table, the line that a file would have.
+        source: file name as the caller stated it, or ``table``.
+        read_as: unusual properties of the file: separators, decimal commas, excluded comments or
+            records, rows of an acceptance test.
+        header: names of the columns in the file.
+        orientation: orientation of the target in the reference frame, unit quaternions with the
+            scalar first ``(n, 4)``; NaN rows if unknown; None without any orientation.
+        orientation_u: standard uncertainty of the orientation about each axis ``(n,)`` [rad]; NaN
+            if not stated; None without any orientation.
+        bar_length_u: standard uncertainty of the bar length ``(n,)`` [m]; NaN if not stated; None
+            if never stated.
+        feature_diameter: diameter of the sphere that is the seat ``(n,)`` [m]; you probe the sphere
+            from outside. NaN if the seat is a point. If the seat is a sphere, the references are
+            coordinates of its centre.
+        probe_diameter: diameter of the ball of the probe ``(n,)`` [m]. NaN if the references are
+            for the tip; see :func:`~aacmm_pin.measurements.contacts.at_centres`.
+        feature_kind: ``plane`` if the seat is a plane, otherwise "" ``(n,)``.
+        of_encoders: readings, if they differ from ``q``, ``(n, nq)`` [rad]; otherwise None.
     """
 
     q: Array
@@ -171,15 +171,17 @@ class Measurements(Shown):
     def read(
         path: str | Path, nq: int | None = None, references: str | Path | None = None
     ) -> Measurements:
-        """Read a measurement file (CSV) of an arm with ``nq`` joints, of any arm where ``nq`` is
-        None; its references may stand in a second file.
+        """Read a measurement file (CSV), and its references from a second file if you state one.
 
-        Rows of two files belong together by the column ``record``, or in their order if one of the
-        files does not have it.
+        The column ``record`` connects the rows of the two files. If a file lacks the column
+        ``record``, the order of the rows connects the files.
+
+        Args:
+            nq: number of joints; None for any number.
 
         Raises:
-            MeasurementFileError: the file cannot be read, is not such a table, or a column or cell
-                is not as expected; the message names the row and column of the first ten problems.
+            MeasurementFileError: the file cannot be read, is not a measurement file, or has an
+                invalid column or cell. The message names row and column of the first ten problems.
         """
         first = read_table(str(path))
         table, lines, read_as, _ = first
@@ -192,12 +194,12 @@ class Measurements(Shown):
     def from_frame(
         table: pd.DataFrame, nq: int | None = None, source: str = "table"
     ) -> Measurements:
-        """The same from a table with the columns of a measurement file; cells may be numbers or
-        text.
+        """Make measurements from a table with the columns of a measurement file; cells are numbers
+        or text.
 
         Raises:
-            MeasurementFileError: see :meth:`read`; rows are counted as in a file, the first record
-                being row 2.
+            MeasurementFileError: see :meth:`read`. Row numbers count as in a file, with the first
+                record in row 2.
         """
         lines = np.arange(len(table)) + FIRST_RECORD
         return _from_table(table, lines, nq, source)
@@ -223,18 +225,17 @@ class Measurements(Shown):
         extra: pd.DataFrame | None = None,
         source: str = "table",
     ) -> Measurements:
-        """Measurements from arrays in SI units, see the attributes; None where nothing is known.
+        """Make measurements from arrays in SI units; None for unknown quantities.
 
-        Coordinates of contacts become those of the tip, see
-        :func:`~aacmm_pin.measurements.contacts.at_centres`. Shapes and numbers are checked, but not
-        whether seats and bars suffice for a calibration, as :meth:`read` does.
+        The arguments are the attributes of the class. Coordinates of contacts become coordinates of
+        the tip; see :func:`~aacmm_pin.measurements.contacts.at_centres`. The method checks shapes
+        and numbers. Only :meth:`read` also checks whether seats and bars suffice for a calibration.
 
         Raises:
-            ShapeError: an array has another shape or numbers that cannot be, or ``extra`` a known
+            ShapeError: an array has a wrong shape or impossible numbers, or ``extra`` has a known
                 column.
-            MeasurementFileError: the columns of a file with these data would contradict each other,
-                such as an unknown column named like a known one, a bar without seat, or another
-                number of approaches than joints.
+            MeasurementFileError: the data contradict each other, for example a bar without seat or
+                a wrong number of approach directions.
         """
         q = batch(q, width_of(q), "q", "rad")
         n = len(q)
@@ -280,24 +281,24 @@ class Measurements(Shown):
 
     @property
     def n(self) -> int:
-        """Number of records."""
+        """The number of records."""
         return int(self.q.shape[0])
 
     @property
     def nq(self) -> int:
-        """Number of joints."""
+        """The number of joints."""
         return int(self.q.shape[1])
 
     @property
     def readings(self) -> Array:
-        """Encoder indications (n, nq) [rad]."""
+        """The readings of the encoders, ``(n, nq)`` [rad]."""
         return self.q if self.of_encoders is None else self.of_encoders
 
     def with_joint_angles(self, arm: Arm) -> Measurements:
-        """The records whose ``q`` are the joint angles that the readings make on an arm.
+        """Return the records with ``q`` as the joint angles of an arm with couplings.
 
-        Everything that takes an arm and its records does so; nothing changes for an arm without
-        couplings.
+        Functions of this package that accept an arm and records call this method themselves. For an
+        arm without couplings nothing changes.
 
         Raises:
             ShapeError: the arm has another number of joints.
@@ -309,25 +310,25 @@ class Measurements(Shown):
         return replace(self, q=q, of_encoders=readings if arm.couplings else None)
 
     def with_readings(self, arm: Arm) -> Measurements:
-        """The records with what the encoders of an arm show at the joint angles ``q``."""
+        """Return the records with the readings of an arm at the joint angles ``q``."""
         if not arm.couplings:
             return self
         return replace(self, of_encoders=arm.readings(self.q))
 
     @property
     def known(self) -> Mask:
-        """(n,) True where the reference of the tip is known."""
+        """True for records with a known position of the tip, ``(n,)``."""
         return self.placed & ~self.on_surface
 
     @property
     def placed(self) -> Mask:
-        """(n,) True where a reference is stated, of the tip or of the centre of a sphere."""
+        """True for records with reference coordinates of the tip or of a sphere, ``(n,)``."""
         return np.asarray(np.isfinite(self.reference).all(axis=1))
 
     @property
     def contact_radius(self) -> Array:
-        """Distance of the tip from the centre of the sphere that a record touches (n,) [m]; NaN
-        where it touches none.
+        """The distance between the tip and the centre of the sphere that the record touches,
+        ``(n,)`` [m]; NaN for no sphere.
         """
         if self.feature_diameter is None or self.probe_diameter is None:
             return np.full(self.n, np.nan)
@@ -335,31 +336,32 @@ class Measurements(Shown):
 
     @property
     def on_sphere(self) -> Mask:
-        """(n,) True where the tip touches a sphere."""
+        """True for records that touch a sphere, ``(n,)``."""
         return np.asarray(np.isfinite(self.contact_radius))
 
     @property
     def on_plane(self) -> Mask:
-        """(n,) True where the tip touches a plane."""
+        """True for records that touch a plane, ``(n,)``."""
         if self.feature_kind is None:
             return np.zeros(self.n, dtype=bool)
         return np.asarray(self.feature_kind == PLANE, dtype=bool)
 
     @property
     def on_surface(self) -> Mask:
-        """(n,) True where the tip touches a sphere or a plane."""
+        """True for records that touch a sphere or a plane, ``(n,)``."""
         return self.on_sphere | self.on_plane
 
     @property
     def oriented(self) -> Mask:
-        """(n,) True where an orientation is stated."""
+        """True for records that state an orientation, ``(n,)``."""
         if self.orientation is None:
             return np.zeros(self.n, dtype=bool)
         return np.isfinite(self.orientation[:, 0])
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
-        """Some of the records; seats and bars may lose what made them useful, which only reading a
-        file checks.
+        """Return some of the records, by indices, a slice or a mask.
+
+        The method does not check whether the remaining seats and bars suffice for a calibration.
         """
         index = np.arange(self.n)[rows]
         arrays: dict[str, Any] = {}
@@ -371,15 +373,14 @@ class Measurements(Shown):
         return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
 
     def with_approach_from_order(self) -> Measurements:
-        """The records with the direction of each joint's last motion, if they were taken in the
-        order of the rows.
+        """Return the records with approach directions that follow from the order of the rows.
 
-        It is the sign of the step of ``q`` from the row before: with the couplings of an arm call
-        :meth:`with_joint_angles` first. A step below :data:`LEAST_MOTION` keeps the
-        sign of the row before; 0 up to the first motion of a session.
+        The direction is the sign of the change of ``q`` since the row before. A change below
+        :data:`LEAST_MOTION` keeps the sign of the row before. Before the first motion of a session,
+        the direction is 0. If the arm has couplings, first call :meth:`with_joint_angles`.
 
         Raises:
-            AacmmError: the records state directions of approach.
+            AacmmError: the records already state approach directions.
         """
         if self.conditions.approach is not None:
             raise AacmmError(
@@ -396,17 +397,18 @@ class Measurements(Shown):
 
     @cached_property
     def postures(self) -> Index:
-        """Number of the posture of each record (n,), see
-        :func:`aacmm_pin.measurements.repeats.posture_numbers`.
+        """Return the number of the held posture of each record, ``(n,)``.
+
+        See :func:`aacmm_pin.measurements.repeats.posture_numbers`.
         """
         return posture_numbers(self.q)
 
     def seats(self) -> dict[str, Index]:
-        """The records of each seat, by its label, in the order of their first records."""
+        """Return the records of each seat by its label, in the order of their first records."""
         return _records_by_label(self.conditions.seat)
 
     def bars(self) -> list[Bar]:
-        """The bars that have records of both ends, in the order of their first records."""
+        """Return the ball bars with records of both ends, in the order of their first records."""
         seat = self.conditions.seat
         if self.bar is None or self.bar_end is None or self.bar_length is None or seat is None:
             return []
@@ -421,8 +423,12 @@ class Measurements(Shown):
         return found
 
     def bar_length_errors(self, tips: Array) -> Array:
-        """Distance of the mean tips (n, 3) [m] at both ends of each bar, minus its length: (b,)
-        [m].
+        """Compute the error of each bar length, ``(b,)`` [m].
+
+        The error is the distance between the mean tips at both ends, minus the stated length.
+
+        Args:
+            tips: positions of the tip ``(n, 3)`` [m].
         """
         means = {label: tips[rows].mean(axis=0) for label, rows in self.seats().items()}
         errors = []
@@ -432,7 +438,7 @@ class Measurements(Shown):
         return np.array(errors)
 
     def to_frame(self, angle_unit: AngleUnit = "deg") -> pd.DataFrame:
-        """The columns of a measurement file, those that are present, unknown ones last.
+        """Return a table with the columns of a measurement file; unknown columns come last.
 
         Raises:
             UnknownNameError: ``angle_unit`` is neither ``deg`` nor ``rad``.
@@ -462,8 +468,10 @@ class Measurements(Shown):
         return dict(zip(names, np.atleast_2d(values.T), strict=True))
 
     def covariate_columns(self) -> list[CovariateColumn]:
-        """The columns that residuals or excluded records may depend on: those that may act anywhere
-        first, then those of joints and of groups; last those of :attr:`extra`.
+        """Return the columns that residuals or excluded records may depend on.
+
+        Columns of the whole arm come first, then columns of joints and of groups, then columns of
+        :attr:`extra`.
         """
         kinds = get_args(Covariate)
         known = [entry for entry in RECORD_COLUMNS if entry.field]
@@ -480,9 +488,9 @@ class Measurements(Shown):
         return [column for column in found if column.entry.covariate != "none"]
 
     def csv(self) -> str:
-        """The text of a CSV file from which :meth:`read` gives the same numbers back.
+        """Return the records as CSV text from which :meth:`read` restores the same numbers.
 
-        Angles are in degrees, or in radians where :meth:`read` would take the degrees for radians.
+        Angles are in degrees, or in radians if :meth:`read` would interpret the degrees as radians.
         """
         table = self.to_frame("rad" if looks_like_radians(self.readings / DEG) else "deg")
         dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])
@@ -494,10 +502,12 @@ class Measurements(Shown):
         return csv_text(table, quoting)
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Write the file of :meth:`csv`, whole or not at all.
+        """Save the records as a CSV file.
+
+        If the save fails, no incomplete file remains.
 
         Raises:
-            OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
+            OutputError: ``path`` exists and ``force`` is False, or the file cannot be written.
         """
         from aacmm_pin._support.output_files import whole_file
 

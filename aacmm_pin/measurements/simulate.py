@@ -49,49 +49,52 @@ def simulate_measurements(
     temperature_range: float = 3.0,
     orientation_noise: float | None = None,
 ) -> Measurements:
-    """Measurements of an arm that has just the errors of ``model``, by :meth:`ErrorModel.predict`,
-    plus noise.
+    """Simulate measurements of an arm with exactly the errors of ``model``, plus noise.
 
-    - ``free``: random postures, uniform in the joints, each with a reference of its own (a laser
-      tracker).
-    - ``seats``: kinematic seats spread over the workspace, each touched in different postures of
-      all branches; each with one stated reference, or with none (``known=False``).
-    - ``ball-bar``: ``seats // 2`` bars of ``bar_length``, both ends touched; no coordinates. Each
-      stated length is off by its own draw of the reference noise.
+    The schemes are:
+
+    - ``free``: random postures, uniform in the joint angles; a laser tracker measures each tip.
+    - ``seats``: kinematic seats in the whole workspace; you touch each seat in different postures
+      of all solution branches. Each seat has one stated reference, or none (``known=False``).
+    - ``ball-bar``: ``seats // 2`` bars of ``bar_length``, with contacts at both ends and without
+      coordinates. Each stated length has one error from the reference noise.
     - ``single-point``: one seat without reference.
 
-    The postures are exact: before noise, the tip of the arm with all its errors is at the point
-    touched, which is the seat plus the draw of this contact (``free``: the tracker's target sits
-    that much off the tip). What is recorded is posture plus encoder noise. Effects ``of_reference``
-    act where coordinates are stated. Postures avoid what :class:`Room` names, and keep 1e-3 rad
-    from the limits. Conditions: see :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a
-    session ends after 200 records at most.
+    The model error is exact (:meth:`ErrorModel.predict`). Before encoder noise, the distance
+    between tip and seat is the probe noise; for ``free``, between tip and target of the tracker.
+    Causes with ``of_reference`` change the stated coordinates. Postures avoid the obstacles of
+    :class:`Room`, and stay 1e-3 rad away from the limits. For conditions see
+    :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a session has at most 200 records.
 
     Args:
         model: the arm with its errors.
-        scheme: one of the four.
+        scheme: one of the four schemes.
         records: number of records.
-        rng: for all that is drawn; its seed goes into ``source`` of the result.
-        encoder_noise: standard uncertainty of one reading, of each joint (nq,) or one for all [rad;
-            m where a joint slides]; default what the arm states of its encoders, or 8 µrad, which
-            ``source`` then says.
-        reference_noise: of each coordinate of a stated reference [m]: drawn once for a seat, once a
-            record for free points.
-        probe_noise: of each coordinate of one contact [m], new in every record.
-        seats: number of seats; two for each bar.
-        known: for scheme ``seats``, whether their coordinates are stated.
-        bar_length: for scheme ``ball-bar`` [m].
-        above: height of a table over the base origin, along gravity, under which no tip goes [m].
-        temperature_range: temperatures stay within ± this of the arm's reference temperature [K].
-        orientation_noise: where coordinates are stated, state the orientation of the tip too, with
-            this standard uncertainty about each axis [rad]; None for positions alone.
+        rng: random generator; ``source`` of the result states its seed.
+        encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad; m for a
+            prismatic joint]; default from the arm file, else 8 µrad. ``source`` states an assumed
+            value.
+        reference_noise: standard uncertainty of each reference coordinate [m]. A seat has one draw;
+            a free point has one draw for each record.
+        probe_noise: standard uncertainty of each coordinate of one contact [m], with a new draw in
+            each record.
+        seats: number of seats; each bar has two.
+        known: state the coordinates of the seats; only for ``seats``.
+        bar_length: length of the bars [m]; only for ``ball-bar``.
+        above: height of a table above the base origin, against gravity [m]; the tip stays above the
+            table.
+        temperature_range: largest difference between the temperatures and the reference temperature
+            of the arm [K].
+        orientation_noise: standard uncertainty about each axis of stated orientations [rad]; None
+            for no orientations.
 
     Raises:
-        UnknownNameError: no such scheme; a ``seat_error`` of a seat that the scheme does not have.
-        ShapeError: noise of another number of encoders, or not finite.
-        MissingConditionError: an effect depends on something that a virtual workshop does not
-            record.
-        AacmmError: a number is of no use, or the scheme cannot be carried out: says why.
+        UnknownNameError: the scheme is unknown, or a ``seat_error`` names a seat that the scheme
+            lacks.
+        ShapeError: the noise is not finite, or its number differs from the number of encoders.
+        MissingConditionError: a cause depends on a condition that the simulation does not record.
+        AacmmError: a number is invalid, or the scheme is not possible; the message states the
+            reason.
     """
     if scheme not in SCHEMES:
         raise UnknownNameError("scheme", scheme, list(SCHEMES))

@@ -43,21 +43,21 @@ EXCHANGE_ROUNDS = 10
 
 @dataclass(frozen=True, eq=False)
 class CalibrationPlan(Shown):
-    """Records for a calibration, with their observability and u.
+    """Planned records for a calibration, with their observability index and u.
 
     Attributes:
         model: the arm.
-        records: the plan as a measurement file to be filled in.
-        expected: where the tip will be about, in the frame of the references (n, 3) [m].
-        measurements: the records expected.
+        records: the plan as a measurement file for you to complete.
+        expected: approximate positions of the tip in the frame of the references ``(n, 3)`` [m].
+        measurements: the planned records as measurements.
         o1: observability index O1 (Borm, Menq 1991) of existing and planned records.
-        o1_random: the same of random records of the same number, (:data:`RANDOM`,).
-        u: standard uncertainty of the tip by the calibrated geometry, root mean square over all
-            postures to choose from [m].
-        u_random: the same after random records (:data:`RANDOM`,) [m].
+        o1_random: O1 of plans with random records, ``(RANDOM,)``; see :data:`RANDOM`.
+        u: standard uncertainty of the tip of the calibrated arm, root mean square over all
+            available postures [m].
+        u_random: ``u`` of plans with random records ``(RANDOM,)`` [m].
         existing: number of existing records.
-        seed: of all that was drawn, or None where the generator has none.
-        notes: what was assumed.
+        seed: seed of the random generator, or None if unknown.
+        notes: assumptions.
     """
 
     model: ErrorModel
@@ -74,18 +74,18 @@ class CalibrationPlan(Shown):
 
     @property
     def ratio(self) -> float:
-        """O1 of the plan over the median of random plans."""
+        """The ratio of O1 of the plan and the median O1 of random plans."""
         return self.o1 / float(np.median(self.o1_random))
 
     def csv(self) -> str:
-        """The text of the measurement file."""
+        """Return the plan as the text of a measurement file."""
         return csv_text(self.records)
 
     def __str__(self) -> str:
         return str(report().calibration_plan.calibration_plan_line(self))
 
     def summary(self) -> dict[str, Any]:
-        """Schema ``aacmm-pin/calibration-plan/1``."""
+        """Return the content of the JSON file with the schema ``aacmm-pin/calibration-plan/1``."""
         summary: dict[str, Any] = {"schema": CALIBRATION_PLAN_SCHEMA, "arm": self.model.arm.name}
         summary |= {"records": len(self.records), "existing": self.existing}
         summary |= {"o1": self.o1, "o1_random": self.o1_random.tolist(), "o1_ratio": self.ratio}
@@ -113,26 +113,26 @@ def plan_calibration(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> CalibrationPlan:
-    """Plan records that determine the geometry best: exchanges maximise the determinant of the
-    information.
+    """Plan the records that determine the geometry best.
 
-    Bayesian D-optimality (Chaloner, Verdinelli 1995, Statistical Science 10): log det of the
-    information of what is stated of the arm, of the existing records and of the chosen ones,
-    whitened by the noise. Records come in one after the other, each the best; then every one is
-    exchanged for the best in its place until none changes (Fedorov 1972).
+    The plan maximises the log determinant of the information from the stated uncertainties of the
+    arm, the existing records and the planned records (Bayesian D-optimality: Chaloner, Verdinelli
+    1995, Statistical Science 10). The noise of the records whitens the information. The algorithm
+    adds records one by one, then exchanges records until no exchange improves the plan (Fedorov
+    1972).
 
     Args:
-        model: the arm; effects that it has stay.
-        records: how many to plan.
-        existing: what was measured already, which counts too.
-        scheme, reference_frame, target, prior: see :func:`plan_measurements`, as all that
-            follow.
+        model: the arm, or the arm with causes of error; the causes keep their values.
+        records: number of records to plan.
+        existing: records that you already have and that also count.
+        scheme, reference_frame, target, prior: see :func:`plan_measurements`, also for all other
+            arguments.
 
     Raises:
-        UnknownNameError: an unknown scheme or frame.
-        MissingConditionError: an effect of the arm needs what the existing records do not state.
-        AacmmError: too few records or postures, an arm that the records are not of or whose values
-            are all exact, or records without any noise.
+        UnknownNameError: the scheme or the frame is unknown.
+        MissingConditionError: the existing records lack a condition that a cause of the arm needs.
+        AacmmError: too few records or postures; existing records of another arm; only exact values
+            in the arm; or records without noise.
     """
     model = ErrorModel.of(model).restricted_to_known_range()
     rng = rng or np.random.default_rng(1)

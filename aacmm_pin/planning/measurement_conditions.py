@@ -95,7 +95,7 @@ def _changes(
         yield str(Note("approach_both_sides", {"joints": which})), {"sides": tuple(joints)}
     if any("temperature" in effect.needs for effect in causes):
         warm = reference_temperature + ROOM_WARMING
-        data = {"by": ROOM_WARMING, "cool": reference_temperature, "warm": warm}
+        data = {"cool": reference_temperature, "warm": warm}
         yield str(Note("warm_room", data)), {"warmer": ROOM_WARMING}
     constants = [e.nonlinear.value(e) for e in causes if isinstance(e.nonlinear, TimeConstant)]
     if constants:

@@ -148,7 +148,7 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
         effect.label for effect, nothing in zip(split, power.undetectable, strict=True) if nothing
     ]
     if undetectable:
-        return f"{' and '.join(undetectable)} would not be detected"
+        return f"no posture shows {' or '.join(undetectable)}"
     if not power.same:
         return ""
     if power.open == (False, False):

@@ -54,43 +54,45 @@ def plan_measurements(
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> MeasurementPlan:
-    """Plan records that distinguish two causes, or all causes that the arm can have.
+    """Plan records that distinguish two causes, or all possible causes of the arm.
 
-    For two causes k and l the records are chosen one after the other, then exchanged once, so that
-    the smaller of ``T_kl = min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` and T_lk is as large as
-    it can be (T-optimality: Atkinson, Fedorov 1975, Biometrika 62). Everything is whitened by the
-    noise; Z is what is refitted anyway: geometry within its stated uncertainties, an unknown frame,
-    the seats. β_k is the value of the effect, or, where that is zero, any of typical
-    magnitude. Postures come first; conditions that the causes depend on (approach, temperature,
-    warm-up), a load and another mount follow in this order, each only if the former do not decide.
+    For two causes k and l the plan maximises the smaller of ``T_kl`` and ``T_lk``. The definition
+    is ``T_kl = min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` (T-optimality: Atkinson, Fedorov
+    1975, Biometrika 62). The noise of the records whitens all terms. Z is the sensitivity to the
+    parameters that every fit estimates: geometry within its stated uncertainties, an unknown frame,
+    and the seats. The vector β_k has the values of the cause. If the values are zero, β_k has the
+    typical magnitude in any direction. The algorithm adds records one by one, then exchanges each
+    record once. The plan first tries postures only. If postures do not suffice, the plan adds
+    conditions of the causes (approach, temperature, warm-up), then a load, then another mount.
 
-    Without ``split`` half of the records are chosen to determine geometry and all causes
-    together best (Bayesian D-optimality: Chaloner, Verdinelli 1995, Statistical Science 10), the
-    others each for the pair that is distinguished worst.
+    Without ``split``, half of the records determine geometry and all causes together best (Bayesian
+    D-optimality: Chaloner, Verdinelli 1995, Statistical Science 10). Each other record is the best
+    for the pair of causes that the plan distinguishes worst.
 
     Args:
-        model: the arm, with effects if it has some; these stay.
-        split: two causes, or labels such as ``joint_compliance:2``; None for all.
-        records: how many to plan.
-        existing: records that will be evaluated together with the new ones.
-        scheme: ``free``: every record with coordinates of its own (laser tracker), which the
-            plan leaves open; ``seats``: at the seats of the existing records, or at new ones.
+        model: the arm, or the arm with causes of error; the causes keep their values.
+        split: two causes, or labels such as ``joint_compliance:2``; None for all causes.
+        records: number of records to plan.
+        existing: records that you will evaluate together with the new records.
+        scheme: ``free`` if you add the coordinates of each record later (laser tracker); ``seats``
+            for the seats of the existing records, or for new seats.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
-            see :func:`aacmm_pin.calibration.calibrate`; unstated noise is assumed as typical, and a
-            note states it.
-        above: height of a table over the base origin, along gravity, under which no tip goes [m].
-        as_it_stands: no load and no other mount.
-        postures: how many to choose from; fewer are quicker.
-        rng: for all that is drawn; default seed 1.
-        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as
-            ``tqdm`` that wraps the records to choose.
+            see :func:`aacmm_pin.calibration.calibrate`. For noise without a stated value, the plan
+            assumes a typical value, and a note states the assumption.
+        above: height of a table above the base origin, against gravity [m]; the tip stays above the
+            table.
+        as_it_stands: exclude a load and another mount.
+        postures: number of available postures; fewer postures need less time.
+        rng: random generator; default seed 1.
+        progress: True for a progress bar in a notebook or on stderr, or a function such as
+            ``tqdm``.
 
     Raises:
-        UnknownNameError: an unknown cause, field, scheme or frame.
-        MissingConditionError: an effect of the arm needs what the existing records do not state.
-        UnsupportedArmError: the arm lacks what a cause needs, such as masses.
-        AacmmError: causes that no plan can be about, too few records or postures, or an arm that
-            the records are not of.
+        UnknownNameError: a cause, field, scheme or frame is unknown.
+        MissingConditionError: the existing records lack a condition that a cause of the arm needs.
+        UnsupportedArmError: the arm lacks a property that a cause needs, such as masses.
+        AacmmError: no plan can distinguish the causes, there are too few records or postures, or
+            the existing records are of another arm.
     """
     model = ErrorModel.of(model).restricted_to_known_range()
     existing = None if existing is None else as_measurements(existing, model.arm)

@@ -43,28 +43,30 @@ class Tried(Shown):
 
 @dataclass(frozen=True, eq=False)
 class MeasurementPlan(Shown):
-    """What to measure next.
+    """A plan of measurements that distinguish causes, with the probability of success.
 
     Attributes:
-        model: the arm while the plan is measured; another than before where
-            ``changes_arm``.
-        split: the two causes to distinguish; where none were asked for, the worst pair of all
-            that can be distinguished.
-        records: the plan as a measurement file to be filled in: angles, conditions, and references
-            that are empty.
-        expected: where the tip will be about, in the frame of the references (n, 3) [m].
-        set_up: what to do besides postures, in words; () where the arm stays as it is.
-        changes_arm: the arm file is another one; old records then do not count in the power.
+        model: the arm during the planned measurements; if ``changes_arm`` is True, another arm than
+            before.
+        split: the two causes to distinguish; without a request, the pair that is most difficult to
+            distinguish.
+        records: the plan as a measurement file for you to complete, with angles, conditions and
+            empty references.
+        expected: approximate positions of the tip in the frame of the references ``(n, 3)`` [m].
+        set_up: changes of the set-up, in words; () if the set-up stays.
+        changes_arm: True if the plan requires another arm file; existing records then do not count
+            in the power.
         before: power of the existing records, or None.
-        after: power of these and the plan.
-        tried: the set-ups that were considered, in the order of effort.
+        after: power of the existing and planned records.
+        tried: the set-ups that the plan considered, in the order of effort.
         existing: number of existing records that count.
-        notes: what was assumed, and what cannot be distinguished.
-        measurements: the records expected, as a diagnosis would take them.
-        pairs: where no split was asked: every pair of causes with its T, worst first; else None.
-        enough: about how many new records of this kind would decide, beside the existing ones,
-            where the plan does not; None if no few times as many.
-        seed: of all that was drawn, or None where the generator has none.
+        notes: assumptions, and causes that the plan cannot distinguish.
+        measurements: the planned records as measurements.
+        pairs: all pairs of causes with their T, most difficult first, if no split was requested;
+            otherwise None.
+        enough: approximate number of similar records that would distinguish the causes, if the plan
+            does not; None if even several times as many records do not suffice.
+        seed: seed of the random generator, or None if unknown.
     """
 
     model: ErrorModel
@@ -85,28 +87,28 @@ class MeasurementPlan(Shown):
 
     @property
     def asked(self) -> bool:
-        """Whether the split was asked for."""
+        """True if the caller requested the split."""
         return self.pairs is None
 
     @property
     def decided(self) -> bool:
-        """Whether the plan distinguishes its pair of causes."""
+        """True if the plan distinguishes the two causes."""
         return self.after.probability >= DECIDED and not self.after.same
 
     @property
     def needed(self) -> bool:
-        """Whether the existing records alone do not distinguish the causes."""
+        """True if the existing records alone do not distinguish the causes."""
         if self.before is None or self.before.same:
             return True
         return self.before.probability < DECIDED
 
     @property
     def setup(self) -> str:
-        """The set-up in words."""
+        """The changes of the set-up as text."""
         return set_up_in_words(self.set_up)
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Write the plan as a measurement file (CSV) whose references are to be filled in.
+        """Save the plan as a measurement file (CSV) with empty references for you to complete.
 
         Raises:
             OutputError: see :func:`aacmm_pin._support.output_files.whole_file`.
@@ -115,11 +117,11 @@ class MeasurementPlan(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def csv(self) -> str:
-        """The text of that file."""
+        """Return the plan as the text of a measurement file."""
         return csv_text(self.records)
 
     def summary(self) -> dict[str, Any]:
-        """Schema ``aacmm-pin/plan/1``."""
+        """Return the content of the JSON file with the schema ``aacmm-pin/plan/1``."""
         summary: dict[str, Any] = {"schema": PLAN_SCHEMA, "arm": self.model.arm.name}
         summary |= {"split": [effect.key for effect in self.split], "asked": self.asked}
         summary |= {"records": len(self.records), "existing": self.existing}

@@ -62,28 +62,26 @@ SEEDS_PER_TURN = 24
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationCircle(PosturesAtPoint):
-    """Every configuration that reaches a working point, in order along its closed components.
-
-    ``at`` is ``frame5`` or the tip; what else it has in common with other enumerations is in the
-    base class.
+    """The configuration circle: all postures with the wrist or the tip at one point, in order along
+    closed curves.
 
     Attributes:
-        components: the closed curves that were sampled.
+        components: the sampled closed curves.
     """
 
     components: Components
 
     @property
     def theta3(self) -> Array:
-        """Angle of joint 3, by which the paper orders the configurations, (n,) [rad] in [-π, π)."""
+        """The angle of joint 3, ``(n,)`` [rad], in [-π, π)."""
         return wrapped(self.q[:, 2])
 
     @cached_property
     def branch(self) -> NDArray[np.intp]:
-        """Branch signs (n, 2): the wrist's side of the plane of joint axes 1 and 2, and the side to
-        which the elbow bends.
+        """The signs of the solution branch, ``(n, 2)``.
 
-        The second is the sign of d|shoulder → wrist|/dθ4: +1 where a growing θ4 stretches the arm.
+        The first sign states the side of the wrist from the plane of joint axes 1 and 2. The second
+        sign is that of d|shoulder → wrist|/dθ4: +1 means that an increase of θ4 extends the arm.
         """
         dh = self.arm.require_dh("a branch")
         rotation, origin = self.arm.chain.walk(self.q)
@@ -99,26 +97,32 @@ class ConfigurationCircle(PosturesAtPoint):
         return np.where(signs >= 0, 1, -1)
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Flexibility ζ (eq. 1 of the paper): how much of the circle lies inside the limits.
+        """Return the flexibility ζ: the share of the swivel angles that have a posture within the
+        joint limits.
+
+        Source: eq. 1 of Xu You et al. 2019.
 
         Args:
-            sectors: number of equal sectors of the swivel angle; each is judged at its centre.
+            sectors: number of equal sectors of the swivel angle; the posture at the centre decides
+                for the sector.
         """
         return flexibility(self.components, self.arm.limits, sectors)
 
     def columns(self) -> dict[str, Any]:
-        """As :meth:`PosturesAtPoint.columns`, with the branch signs behind."""
+        """Return the columns of :meth:`PosturesAtPoint.columns`, then the signs of the solution
+        branch.
+        """
         shoulder, elbow = self.branch.T
         return super().columns() | {"shoulder_side": shoulder, "elbow_side": elbow}
 
     def plot(self, accuracy: Any = None, postures: int = 5, ax: Axes3D | None = None) -> Axes3D:
-        """The path of the elbow round the working point, and the arm in a few of its postures.
+        """Plot the path of the elbow around the point, and the arm in some postures.
 
         Args:
-            accuracy: an :class:`~aacmm_pin.AccuracyVolume` of the configurations within limits; it
-                colours the path.
-            postures: number of postures that are drawn.
-            ax: three-dimensional axes; without them a new pyplot figure is made.
+            accuracy: :class:`~aacmm_pin.AccuracyVolume` of the postures within limits, for the
+                colours of the path.
+            postures: number of postures to draw.
+            ax: three-dimensional axes; default a new pyplot figure.
 
         Raises:
             ShapeError, AacmmError: see :func:`aacmm_pin.report.plots.plot_circle`.
@@ -136,12 +140,11 @@ class ConfigurationCircle(PosturesAtPoint):
     def __str__(self) -> str:
         where = self._where()
         if self.reason:
-            return f"{where}: no posture; {self.reason}"
-        return (
-            f"{where}: {len(self)} postures on {self.component.max()} closed curves, "
-            f"{self.within_limits.sum()} of them "
-            f"within limits, flexibility {self.flexibility()}"
-        )
+            return f"{where}, has no posture, because {self.reason}"
+        inside = f"{self.within_limits.sum()} of them within limits"
+        flexibility = f"the flexibility is {self.flexibility()}"
+        curves = f"{len(self)} postures on {self.component.max()} closed curves"
+        return f"{where}, has {curves}, {inside}; {flexibility}"
 
 
 def configuration_circle(
@@ -153,30 +156,30 @@ def configuration_circle(
     rest: ArrayLike | None = None,
     count: int = 360,
 ) -> ConfigurationCircle:
-    """Enumerate the configurations of ``arm`` that reach ``point``.
+    """Compute the configuration circle of ``arm`` at ``point``.
 
     Args:
-        arm: an arm with a DH table whose first five rows are joints.
-        point: working point (3,) [m].
-        tip: False: the wrist (origin of frame 5) is there, the joints behind the fourth are held at
-            ``rest``.
-            True: the tip is there with the stylus along ``axis``; all six joints move.
-        axis: direction of the stylus in the base (3,), any length; needed with ``tip``, refused
-            without.
-        rest: angles at which joints 5, 6, … are held (nq - 4,) [rad]; default those nearest 0
-            inside the limits. Row 5 of SINO6 has a length of 0.037 mm, so the circle of the wrist
-            depends, a little, on θ5.
-        count: configurations on each closed component, evenly spaced along the elbow's path.
+        arm: an arm whose first five DH rows are joints.
+        point: position of the wrist or tip ``(3,)`` [m].
+        tip: if False, the wrist (origin of frame 5) is at the point, and the joints after joint 4
+            stay at ``rest``. If True, the tip is at the point with the stylus along ``axis``, and
+            all six joints move.
+        axis: direction of the stylus in the base ``(3,)``, of any length; required with ``tip``,
+            otherwise not permitted.
+        rest: angles of joints 5, 6, … ``(nq - 4,)`` [rad]; default the angles within limits that
+            are nearest to 0. Row 5 of SINO6 has a length of 0.037 mm, so that θ5 slightly changes
+            the circle of the wrist.
+        count: number of postures on each closed curve, evenly spaced along the path of the elbow.
 
     Returns:
-        The circle; empty, with a ``reason``, for a point out of reach.
+        The circle. If the arm cannot reach the point, the circle is empty and has a ``reason``.
 
     Raises:
-        ShapeError: a vector of the wrong shape or not finite.
-        AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count
-            below 3.
-        UnsupportedArmError: no DH table, one without the joints that this needs, or a wrist that
-            joint 5 moves; see :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
+        ShapeError: a vector has a wrong shape or is not finite.
+        AacmmError: only one of ``axis`` and ``tip`` is given, the axis has zero length, or the
+            count is below 3.
+        UnsupportedArmError: the arm has no DH table or not the required joints, or joint 5 moves
+            the wrist; see :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
     """
     points = vector(point, 3, "point", "m")[None, :]
     (circle,) = configuration_circles(arm, points, tip=tip, axis=axis, rest=rest, count=count)
@@ -192,8 +195,9 @@ def configuration_circles(
     rest: ArrayLike | None = None,
     count: int = 360,
 ) -> list[ConfigurationCircle]:
-    """The circles of many ``points`` (m, 3) [m], each as by :func:`configuration_circle`, in a
-    fraction of the time.
+    """Compute the configuration circles at many ``points`` ``(m, 3)`` [m] together.
+
+    The results are equal to those of :func:`configuration_circle`, in much less time.
 
     Raises:
         ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.

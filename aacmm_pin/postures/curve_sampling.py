@@ -148,18 +148,19 @@ class Components:
 
 @dataclass(frozen=True)
 class Flexibility(Shown):
-    """Flexibility ζ of a working point (eq. 1 of Xu You et al. 2019): working over theoretical
-    configurations.
+    """The flexibility ζ at a point (eq. 1 of Xu You et al. 2019).
 
-    A swivel angle is theoretical where some configuration, limits apart, has it; working where one
-    inside the limits has.
+    ζ is the number of working sectors over the number of theoretical sectors of the swivel angle. A
+    theoretical swivel angle has a posture without regard to limits; a working swivel angle has a
+    posture within limits.
 
     Attributes:
-        zeta: working over theoretical sectors, judged at their centres; nan where nothing is
-            theoretical.
-        sectors: which sectors work; sector k, from 0, has its centre at swivel k 360°/count.
-        arc_fraction: working over theoretical range of the swivel angle, to 0.1°; nan where nothing
-            is theoretical.
+        zeta: working over theoretical sectors, decided at their centres; NaN without theoretical
+            sectors.
+        sectors: True for each working sector; sector k, from 0, has its centre at the swivel angle
+            k 360°/count.
+        arc_fraction: working over theoretical range of the swivel angle, with a resolution of 0.1°;
+            NaN without a theoretical range.
     """
 
     zeta: float

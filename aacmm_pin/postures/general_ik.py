@@ -49,13 +49,14 @@ ORTHONORMAL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ReachingPostures(PosturesAtPoint):
-    """The postures found that meet the conditions: single ones, each a component of its own, or
-    closed curves.
+    """The postures of an arm that satisfy conditions on the tip: single postures or closed curves.
+
+    Each single posture is a component.
 
     Attributes:
-        conditions: what the tip was asked for.
-        curves: closed curves of self-motion that were sampled; empty where postures are single.
-        search: how they were found, and how sure it is that they are all.
+        conditions: required position and direction or orientation of the tip.
+        curves: sampled closed curves of self-motion; empty for single postures.
+        search: data of the search, and whether the search is complete.
     """
 
     conditions: PoseConditions
@@ -64,13 +65,13 @@ class ReachingPostures(PosturesAtPoint):
 
     @property
     def single(self) -> bool:
-        """True where postures are single ones, False where they lie on curves."""
+        """True for single postures, False for postures on curves."""
         return self.conditions.free == 0
 
     @property
     def travel(self) -> Array:
-        """Way of all angles together from the first posture of a component to each, (n,) [rad];
-        zero of single postures.
+        """The length of the path in joint space from the first posture of the component, ``(n,)``
+        [rad]; zero for single postures.
         """
         way = np.zeros(len(self))
         for number in np.unique(self.component):
@@ -81,8 +82,8 @@ class ReachingPostures(PosturesAtPoint):
 
     @property
     def arc_fraction(self) -> float:
-        """Which part of the curves, by the way of the angles, is within limits; nan where postures
-        are single.
+        """The share of the curves that is within limits, by length in joint space; NaN for single
+        postures.
         """
         if self.single or not len(self):
             return float("nan")
@@ -96,8 +97,8 @@ class ReachingPostures(PosturesAtPoint):
         return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Only ``arc_fraction`` exists, of the way along the curves: an arm without an elbow has no
-        sectors.
+        """Return a flexibility that has only ``arc_fraction``, because arms without an elbow have
+        no sectors.
         """
         return Flexibility(float("nan"), (), self.arc_fraction)
 
@@ -119,14 +120,14 @@ class ReachingPostures(PosturesAtPoint):
         return super()._row(number) | {"travel_rad": travel} | arrivals
 
     def __str__(self) -> str:
-        where = f"{self._where()}, {CONDITIONS[self.conditions.count]}"
+        where = f"{self._where()} for {CONDITIONS[self.conditions.count]}"
         if self.reason:
-            return f"{where}: no posture; {self.reason}"
+            return f"{where}, has no posture, because {self.reason}"
         inside = f"{self.within_limits.sum()} of them within limits"
         if self.single:
-            return f"{where}: {len(self)} single postures, {inside}; {self.search}"
+            return f"{where}, has {len(self)} single postures, {inside}; {self.search}"
         return (
-            f"{where}: {len(self)} postures on {len(self.curves)} closed curves, {inside} "
+            f"{where}, has {len(self)} postures on {len(self.curves)} closed curves, {inside} "
             f"({self.arc_fraction:.3f} of the curves' length); {self.search}"
         )
 
@@ -141,31 +142,31 @@ def reaching_postures(
     count: int = 360,
     most_starts: int = MOST_STARTS,
 ) -> ReachingPostures:
-    """Enumerate the postures of ``arm`` that bring its tip to ``point``; limits are flags, not
-    conditions.
+    """Find the postures of ``arm`` with the tip at ``point``, also those outside the joint limits.
 
-    Newton's method from evenly spread starts, in rounds, until some hundred arrivals in a row bring
-    nothing new; curves are followed once round. Singular postures that form families of more
-    dimensions than the arm has joints to spare are not sampled but told in ``notes``, or in
-    ``reason`` where there is nothing else.
+    ``broken`` of the result marks angles outside the limits. Newton's method starts from evenly
+    spread postures, until 300 successful starts in a row find nothing new. The search then follows
+    each curve once around. The result omits families of singular postures with more dimensions than
+    the arm has free joints. ``notes`` state omitted families; ``reason`` does if the arm has no
+    other posture.
 
     Args:
-        arm: serial, all joints turning; as many joints as conditions, or one more.
-        point: place of the tip in the base (3,) [m].
-        axis: direction in the base (3,), any length, along which ``tool`` shall lie: five
-            conditions.
-        tool: direction in the tip's frame (3,); default the axis of the stylus where the arm has
-            one, else z.
-        rotation: orientation of the tip's frame in the base (3, 3): six conditions.
-        count: configurations on each closed curve, evenly spaced by the way that the angles go.
-        most_starts: starts after which the search ends in any case.
+        arm: serial arm with revolute joints. The number of joints is the number of conditions, or
+            one more.
+        point: position of the tip in the base ``(3,)`` [m].
+        axis: direction of ``tool`` in the base ``(3,)``, of any length (five conditions for the
+            tip).
+        tool: direction in the tip frame ``(3,)``; default the stylus axis of the arm, otherwise z.
+        rotation: orientation of the tip frame in the base ``(3, 3)`` (six conditions for the tip).
+        count: number of postures on each closed curve, evenly spaced along the path in joint space.
+        most_starts: largest number of starts.
 
     Raises:
-        ShapeError: a vector or matrix of the wrong shape, not finite, or not a rotation.
-        AacmmError: both ``axis`` and ``rotation``, a direction of length zero, ``tool`` without
-            ``axis``, a count below 3.
-        UnsupportedArmError: a joint slides, or the conditions leave another number of joints free
-            than 0 or 1.
+        ShapeError: a vector or matrix has a wrong shape, is not finite, or is not a rotation.
+        AacmmError: ``axis`` and ``rotation`` are both given, a direction has zero length, ``tool``
+            is given without ``axis``, or the count is below 3.
+        UnsupportedArmError: a joint is prismatic, or the number of joints does not match the
+            conditions.
     """
     arm = as_arm(arm)
     count = whole(count, 3, "count")
@@ -191,7 +192,7 @@ def reaching_postures(
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
         notes = _families(finds, found) + open_curve_notes(curves) + missing_notes(missing)
     notes += [Note("arm_degenerate")] * found.degenerate
-    reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}: out of reach"
+    reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}, out of reach"
     q = into_limits(q, arm.limits)
     swivel = _swivel(arm, q, conditions.point)
     broken = outside_limits(q, arm.limits)

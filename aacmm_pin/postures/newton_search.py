@@ -92,7 +92,7 @@ class Search:
 
     def __str__(self) -> str:
         if not self.arrived:
-            return f"none of {self.starts} starts converged"
+            return f"none of {self.starts} starts of the search converged"
         counts = {"arrived": self.arrived, "starts": self.starts, "since": self.since_new}
         found = [str(Note("search_converged", counts | {"unseen": 100 * self.unseen}))]
         return "; ".join(found + [str(Note("search_ended"))] * self.ended)

@@ -24,24 +24,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PosturesAtPoint(Shown):
-    """Postures that reach a working point, in order along their components.
+    """The postures that reach a point, in order along their components.
 
     Attributes:
         arm: the arm.
-        point: working point (3,) [m].
-        at: name of the frame whose origin is there.
-        q: configurations (n, nq) [rad]; each angle inside its limits where a full turn can bring it
-            there.
-        component: number of the component of each configuration, from 1, (n,).
-        swivel: swivel angle of the elbow (n,) [rad] in [-π, π], 0 where it is highest; nan for an
-            arm without such an elbow.
-        broken: whether each joint is outside its limits (n, nq).
-        reason: why there is no configuration; "" where there are some.
-        notes: what the enumeration lacks, such as singular postures that form families and are
-            not listed.
-        complete: False where there may be more configurations: of families, of a curve that could
-            not be followed all the way round, of a search that ended at its limit of work;
-            ``notes`` state which.
+        point: the point ``(3,)`` [m].
+        at: name of the frame whose origin is at the point.
+        q: postures ``(n, nq)`` [rad], with each angle within limits if a change by full turns
+            permits.
+        component: number of the component of each posture, from 1, ``(n,)``.
+        swivel: swivel angle of the elbow ``(n,)`` [rad] in [-π, π], 0 if the elbow is highest; NaN
+            for an arm without elbow.
+        broken: True for each joint outside its limits ``(n, nq)``.
+        reason: why the arm has no posture at the point; "" if a posture exists.
+        notes: limits of the list, such as families of singular postures that the list omits.
+        complete: False if there may be more postures; ``notes`` state the reason.
     """
 
     arm: Arm
@@ -60,21 +57,23 @@ class PosturesAtPoint(Shown):
 
     @property
     def within_limits(self) -> Mask:
-        """True where no limit is broken, (n,)."""
+        """True for postures with all joints within their limits, ``(n,)``."""
         return np.asarray(~self.broken.any(axis=1))
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Which part of the configurations that reach the point is inside the limits."""
+        """Return the share of the postures at the point that is within limits."""
         raise NotImplementedError
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each configuration, as in :meth:`columns`."""
+        """Return a table with one row for each posture and the columns of :meth:`columns`."""
         import pandas as pd
 
         return pd.DataFrame(self.columns())
 
     def columns(self) -> dict[str, Any]:
-        """The columns of ``aacmm-pin configurations``, each (n,); x, y, z by Pinocchio."""
+        """Return the columns of ``aacmm-pin configurations``, each ``(n,)``; x, y and z are from
+        Pinocchio.
+        """
         broken = [_joints(row) for row in self.broken]
         table: dict[str, Any] = {"component": self.component, "swivel_deg": self.swivel / DEG}
         table |= {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.arm.nq)}
@@ -84,8 +83,10 @@ class PosturesAtPoint(Shown):
         return table
 
     def summary(self) -> pd.DataFrame:
-        """One row for each component: its configurations, how many are within limits, joints that
-        are outside somewhere.
+        """Return a table with one row for each component.
+
+        The columns are the number of postures, the number within limits, and the joints with
+        postures outside their limits.
         """
         import pandas as pd
 
@@ -100,7 +101,7 @@ class PosturesAtPoint(Shown):
 
     def _where(self) -> str:
         place = ", ".join(map(plain_mm, self.point))
-        return f"{self.arm.name}, {self.at} at ({place}) mm"
+        return f"{self.arm.name}, with {self.at} at ({place}) mm"
 
 
 def _joints(flags: Mask) -> str:

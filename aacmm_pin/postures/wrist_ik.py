@@ -123,12 +123,12 @@ class Wrist:
 
     @property
     def held(self) -> str:
-        """In words, what is held and what it would move."""
+        """In words, what is held and how far it is from the wrist."""
         angle = self.rest[0] / DEG
         lever = self.lever / MM
         return (
-            f"joint {WRIST_ROW} is held at {angle:.4g}° and moves frame{WRIST_ROW} by "
-            f"{lever:.4g} mm"
+            f"the axis of joint {WRIST_ROW}, held at {angle:.4g}°, is {lever:.4g} mm from "
+            f"frame{WRIST_ROW}"
         )
 
     @property

@@ -46,14 +46,14 @@ from aacmm_pin.verification import (
 )
 
 RULE_TEXT = (
-    "Conformity: |value| + U ≤ MPE for each error. Nonconformity: |value| - U > MPE for at least "
-    f"one error. Otherwise inconclusive. Guard band: U = {GUARD_BAND_FACTOR:g}u of the calibrated "
-    f"length or diameter, as in {RULE_OF}; the default of ISO 14253-1:2017 is 1.65u."
+    "Conformity needs |value| + U ≤ MPE for each error, nonconformity |value| - U > MPE for at "
+    f"least one error. The guard band U is {GUARD_BAND_FACTOR:g}u of the calibrated length or "
+    f"diameter, as in {RULE_OF}; the default of ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
-    "Individuals charts of the magnitude of each test value. Line: mean of the earlier checks that "
-    f"count. Dashed: limits, {PER_MOVING_RANGE} mean moving ranges from the mean. A limit below "
-    "zero is not drawn."
+    "The charts show the magnitude of each test value. The line is the mean of the earlier checks "
+    f"that count. The dashed lines are limits, {PER_MOVING_RANGE} mean moving ranges from the "
+    "mean."
 )
 CONDITION_LABELS = {
     "operator": ("operator", ""),
@@ -186,8 +186,8 @@ def history_blocks(history: History) -> list[Block]:
         fewest, most = min(earlier_checks), max(earlier_checks)
         there_are = f"{fewest} to {most}" if most > fewest else f"{fewest}"
         sentences.append(
-            f"{len(earlier_checks)} of {len(charts)} characteristics have no control limits yet. "
-            f"They need {LEAST_CHECKS} earlier checks that count, and have {there_are}."
+            f"{len(earlier_checks)} of {len(charts)} characteristics have only {there_are} of the "
+            f"{LEAST_CHECKS} earlier checks that control limits need."
         )
     text = " ".join(sentences) or "No test value is outside its limits."
     head = "Outside the control limits:" if outside else "Control limits:"
@@ -205,7 +205,8 @@ def _departure(chart: ControlChart, several: bool) -> str:
     """The last value of a chart with its limits."""
     by = f" by {chart.arm}" if several else ""
     low, high = np.nan_to_num(chart.limits[0]) / MM, chart.limits[1] / MM
-    return f"{chart.figure}{by} {chart.values[-1] / MM:.4f} mm (limits {low:.4f} to {high:.4f} mm)"
+    value = f"{chart.values[-1] / MM:.4f} mm"
+    return f"{chart.figure}{by} is {value} (limits {low:.4f} to {high:.4f} mm)"
 
 
 def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:
@@ -219,7 +220,7 @@ def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], se
     if not names:
         return ""
     listed = [", ".join(figures) + by for by, figures in names.items()]
-    return f" Not drawn: {'; '.join(listed)}."
+    return f" The figure leaves out {'; '.join(listed)}."
 
 
 def _marked(verdict: str) -> str:

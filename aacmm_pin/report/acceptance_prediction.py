@@ -30,17 +30,20 @@ PREDICTION_HEADS = {
     "low_mm": "2.5 % quantile [mm]",
     "high_mm": "97.5 % quantile [mm]",
     "mpe_mm": "MPE [mm]",
-    "probability_to_pass": "share that conforms",
+    "probability_to_pass": "conforming share",
     "dominant": "largest cause",
-    "dominant_alone_mm": "median by this cause alone [mm]",
+    "dominant_alone_mm": "its median [mm]",
 }
 """Columns of the table, and their heads."""
 STATED_ONLY = (
     "The prediction contains only the uncertainties that the arm states, to first order. Causes "
-    "that the model of the arm lacks increase the errors further. Share that conforms: share of "
-    "the runs with the verdict conformity."
+    "that the model of the arm lacks increase the errors further. The conforming share is the "
+    "share of the runs with the verdict conformity."
 )
-INTERVALS_CAPTION = "Median (dot), 95 % interval (bar) and MPE (vertical mark) of each test value."
+INTERVALS_CAPTION = (
+    "The dots are the medians of the test values, the bars their 95 % intervals, and the vertical "
+    "marks their MPEs."
+)
 ALONE_CAPTION = "Median of each test value if one cause acts alone"
 ALONE_EXPLAINED = (
     "Correlated parameters of a calibration may have larger effects alone than together."

@@ -71,14 +71,14 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     if summary is not None:
         postures = postures_at_the_ends(summary)
         volume = summary["volume_mm3"]["comprehensive"]
-        comprehensive = "" if volume is None else f"Comprehensive accuracy: {volume:.4g} mm³."
+        comprehensive = "" if volume is None else f"The comprehensive accuracy is {volume:.4g} mm³."
     values = accuracy.to_frame().filter(regex="_mm")
     values = values.rename(columns={"largest_deviation_mm": "worst-case deviation_mm"})
     values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
     over = spread(values, "all postures")
     budget = accuracy.budget()[["parameter", "u_mm", "share"]]
     postures, over, budget = in_one_unit(postures, over, budget)
-    origin = " (swivel 0: the elbow is highest)" if "swivel [°]" in postures else ""
+    origin = " (at swivel 0 the elbow is highest)" if "swivel [°]" in postures else ""
     extremes = Table(postures, f"Postures with the smallest and largest values{origin}")
     tables: list[Block] = [extremes, Table(over), _budget(budget)]
     caveats = map(str, accuracy.sources.caveats)
@@ -90,7 +90,7 @@ def _budget(budget: pd.DataFrame) -> Table:
     number = min(SHOWN_SOURCES, len(budget))
     return Table(
         budget.head(number).rename(columns={"share": SHARE}),
-        f"Uncertainty budget: the {number} largest of {len(budget)} sources",
+        f"Uncertainty budget with the {number} largest of {len(budget)} sources",
         {SHARE: lambda share: percent(share, 1)},
     )
 
@@ -102,7 +102,10 @@ def length_document(length: LengthUncertainty) -> Document:
     rows.append(_posture_pair(length, "largest U", int(length.u.argmax())))
     budget = length.budget()[["parameter", "u_mm", "share"]]
     ends, budget = in_one_unit(pd.DataFrame(rows), budget)
-    tables = [Table(ends, "Pairs of postures with the smallest and the largest U"), _budget(budget)]
+    tables = [
+        Table(ends, "Pairs of postures at the points A and B with the smallest and the largest U"),
+        _budget(budget),
+    ]
     return Document("Length", [str(length), *tables, *map(str, length.sources.caveats)])
 
 
@@ -144,7 +147,5 @@ def map_document(map_: WorkspaceMap) -> Document:
     data = {words: map_.data[name].values.ravel() for name, words in MAPPED.items()}
     table = Table(spread(pd.DataFrame(data), "all cells"))
     cells = {str(sectors): [number] for sectors, number in map_.working_sectors().items()}
-    by_sectors = Table(
-        pd.DataFrame(cells), "Number of reachable cells by their number of working sectors"
-    )
+    by_sectors = Table(pd.DataFrame(cells), "Reachable cells for each number of working sectors")
     return Document("Map", [str(map_), table, by_sectors])

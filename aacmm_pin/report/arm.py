@@ -10,7 +10,14 @@ import pandas as pd
 from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.accuracy import ErrorSources
 from aacmm_pin.arm import COVERAGE_FACTOR, KINDS, Arm, ArmFile, DHTable, Parameter, Poses
-from aacmm_pin.effects import Effect, ErrorModel, in_words, values_in_words, values_with_u
+from aacmm_pin.effects import (
+    Effect,
+    ErrorModel,
+    in_words,
+    listed,
+    values_in_words,
+    values_with_u,
+)
 from aacmm_pin.report.document import Block, Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import quantity, small, vector
 
@@ -25,20 +32,21 @@ MOST_SOURCES = 40
 def arm_document(arm: Arm) -> Document:
     """Geometry with its uncertainty, limits and noise."""
     origin = f"{arm.dh.rows} rows of {arm.dh.convention}" if arm.dh else "from a URDF"
-    words = [f"{count(arm.nq, 'joint')}, {origin}", f"tip at frame {arm.tip}"]
+    words = [f"{count(arm.nq, 'joint')} ({origin})", f"the tip at frame {arm.tip}"]
     words.append(f"gravity {vector(arm.gravity)} m/s²")
     if arm.stylus_axis is not None:
-        words.append(f"stylus along {vector(arm.stylus_axis)} of the tip's frame")
+        words.append(f"the stylus along {vector(arm.stylus_axis)} of the tip's frame")
+    words.append(f"lengths that hold at {arm.reference_temperature:g} °C")
     table = _joints(arm) if arm.dh is None else _rows(arm, arm.dh)
     blocks: list[Block] = [
-        Paragraph(f"{'; '.join(words)}; {arm.reference_temperature:g} °C", head=arm.name),
-        Paragraph(f"Source: {arm.source}" if arm.source else ""),
+        Paragraph(f"has {listed(words)}.", head=arm.name),
+        Paragraph(arm.source, head="Source:" if arm.source else ""),
         Table(table),
         Paragraph(_uncertainty_in_words(arm)),
     ]
     if arm.unexplained:
         blocks.append(
-            Paragraph(f"The calibration of this arm left unexplained: {arm.unexplained}.")
+            Paragraph(f"The last calibration left an error unexplained ({arm.unexplained}).")
         )
     return Document(arm.name, blocks)
 
@@ -46,14 +54,12 @@ def arm_document(arm: Arm) -> Document:
 def _uncertainty_in_words(arm: Arm) -> str:
     exact = arm.without_uncertainty
     if len(exact) == len(arm.parameters):
-        return "No uncertainty is stated; accuracy cannot be computed."
-    text = "±: half-widths as stated; without ±: exact"
+        return "The arm file states no uncertainty, so that the accuracy is unknown."
+    calibrated = ""
     if arm.covariance is not None:
-        text += (
-            f"; U (k = 2) of the {len(arm.covariance.parameters)} parameters of a calibration "
-            "with its covariance"
-        )
-    return f"{text}."
+        number = len(arm.covariance.parameters)
+        calibrated = f", or U (k = 2) for the {number} parameters of a calibration"
+    return f"± precedes half-widths{calibrated}; values without ± are exact."
 
 
 def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
@@ -143,7 +149,7 @@ def effect_document(effect: Effect) -> Document:
     if any(effect.u):
         words += ", ± U (k = 2)"
     if effect.needs:
-        words += f"; depends on {', '.join(effect.needs)}"
+        words += f"; the cause depends on {', '.join(effect.needs)}"
     rows = _parameters(effect.parameters()).drop(columns="half-width")
     rows["typical"] = [small(term.typical, term.unit) for term in effect.terms]
     name = in_words(effect)
@@ -163,8 +169,8 @@ def error_model_document(model: ErrorModel) -> Document:
     for effect in model.effects:
         cause = {"cause": in_words(effect, model.arm), "label": effect.label}
         rows.append({**cause, "value ± U (k = 2)": _values(effect)})
-    none = "" if rows else "No causes of error other than geometry."
-    causes = Table(pd.DataFrame(rows), f"Causes of error: {len(rows)}")
+    none = "" if rows else "The model has no causes of error other than geometry."
+    causes = Table(pd.DataFrame(rows), f"Causes of error ({len(rows)})")
     return Document(model.arm.name, [*arm_document(model.arm).blocks, causes, none])
 
 
@@ -180,7 +186,7 @@ def poses_document(poses: Poses) -> Document:
     some = Poses(poses.model, poses.q[:POSTURES_LISTED], poses.frame_id)
     table |= {f"{axis} [mm]": some.position[:, k] / MM for k, axis in enumerate("xyz")}
     frame = poses.model.frames[poses.frame_id].name
-    words = f"{count(len(poses.q), 'configuration')}, frame {frame}, by Pinocchio"
+    words = f"has {count(len(poses.q), 'posture')} of frame {frame}, computed by Pinocchio."
     more = f"… and {len(poses.q) - POSTURES_LISTED} more" if len(poses.q) > POSTURES_LISTED else ""
     return Document(name, [Paragraph(words, head=name), Table(pd.DataFrame(table)), more])
 
@@ -188,9 +194,9 @@ def poses_document(poses: Poses) -> Document:
 @document_of.register
 def sources_document(sources: ErrorSources) -> Document:
     """What errors an accuracy is computed from."""
-    words = f"{count(len(sources.parameters), 'source')} of error at {sources.at}"
+    words = f"has {count(len(sources.parameters), 'source')} of error at {sources.at}"
     if sources.not_included:
-        words += f"; not included: {', '.join(sources.not_included)}"
+        words += f", without {', '.join(sources.not_included)}"
     name = sources.arm.name
     table = Table(_parameters(sources.parameters), most=MOST_SOURCES)
     return Document(name, [Paragraph(words, head=name), table])

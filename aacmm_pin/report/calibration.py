@@ -69,44 +69,42 @@ HELD_OUT_KINDS = {
 }
 """What is left out in turn."""
 HOW_TO_READ = (
-    "How to read this file: values are those after calibration. [covariance] holds the standard "
-    "uncertainties",
-    "(SI: m, rad) of the parameters that it names, and their correlations: row i is that of "
-    "parameter i with those",
-    "before it. For these parameters it overrides [joints.uncertainty], the half-widths before "
-    "calibration.",
+    "The values in this file are those after calibration.",
+    "[covariance] states the standard uncertainties (m or rad) of the parameters that it names,",
+    "and their correlations. Row i of these relates parameter i to the parameters before it.",
+    "For these parameters, [covariance] replaces the half-widths in [joints.uncertainty].",
 )
 """Stands in front of a calibrated arm file."""
 COMPARED = (
-    "Before: nominal arm, with a fit of an unknown frame or target. The target of a record is its "
-    "reference. At a seat, the target is the estimated position of the seat. Held-out records are "
-    "predicted by calibrations that did not use them, and compared with their own reference. If "
-    "single records are held out, neighbouring records remain in the fit. Therefore prefer the "
-    "row of whole groups."
+    "The nominal arm gives the residuals before calibration, after a fit of an unknown frame or "
+    "target. The target of a record is its reference, or at a seat the estimated position of the "
+    "seat. Calibrations without the held-out records predict the held-out records. Prefer the last "
+    "row, because single held-out records have neighbours in the fit."
 )
 NOTHING_ESTIMATED = (
-    "The calibration estimated no parameter, because the arm states all parameters as "
-    "exact; --no-prior estimates them."
+    "The calibration estimated no parameter, because the arm file states all parameters as exact; "
+    "to estimate them, use --no-prior."
 )
 KNOWN = (
-    "Change, U and half-width have the unit of the column unit. U: expanded uncertainty after "
-    "calibration; it holds only if the model has all causes of error. Stated half-width: bound in "
-    "the arm file before calibration, or 2u if the file states a standard uncertainty u. Known: "
-    "measured if the records determine the value; hardly if they determine it less well than the "
-    "arm file does; as stated if they do not reduce the stated uncertainty; in combination if they "
-    "determine only a combination with other parameters (next section), so that the value alone "
-    "has no meaning."
+    "The column unit holds for change, U and half-width. U is the expanded uncertainty after "
+    "calibration, and holds only if the model has all causes of error. The stated half-width is "
+    "the bound in the arm file, or 2u if the file states a standard uncertainty u. In the column "
+    "known, the word measured means that the records determine the value. The word hardly means "
+    "that the arm file determines the value better than the records. The words as stated mean "
+    "that the records do not reduce the stated uncertainty. The words in combination mean that "
+    "the records determine only a combination with other parameters (next section), so that the "
+    "value alone has no meaning."
 )
 UNDETERMINED = (
     "These records and the stated uncertainties do not determine the following parameters "
-    "separately. Each line states what they determine. The calibrated arm keeps the values of the "
-    "arm file for the undetermined combinations. Other postures, references or targets may "
-    "determine them, but more records of the same kind do not:"
+    "separately. The calibrated arm keeps the values of the arm file for the undetermined "
+    "combinations. Other postures, references or targets may determine the parameters, but more "
+    "records of the same kind do not"
 )
 EXCLUDED = (
-    "The fit excludes a record if its residual is larger than a bound. The bound excludes a good "
-    "record in only one file of a hundred. Possible reasons: a faulty contact, a wrong label of a "
-    "seat, a cause that the model lacks."
+    "The fit excludes a record if its residual exceeds a bound. This bound excludes a good record "
+    "in only one of a hundred files. Possible reasons are a faulty contact, a wrong seat label, "
+    "and a cause of error that the model lacks."
 )
 
 
@@ -146,8 +144,9 @@ def verdict(result: Calibration) -> str:
     before, after, *others = lengths(sizes)
     fitted = f"{before} before and {after} after calibration"
     if not others:
-        unknown = "No records were held out, and new records may have larger residuals"
-        return f"{doubts}{name}{rest}: the RMS residual of the used records is {fitted}. {unknown}."
+        unknown = "No records were held out, and new records may have larger residuals."
+        used = f"the RMS residual of the used records is {fitted}"
+        return f"{doubts}For {name}{rest}, {used}. {unknown}"
     gain = 1.0 - held.rms_after / held.rms_before
     makes = "makes" if gain >= WORTH else "does not make"
     on_held_out = (
@@ -162,17 +161,18 @@ def verdict(result: Calibration) -> str:
 
 def exclusions_in_words(left: Exclusions) -> str:
     """Why excluded records are no gross errors."""
-    why = ["these are too many for gross errors"] if left.too_many else []
+    of = count(left.excluded + left.used, "record")
+    many = ", too many for gross errors" if left.too_many else ""
+    sentences = [f"The fit excluded {left.excluded} of {of}{many}."]
     if left.shared is not None:
         number = left.shared.excluded
-        many = "all" if number == left.excluded else str(number)
-        why.append(f"{many} of them have {left.shared.where}")
+        which = "All" if number == left.excluded else f"{number} of the"
+        sentences.append(f"{which} excluded records have {left.shared.where}.")
     if left.narrowed:
-        joints = [str(each.joint) for each in left.narrowed]
-        which = f"joint{'s' * (len(joints) > 1)} {listed(joints)}"
-        why.append(f"the others move {which} over a small part of the range")
-    of = count(left.excluded + left.used, "record")
-    return f"The fit excluded {left.excluded} of {of}: {', and '.join(why)}."
+        joints = listed([str(each.joint) for each in left.narrowed])
+        part = f"only a small part of the range of joint {joints}"
+        sentences.append(f"The used records cover {part}.")
+    return " ".join(sentences)
 
 
 def fit_in_words(result: Calibration) -> str:
@@ -181,24 +181,25 @@ def fit_in_words(result: Calibration) -> str:
     if judged is None or p is None:
         if result.fit.stated:
             return (
-                "χ² cannot test the fit: the records have no more measured values than parameters."
+                "χ² cannot test the fit, because the records have no more measured values than the "
+                "model has parameters."
             )
         return (
             "χ² cannot test the model, because you did not state all noise. The residuals exceed "
             f"the stated noise by {length(result.fit.unmodelled)} per coordinate."
         )
-    numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)}"
+    numbers = f"(χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)})"
     if p < MISFIT:
         return (
-            f"The residuals exceed the stated noise: {numbers}. The model lacks a cause of error, "
+            f"The residuals exceed the stated noise {numbers}. The model lacks a cause of error, "
             "or the noise is larger than stated; run aacmm-pin diagnose to find the cause."
         )
     if p > 1.0 - MISFIT:
         return (
-            f"The residuals are smaller than the stated noise: {numbers}. The stated noise is "
-            "too large."
+            f"The residuals are smaller than the stated noise {numbers}. The stated noise is too "
+            "large; check its value and unit."
         )
-    return f"The stated noise explains the residuals: {numbers}."
+    return f"The stated noise explains the residuals {numbers}."
 
 
 def frame_in_words(fit: Fit) -> str:
@@ -206,7 +207,7 @@ def frame_in_words(fit: Fit) -> str:
     one, or the records do not determine it.
     """
     held = ", ".join(fit.undetermined.tied_to_frame)
-    tied = f", with {held} as in the arm file" if held else ""
+    tied = f" U assumes the values of {held} in the arm file." if held else ""
     return " ".join(_base_in_words(base, tied) for base in base_placements(fit))
 
 
@@ -220,9 +221,9 @@ def _base_in_words(base: BasePlacement, tied: str) -> str:
     of = f" of session {base.session}" if base.session else ""
     return (
         f"The origin of the base is at {vector(base.shift / MM, 'z.4f')} mm in the frame of the "
-        f"references{of}. The axes of the base in that frame are x {x}, y {y}, z {z}, rotated by "
-        f"{angle:.4f}°. U (k = 2) of origin and rotation along the axes of the references: "
-        f"{u_shift} mm and {u_turn} µrad{tied}."
+        f"references{of}. In this frame, the axes of the base are x {x}, y {y} and z {z}, which is "
+        f"a rotation by {angle:.4f}°. Along and about the axes of the references, U (k = 2) is "
+        f"{u_shift} mm for the origin and {u_turn} µrad for the rotation.{tied}"
     )
 
 
@@ -243,8 +244,8 @@ def open_in_words(result: Calibration) -> str:
     across, along = _extents(records.reference[result.fit.used & records.known])
     if across < COLLINEAR * along:
         words += (
-            " The references lie on one straight line: their RMS distance from it is "
-            f"{length(across)}, and their RMS extent along it {length(along)}."
+            " The references are close to a straight line, with an RMS distance of "
+            f"{length(across)} from the line and an RMS extent of {length(along)} along the line."
         )
     return words
 
@@ -290,9 +291,10 @@ def comment(result: Calibration, data: str, when: str) -> str:
         data: the file that was used, as the user named it.
         when: date (UTC).
     """
-    lines = [f"Calibrated by aacmm-pin on {when} (UTC) from {data}: {result}", fit_in_words(result)]
+    lines = [f"aacmm-pin wrote this file on {when} (UTC) from {data}.", f"{result}."]
+    lines.append(fit_in_words(result))
     lines += [f"Note: {line}." for line in result.notes]
-    lines += [f"Not determined separately: {line}." for line in result.undetermined]
+    lines += [f"In these records, {line}." for line in result.undetermined]
     return "\n".join([*lines, "", *HOW_TO_READ])
 
 
@@ -352,10 +354,6 @@ def _result(result: Calibration) -> list[Block]:
     ]
     if result.turns is not None:
         blocks.append(_turns(result, result.turns, noise))
-    silent = int((~result.fit.used & ~result.fit.excluded).sum())
-    if silent:
-        why = "because they have neither coordinates nor a seat of other records"
-        blocks.append(Paragraph(f"The fit did not use {count(silent, 'record')}, {why}."))
     return [*blocks, Notes(result.notes)]
 
 
@@ -399,14 +397,16 @@ def _residuals_in_space(result: Calibration) -> list[Block]:
 
     views = Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
-        "Residual vectors in space, before and after",
-        "Each line is a residual, from target to tip, all with one magnification. Left: before "
-        "calibration. Right: after calibration. Top: plan view. Bottom: side view. Grey: the arm "
-        "in some postures. If neighbouring lines have the same direction, the model lacks a cause.",
+        "Residual vectors in space, before and after calibration",
+        "Each line is a residual from target to tip, and all lines have the same magnification. "
+        "The left panels show residuals before calibration, and the right panels residuals after "
+        "calibration. The upper panels are plan views, and the lower panels are side views. The "
+        "arm in some postures is grey. If neighbouring lines have the same direction, the model "
+        "lacks a cause of error.",
     )
     scene = SceneView(
         lambda: residual_scene(result),
-        "Residuals after calibration in three dimensions. Drag to rotate the view. The slider "
+        "The scene shows the residuals after calibration. Drag to rotate the view. The slider "
         "shows the arm in the posture of each residual, the largest residual first.",
     )
     return [views, scene]
@@ -417,9 +417,10 @@ def _over_joints(result: Calibration) -> Figure:
     return Figure(
         lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, height)),
         "Residuals over the angle of each joint",
-        "Residuals after calibration against the angle of each joint, in the direction in which "
-        f"the joint moves the tip. The line connects means of {LEAST_IN_BIN} or more residuals, "
-        "with u. A wave shows an error of the encoder or the joint.",
+        "Each panel shows residuals after calibration against the angle of one joint, in the "
+        "direction in which this joint moves the tip. The line connects means of "
+        f"{LEAST_IN_BIN} or more residuals, with u. A wave indicates an error of the encoder or "
+        "the joint.",
     )
 
 
@@ -427,8 +428,8 @@ def _by_seat(result: Calibration) -> Figure:
     return Figure(
         lambda: plots.plot_residuals_by_seat(result, blank_axes(8.0, 3.4)),
         "Residuals by seat",
-        "Residuals of each seat. If the residuals of a seat are larger after calibration, its "
-        "stated coordinates may be wrong.",
+        "The dots show the residuals of each seat. If the residuals of a seat are larger after "
+        "calibration, the stated coordinates of this seat may be wrong.",
     )
 
 
@@ -436,8 +437,8 @@ def _normalised(result: Calibration) -> Figure:
     return Figure(
         lambda: plots.plot_normalised_residuals(result, blank_axes(6.4, 3.4)),
         "Histogram of normalised residuals against the χ distribution",
-        "Residuals normalised by the covariance of each record, and the χ distribution that normal "
-        "noise would give.",
+        "The bars show residuals normalised by the covariance of each record. The line shows the χ "
+        "distribution that normal noise would give.",
     )
 
 
@@ -446,11 +447,11 @@ def _parameters(result: Calibration) -> list[Block]:
     if not len(rows):
         return [title, Paragraph(NOTHING_ESTIMATED)]
     blocks: list[Block] = [title, _parameter_table(rows)]
-    beyond = ", ".join(rows["parameter"][rows["beyond"]])
+    beyond = listed([*rows["parameter"][rows["beyond"]]])
     if beyond:
-        changed = f"* changed by more than the stated half-width plus U: {beyond}"
+        changed = f"The change of {beyond} (marked *) exceeds the stated half-width plus U."
         advice = "The model may lack a cause of error; run aacmm-pin diagnose."
-        blocks.append(Paragraph(f"{changed}. {advice}"))
+        blocks.append(Paragraph(f"{changed} {advice}"))
     of_a_unit = rows["in"].str[1:].value_counts().max()
     tallest = len(rows) if rows["stated"].notna().any() else of_a_unit
     return [*blocks, _changes(result, tallest), _correlation(result, len(rows))]
@@ -481,8 +482,8 @@ def _changes(result: Calibration, tallest: int) -> Figure:
     return Figure(
         lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
         "Change of each parameter over its stated uncertainty",
-        "Change of each parameter, with its expanded uncertainty after calibration and, if the arm "
-        "states one, its uncertainty before.",
+        "The dots show the change of each parameter, and the bars its U (k = 2) after calibration. "
+        "The grey band shows the half-width in the arm file, if stated.",
     )
 
 
@@ -492,8 +493,9 @@ def _correlation(result: Calibration, number: int) -> Figure:
     return Figure(
         lambda: plots.plot_correlation(result, blank_axes(width, height)),
         "Heat map of the correlation of the parameters",
-        "Correlation of the parameters. If two parameters are strongly correlated, their sum or "
-        "difference has a smaller uncertainty than each of them.",
+        "The colour shows the correlation of each pair of parameters. If two parameters are "
+        "strongly correlated, their sum or difference has a smaller uncertainty than each "
+        "parameter.",
     )
 
 
@@ -501,13 +503,15 @@ def _undetermined(result: Calibration) -> list[Block]:
     indices = pd.DataFrame([vars(result.observability)]).rename(columns=str.upper)
     number = result.observability.directions
     explained = (
-        f"Indices of Sun and Hollerbach (2008) for the {number} combinations of parameters that "
-        "the records determine. Larger is better."
+        f"The indices of Sun and Hollerbach (2008) rate how well the records determine {number} "
+        "combinations of parameters. A larger index is better."
     )
     table = indices.drop(columns="DIRECTIONS")
+    framed = any("frame." in line for line in result.undetermined)
+    of_frame = ". frame.x to frame.rz are the placement of the base" if framed else ""
     return [
         Heading("What these records do not determine"),
-        Bullets(result.undetermined, UNDETERMINED),
+        Bullets(result.undetermined, f"{UNDETERMINED}{of_frame}:"),
         Table(table, "Observability indices", explained=explained, detail=True),
     ]
 
@@ -520,7 +524,7 @@ def excluded_records(excluded: pd.DataFrame) -> list[Block]:
         Table(
             excluded.astype({"row": str}),
             f"Excluded records ({len(excluded)})",
-            heads={"row": "row in the file"},
+            heads={"row": "file row"},
             explained=EXCLUDED,
             most=EXCLUDED_LISTED,
         )
@@ -554,11 +558,11 @@ def files(
     blocks: list[Block] = [
         Heading("Files in this page"),
         Download(of_json, "all numbers of this page", json_text(summary).encode()),
-        Download("residuals.csv", "every record with its residuals", csv_text(residuals).encode()),
+        Download("residuals.csv", "residuals of every record", csv_text(residuals).encode()),
     ]
     from_table = model.arm.dh is not None
     if from_table or model.arm.urdf_file.urdf.file:
-        beside = "" if from_table else "; keep it in the folder of its URDF"
-        words = f"the arm with these values and their covariance{beside}"
+        beside = "" if from_table else "; keep this file in the folder of its URDF"
+        words = f"the new arm with its covariance{beside}"
         blocks.append(Download(of_arm, words, model.text(note).encode()))
     return blocks

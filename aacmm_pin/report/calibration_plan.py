@@ -26,11 +26,11 @@ from aacmm_pin.report.plots.two_views import two_views
 COLUMNS_NOT_LISTED = r"^(theta|approach)\d|^u_|_mm$"
 """Columns of a plan that its table has in other words, or that are to be filled in."""
 HOW_TO_GO = (
-    "The file has the joint angles with all decimals. Move the arm to within a few degrees of "
-    "these angles, and enter the readings. Left and right are as seen by a person behind the "
-    "stand. Bearings are measured counter-clockwise from the x axis. Last motion: move each joint "
-    "to the posture towards larger (+) or smaller (-) angles. Probe direction: from the probe to "
-    "the surface, in the axes of the base."
+    "The file plan.csv states the joint angles with all decimals. Move the arm to within a few "
+    "degrees of these angles, and enter the readings. Left and right are those of a person behind "
+    "the stand. Bearings count counter-clockwise from the x axis. In the column last motion, + "
+    "means that you move the joint to the posture towards larger angles, and - towards smaller "
+    "angles. The probe direction points from the probe to the surface, in the axes of the base."
 )
 
 
@@ -38,19 +38,19 @@ HOW_TO_GO = (
 def calibration_plan_document(plan: CalibrationPlan) -> Document:
     """The plan; its records stand in :attr:`CalibrationPlan.records`."""
     finding = Paragraph(f"{plan}.", finding=True, head="Plan:")
-    title = f"Calibration of {plan.model.arm.name}: what to measure"
+    title = f"Plan for the calibration of {plan.model.arm.name}"
     seed = "" if plan.seed is None else f"seed {plan.seed}"
     return Document(title, [finding, *where_to_go(plan), Notes(plan.notes)], seed)
 
 
 def calibration_plan_line(plan: CalibrationPlan) -> str:
     """How many records, and their observability and u compared with those of random ones."""
-    name, records = plan.model.arm.name, f"{len(plan.records)} records"
+    name, records = plan.model.arm.name, f"Take {len(plan.records)} records"
     beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
     u, after_random = plan.u / MM, float(np.median(plan.u_random)) / MM
     return (
         f"{records} to calibrate {name}{beside}. After calibration, u of the tip is {u:.4f} mm "
-        f"(RMS over the postures). As many random records give {after_random:.4f} mm. The "
+        f"(RMS over the postures), but {after_random:.4f} mm with random records. The "
         f"observability index O1 is {plan.ratio:.2f} times that of random records"
     )
 
@@ -63,7 +63,8 @@ def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
     figure = Figure(
         lambda: two_views(arm, q[:1], {"records": (BLUE, marks)}),
         "Places of the records round the arm, from above and from the side",
-        "The arm in the first posture (black), and the planned positions of the tip.",
+        "The figure shows the arm in the first posture (black), and the planned positions of the "
+        "tip.",
     )
     table = _records(plan, places(arm, tips))
     return [

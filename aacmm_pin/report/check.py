@@ -29,13 +29,13 @@ def check_document(check: Check) -> Document:
     known = not np.isnan(check.predicted_rms)
     found, *expected = lengths([check.rms, check.predicted_rms] if known else [check.rms])
     distance = f"With the stated geometry, the RMS distance between tip and target is {found}"
-    predicted = "The arm states no uncertainty that predicts this distance"
+    predicted = "The arm file states no uncertainties, which would predict this distance"
     if known:
         predicted = f"The stated uncertainties predict {expected[0]}"
     finding = Paragraph(f"{fits}. {distance}. {predicted}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
     left_out = check.measurements.row[~check.used]
-    rows = f"Records that do not fit: {rows_in_words(left_out)}." if left_out.size else ""
+    rows = f"{name} does not fit the records in {rows_in_words(left_out)}." if left_out.size else ""
     blocks = [
         finding,
         Paragraph(rows, finding=True),

@@ -15,37 +15,34 @@ def comparison_in_words(found: Comparison, first: str) -> str:
     if found.is_of_other_frame:
         return ""
     what = {
-        "reference": f"distance between tip and {count(found.count, 'reference')}",
-        "bar length": f"error of {count(found.count, 'bar length')}",
-        "seat": "distance between tip and mean of the seat, for "
-        f"{count(found.count, 'seat')} without coordinates",
+        "reference": f"distance between tip and reference ({count(found.count, 'reference')}",
+        "bar length": f"error of bar lengths ({count(found.count, 'bar')}",
+        "seat": "distance between tip and mean of the seat "
+        f"({count(found.count, 'seat')} without coordinates",
     }[found.kind]
     if not math.isnan(found.u):
-        what = f"{what} with u = {found.u / MM:.4f} mm"
+        what = f"{what}, u = {found.u / MM:.4f} mm"
     names = [first, "this arm"][-len(found.rms) :]
     sizes = zip(names, found.rms, found.largest, strict=True)
-    each = [f"{name} RMS {r / MM:.4f} mm, largest {most / MM:.4f} mm" for name, r, most in sizes]
-    return f"{what}: {'; '.join(each)}"
+    each = [f"{r / MM:.4f} mm for {name} (largest {most / MM:.4f} mm)" for name, r, most in sizes]
+    return f"The RMS {what}) is {' and '.join(each)}"
 
 
 def comparison_warning(found: Comparison, arm: str) -> str:
     """A probable mistake, with the name of the last ``arm``; "" if there is none."""
     if found.is_of_other_frame:
         return (
-            "references are not compared, because their RMS distance from the tip is "
-            f"{found.rms[-1] / MM:.0f} mm. Either the references are not in the base of {arm} or "
-            "not of its tip, or the angles are in another unit or of another arm. Run aacmm-pin "
-            "check, with --reference-frame external if the references are in another frame"
+            "the command does not compare the references, because their RMS distance from the tip "
+            f"of {arm} is {found.rms[-1] / MM:.0f} mm. Check the arm, the unit of the angles, and "
+            "the frame and target of the references. Run aacmm-pin check, with --reference-frame "
+            "external if the references are in another frame"
         )
     if found.is_worse:
-        return (
-            "the correction makes the errors larger; run aacmm-pin diagnose to find what has "
-            "changed"
-        )
+        return "the correction makes the errors larger; run aacmm-pin diagnose to find what changed"
     if found.is_far:
         times = found.rms[-1] / found.expected
         return (
             f"the RMS distance to the references is {times:.0f} times its standard uncertainty; "
-            "run aacmm-pin check, and diagnose to find what has changed"
+            "run aacmm-pin check, and aacmm-pin diagnose to find what changed"
         )
     return ""

@@ -71,8 +71,8 @@ SIZE, JOINT = 1e-4, 3
 """Of the hidden eccentricity [rad], 5 µm off centre on a circle of 50 mm radius; and its joint."""
 FILES = {
     "diagnosis.html": "the whole diagnosis, with the aliases of its causes",
-    "postures.html": "in 3D: the arm in its postures at the working point",
-    "workspace.html": "in 3D: the arm in each cell of the workspace",
+    "postures.html": "3D scene of the arm in its postures at the working point",
+    "workspace.html": "3D scene of the arm in each cell of the workspace",
     "site/index.html": "the documentation, if you build it into this folder (README)",
     "configurations.csv": "every posture at the working point, angles in degrees",
     "accuracy.json": "accuracy at the working point",
@@ -83,19 +83,18 @@ FILES = {
 }
 """What the page links to."""
 QUESTION = (
-    "Before measuring: how accurate is the arm at a point and over its workspace, in which "
-    "posture, and why? After measuring: which cause of error does its model lack, and how much "
-    "does the model with that cause gain?"
+    "This page predicts how accurate the arm is at a point and over its workspace, in which "
+    "posture, and why. The page then finds a cause of error that the model of a simulated arm "
+    "lacks, and shows how much more accurate the arm is with this cause in its model."
 )
 ASSUMED = (
-    "The prediction contains only errors of the geometry. It assumes that these errors are "
-    "independent, and uniformly distributed within the half-widths. Encoder noise, eccentricity, "
-    "gravity, temperature and contact increase the errors further.",
-    (
-        "The wrist is at the working point. Errors of parts beyond the wrist, such as the stylus, "
-        "do not contribute."
-    ),
-    "Volumes are first-order approximations. Each cell and sector is evaluated at its centre.",
+    "The prediction contains only errors of the geometry, which are independent and uniformly "
+    "distributed within the half-widths. Encoder noise, eccentricity, gravity, temperature and "
+    "contact increase the errors further.",
+    "The wrist is at the working point. Errors of parts beyond the wrist, such as the stylus, do "
+    "not contribute.",
+    "Volumes are first-order approximations. The map has the accuracy at the centre of each cell "
+    "and sector.",
     "Neither volume nor u is a maximum permissible error of any standard.",
 )
 
@@ -122,7 +121,7 @@ class DemoSummary:
 
     def __str__(self) -> str:
         end = (
-            f"{len(self.files)} files in {self.seconds:.0f} s; the page is "
+            f"The demo wrote {len(self.files)} files in {self.seconds:.0f} s; open "
             f"{self.folder / 'index.html'}"
         )
         return "\n".join([*self.findings, end])
@@ -132,20 +131,17 @@ def _at_the_point(
     circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]
 ) -> list[Block]:
     curves = len(circle.components.curves)
-    can_move = (
-        "With the wrist held there, the arm can still move: its elbow moves along "
-        f"{curves} closed curves."
-    )
+    can_move = f"With the wrist at this point, the elbow can move along {curves} closed curves."
     ends = postures_at_the_ends(summary)
     return [
-        Heading("At one point: in which posture, how accurate, and why"),
+        Heading("Accuracy at one point"),
         Paragraph(f"{circle}. {can_move}"),
         Paragraph(_uncertainty_at_the_point(summary["u_mm"]), finding=True),
         Paragraph(what_k_covers()),
         Paragraph(_volume_at_the_point(summary), finding=True),
         _circle_figure(circle, accuracy),
         Table(
-            ends, "Postures with the smallest and largest values (swivel 0: the elbow is highest)"
+            ends, "Postures with the smallest and largest values (at swivel 0 the elbow is highest)"
         ),
         _budget_figure(accuracy),
     ]
@@ -159,7 +155,7 @@ def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Fig
     return Figure(
         draw,
         f"The elbow's path round the working point and {circle.arm.name} in five postures",
-        "Five of the postures, and the path of the elbow. The colour shows the accuracy "
+        "The figure shows five postures and the path of the elbow. The colour shows the accuracy "
         "volume of postures within the joint limits.",
     )
 
@@ -168,15 +164,15 @@ def _budget_figure(accuracy: AccuracyVolume) -> Figure:
     return Figure(
         lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
         "Bars of the shares of the variance by parameter",
-        "Uncertainty budget: share of each parameter in the variance, and the standard "
-        "uncertainty that it alone would cause.",
+        "The bars show the share of each parameter in the variance, and the standard uncertainty "
+        "that this parameter alone causes.",
     )
 
 
 def _uncertainty_at_the_point(u_mm: dict[str, float]) -> str:
     least, most = COVERAGE_FACTOR * u_mm["min"], COVERAGE_FACTOR * u_mm["max"]
     return (
-        f"Expanded uncertainty of the position: U (k = 2) = {least:.3f} to {most:.3f} mm, "
+        f"The expanded uncertainty of the position is U (k = 2) = {least:.3f} to {most:.3f} mm, "
         "depending on the posture."
     )
 
@@ -189,7 +185,7 @@ def _volume_at_the_point(summary: dict[str, Any]) -> str:
         "The accuracy volume of all errors within the half-widths is "
         f"{volume['min']:.4f} mm³ to {volume['max']:.4f} mm³, depending on the posture. The "
         f"comprehensive accuracy is {volume['comprehensive']:.4f} mm³. "
-        f"Most of the variance comes from {largest} (theta_offset: zero offset of a joint)."
+        f"Most of the variance comes from {largest} (theta_offset is a zero offset)."
     )
 
 
@@ -199,13 +195,14 @@ def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list
         lambda: _maps(map_, circle),
         f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and "
         "flexibility",
-        "Smallest standard uncertainty u of the position in each cell, and flexibility. The star "
-        "is the working point, rotated into the half-plane about joint axis 1.",
+        "The maps show the smallest standard uncertainty u of the position and the flexibility in "
+        "each cell. The star is the working point, rotated into the half-plane about joint axis "
+        "1.",
     )
     return [
-        Heading("Over the workspace"),
+        Heading("Accuracy over the workspace"),
         Paragraph(
-            "Joint 1 rotates the arm about the z axis: one half-plane represents the whole "
+            "Joint 1 rotates the arm about the z axis, so that one half-plane represents the whole "
             f"workspace. The map has {x} × {z} cells."
         ),
         Paragraph(_uncertainty_over_the_workspace(map_), finding=True),
@@ -219,9 +216,9 @@ def _uncertainty_over_the_workspace(map_: WorkspaceMap) -> str:
     cells = map_.working_sectors()
     flexibility = float(map_.data["flexibility"].mean())
     return (
-        f"In the best posture of each cell U (k = 2) = {least:.3f} to {most:.3f} mm. "
+        f"In the best posture of each cell, U (k = 2) = {least:.3f} to {most:.3f} mm. "
         f"{cells[map_.sectors]} of {sum(cells.values())} reachable cells have postures in all "
-        f"sectors; mean flexibility {flexibility:.3f}."
+        f"sectors; the mean flexibility is {flexibility:.3f}."
     )
 
 
@@ -240,12 +237,12 @@ def _measured(found: Diagnosis, hidden: Effect, planned: str) -> list[Block]:
     name, records = found.model.arm.name, found.extended.problem.measurements
     how = (
         f"A virtual {name} has an eccentric encoder, and its geometry differs from the arm file "
-        f"within the half-widths. It probes {SEATS} seats of known coordinates in {records.n} "
+        f"within the half-widths. The arm probes {SEATS} seats of known coordinates in {records.n} "
         "records. The diagnosis uses only the records and the arm file."
     )
     table = _hidden_and_found(found, hidden)
     return [
-        Heading("After measuring: a hidden effect found"),
+        Heading("Diagnosis of simulated records"),
         Paragraph(how),
         *answers(found, planned),
         Table(table, "The hidden cause, and the causes that diagnose found, ± U (k = 2)"),
@@ -350,11 +347,11 @@ def _index(arm: Arm, story: list[Block], files: list[str], when: str) -> Documen
         [
             QUESTION,
             *story,
-            Heading("What is assumed"),
+            Heading("Assumptions"),
             Bullets(ASSUMED),
-            Heading("More"),
+            Heading("Files"),
             *links,
-            f"Seed {SEED}; made {when}.",
+            f"The demo made this page with seed {SEED} on {when}.",
         ],
         f"Geometry: {arm.source}",
     )

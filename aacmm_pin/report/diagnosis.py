@@ -88,41 +88,48 @@ ALTERNATIVES = 3
 """So many other sets of causes are named where the mass is on several."""
 WORST = 5
 """Groups that the table names; the figure has all."""
-COVARIATES = {"record": "the order of the records", "x": "place", "y": "place", "z": "place"}
+COVARIATES = {
+    "record": "the order of the records",
+    "x": "the place",
+    "y": "the place",
+    "z": "the place",
+}
 """Covariates in words, if their name is not clear by itself."""
 PREDICTED = ("predicted", "the prediction from the stated uncertainties and the noise", "dashed")
 ONLY_NOISE = ("noise", "the noise alone (the arm states no uncertainty)", "dotted")
 """What residuals are compared with: in a head, in words, and its line in the figure."""
 UNSTATED = (
-    "You did not state all noise. The fit estimated the rest from the scatter of the residuals of "
-    "the extended arm."
+    "You did not state all noise. The fit estimated the unstated noise from the scatter of the "
+    "residuals of the extended arm."
 )
 SEAT_ERRORS = (
     "The residuals at a seat are distances from the estimated position of the seat. An error of "
-    "its stated coordinates therefore hardly changes the residuals and the gain."
+    "stated seat coordinates therefore hardly changes the residuals and the gain."
 )
 SEATS_JUDGED = (
-    "Records of a held-out seat are compared with its stated coordinates. The uncertainty of "
-    "these coordinates reduces the gain."
+    "diagnose compares the records of a held-out seat with its stated coordinates. The uncertainty "
+    "of stated seat coordinates reduces the gain."
 )
 RANKED = (
-    "The strongest cause is first; geometric values are last. Displacement: RMS displacement of "
-    "the tip by the cause. Probability: probability that the cause acts. p: probability of such "
-    "large odds for any cause if this cause does not act. Not absorbed: part of the effect that "
-    "neither recalibration nor other causes absorb."
+    "The strongest cause is first, and geometric values are last. The column displacement states "
+    "the RMS displacement of the tip by the cause. The column probability states how probably the "
+    "cause acts. p is the probability that any cause has such large odds if this cause does not "
+    "act. The column not absorbed states which part of the effect neither recalibration nor other "
+    "causes absorb."
 )
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
-ALL_SETS = "The probabilities of all sets add up to 1. The last row contains all other sets."
-ALIASES_LISTED = "Aliases: causes with a similar effect in these records"
+ALL_SETS = "The probabilities of all sets add up to 1. The last row is for all other sets."
+ALIASES_LISTED = "Aliases (causes with a similar effect in these records)"
 ALIASES_EXPLAINED = (
-    "Correlation: that of the two effects in these records, after a refit of the geometry. "
-    "Probability: probability that the alias acts and the cause does not. If both act and the "
-    "alias is much smaller than its typical magnitude, U of the cause is too small."
+    "The column correlation states the correlation of both effects in these records after a refit "
+    "of the geometry. The column probability states how probably the alias acts without the cause. "
+    "If cause and alias act and the alias is much smaller than its typical magnitude, U of the "
+    "cause is too small."
 )
 DISCREPANCY_AT_TIP = "Discrepancy at the tip (structure that no cause explains)"
 DISCREPANCY = (
-    "RMS: displacement of the tip that recalibration does not absorb. u: its standard "
-    "uncertainty. Probability: probability that the discrepancy exists."
+    "RMS is the displacement of the tip that recalibration does not absorb, and u is its standard "
+    "uncertainty. The column probability states how probably the discrepancy exists."
 )
 GROUPS = "Groups of records that disagree with the other records; check their set-up"
 """Captions of tables, and how to read them."""
@@ -175,7 +182,7 @@ def verdict_in_words(result: Diagnosis) -> str:
             if result.findings:
                 after += f" with {'this cause' if len(result.findings) == 1 else 'these causes'}"
             text = f"{wrong}. After {after}, {_left_in_words(result)}"
-    return f"{_excluded_in_words(result)}{result.model.arm.name}: {text}.{doubts}"
+    return f"{_excluded_in_words(result)}{capital(text)}.{doubts}"
 
 
 def certainty_in_words(result: Diagnosis) -> str:
@@ -184,13 +191,14 @@ def certainty_in_words(result: Diagnosis) -> str:
         return ""
     least = probability(min(finding.probability for finding in result.findings))
     one = len(result.findings) == 1
-    cause = "This cause" if one else "The least probable of these causes"
+    name = in_words(result.findings[0].effect, result.model.arm)
+    cause = capital(name) if one else "The least probable of the named causes"
     text = f"{cause} acts with probability {least}."
     share = _shares(result).get(_labels(result))
     if share is None:
         return text
-    alone = "It acts alone" if one else "These causes and no others act"
-    return f"{text} {alone} with probability {probability(share)}."
+    alone = "the named cause acts" if one else "the named causes act"
+    return f"{text} The probability that only {alone} is {probability(share)}."
 
 
 def _labels(result: Diagnosis) -> frozenset[str]:
@@ -222,7 +230,7 @@ def next_set_in_words(result: Diagnosis) -> str:
     elif more:
         text = f"{more} may act{' in addition' if found else ''}"
     else:
-        text = f"{fewer} may not act" if likely else "possibly no cause acts"
+        text = f"{fewer} may be absent" if likely else "all named causes may be absent"
     return f"{capital(text)} (probability {probability(share)})."
 
 
@@ -234,13 +242,13 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
     named = []
     for labels, share in likely[:ALTERNATIVES] or others[:1]:
         causes = labels_in_words(result, labels) or "no cause"
-        named.append(f"{causes} (probability of this set {probability(share)})")
+        named.append(f"{causes} (probability {probability(share)})")
     if not found:
         return (
             "these records do not determine whether the model lacks a cause. The most probable "
-            f"causes are {listed(named)}"
+            f"sets of causes are {listed(named)}"
         )
-    return f"{wrong}. Other sets of causes that may act: {listed(named, 'or')}"
+    return f"{wrong}. Other possible sets of causes are {listed(named)}"
 
 
 def _excluded_in_words(result: Diagnosis) -> str:
@@ -260,7 +268,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
     text = _causes_in_words(result, causes)
     if result.no_better:
         them = "it" if len(causes) == 1 else "them"
-        text += f", but adding {them} does not improve the prediction of held-out records"
+        text += f", but with {them} the arm does not predict held-out records better"
     if not values:
         return text
     off = f"some stated values have unusually large errors: {_named(values, result.model.arm)}"
@@ -284,15 +292,15 @@ def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
     arm = result.model.arm
     clauses = [f"{verb} {_named(some, arm)}" for verb, some in groups if some]
     if clauses:
-        return f"the model {' and '.join(clauses)}"
+        return f"the model of {arm.name} {' and '.join(clauses)}"
     return _none_found(result)
 
 
 def _none_found(result: Diagnosis) -> str:
     """That no cause was found, and how probable it is that none acts."""
     chance = probability(1.0 - result.more)
-    none = f"(probability {chance} that none acts)"
-    return f"diagnose found no cause of error that the model lacks {none}"
+    lacks = f"the model of {result.model.arm.name} lacks (probability {chance} that none acts)"
+    return f"these records show no cause of error that {lacks}"
 
 
 def _named(findings: Sequence[Finding], arm: Arm) -> str:
@@ -309,18 +317,19 @@ def _named(findings: Sequence[Finding], arm: Arm) -> str:
 def _inconclusive(result: Diagnosis, wrong: str) -> str:
     extended = result.extended
     if not result.converged:
-        return f"the search did not converge ({result.converge_note}); no conclusion is possible"
+        note = result.converge_note
+        return f"the fit did not converge ({note}), so that no conclusion is possible"
     if not extended.tells_noise:
         return "the file has too few records to distinguish a cause of error from noise"
     if extended.too_many_excluded:
         out, used = int(extended.excluded.sum()), int(extended.used.sum())
         return (
-            f"{out} of {out + used} records disagree with the others, which is too many for gross "
-            f"errors. According to the others, {wrong}"
+            f"{out} of {out + used} records disagree with the other records, which is too many for "
+            f"gross errors. According to the other records, {wrong}"
         )
     doubts = "; ".join(doubts_in_words(result))
     if not result.findings:
-        return f"diagnose found no cause of error, but {doubts}"
+        return f"these records show no cause of error, but {doubts}"
     if not doubts:
         return f"these records suggest that {wrong}"
     return f"these records suggest that {wrong}, but {doubts}"
@@ -337,7 +346,7 @@ def _not_explained(result: Diagnosis) -> str:
             more = f"{sizes}; {more}"
     elif unexplained.has_background:
         size = _background(unexplained)
-        more = f"the residuals have structure of {size} that depends on no single column"
+        more = f"the residuals have structure ({size}) that depends on several quantities together"
     elif unexplained.apart and not larger:
         more = ""
     else:
@@ -367,7 +376,7 @@ def _background(left: Unexplained) -> str:
 
 def _quantity(covariate: str) -> str:
     """What a part of the discrepancy depends on."""
-    return "no single column" if covariate == BACKGROUND else covariate
+    return "several quantities together" if covariate == BACKGROUND else covariate
 
 
 def alias_in_words(alias: Alias, arm: Arm) -> str:
@@ -380,10 +389,10 @@ def alias_in_words(alias: Alias, arm: Arm) -> str:
 def summary_line(result: Diagnosis) -> str:
     """Sizes of residuals by the three models, the noise, and the gain on held-out records."""
     stated, recalibrated, extended, noise = lengths(result.rms.values())
-    alone = "noise alone" if result.extended.stated else "estimated scatter"
+    alone = "Noise alone" if result.extended.stated else "The estimated scatter"
     sizes = (
-        f"RMS residual of the nominal arm {stated}, recalibrated arm {recalibrated}, extended arm "
-        f"{extended}; {alone} {noise}."
+        f"The RMS residual is {stated} for the nominal arm, {recalibrated} for the recalibrated "
+        f"arm and {extended} for the extended arm. {alone} would give {noise}."
     )
     return f"{sizes} {gain_in_words(result)}"
 
@@ -417,7 +426,7 @@ def _left_in_words(result: Diagnosis) -> str:
         return "the arm agrees with the records within the noise"
     scatter = f"the residuals scatter by {length(extended.unmodelled)} per coordinate"
     if extended.stated:
-        return f"{scatter} beyond the stated noise"
+        return f"{scatter} more than the stated noise"
     return f"{scatter}, which counts as noise, because you did not state all noise"
 
 
@@ -445,9 +454,10 @@ def _covariates_in_words(left: Unexplained) -> Iterator[str]:
         on = f"{listed([*left.acts_on])} ({p})"
         yield f"The residuals depend on {on} in a way that no cause of the library explains."
     elif left.has_background:
-        yield f"The remaining structure of {_background(left)} depends on no single column."
+        size = _background(left)
+        yield f"The remaining structure ({size}) depends on several quantities together."
     elif left.groups:
-        yield f"Some groups of records disagree with the others ({p})."
+        yield f"Some groups of records have significantly larger residuals than the others ({p})."
     elif left.left:
         chance = beside_threshold(left)
         yield f"The residuals have significant structure that no named cause explains ({chance})."
@@ -466,7 +476,7 @@ def _saved_in_words(result: Diagnosis) -> str:
     if saved:
         there = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
         has = "contains" if there else "does not contain"
-        how = "" if there else "; --with-discrepancy saves it"
+        how = "" if there else "; to save it, use --with-discrepancy"
         said.append(f"The extended arm {has} the discrepancy that depends on {saved}{how}.")
     if lost:
         over = f"No arm file can contain the discrepancy that depends on {listed(lost)}"
@@ -487,7 +497,7 @@ def _excluded(left: Unexplained) -> list[str]:
     if shared is None:
         return []
     if shared.excluded == 1:
-        return [f"the records around the excluded one have {shared.where}"]
+        return [f"the records around the excluded record have {shared.where}"]
     how_many = "all" if shared.excluded == shared.of else f"{shared.excluded} of"
     return [f"{how_many} {shared.of} excluded records have {shared.where}"]
 
@@ -582,7 +592,7 @@ def answers(result: Diagnosis, planned: str) -> list[Block]:
     """The verdict, its probability, other possible causes, residuals and gain, and what to
     measure next.
     """
-    verdict = f"{capital(result.verdict)}."
+    verdict = f"{capital(result.verdict.replace('-', ' '))}."
     sentences = {verdict: verdict_in_words(result)}
     sentences["Probability:"] = certainty_in_words(result)
     sentences["Other possible causes:"] = next_set_in_words(result)
@@ -596,7 +606,7 @@ def _result(result: Diagnosis, planned: str) -> list[Block]:
     if any(corrects_seat(finding.effect) for finding in result.findings):
         hints.append(SEAT_ERRORS)
     hint = Paragraph(" ".join(hints), detail=True)
-    base = Paragraph(frame_in_words(result.extended), detail=True)
+    base = Paragraph(frame_in_words(result.extended))
     return [Heading("Result"), *answers(result, planned), base, rms_figure(result), hint]
 
 
@@ -605,15 +615,16 @@ def rms_figure(result: Diagnosis) -> Figure:
     return Figure(
         lambda: plots.plot_rms(result, blank_axes(6.8, 2.0)),
         "RMS residuals of the three models",
-        "RMS residuals of the nominal, the recalibrated and the extended arm. An unknown frame or "
-        "target is fitted for each arm. The dashed line is the RMS residual of noise alone.",
+        "The bars show the RMS residuals of the nominal, the recalibrated and the extended arm. "
+        "The fit estimates an unknown frame or target for each arm. The dashed line shows the RMS "
+        "residual that noise alone would give.",
     )
 
 
 def _wrong(result: Diagnosis) -> list[Block]:
-    title, table = Heading("Where the errors are"), result.residual_groups
+    title, table = Heading("Residuals of groups of records"), result.residual_groups
     if table.empty:
-        return [title, Paragraph("There are too few records to compare groups.", detail=True)]
+        return [title, Paragraph("The file has too few records to compare groups.", detail=True)]
     predicted, beside, line = PREDICTED
     if table["predicted_mm"].equals(table["noise_mm"]):
         predicted, beside, line = ONLY_NOISE
@@ -621,16 +632,17 @@ def _wrong(result: Diagnosis) -> list[Block]:
     figure = Figure(
         lambda: plots.plot_groups(result, blank_axes(9.3, height)),
         "RMS residuals of groups of records by joint range, time, temperature and seat",
-        "RMS residuals of groups of two or more records. Black: nominal arm; compare it with the "
-        f"{line} line, {beside}. Grey: recalibrated arm. Blue: extended arm; compare it with the "
-        "dotted line, the noise alone. If it is above that line, the extended arm does not explain "
-        "the residuals of the group.",
+        "The dots show RMS residuals of groups of two or more records, black for the nominal, grey "
+        "for the recalibrated and blue for the extended arm. Compare the black dots with the "
+        f"{line} line, which shows {beside}. Compare the blue dots with the dotted line, which "
+        "shows the noise alone. If a blue dot is far above the dotted line, the extended arm does "
+        "not explain the residuals of this group.",
     )
     worst = _worst(result, predicted)
     if worst.empty:
         none = f"No group of records has an RMS residual of the nominal arm above {beside}."
         return [title, figure, Paragraph(none)]
-    caption = f"Groups with the largest RMS residuals of the nominal arm, compared with {beside}"
+    caption = f"Groups in which the RMS residual of the nominal arm most exceeds {beside}"
     return [title, figure, Table(worst, caption, {f"nominal / {predicted}": ".2f"}, most=WORST)]
 
 
@@ -679,7 +691,7 @@ def _waves(result: Diagnosis) -> list[str]:
         if waves:
             sizes = [f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in waves[:WAVES_LISTED]]
             name = capital(in_words(finding.effect, result.model.arm))
-            lines.append(f"{name}, strongest waves per turn (amplitude): {', '.join(sizes)}")
+            lines.append(f"{name} has its strongest waves at {listed(sizes)} periods per turn.")
     return lines
 
 
@@ -698,7 +710,8 @@ def causes_drawn(result: Diagnosis) -> list[Block]:
         figure = Figure(
             lambda: plots.plot_geometry(result, blank_axes(7.4, height)),
             "Geometric values beyond their stated uncertainty",
-            "Geometric values that changed by more than their stated uncertainties allow.",
+            "The dots show geometric values that changed by more than their stated uncertainties "
+            "allow.",
         )
         blocks.append(figure)
     return blocks
@@ -709,8 +722,9 @@ def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:
     return Figure(
         lambda: plots.plot_cause(result, finding, blank_axes(7.4, 4.0)),
         f"{words}, from the records",
-        f"{words}. Each dot is a record, with all other parameters at their fitted values. Each "
-        "circle is the mean of dots, with u. The line is the fitted cause.",
+        f"{words}. Each dot is the value that one record gives if all other parameters have their "
+        "fitted values. Each circle is the mean of neighbouring dots, with its u. The line is the "
+        "fitted cause.",
     )
 
 
@@ -722,13 +736,14 @@ def _on_the_arm(result: Diagnosis) -> list[Block]:
     figure = Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
         f"Residual vectors of the {left} and the {right} arm",
-        f"Each line is a residual, from reference to tip, all with one magnification. Left: {left} "
-        f"arm. Right: {right} arm. Top: plan view. Bottom: side view. Grey: the arm in some "
-        "postures. If neighbouring lines have the same direction, the model lacks a cause.",
+        "Each line is a residual from reference to tip, and all lines have the same magnification. "
+        f"The left panels show the {left} arm, and the right panels the {right} arm. The upper "
+        "panels are plan views, and the lower panels are side views. The arm in some postures is "
+        "grey. If neighbouring lines have the same direction, the model lacks a cause of error.",
     )
     scene = SceneView(
         lambda: residual_scene(result, models[0]),
-        f"Residuals of the {left} arm in three dimensions. Drag to rotate the view. The slider "
+        f"The scene shows the residuals of the {left} arm. Drag to rotate the view. The slider "
         "shows the arm in the posture of each residual, the largest residual first.",
     )
     return [figure, scene]
@@ -741,11 +756,12 @@ def _held_out(result: Diagnosis) -> list[Block]:
     table = held_out_parts(result)[["part", "records", "gain", "chosen"]]
     chosen = [labels_in_words(result, labels) or "nothing" for labels in table.pop("chosen")]
     table = table.rename(columns={"part": "held-out part"})
-    table = table.assign(**{"causes chosen without it": chosen})
+    table = table.assign(**{"chosen causes": chosen})
     sentences = [
         f"Each bar is the RMS residual of held-out {HELD_OUT_KINDS[held.kind]}. Causes and values "
         "come from the other records.",
-        "Gain = 1 - (RMS residual of the extended arm) / (RMS residual of the recalibrated arm).",
+        "The gain is 1 - (RMS residual of the extended arm) / (RMS residual of the recalibrated "
+        "arm).",
         _counted(held),
     ]
     if held.kind == "seats":
@@ -755,7 +771,7 @@ def _held_out(result: Diagnosis) -> list[Block]:
         "RMS residual of each held-out part by the recalibrated and the extended arm",
         " ".join(sentences),
     )
-    caption = "Causes that diagnose chose without each part"
+    caption = "Causes that diagnose chose without the held-out part"
     return [title, figure, Table(table, caption, {"gain": percent}, detail=True)]
 
 
@@ -763,7 +779,8 @@ def _counted(held: Gain) -> str:
     """Which excluded records count in the gain."""
     if not held.gross_errors:
         return _of_extended(held)
-    out = f"The gain leaves out {count(held.gross_errors, 'record')} that both arms exclude."
+    few = count(held.gross_errors, "record")
+    out = f"The gain does not include {few} that both arms exclude."
     return f"{_of_extended(held)} {out}".strip()
 
 
@@ -788,15 +805,17 @@ def _shape(result: Diagnosis, name: str) -> Figure:
     return Figure(
         lambda: plots.plot_unexplained(result, name, blank_axes(7.4, 4.0)),
         f"Structure that depends on {name} and that no cause explains",
-        f"Structure that depends on {name}: {way}. Each dot is a record.",
+        f"In the structure that depends on {name}, {way}. Each dot is a record.",
     )
 
 
 def _structure(left: Unexplained) -> list[Block]:
     groups = pd.DataFrame([asdict(group) for group in left.groups])
     forms: dict[str, Format] = {"times": ".1f", "p_value": p_value}
-    heads = {"name": "group", "times": "residuals relative to the others", "p_value": "p"}
-    ways = [f"Structure that depends on {name}: {way}." for name, way in left.acts_on.items()]
+    heads = {"name": "group", "times": "relative residuals", "p_value": "p"}
+    ways = [
+        f"In the structure that depends on {name}, {way}." for name, way in left.acts_on.items()
+    ]
     return [
         Paragraph(unexplained_in_words(left), finding=left.structure),
         Table(discrepancy_table(left), DISCREPANCY_AT_TIP, explained=DISCREPANCY),
@@ -806,6 +825,6 @@ def _structure(left: Unexplained) -> list[Block]:
 
 
 def _files(result: Diagnosis, summary: dict[str, Any], when: str) -> list[Block]:
-    note = f"Extended by aacmm-pin diagnose on {when} (UTC) from {summary['source']}: {result}"
+    note = f"aacmm-pin diagnose wrote this file on {when} (UTC) from {summary['source']}. {result}"
     names = ("diagnosis.json", "extended.toml")
     return files(summary, residuals_table(result), result.model, names, note)

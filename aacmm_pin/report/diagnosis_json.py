@@ -25,6 +25,7 @@ from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import DiscrepancySize
 from aacmm_pin.effects import Effect, fields_of, strongest_waves
+from aacmm_pin.report.calibration import bases_in_json
 from aacmm_pin.report.check import not_tried_in_json
 from aacmm_pin.report.next_measurements import next_measurements
 
@@ -52,6 +53,7 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     missing = not_tried(diagnosis.model.arm, diagnosis.choice.library, records)
     summary["not_tried"] = not_tried_in_json(missing)
     summary["cannot_tell_apart"] = [list(labels) for labels in diagnosis.cannot_tell_apart]
+    summary |= bases_in_json(diagnosis.extended)
     summary["next_measurements"] = next_measurements(diagnosis)
     return summary | notes_in_json(diagnosis.notes)
 

@@ -11,10 +11,10 @@ from aacmm_pin.effects import probability, strongest_waves, values_in_words
 FEW_WAVES = 4
 """So many waves of a free curve are listed."""
 BY_MODEL = {
-    "simulation": "nominal",
-    "recalibrated": "recalibrated",
-    "extended": "extended",
-    "noise": "by noise alone",
+    "simulation": "nominal arm",
+    "recalibrated": "recalibrated arm",
+    "extended": "extended arm",
+    "noise": "noise alone",
 }
 
 
@@ -24,7 +24,7 @@ def diagnosis_line(diagnosis: Diagnosis) -> str:
 
 
 def _clauses(diagnosis: Diagnosis) -> Iterator[str]:
-    yield f"{diagnosis.verdict}: RMS {_sizes(diagnosis)}"
+    yield f"{diagnosis.verdict}; the RMS residual is {_sizes(diagnosis)}"
     yield from map(finding_line, diagnosis.findings)
     yield from map(str, diagnosis.unexplained.notes)
     yield from map(str, diagnosis.contradicted)
@@ -35,14 +35,14 @@ def _clauses(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _sizes(diagnosis: Diagnosis) -> str:
-    words = BY_MODEL if diagnosis.extended.stated else BY_MODEL | {"noise": "of scatter"}
-    each = [f"{size / MM:.4f} mm {words[name]}" for name, size in diagnosis.rms.items()]
+    words = BY_MODEL if diagnosis.extended.stated else BY_MODEL | {"noise": "estimated scatter"}
+    each = [f"{size / MM:.4f} mm ({words[name]})" for name, size in diagnosis.rms.items()]
     return ", ".join(each)
 
 
 def _gain(held: Gain) -> str:
     low, high = held.interval
-    return f"gain on held-out {held.kind} {held.gain:.2f} ({low:.2f} to {high:.2f})"
+    return f"the gain on held-out {held.kind} is {held.gain:.2f} ({low:.2f} to {high:.2f})"
 
 
 def finding_line(finding: Finding) -> str:

@@ -72,7 +72,7 @@ def _not_tried(choice: Choice) -> list[Note]:
     for need, causes in lacking.items():
         names = listed([cause_in_words(cause) for cause in causes])
         each.append(f"{names} (column {CONDITION_COLUMNS[need]})")
-    return [Note("causes_not_tried", {"causes": "; ".join(each)})] if each else []
+    return [Note("causes_not_tried", {"causes": each})] if each else []
 
 
 def _otherwise(choice: Choice) -> list[Note]:

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from aacmm_pin._support.units import count
-from aacmm_pin.effects import probability
+from aacmm_pin.effects import listed, probability
 from aacmm_pin.report.document import Block, Bullets, Document, Paragraph, Table
 
 DIAGNOSES_SCHEMA = "aacmm-pin/diagnoses/1"
@@ -25,12 +25,12 @@ def diagnoses_document(table: pd.DataFrame) -> Document:
     lacking = table[unused]
     verdicts = table["verdict"].dropna().value_counts()
     parts = [f"{number} {verdict}" for verdict, number in verdicts.items()]
-    parts += [f"{len(lacking)} with an error"] if len(lacking) else []
+    parts += [count(len(lacking), "error")] if len(lacking) else []
     found = with_cause_texts(table)[~unused].filter([*SHOWN])
     if table["arm"].nunique() == 1:
         found = found.drop(columns="arm")
     blocks: list[Block] = [
-        Paragraph(f"{count(len(table), 'file')}: {', '.join(parts)}.", finding=True),
+        Paragraph(f"The results of {count(len(table), 'file')} are {listed(parts)}.", finding=True),
         Table(
             found,
             "RMS residuals of the three arms, and gain on held-out records",

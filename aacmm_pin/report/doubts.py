@@ -48,7 +48,7 @@ def _cause_not_named(result: Diagnosis) -> str:
     causes, records = result.otherwise, int(result.extended.excluded.sum())
     excluded = count(records, "excluded record")
     found = labels_in_words(result, causes)
-    return f"if it used the {excluded}, diagnose would find {found}"
+    return f"with the {excluded}, diagnose would find {found}"
 
 
 def _below_zero(result: Diagnosis) -> str:
@@ -81,7 +81,7 @@ def _structure_left(result: Diagnosis) -> str:
 def _more_causes(result: Diagnosis) -> str:
     """A cause that `diagnose` cannot identify acts with a probability of at least 0.95."""
     chance = f"probability {probability(result.more)}, threshold {THRESHOLDS.settled:g}"
-    return f"another cause acts that diagnose cannot identify ({chance})"
+    return f"diagnose cannot identify a further cause that acts ({chance})"
 
 
 def _starts_disagree(result: Diagnosis) -> str:

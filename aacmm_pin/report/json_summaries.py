@@ -68,7 +68,7 @@ def accuracy_summary(
     if isinstance(circle, ReachingPostures):
         summary |= _search(circle)
     if not len(inside):
-        summary["reason"] = circle.reason or "no configuration is within the joint limits"
+        summary["reason"] = circle.reason or "no posture is within the joint limits"
     return summary
 
 

@@ -25,15 +25,15 @@ def measurements_document(records: Measurements) -> Document:
     shown |= {"with reference": str(records.known.sum()), "seats": "none", "bars": "none"}
     if seats:
         each = np.array([len(rows) for rows in seats.values()])
-        shown["seats"] = f"{len(seats)}, records of each: {_range(each)}"
+        shown["seats"] = f"{len(seats)}, each with {_range(each)} records"
     if bars:
         mm = np.array([bar.length for bar in bars]) / MM
-        shown["bars"] = f"{len(bars)}, mm: {_range(mm)}"
+        shown["bars"] = f"{len(bars)}, {_range(mm)} mm long"
     others = [*records.extra.columns]
     for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
     if others:
-        shown["other columns"] = f"{', '.join(others)} (diagnose compares them with the errors)"
+        shown["other columns"] = f"{', '.join(others)} (diagnose compares these with residuals)"
     summary = pd.DataFrame({"item or column": list(shown), "number or range": [*shown.values()]})
     return Document("Measurements", [str(records), Table(summary)])
 
@@ -50,7 +50,7 @@ def conditions_document(conditions: Conditions) -> Document:
             }
         )
     head = (
-        f"{'Conditions' if rows else 'Only the angles are known'} of "
+        f"{'Conditions' if rows else 'Only the joint angles are known'} of "
         f"{count(conditions.n, 'record')}"
     )
     return Document("Conditions", [Paragraph("", head=head), Table(pd.DataFrame(rows))])
@@ -61,9 +61,9 @@ def _range(values: NDArray[Any]) -> str:
     if values.dtype == object:
         labels = [label for label in dict.fromkeys(values) if label]
         more = " …" if len(labels) > VALUES_LISTED else ""
-        return f"{len(labels)}: {', '.join(labels[:VALUES_LISTED])}{more}"
+        return f"{count(len(labels), 'label')}: {', '.join(labels[:VALUES_LISTED])}{more}"
     values = values[np.isfinite(values)]
     if not values.size:
         return "none"
-    low, high = values.min(), values.max()
+    low, high = np.round([values.min(), values.max()], 12)  # zero in mm may be 1e-17
     return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"

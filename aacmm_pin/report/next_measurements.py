@@ -25,15 +25,14 @@ ORDER = ("record", "time")
 
 @one_blas_thread
 def next_measurements(result: Diagnosis) -> str:
-    """What to measure to settle what a diagnosis leaves open, in a sentence; if structure is left,
-    also which of two causes acts.
+    """Return a sentence with the next measurements that a diagnosis recommends.
 
-    Where two causes are alike it plans how to distinguish them, which takes seconds, and has the
-    command for that plan.
+    If the records cannot distinguish two causes, the sentence has a command for a plan that does.
+    The function needs several seconds for such a plan.
     """
     first = _first(result)
     if result.verdict == "unexplained" and result.cannot_tell_apart:
-        return f"{first}; also: {_to_distinguish(result)}"
+        return f"{first}. Then {_to_distinguish(result)}"
     return first
 
 
@@ -47,13 +46,13 @@ def _first(result: Diagnosis) -> str:
     )
     if too_good(result.extended):
         return (
-            "check the value and unit of the stated noise, and that the angles are readings, "
-            "not planned angles; noise of this size hides most causes"
+            "check the value and unit of the stated noise, because noise of this size hides most "
+            "causes. Check also that the angles are readings, not planned angles"
         )
     if verdict == "inconclusive" and result.extended.too_many_excluded:
         return (
-            "find what the excluded records have in common, repeat some of them, and state "
-            "time_s and session of all records"
+            "find what the excluded records have in common, repeat some excluded records, and "
+            "state time_s and session of all records"
         )
     if unexplained.branches is not None:
         joint = unexplained.branches.joint
@@ -65,8 +64,8 @@ def _first(result: Diagnosis) -> str:
     if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint
         return (
-            f"approach some postures with joint {joint} from both sides and under other loads, "
-            "because the encoder or the gear of this joint does not follow the model"
+            f"approach some postures with joint {joint} from both sides and with other loads, to "
+            "find the error of its encoder or gear"
         )
     if (
         verdict == "unexplained"
@@ -75,36 +74,35 @@ def _first(result: Diagnosis) -> str:
     ):
         where = unexplained.excluded.where
         return (
-            f"find what changed at {where}, such as the stand, the references or an encoder; "
-            "diagnose the two parts separately"
+            f"find what differed for the records that have {where}, such as the stand, the "
+            "references or an encoder. Diagnose these records and the others separately"
         )
     if result.contradicted and verdict != "unexplained":
-        return f"measure the references again: {'; '.join(map(str, result.contradicted))}"
+        return f"measure the references again, because {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings:
         return (
-            f"take more records, at other postures. The present records would show only {seen} of "
-            f"{of} causes of typical magnitude"
+            f"take more records, at other postures, because these records would show only {seen} "
+            f"of {of} causes of typical magnitude"
         )
     if verdict == "no-discrepancy":
         return (
-            "keep these records for the next check. They would show "
+            "keep these records for the next check. These records would show "
             f"{seen} of {of} causes of typical magnitude"
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
         return (
-            f"set up {unexplained.groups[0].name} again, repeat its records, and diagnose the "
-            "other records without them"
+            f"set up {unexplained.groups[0].name} again, and repeat its records. Diagnose the "
+            "other records without this group"
         )
     if unexplained.shared_by_postures is not None and not unexplained.depends_on:
         return (
-            "repeat the same postures on another day, with the stand or the references elsewhere. "
-            "This shows whether the arm, the set-up or the references cause the error that the "
-            "records of one posture share"
+            "repeat the same postures on another day, with the stand or the references elsewhere, "
+            "to find whether the arm, the set-up or the references cause the shared error"
         )
     if verdict == "unexplained" and not unexplained.depends_on and unexplained.has_background:
         return (
-            "take more records, at other postures, and note what else changes: the remaining "
-            "structure depends on no single column"
+            "take more records, at other postures, and add columns for other changing quantities, "
+            "because the remaining structure depends on several quantities together"
         )
     if (
         verdict == "unexplained"
@@ -112,14 +110,14 @@ def _first(result: Diagnosis) -> str:
         and result.choice.noise.postures.repeat
     ):
         return (
-            "check columns, units and reference frame, and note what changes between postures, "
-            "because the residuals exceed the noise that the repeats show"
+            "check columns, units and reference frame, because the residuals exceed the scatter of "
+            "the repeats. Add columns for quantities that change between postures"
         )
     if verdict == "unexplained" and not unexplained.depends_on:
         return (
-            "repeat some postures without any change: the scatter of the repeats is the true "
-            "noise. If this scatter is as stated, check columns, units and reference frame, "
-            "and note what else changes"
+            "repeat some postures without any change, because the scatter of the repeats is the "
+            "true noise. If this scatter is as stated, check columns, units and reference frame, "
+            "and add columns for other quantities that change"
         )
     if verdict == "unexplained":
         return _otherwise(unexplained.depends_on) + _and_repeat(result)
@@ -129,27 +127,27 @@ def _first(result: Diagnosis) -> str:
     seats = [finding for finding in findings if corrects_seat(finding.effect)]
     if seats:
         return (
-            f"measure again {'; '.join(map(_off, seats))}; then check the extended arm on new "
-            "records"
+            f"measure the coordinates of {listed([*map(_off, seats)])} again. Then check the "
+            "extended arm on new records"
         )
     if result.no_better:
         return (
-            "take more records, at other postures, because the extended arm does not yet predict "
-            "held-out records better"
+            "take more records, at other postures, because the extended arm does not predict "
+            "held-out records better than the recalibrated arm"
         )
     if negative := [finding.label for finding in findings if finding.below_zero]:
         return (
-            "check the signs of gravity in the arm file, torques and temperatures, for "
-            f"{' and '.join(negative)}. If the signs are right, another cause may act: take more "
-            "records, at other postures"
+            "check the signs of gravity, torques and temperatures, because the value of "
+            f"{' and '.join(negative)} is negative. If the signs are right, take more records, at "
+            "other postures"
         )
     if verdict == "inconclusive":
-        doubts = doubts_in_words(result) or ["these records do not yet confirm the causes found"]
-        return f"take more records, at other postures: {'; '.join(doubts)}"
+        doubts = doubts_in_words(result) or ["these records do not confirm the named causes"]
+        return f"take more records, at other postures, because {'; '.join(doubts)}"
     until = [getattr(finding.effect, "until_s", None) for finding in findings]
     if ends := [end for end in until if end is not None]:
         return (
-            f"take records after {max(ends):.4g} s, by the same clock, to see whether the drift "
+            f"take records after {max(ends):.4g} s, with the same clock, to find whether the drift "
             "stops or continues"
         )
     frame = result.extended.problem.setup.reference_frame
@@ -174,7 +172,7 @@ def _and_repeat(result: Diagnosis) -> str:
     return (
         ""
         if result.choice.noise.postures.repeat
-        else ", and repeat some records without any change"
+        else "; also repeat some records without any change"
     )
 
 
@@ -213,8 +211,8 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
     for one, freer in ((cause, other), (other, cause)):
         if freer.cause in one.special_case_of and freer.place == one.place:
             return (
-                f"take more records, with the angles of the joint of {one.label} evenly over its "
-                "range, to see how the error depends on the angle"
+                f"take more records with joint {one.place} evenly over its range, to find how the "
+                "error depends on the angle"
             )
     return _plan_for(result, (cause, other))
 
@@ -247,8 +245,7 @@ def _noise_as_found(result: Diagnosis) -> dict[str, Any]:
 def _off(finding: Finding) -> str:
     """Where the records put a seat."""
     values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
-    place = f"the coordinates of {finding.effect.place}"
-    return f"{place}, which these records place at ({values}) mm from the stated coordinates"
+    return f"seat {finding.effect.place} (wrong by ({values}) mm, according to these records)"
 
 
 def _otherwise(depends_on: Sequence[str]) -> str:
@@ -261,13 +258,13 @@ def _otherwise(depends_on: Sequence[str]) -> str:
         found.append(f"probe the same places in postures with other angles of {listed(joints)}")
     if places:
         found.append(
-            "measure the same postures with the stand elsewhere, which shows whether the room or "
-            "the arm causes the error"
+            "measure the same postures with the stand elsewhere, to find whether the room or the "
+            "arm causes the error"
         )
     if SCALE in depends_on:
         found.append(
-            "measure a length with an independent calibration, which shows whether the "
-            "references or the arm have the error"
+            "measure a length with an independent calibration, to find whether the references or "
+            "the arm have the error"
         )
     if moments := [name for name in others if name.startswith("moment ")]:
         found.append(
@@ -278,10 +275,13 @@ def _otherwise(depends_on: Sequence[str]) -> str:
     labels = [name for name in others if name.split()[0] in LABELS]
     if labels:
         found.append(
-            f"repeat some postures with another {', another '.join(labels)} and all else unchanged"
+            f"repeat some postures with another {' and another '.join(labels)}, without any other "
+            "change"
         )
     if numbers := [name for name in others if name not in (*labels, *ORDER)]:
-        found.append(f"repeat some postures at another time, with a different {listed(numbers)}")
+        found.append(
+            f"repeat some postures at another time, with other values of {listed(numbers)}"
+        )
     elif set(others) & set(ORDER):
-        found.append("repeat some postures at another time, with all else unchanged")
-    return ", ".join(found)
+        found.append("repeat some postures at another time, without any other change")
+    return "; ".join(found)

@@ -37,10 +37,10 @@ def lengths(values: Iterable[float]) -> list[str]:
     rounded = [float(f"{value:.3g}") for value in values]
     unit, scale = length_unit(max(map(abs, rounded)))
     most = 4 if unit == "mm" else 3
-    return [f"{_three_digits(value / scale, most)} {unit}" for value in rounded]
+    return [f"{three_digits(value / scale, most)} {unit}" for value in rounded]
 
 
-def _three_digits(value: float, most: int) -> str:
+def three_digits(value: float, most: int = 3) -> str:
     """A number with three digits, and at most so many decimals."""
     if not value:
         return "0"

@@ -16,9 +16,12 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import MeasurementPlan, PlannedScheme, Tried, plan_measurements
 from aacmm_pin.report.calibration_plan import where_to_go
-from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.document import Document, Format, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.numbers import capital, three_digits
 
 RIGHT = "probability of the right decision"
+CONSIDERED = f"Set-ups that the plan considered, with the {RIGHT}"
+PAIRS = "Pairs of causes, with the expected increase T of χ² if the model has the wrong cause"
 NOISE_OPTIONS = {"--u-reference-mm": "reference_noise", "--probe-noise-mm": "probe_noise"}
 DEFAULTS = {"scheme": "free", "reference_frame": "base", "target": "tip"}
 """Keywords of a plan whose option need not be written with these values."""
@@ -26,6 +29,7 @@ QUICK = 200
 """Postures that are enough to state whether a plan would help; the plan itself has more."""
 LEAST_CHANGE = 0.005
 """A probability of a right decision that grows by less is not worth new records."""
+FORMS: dict[str, Format] = {"T": three_digits}
 PAIRS_LISTED = 8
 """Pairs of causes that are listed; the JSON has all."""
 
@@ -35,14 +39,14 @@ def plan_document(plan: MeasurementPlan) -> Document:
     """The plan; its records stand in :attr:`MeasurementPlan.records`."""
     tried = [*map(_tried, plan.tried)]
     considered = pd.DataFrame(tried if len(tried) > 1 else [])
-    forms = {"T": ".3g"}
-    pairs = "Pairs of causes that these postures can distinguish, smallest T first"
+    set_ups = Table(considered, CONSIDERED, FORMS)
+    pairs = Table(_pairs(plan), PAIRS, FORMS, most=PAIRS_LISTED)
     return Document(
         "Plan",
         [
             Paragraph(f"{plan}.", head="Plan:"),
-            Table(considered, "Set-ups that the plan considered", forms),
-            Table(_pairs(plan), pairs, forms, most=PAIRS_LISTED),
+            set_ups,
+            pairs,
             *where_to_go(plan),
             Notes(plan.notes),
         ],
@@ -51,8 +55,8 @@ def plan_document(plan: MeasurementPlan) -> Document:
 
 def _tried(tried: Tried) -> dict[str, Any]:
     chance = None if tried.why_not else probability(tried.power.probability)
-    row = {"set-up": tried.words, "T": tried.power.least, RIGHT: chance}
-    return row | {"reason against it": tried.why_not}
+    row = {"set-up": tried.words, "T": tried.power.least, "probability": chance}
+    return row | {"obstacle": tried.why_not}
 
 
 def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
@@ -75,32 +79,36 @@ def plan_line(plan: MeasurementPlan) -> str:
         what = f"to distinguish all causes, of which {one} and {other} are the most similar"
     if plan.before is not None and not plan.needed:
         return (
-            f"no more records are needed {what}. With the {plan.existing} existing records, the "
-            f"{RIGHT} is {probability(plan.before.probability)}. You can use the "
-            f"{len(plan.records)} planned records to check the result"
+            f"The {plan.existing} existing records are enough {what}, because the {RIGHT} is "
+            f"{probability(plan.before.probability)}. You can use the {len(plan.records)} planned "
+            "records to check the result"
         )
-    text = f"{len(plan.records)} records {what}. Set-up: {plan.setup}. {_power(plan)}"
-    return text + "".join(f"; {one.words}: {one.why_not}" for one in plan.tried if one.why_not)
+    how = capital(plan.setup) if plan.set_up else "The set-up does not change"
+    text = f"Take {len(plan.records)} records {what}. {how}. {_power(plan)}"
+    poor = [f". In the set-up '{one.words}', {one.why_not}" for one in plan.tried if one.why_not]
+    return text + "".join(poor)
 
 
 def _power(plan: MeasurementPlan) -> str:
     """What the planned records decide."""
     if plan.after.same:
         return (
-            "No set-up that the plan considered distinguishes these causes. If both correct the "
-            "arm in the same way, use the extended arm with one of them"
+            "No set-up that the plan considered distinguishes both causes. If both correct the "
+            "arm in the same way, use the extended arm with either cause"
         )
     text = f"The {RIGHT} is {probability(plan.after.probability)}"
     if plan.before is not None:
         text += f", and {probability(plan.before.probability)} with only the existing records"
-    text += f" (expected increase of χ² with the wrong cause: T = {plan.after.least:.3g})"
-    return text + ("" if plan.decided else f". This is not enough to decide{_more(plan)}")
+    increase = f"T = {three_digits(plan.after.least)}"
+    text += f" (expected increase of χ² if the model has the wrong cause: {increase})"
+    return text + ("" if plan.decided else f". The probability is too small to decide{_more(plan)}")
 
 
 def _more(plan: MeasurementPlan) -> str:
     """How many records would decide; "" if that is not known."""
     beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
-    return "" if plan.enough is None else f"; about {plan.enough} new records{beside} are enough"
+    enough = f"; about {plan.enough} new records{beside} would be enough"
+    return "" if plan.enough is None else enough
 
 
 def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
@@ -113,22 +121,23 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
     one, other = plan.split
     if plan.after.same:
         pair = f"{one.label} from {other.label}"
-        return f"no set-up that the plan considered distinguishes {pair}: {plan.tried[-1].why_not}"
+        why = plan.tried[-1].why_not
+        return f"no set-up that the plan considered distinguishes {pair}, because {why}"
     before = 0.5 if plan.before is None else plan.before.probability
     if plan.before is not None and plan.after.probability - before < LEAST_CHANGE:
         return (
-            f"take more records, at other postures, to distinguish {one.label} from {other.label}. "
-            "A plan for these two causes alone proposes no useful records of the same kind"
+            f"take more records, at other postures, to distinguish {one.label} from {other.label}, "
+            "because a plan for these two causes alone found no useful records of the same kind"
         )
     odds = f"from {probability(before)} to {probability(plan.after.probability)}"
     if not plan.decided:
-        odds += _more(plan) or ", not enough yet"
+        odds += _more(plan) or ", which is not enough"
     if plan.changes_arm:
         odds += "; diagnose the new records with set_up.toml, separately from the existing ones"
     where = f", and {plan.setup}" if plan.set_up else ""
     return (
         f"to distinguish {one.label} from {other.label}, take {len(plan.records)} records at "
-        f"postures where they differ most{where}: {_command(plan, options)} "
+        f"postures in which their effects differ most{where}: {_command(plan, options)} "
         f"(a quick plan for these two causes alone predicts that the {RIGHT} rises {odds})"
     )
 
@@ -169,7 +178,7 @@ def advice(
         return plan_advice(plan, _options(plan.model.arm, asked))
     except AacmmError as error:
         one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
-        return f"no plan that distinguishes {one} from {other} could be made: {error}"
+        return f"the package could not plan records that distinguish {one} from {other}: {error}"
 
 
 def mostly_seats(records: Measurements) -> bool:

@@ -38,29 +38,28 @@ ARTEFACT_OF_TEST = {
 }
 """Tests whose artefacts are those of another."""
 ORIGIN = (
-    "Definitions and decision rule come from public descriptions of "
-    f"{', '.join(EDITIONS.values())} and {RULE_OF}. Nobody "
-    "compared them with the texts of the standards. Compare them before a contract depends on a "
-    "verdict."
+    "The definitions and the decision rule come from public descriptions of "
+    f"{', '.join(EDITIONS.values())} and {RULE_OF}. Before a contract depends on a verdict, "
+    "compare both with the texts of the standards."
 )
 """Stands first where a test is planned, predicted or evaluated."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach"
 """Zones of the single points of ASME B89.4.22; the standard's text rules. Probed points do not show
 whether they were kept.
 """
-POSITIONS = "Positions of the artefacts (of a bar: end A and the far end)"
-ONE_ROW = "One row for all consecutive points of one feature in one posture"
+POSITIONS = "Positions of the artefacts (for a bar, of end A and of the far end)"
+ONE_ROW = "Points to probe, with one row for consecutive points of one feature in one posture"
 FILL_IN = (
-    ("Probe the points in this order, and tick each row. Line numbers are those of the CSV file."),
+    "Probe the points in this order, and tick each row. Line numbers are those of the CSV file.",
     "Fill in the coordinates of the centre of the probe (x_mm, y_mm, z_mm), the "
     "readings (theta1_deg …), or both. The evaluation ignores empty columns.",
     "Replace the planned diameters and lengths by the calibrated values. State their standard "
-    "uncertainty in u_length_mm: the verdict depends on it.",
+    "uncertainty in u_length_mm, because the verdict depends on it.",
     "Place each artefact within a few centimetres of its position. Move the arm to the posture "
     "that the row describes. The test uses the measured values, not the planned ones.",
-    "Left and right are as seen by a person behind the stand who looks from the shoulder to the "
-    "tip. Out is away from the stand. Bearings are measured from the x axis of the base, "
-    "counter-clockwise seen from above.",
+    "Left and right are those of a person behind the stand who looks from the shoulder to the tip. "
+    "Out means away from the stand. Bearings count from the x axis of the base, counter-clockwise "
+    "if seen from above.",
 )
 
 
@@ -69,7 +68,8 @@ def procedure_document(procedure: Procedure) -> Document:
     """The sheet, with the CSV to be filled in inside."""
     tests = set(procedure.probed_points["test"])
     seats = (
-        f"According to public descriptions of {EDITIONS[ASME]}, the seats must be at {ZONES}."
+        f"According to public descriptions of {EDITIONS[ASME]}, the distances of the seats must "
+        f"be {ZONES}."
         if "single-point" in tests
         else ""
     )
@@ -77,8 +77,8 @@ def procedure_document(procedure: Procedure) -> Document:
     views = Figure(
         lambda: procedure_views(procedure),
         "Spheres, seats and bars round the arm, from above and from the side",
-        "The arm in one of the postures (black), and the positions of all artefacts. Use the bars "
-        "one after the other.",
+        "The figure shows the arm in one posture (black) and the positions of all artefacts. Use "
+        "the bars one after the other.",
     )
     things: list[Block] = [Heading("Artefacts"), views]
     things.append(Table(_sizes(procedure), "Artefacts and probe", detail=True))
@@ -87,7 +87,7 @@ def procedure_document(procedure: Procedure) -> Document:
     probed_points.append(Table(_steps(procedure), ONE_ROW, detail=True))
     file = Download("procedure.csv", "the file to fill in", procedure.csv().encode())
     return Document(
-        f"Acceptance test of {procedure.arm.name}: points to probe",
+        f"Points to probe for the acceptance test of {procedure.arm.name}",
         [ORIGIN, f"{procedure}.", *things, *probed_points, file],
         f"{len(procedure.probed_points)} points{seed}",
         by_hand=("Date", "Operator", "Instrument, serial number", "Temperature [°C]"),

@@ -194,17 +194,17 @@ def _worst(
 
 @dataclass(frozen=True)
 class AcceptanceResult(Shown):
-    """What :func:`accept` found.
+    """The result of an acceptance test.
 
     Attributes:
-        path: the file of probed points.
-        figures: a test value of each characteristic; those of one set of coordinates stand
-            together.
-        notes: what was assumed.
-        stated: the different numbers or labels in columns that describe the whole check, such as
+        path: file of probed points.
+        figures: test value of each characteristic, grouped by set of coordinates.
+        notes: assumptions.
+        stated: different numbers or labels in columns that describe the whole test, such as
             ``temperature_c``.
-        measuring_range: of the arm [m]; None where not given.
-        longest: calibrated length [m] that was compared with 66 % of it, by the test.
+        measuring_range: measuring range of the arm [m]; None if not given.
+        longest: calibrated length in each test that :func:`accept` compared with 66 % of the range
+            [m].
         data: content of the file.
     """
 
@@ -218,21 +218,21 @@ class AcceptanceResult(Shown):
 
     @property
     def failed(self) -> tuple[CharacteristicValue, ...]:
-        """The characteristics that do not conform."""
+        """The characteristics with the verdict ``non-conformity``."""
         return tuple(figure for figure in self.figures if figure.verdict == "non-conformity")
 
     @property
     def verdict(self) -> Verdict | None:
-        """The worst verdict of all sets of coordinates; None if no MPE was given for any figure."""
+        """The worst verdict of all sets of coordinates; None if no MPE was given."""
         verdicts = [verdict for verdict, _ in self.overall.values()]
         return next((verdict for verdict in WORST_FIRST if verdict in verdicts), None)
 
     @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
-        """By whose coordinates: the worst verdict of the characteristics with an MPE, and which
-        have it; None without an MPE.
+        """For each set of coordinates, the worst verdict and the characteristics with this verdict.
 
-        A characteristic with an MPE and no test value counts as neither.
+        Only characteristics with an MPE count; without an MPE the verdict is None. A characteristic
+        with an MPE but without a test value counts as ``neither`` (inconclusive).
         """
         sources = dict.fromkeys(figure.source for figure in self.figures)
         return {source: _worst(self._with_mpe(source)) for source in sources}
@@ -246,7 +246,7 @@ class AcceptanceResult(Shown):
         texts = {source: self._in_words(source, *found) for source, found in self.overall.items()}
         if len(texts) > 1:
             return "; ".join(f"{source}: {text}" for source, text in texts.items())
-        return "".join(texts.values())
+        return f"The verdict is {''.join(texts.values())}"
 
     def _in_words(
         self, source: str, verdict: Verdict | None, by: Sequence[CharacteristicValue]
@@ -255,16 +255,18 @@ class AcceptanceResult(Shown):
         of = sum(figure.source == source for figure in self.figures)
         given = f"({len(self._with_mpe(source))} of {of} characteristics have an MPE)"
         if not by:
-            return f"no verdict {given}"
+            return f"not determined {given}"
         names = [f.definition.name + (" without a value" if f.verdict is None else "") for f in by]
         return f"{shown_verdict(verdict)}, decided by {', '.join(names)} {given}"
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a characteristic, lengths in mm; NaN where there is no number."""
+        """Return a table with one row for each characteristic, lengths in mm; NaN for missing
+        numbers.
+        """
         return pd.DataFrame([figure.row() for figure in self.figures])
 
     def summary(self) -> dict[str, Any]:
-        """Schema ``aacmm-pin/acceptance/1``."""
+        """Return the content of the JSON file with the schema ``aacmm-pin/acceptance/1``."""
         overall = []
         for source, (verdict, by) in self.overall.items():
             names = [figure.definition.name for figure in by]
@@ -288,23 +290,25 @@ def accept(
     """Determine the characteristics of ISO 10360-12:2016 and ASME B89.4.22-2004 from probed points,
     and compare each with its limit.
 
-    The definitions follow public descriptions and were never compared with the standards' texts.
+    The definitions follow public descriptions; no comparison with the texts of the standards was
+    made.
 
     Args:
-        path: CSV of probed points, see acceptance columns in the documentation; coordinates are of
-            the probe's centre.
-        arms: arms that compute coordinates from the file's readings, by their name in the result.
+        path: CSV file of probed points; see the acceptance columns in the documentation.
+            Coordinates are those of the probe centre.
+        arms: arms that compute coordinates from the readings of the file, by their names in the
+            result.
         mpe: maximum permissible errors by the name of the characteristic [m].
-        standard: ``iso10360-12`` or ``asme-b89.4.22``: its characteristics alone, also those
-            without probed points.
-        measuring_range: of the arm, the diameter of its working volume [m]; E_Uni and E_Bi then
-            have a test value only if the longest length is at least 66 % of it.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``; the result then has all characteristics of
+            this standard alone, even without probed points.
+        measuring_range: diameter of the working volume of the arm [m]. E_Uni and E_Bi then have a
+            test value only if the longest length is at least 66 % of the range.
 
     Raises:
         MeasurementFileError: the file cannot be used.
-        UnknownNameError: a characteristic or a standard is not known.
+        UnknownNameError: a characteristic or a standard is unknown.
         AacmmError: an MPE or the range is not a positive number, an arm does not fit the file, or
-            all lengths are in another unit.
+            all lengths have another unit.
     """
     limits = checked_limits(mpe)
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
@@ -415,7 +419,7 @@ def _in_range(
     least = LONGEST_PART * measuring_range
     if longest >= least:
         return found
-    why = f"longest length {plain_mm(longest)} mm; expected {plain_mm(least)} mm or more"
+    why = f"the longest length is {plain_mm(longest)} mm; expected {plain_mm(least)} mm or more"
     return without_value(found.had, 0, why=why)
 
 

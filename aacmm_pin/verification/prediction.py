@@ -85,14 +85,14 @@ class PredictedFigure:
 
 @dataclass(frozen=True, eq=False)
 class PredictedAcceptance(Shown):
-    """What :func:`predict_acceptance` found.
+    """The predicted test values of an acceptance test.
 
     Attributes:
-        path: the procedure.
-        figures: the test value of each characteristic; those of one arm stand together.
+        path: file of the procedure.
+        figures: predicted test value of each characteristic, grouped by arm.
         count: number of virtual runs.
-        seed: of all that was drawn, or None where the generator does not say.
-        notes: what was assumed, and what the prediction does not contain.
+        seed: seed of the random generator, or None if unknown.
+        notes: assumptions, and limits of the prediction.
     """
 
     path: str
@@ -102,13 +102,16 @@ class PredictedAcceptance(Shown):
     notes: tuple[Note, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a characteristic, lengths in mm; NaN where probed points are missing, or there is
-        no limit.
+        """Return a table with one row for each characteristic, lengths in mm.
+
+        NaN means that probed points are missing, or that no limit is given.
         """
         return pd.DataFrame([figure.row() for figure in self.figures])
 
     def causes(self) -> pd.DataFrame:
-        """Median magnitude of each test value by each cause alone [mm]."""
+        """Return the median magnitude of each test value if one cause acts alone, for each cause
+        [mm].
+        """
         rows = []
         for figure in self.figures:
             alone = (figure.alone / MM).add_suffix("_mm").to_dict()
@@ -118,7 +121,7 @@ class PredictedAcceptance(Shown):
     def __str__(self) -> str:
         judged = [f for f in self.figures if not math.isnan(f.passes)]
         least = min(judged, key=lambda f: f.passes, default=None)
-        text = f"{len(self.figures)} characteristics in {self.count} virtual runs"
+        text = f"{self.count} virtual runs predict {len(self.figures)} characteristics"
         if least is None:
             return text
         return (
@@ -127,7 +130,9 @@ class PredictedAcceptance(Shown):
         )
 
     def summary(self) -> dict[str, Any]:
-        """Schema ``aacmm-pin/acceptance-prediction/1``."""
+        """Return the content of the JSON file with the schema
+        ``aacmm-pin/acceptance-prediction/1``.
+        """
         table = self.to_frame().astype(object)
         rows = table.where(table.notna(), None).to_dict("records")
         figures = []
@@ -157,27 +162,28 @@ def predict_acceptance(
 ) -> PredictedAcceptance:
     """Predict the test values of a procedure, with an interval and the cause of the largest effect.
 
-    The prediction contains only the uncertainties that the arm states: half-widths or the
-    covariance of a calibration, uncertainties of effects, noise. Causes that the model lacks are
-    not in it.
+    The prediction contains only uncertainties that the arm states: half-widths or the covariance of
+    a calibration, uncertainties of causes, and noise. Causes that the model lacks have no effect on
+    the prediction.
 
     Args:
-        path: procedure by :func:`aacmm_pin.verification.acceptance_procedure`, as a file.
-        arms: by their name in the result: nominal, calibrated, extended.
+        path: file of a procedure from :func:`aacmm_pin.verification.acceptance_procedure`.
+        arms: nominal, calibrated or extended arms by their names in the result.
         mpe: maximum permissible errors by the name of the characteristic [m].
-        standard: ``iso10360-12`` or ``asme-b89.4.22``: its characteristics alone.
-        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default that
-            of the arm, else a typical one.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``; the result then has the characteristics of
+            this standard alone.
+        encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
+            from the arm file, else a typical value.
         probe_noise: standard uncertainty of each coordinate of one contact [m].
         runs: number of virtual runs.
-        rng: for all that is drawn; default seed 1. Every arm gets the same draws.
-        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as
+        rng: random generator; default seed 1. Every arm has the same draws.
+        progress: True for a progress bar in a notebook or on stderr, or a function such as
             ``tqdm``.
 
     Raises:
-        MeasurementFileError: the file is not a procedure for such an arm.
-        UnknownNameError: a characteristic or a standard is not known.
-        AacmmError: no arm, fewer than 20 runs, or an arm states no uncertainty.
+        MeasurementFileError: the file is not a procedure for this arm.
+        UnknownNameError: a characteristic or a standard is unknown.
+        AacmmError: there is no arm, there are fewer than 20 runs, or an arm states no uncertainty.
     """
     path = str(path)
     limits = checked_limits(mpe)

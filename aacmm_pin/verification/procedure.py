@@ -71,14 +71,15 @@ round a sphere.
 
 @dataclass(frozen=True, eq=False)
 class Procedure(Shown):
-    """Points to probe, in order.
+    """The points of an acceptance test in the order of probing.
 
     Attributes:
         arm: the arm.
-        probed_points: one row a point, with the columns of an acceptance file, lengths in mm.
-        q: postures (n, nq) [rad].
-        points: centres of the probe (n, 3) [m].
-        seed: of what was drawn; None where the file does not state it.
+        probed_points: table with one row for each point and the columns of an acceptance file,
+            lengths in mm.
+        q: postures ``(n, nq)`` [rad].
+        points: centres of the probe ``(n, 3)`` [m].
+        seed: seed of the random generator; None if the file does not state the seed.
     """
 
     arm: Arm
@@ -88,8 +89,9 @@ class Procedure(Shown):
     seed: int | None = None
 
     def to_frame(self) -> pd.DataFrame:
-        """The file to be filled in: coordinates and readings are empty, planned ones stand in
-        further columns.
+        """Return the acceptance file for you to complete, as a table.
+
+        Coordinates and readings are empty; further columns have the planned values.
         """
         names = [f"theta{k}_deg" for k in range(1, self.arm.nq + 1)]
         empty = pd.DataFrame("", self.probed_points.index, [*REFERENCE, *names])
@@ -100,12 +102,12 @@ class Procedure(Shown):
         return pd.concat([self.probed_points, empty, *planned], axis=1)
 
     def csv(self) -> str:
-        """The text of that file."""
+        """Return the text of the acceptance file for you to complete."""
         return csv_text(self.to_frame())
 
     def filled(self, records: GivenRecords, software: GivenModel) -> pd.DataFrame:
-        """That file with the readings and conditions of ``records``, and the coordinates by
-        ``software``.
+        """Return the completed acceptance file: readings and conditions from ``records``,
+        coordinates from the arm ``software``.
         """
         records = as_measurements(records, self.arm)
         software = ErrorModel.of(software)
@@ -120,11 +122,13 @@ class Procedure(Shown):
     def __str__(self) -> str:
         counts = self.probed_points["test"].value_counts(sort=False)
         tests = ", ".join(f"{count} {test}" for test, count in counts.items())
-        return f"{self.arm.name}: {len(self.probed_points)} points to probe ({tests})"
+        return (
+            f"The plan for {self.arm.name} has {len(self.probed_points)} points to probe ({tests})"
+        )
 
     @staticmethod
     def read(path: str | Path, arm: GivenArm) -> Procedure:
-        """The procedure in a file that :meth:`csv` made, also where it was filled in.
+        """Read a procedure from a file that :meth:`csv` made, empty or completed.
 
         Raises:
             MeasurementFileError: a planned column is missing or has a cell without a number.
@@ -174,31 +178,31 @@ def acceptance_procedure(
     above: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Procedure:
-    """Plan the probed points for every characteristic of a standard, at places that the arm reaches
-    in the postures needed.
+    """Plan the probed points for all characteristics of a standard, at places that the arm reaches.
 
-    Two spheres (near and far), a point at three distances, a bar with five lengths in seven places,
-    along the axes of the base and the diagonals as far as the arm reaches, and ball bars of two
-    lengths in twenty places. Points of a bar are probed in another posture in every repeat.
-    Points of a sphere are probed in five postures, each in the one whose stylus points at it
-    best.
+    The plan has two spheres (near and far) and one point at three distances. A bar with five
+    lengths has seven places, along the axes of the base and the diagonals within reach. Ball bars
+    of two lengths have twenty places. Each repeat on a bar has another posture. Each sphere has
+    five postures; each point uses the posture with the most favourable direction of the stylus.
 
     Args:
         model: the arm.
-        standard: ``iso10360-12`` or ``asme-b89.4.22``: the points of its
-            characteristics alone.
-        measuring_range: diameter of the working volume [m]; default twice the reach of the tip from
-            joint 2.
-        lengths: calibrated lengths [m], five, or for ASME B89.4.22 alone two; default even parts of
+        standard: ``iso10360-12`` or ``asme-b89.4.22``; the plan then has the points for this
+            standard alone.
+        measuring_range: diameter of the working volume [m]; default twice the distance that the tip
+            reaches from joint 2.
+        lengths: five calibrated lengths [m], or two for ASME B89.4.22 alone; default equal parts of
             two thirds of the range.
-        sphere_diameter, probe_diameter: [m].
-        above: height of a table over the base origin, along gravity, under which no tip goes [m];
-            default the base itself, if the arm stands on it and can be tested so; else none.
-        rng: for all that is drawn; default seed 1.
+        sphere_diameter, probe_diameter: diameters of the sphere and of the ball of the probe [m].
+        above: height of a table above the base origin, against gravity [m]; the tip stays above the
+            table. The default is the height of the base if the arm stands on a table and the test
+            is then possible, else no table.
+        rng: random generator; default seed 1.
 
     Raises:
-        UnknownNameError: no such standard.
-        AacmmError: other than so many lengths above 0, or the arm does not reach such places.
+        UnknownNameError: the standard is unknown.
+        AacmmError: the number of lengths is wrong, a length is not above 0, or the arm does not
+            reach the required places.
     """
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)

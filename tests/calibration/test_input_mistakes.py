@@ -66,13 +66,13 @@ def other_frame(d: Measurements) -> Measurements:
 
 
 OF_ANGLES: list[tuple[Change, str]] = [
-    (counted(0), "joint 1 is counted"),
-    (counted(2), "joint 3 is counted"),
-    (counted(4), "joint 5 is counted"),
-    (counted(1, 2), "joints 2 and 3 are counted"),
-    (turned(1, 90.0), "zero of joint 2 is wrong: add 90°"),
-    (turned(2, 180.0), "zero of joint 3 is wrong: add 180°"),
-    (turned(4, -90.0), "zero of joint 5 is wrong: add -90°"),
+    (counted(0), "joint 1 have"),
+    (counted(2), "joint 3 have"),
+    (counted(4), "joint 5 have"),
+    (counted(1, 2), "joints 2 and 3 have"),
+    (turned(1, 90.0), "zero of joint 2 is wrong; add 90°"),
+    (turned(2, 180.0), "zero of joint 3 is wrong; add 180°"),
+    (turned(4, -90.0), "zero of joint 5 is wrong; add -90°"),
     (swapped, "joints 2 and 3 are exchanged"),
     (angles(1 / 0.9), "angles are in gon"),
     (angles(np.pi / 180, 2), "joint 3 alone are in radians"),
@@ -80,7 +80,7 @@ OF_ANGLES: list[tuple[Change, str]] = [
     (angles(180 / np.pi, 3), "joint 4 alone are in degrees"),
     (
         lambda d: turned(1, 90.0)(counted(2)(d)),
-        "joint 3 is counted in the opposite direction, and the zero of joint 2",
+        "joint 3 have the opposite sign, and the zero of joint 2",
     ),
 ]
 OF_COORDINATES: list[tuple[Change, str]] = [
@@ -88,7 +88,7 @@ OF_COORDINATES: list[tuple[Change, str]] = [
     (coordinates(1, 1, -1), "x, y, z should be x, y, -z"),
     (coordinates(1e-3), "coordinates are in metres"),
     (coordinates(1 / 25.4), "coordinates are in inches"),
-    (coordinates(1.0, 1.0, 1e-3), "z is in metres"),
+    (coordinates(1.0, 1.0, 1e-3), "z coordinates are in metres"),
     (other_frame, "--reference-frame external"),
 ]
 MISTAKES = {
@@ -98,7 +98,7 @@ MISTAKES = {
         (angles(60.0), "minutes of arc"),
         (angles(1 / 360), "in turns"),
     ],
-    "external": [*OF_ANGLES, (OF_COORDINATES[1][0], "mirror image"), *OF_COORDINATES[2:4]],
+    "external": [*OF_ANGLES, (OF_COORDINATES[1][0], "mirrored"), *OF_COORDINATES[2:4]],
     "seats": OF_ANGLES,
     "bars": [OF_ANGLES[2], OF_ANGLES[4], (bars_in_metres, "bars are in metres")],
 }
@@ -171,7 +171,7 @@ def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(sino6, rng):
     for run, options in ((calibrate, stated), (diagnose, {"target": "unknown"})):
         with pytest.raises(MistakenFileError) as caught:
             run(sino6, data, **options, hold_out=False)
-        assert caught.value.mistake.startswith("joint 4 is counted")
+        assert caught.value.mistake.startswith("the angles of joint 4 have")
 
 
 @pytest.mark.parametrize("frame", ["base", again("external"), again("session")])
@@ -179,8 +179,8 @@ def test_a_mistake_in_one_session_is_named_with_the_session(sino6, frame, rng):
     """The other session fits, whatever the references of the first are in."""
     data = simulate_measurements(sino6, "free", 40, rng=rng)
     second = np.arange(data.n) >= data.n // 2
-    wrong = {"y, x, z" if frame == "base" else "mirror image": OF_COORDINATES[0][0](data)}
-    wrong["joint 3 is counted"] = counted(2)(data)
+    wrong = {"y, x, z" if frame == "base" else "mirrored": OF_COORDINATES[0][0](data)}
+    wrong["joint 3 have"] = counted(2)(data)
     for name, mistaken in wrong.items():
         mixed = replace(
             data,
@@ -301,8 +301,8 @@ def test_convention_and_sums_of_angles_are_named(name, sino6, seed):
     misread = changed(arm.file, convention="modified-dh")
     mistakes = [
         (misread, lambda d: d, "standard-dh"),
-        (arm, shown_with(1, 2, 1.0), "the sum of joints"),
-        (arm, shown_with(1, 2, -1.0), "its angle minus that of joint 2"),
+        (arm, shown_with(1, 2, 1.0), "the sum of the angles"),
+        (arm, shown_with(1, 2, -1.0), "minus that of joint 2"),
     ]
     for given, mistake, words in mistakes:
         with pytest.raises(MistakenFileError) as caught:

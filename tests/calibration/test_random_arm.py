@@ -39,7 +39,7 @@ def test_the_truth_states_no_uncertainty_and_keeps_the_rest(sino6, rng):
     assert drawn.file.covariance is None
     np.testing.assert_array_equal(drawn.limits, sino6.limits)
     np.testing.assert_array_equal(drawn.masses, sino6.masses)
-    assert drawn.source.startswith("drawn within the uncertainties of: Xu You")
+    assert drawn.source.startswith("drawn within the uncertainties of Xu You")
     q = rng.uniform(*sino6.limits.T, (20, 6))
     # Pinocchio moves with the table.
     close(drawn.poses(q).position, drawn.positions(q), 1e-12)

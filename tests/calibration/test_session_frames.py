@@ -146,5 +146,5 @@ def test_contacts_without_coordinates_need_no_session(sino6, rng):
 
 def test_mistakes_of_a_file_with_sessions_are_named(sino6, rng):
     table, _ = measured(sino6, rng, FAR)
-    with pytest.raises(AacmmError, match="joint 3 is counted in the opposite direction"):
+    with pytest.raises(AacmmError, match="joint 3 have the opposite sign"):
         calibrated(sino6, table.assign(theta3_deg=-table["theta3_deg"]))

@@ -280,7 +280,7 @@ def test_a_wrong_diameter_or_joint_is_named(sino6, rng):
     )
     (note,) = [note for note in result.notes if note.code == "sphere_diameters"]
     assert note.data["off"] == pytest.approx(-3e-3, rel=0.15)
-    with pytest.raises(AacmmError, match="joint 3 is counted in the opposite direction"):
+    with pytest.raises(AacmmError, match="joint 3 have the opposite sign"):
         calibrate(sino6, Measurements.from_frame(table.assign(theta3_deg=-table["theta3_deg"])))
 
 

@@ -122,7 +122,8 @@ def test_map_of_the_tip(tmp_path):
     summary = found(f"map sino6 --cells 2 2 --axis 0 0 -2 -o {target}")
     assert (summary["at"], summary["stylus_axis"]) == ("tip", [0.0, 0.0, -1.0])
     out, err = done("map sino6 --cells 2 2 --axis 0 0 -1 --workers 2")
-    assert "SINO6, tip: 2 × 2" in out
+    assert "SINO6 at tip" in " ".join(out.split()[:6])
+    assert "2 × 2 cells" in out
     assert "held" not in err
     assert WorkspaceMap.load(target).data.attrs["working_point"] == "tip"
 

@@ -97,13 +97,13 @@ def test_accuracy_map_and_plan(tmp_path):
     text = told(f"map sino6 --cells 3 3 --sectors 4 -o {target} --json {tmp_path / 'm.json'}")
     check(text)
     assert target.exists()
-    assert "SINO6, frame5: 3 × 3 cells × 4 sectors" in text
+    assert "3 × 3 cells" in in_one(text)
     quick = [
         f"--records 4 --postures 60 -o {tmp_path / 'p.csv'} --json {tmp_path / 'p.json'} --force"
     ]
     text = told("plan distinguish sino6 --causes bearing_tilt:1 base_compliance", quick)
     check(text)
-    for words in ("both have the same", "rotate the mount by 90°", "hang 1 kg on the end"):
+    for words in ("the same effect", "rotate the mount by 90°", "1 kg on the end"):
         assert words in in_one(text)
     text = told("plan distinguish sino6", quick)
     check(text)

@@ -195,6 +195,10 @@ SUMMARY = fields(
             }
         ),
         "not_tried": several(fields({"column": text, "causes": several(lambda v: v in CAUSES)})),
+        "base_in_reference_frame": none_or(
+            lambda v: len(v["origin_mm"]) == len(v["u_rotation_rad"]) == 3
+        ),
+        "base_in_other_sessions": lambda v: v == [],
         "cannot_tell_apart": several(lambda v: several(text)(v) and len(v) > 1),
         "next_measurements": text,
         "notes": several(text),
@@ -267,7 +271,7 @@ def labelled(finding: dict[str, Any]) -> str:
 
 def agrees(found: dict[str, Any], shown: str) -> None:
     """The fields make sense of one another, and the text says the same."""
-    assert shown.lower().startswith(found["verdict"])
+    assert shown.lower().startswith(found["verdict"].replace("-", " "))
     doubtful = [f for f in found["findings"] if f["probability"] < THRESHOLDS.settled]
     depends = found["unexplained"]["depends_on"]
     assert (found["verdict"] == "unexplained") == bool(depends)

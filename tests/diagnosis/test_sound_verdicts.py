@@ -145,11 +145,11 @@ def test_what_is_not_explained_stays_with_the_arm(sino6, tmp_path):
     saved = tmp_path / "extended.toml"
     found.model.save(saved)
     q = data.q[:1]
-    assert "depends on" in Arm.load(saved).unexplained
+    assert "depend on joint" in Arm.load(saved).unexplained
     (told,) = data_of(
         accuracy_volume(ErrorModel.load(saved), q).sources.caveats, "unexplained_not_in_u"
     )
-    assert "depends on" in told["unexplained"]
+    assert "depend on joint" in told["unexplained"]
     # New records that the arm explains take it back; records that scatter beyond their noise do
     # not.
     for noise, left in ((1e-6, False), (2e-4, True)):

@@ -222,7 +222,7 @@ def test_other_ways_to_write_the_same(tmp_path):
         german: ("semicolons", "decimal commas"),
         halves.replace(",", ";"): ("semicolons",),
         halves.replace(",", ", "): ("spaces",),
-        upper: ("lower case",),
+        upper: ("lower-case",),
         f"# arm 7, on Tuesday\n#\n{halves}# the end, at 16:00\n": ("comments_ignored",),
         f"{halves},,,,\n ,,\n\n": (),
         f"# arm 7\n{german.replace(';', '; ').upper()}": (

@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from aacmm_pin._support.notes import Note
 from aacmm_pin.accuracy.workspace import map_workspace
 from aacmm_pin.arm import Arm
 from aacmm_pin.errors import AacmmError
@@ -120,4 +121,4 @@ def test_a_search_that_ends_early_says_so(sino6, monkeypatch):
     close(sino6.positions(part.q, "frame5"), [point] * len(part), 1e-9)
     few = reaching_postures(sino6, point, axis=[0, 0, -1], count=20, most_starts=100)
     assert (few.complete, few.search.ended) == (False, True)
-    assert "limit of work" in str(few)
+    assert str(Note("search_ended")) in str(few)

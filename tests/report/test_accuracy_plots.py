@@ -96,7 +96,7 @@ def test_accuracy_stands_over_what_the_postures_have(sino6, rng, circle, accurac
     single = reaching_postures(sino6, pose[:3, 3], rotation=pose[:3, :3])
     motion = reaching_postures(sino6, pose[:3, 3], axis=pose[:3, 0], count=60)
     for postures, x, label in (
-        (circle, np.degrees(circle.swivel), "swivel angle (0: the elbow is highest) [deg]"),
+        (circle, np.degrees(circle.swivel), "swivel angle (elbow highest at 0°) [°]"),
         (single, single.component, "number of the posture"),
         (motion, motion.travel, "distance along the curve in joint space [rad]"),
     ):
@@ -115,7 +115,7 @@ def test_maps(sino6):
     map_ = map_workspace(sino6, (12, 24), 4)
     for column, label, scale in (
         ("flexibility", "flexibility ζ [1]", 1.0),
-        ("comprehensive_mm3", "comprehensive accuracy volume [mm³]", 1.0),
+        ("comprehensive_mm3", "comprehensive accuracy [mm³]", 1.0),
         ("smallest_u_mm", "smallest standard uncertainty u [µm]", 1e3),
     ):
         ax = plot_map(map_, column)

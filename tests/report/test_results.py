@@ -210,7 +210,7 @@ def test_arms_show_their_geometry(values, sino6):
     assert "encoder u" not in card
     noisy = text_of(replace(sino6, encoder_noise=np.full(6, 7.5e-6)))
     assert re.search(r"encoder u \[µrad\].* 7\.5 ", noisy)
-    assert "accuracy cannot" in text_of(Arm.load("zero6"))
+    assert "no uncertainty" in text_of(Arm.load("zero6"))
     ur5 = values["Arm of a URDF"]
     # The shoulder lifts about y.
     for text in (*ur5.model.names[1:], "(0, 1, 0)", "-360 to 360", "0.05, 0.05, 0.05"):

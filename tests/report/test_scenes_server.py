@@ -182,7 +182,7 @@ def target(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 def test_a_page_without_a_server(target):
     words = ["sino6", *POINT, "--samples", "12"]
     assert run(*words, "-o", target)[:2] == (0, "")
-    assert "the 95 % ellipsoid" in target.read_text(encoding="utf-8")
+    assert "covers 95 %" in target.read_text(encoding="utf-8")
     status, _, said = run(*words, "-o", target)
     assert (status, "exists already" in said) == (1, True)
     assert run(*words, "--tip", "--axis", "0", "0", "-1", "--force", "-o", target)[0] == 0

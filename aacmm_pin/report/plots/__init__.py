@@ -1,12 +1,12 @@
-"""Pictures of configurations, accuracy, maps, calibrations and diagnoses, with matplotlib.
+"""Pictures of postures, accuracy, maps, calibrations and diagnoses with matplotlib.
 
 Every function ``plot_…`` draws on ``ax`` and returns it; ``ax.figure`` is the picture. Without
-``ax`` a new pyplot figure is made, which a notebook shows by itself and a program should close;
-axes of your own ``matplotlib.figure.Figure`` leave pyplot alone. A picture of several panels
-divides the place of ``ax`` among them, and returns its figure. Lengths are in mm, volumes in mm³,
-uncertainties in µm, angles in degrees.
+``ax``, the function makes a new pyplot figure. A notebook shows a new figure; a program should
+close the figure. Axes of your own ``matplotlib.figure.Figure`` do not use pyplot. A picture with
+several panels divides the area of ``ax`` and returns the figure. Units are mm, mm³, µm for
+uncertainties, and degrees.
 
-The main picture of a result is its own ``plot`` too: ``circle.plot()``, ``accuracy.plot()``,
+The method ``plot`` of a result draws its main picture: ``circle.plot()``, ``accuracy.plot()``,
 ``found.plot()``.
 """
 

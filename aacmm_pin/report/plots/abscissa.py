@@ -23,7 +23,7 @@ LOADS = {
     "counterbalance": "horizontal part of the body",
     "joint_compliance": "moment of the weight about the axis",
     "link_bending": "bending load of the tube",
-    "probe_bending": "approach across the stylus",
+    "probe_bending": "probe direction across the stylus",
     "stylus_bending": "horizontal part of the stylus",
     "torsional_windup": "moment of the weight about the tube",
 }
@@ -38,7 +38,7 @@ def bins(effect: Effect) -> int:
 def load_words(effect: Effect) -> str:
     """What its parameter is multiplied by; a cause of others may state it as ``load``."""
     if "torque" in effect.needs:
-        return "minus the measured torque"
+        return "negative measured torque"
     default = getattr(effect, "load", "load")
     return LOADS.get(effect.cause, default)
 

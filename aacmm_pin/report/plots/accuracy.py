@@ -42,15 +42,15 @@ MARKERS = 18
 def plot_accuracy_of_postures(
     postures: PosturesAtPoint, accuracy: AccuracyVolume, ax: Axes | None = None
 ) -> Axes:
-    """Accuracy volume (left scale) and standard uncertainty of the position (right scale) of the
+    """Plot the accuracy volume (left axis) and the standard uncertainty (right axis) of the
     postures at a point.
 
-    Over the swivel angle where the arm has one, else over the way along each curve of self-motion,
-    or over the numbers of single postures. Where two to eight components have configurations within
-    limits, each has markers of its own shape.
+    The abscissa is the swivel angle. For an arm without elbow, the abscissa is the length along
+    each curve of self-motion, or the number of a single posture. If two to eight components have
+    postures within limits, each component has its own marker.
 
     Raises:
-        ShapeError: ``accuracy`` was worked out for other configurations.
+        ShapeError: ``accuracy`` is for other postures.
     """
     inside, ax = paired(postures, accuracy), axes_of(ax, (7.5, 4.2))
     left_out = not postures.within_limits.all()
@@ -59,7 +59,7 @@ def plot_accuracy_of_postures(
         left_out = _has_gap(postures.swivel[inside] / DEG)
         _draw_over(postures.swivel[inside] / DEG, component, accuracy, ax, left_out)
         ax.set(
-            xlabel="swivel angle (0: the elbow is highest) [deg]",
+            xlabel="swivel angle (elbow highest at 0°) [°]",
             xlim=(-180, 180),
             xticks=range(-180, 181, 60),
         )
@@ -134,18 +134,18 @@ def plot_budget(
     ax: Axes | None = None,
     most: int = 12,
 ) -> Axes:
-    """Uncertainty budget as bars: share of the variance, with the standard uncertainty at the end
-    of each.
+    """Plot the uncertainty budget as bars: shares of the variance, with the standard uncertainties
+    as numbers.
 
     Args:
-        accuracy: at one configuration or more.
-        by: what the bars stand for.
+        accuracy: the accuracy volume of at least one posture.
+        by: whether a bar is a parameter, a joint or a kind of parameter.
         ax: axes.
-        most: at most this many bars, those of the largest size (correlated parameters may have
-            negative shares); what is left is one bar "rest".
+        most: largest number of bars, selected by absolute share; one more bar "rest" has all
+            others.
 
     Raises:
-        AacmmError: ``most`` is below 1, or ``accuracy`` has no configuration.
+        AacmmError: ``most`` is below 1, or ``accuracy`` has no posture.
     """
     if most < 1 or not len(accuracy.q):
         raise AacmmError(

@@ -44,21 +44,22 @@ NAMED = 45
 def plot_residuals_over_joint(
     result: Calibration, joint: int, when: str = "after", ax: Axes | None = None
 ) -> Axes:
-    """Residual along the way that a joint moves the tip, over its angle: what an error of that
-    angle would look like.
+    """Plot the residual component along the motion of the tip by one joint, over the angle of this
+    joint.
 
-    Dots are records; the line is their mean in parts of the range, with its standard uncertainty. A
-    joint whose axis goes through the tip has none.
+    An error of the joint angle appears directly in the plot. Dots are records. The line is the mean
+    in intervals of the range, with its standard uncertainty. A joint whose axis passes through the
+    tip has no residual.
 
     Args:
         result: the calibration.
         joint: number of the joint, from 1.
-        when: ``before``, by the arm as it was, or ``after``.
+        when: ``before`` (arm before calibration) or ``after``.
         ax: axes.
 
     Raises:
-        AacmmError: no such joint.
-        UnknownNameError: ``when`` is something else.
+        AacmmError: the joint does not exist.
+        UnknownNameError: ``when`` is neither ``before`` nor ``after``.
     """
     arm, fit = result.model.arm, model_named(result, when)
     if not 1 <= joint <= arm.nq:
@@ -76,7 +77,9 @@ def plot_residuals_over_joint(
     if len(angle):
         _draw_means(ax, angle, along)
     else:  # its axis goes through the tip
-        ax.text(0.5, 0.6, "does not move the tip", transform=ax.transAxes, ha="center", color=INK)
+        ax.text(
+            0.5, 0.6, "joint does not move the tip", transform=ax.transAxes, ha="center", color=INK
+        )
         ax.set_xticks([])
     ax.set(xlabel=f"joint {joint} [{unit}]", ylabel="residual [µm]")
     ax.grid(alpha=0.3)
@@ -96,18 +99,18 @@ def _draw_means(ax: Axes, angle: Array, values: Array) -> None:
 def plot_residuals_over_joints(
     result: Calibration, when: str = "after", ax: Axes | None = None
 ) -> Figure:
-    """:func:`plot_residuals_over_joint` for every joint, side by side on one scale.
+    """Plot :func:`plot_residuals_over_joint` for all joints, side by side on one scale.
 
     Args:
         result: the calibration.
-        when: ``before``, by the arm as it was, or ``after``.
-        ax: axes whose place is divided.
+        when: ``before`` (arm before calibration) or ``after``.
+        ax: axes whose area the panels share.
 
     Returns:
-        the figure of the panels.
+        The figure of the panels.
 
     Raises:
-        UnknownNameError: ``when`` is something else.
+        UnknownNameError: ``when`` is neither ``before`` nor ``after``.
     """
     joints = result.model.arm.nq
     columns = min(joints, 3)
@@ -123,13 +126,13 @@ def plot_residuals_over_joints(
 
 @plain
 def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
-    """Distance of tip and target of every record by its seat, before and after.
+    """Plot the residual of every record by seat, before and after calibration.
 
-    Excluded records are crosses, or triangles at the upper edge where they are beyond the scale of
-    the others.
+    Excluded records are crosses. A triangle at the upper edge is an excluded record beyond the
+    scale.
 
     Raises:
-        AacmmError: the records name no seat.
+        AacmmError: the records have no seat.
     """
     seats = result.fit.problem.measurements.seats()
     if not seats:
@@ -161,11 +164,11 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
 
 @plain
 def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Axes:
-    """Residuals over what the noise allows, against the χ distribution with three degrees of
-    freedom.
+    """Plot the distribution of the normalised residuals against the χ distribution with three
+    degrees of freedom.
 
-    A residual is normalised by the covariance of its record (Mahalanobis): by the stated noise, and
-    by the scatter that was found where that does not suffice.
+    The covariance of each record normalises its residual (Mahalanobis distance). The covariance
+    contains the stated noise, and an estimated scatter if the stated noise is too small.
     """
     distance = np.sqrt(result.fit.system.distance[result.fit.used])
     ax, most = axes_of(ax, (5.4, 3.6)), max(4.5, float(distance.max(initial=0.0)))
@@ -173,7 +176,7 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     ax.hist(distance, 30, range=(0, most), density=True, color=BLUE, alpha=0.75, label=label)
     x = np.linspace(0, most, 300)
     chi = np.sqrt(2 / np.pi) * x**2 * np.exp(-0.5 * x**2)
-    ax.plot(x, chi, color=VERMILLION, lw=1.8, label="χ, 3 degrees of freedom")
+    ax.plot(x, chi, color=VERMILLION, lw=1.8, label="χ distribution, 3 degrees of freedom")
     ax.set(xlabel="normalised residual [1]", ylabel="density [1]", xlim=(0, most))
     ax.legend(fontsize=8, frameon=False)
     ax.set_title(f"{result.model.arm.name}: residuals against the noise", fontsize=10)
@@ -182,8 +185,10 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
 
 @plain
 def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
-    """Correlation of the parameters; ±1 means that the data determine only their sum or difference,
-    grey that they determine neither.
+    """Plot the correlation matrix of the parameters.
+
+    ±1 means that the records determine only the sum or the difference of two parameters. Grey means
+    that the records determine neither parameter.
     """
     table, count = result.correlation, len(result.correlation)
     untold = np.linalg.norm(result.fit.unknown[:count], axis=1) > NOT_AT_ALL

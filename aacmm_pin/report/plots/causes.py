@@ -53,17 +53,18 @@ COLUMN_UNITS = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "
 
 @plain
 def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) -> Axes:
-    """The strongest cause with the partial residuals of the records; if none was found, the
-    covariate that the residuals depend on; if there is none, or the cause displaces all records
-    alike, the residuals by the three models.
+    """Plot the strongest cause with the partial residuals of the records.
+
+    Without causes, the plot shows the covariate of the residuals. Without a covariate, or if the
+    cause displaces all records alike, the plot shows the residuals of the three models.
 
     Args:
         result: the diagnosis.
-        finding: number of another finding, from 0.
+        finding: index of the finding, from 0 (the strongest cause).
         ax: axes.
 
     Raises:
-        AacmmError: there is no such finding.
+        AacmmError: the diagnosis has no finding with this index.
     """
     if not result.findings and not finding:
         unexplained = [*result.unexplained.shapes]
@@ -82,16 +83,16 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
 
 @plain
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
-    """Partial residuals of a cause over what it depends on, everything else as fitted; the fitted
-    cause as a line.
+    """Plot the partial residuals of a cause over its covariate, with the fitted cause as a line.
 
-    Faint dots are records, :func:`aacmm_pin.report.plots.partial_residuals.partial_residual`;
-    circles are their weighted means in parts of the range, with standard uncertainties. An error of
-    a seat is shown seat by seat, a geometric value beside what was stated of it.
+    Faint dots are records (:func:`aacmm_pin.report.plots.partial_residuals.partial_residual`).
+    Circles are weighted means in intervals of the covariate, with standard uncertainties. For an
+    error of a seat, the plot shows the seat; for a geometric value, the plot shows the stated and
+    the estimated value.
 
     Args:
         result: the diagnosis.
-        finding: one of its findings.
+        finding: a finding of the diagnosis.
         ax: axes.
     """
     if corrects_seat(finding.effect):
@@ -116,7 +117,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         "capsize": 2.5,
         "zorder": 3,
     }
-    of = "" if few else f" of {FEWEST_IN_PART} or more"
+    of = "" if few else f" of {FEWEST_IN_PART} or more records"
     ax.errorbar(means["x"], means["value"], means["u"], label=f"means{of} ± u", **style)
     draw_beyond(ax, [(x, shown.value, GREY)], _limits(shown, means))
     ax.set(xlabel=shown.x_label, ylabel=shown.y_label)
@@ -204,14 +205,14 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
 
 @plain
 def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Axes:
-    """What no cause explains, over what it depends on: the smooth correction, and faintly the
-    partial residual of each record.
+    """Plot the structure without a cause over its covariates: the smooth correction and faint
+    partial residuals.
 
-    Over one covariate the correction is a line, or a bar for each label; over several its size is a
-    colour.
+    Over one covariate, the correction is a line, or one bar for each label. Over several
+    covariates, a colour shows the size of the correction.
 
     Raises:
-        AacmmError: nothing depends on such a covariate.
+        AacmmError: the diagnosis has no structure over this covariate.
     """
     shapes = result.unexplained.shapes
     if name not in shapes:

@@ -45,17 +45,17 @@ def plot_circle(
     postures: int = 5,
     ax: Axes3D | None = None,
 ) -> Axes3D:
-    """The path of the elbow round the working point, and the arm in a few of its postures.
+    """Plot the path of the elbow around the point, and the arm in some postures.
 
     Args:
-        circle: every configuration at the point.
-        accuracy: colours the path; for the configurations within limits.
-        postures: number of postures drawn, evenly among the configurations within limits (or among
-            all, where none is).
+        circle: the configuration circle.
+        accuracy: accuracy of the postures within limits, for the colours of the path.
+        postures: number of postures to draw, evenly spaced among the postures within limits; if
+            none is within limits, among all.
         ax: three-dimensional axes.
 
     Raises:
-        ShapeError: ``accuracy`` was worked out for other configurations.
+        ShapeError: ``accuracy`` is for other postures.
         AacmmError: ``ax`` is not three-dimensional.
     """
     if ax is None:

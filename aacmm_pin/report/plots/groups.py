@@ -39,7 +39,7 @@ named.
 
 @plain
 def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """RMS distance of tip and target by the three models, and what the noise alone would give."""
+    """Plot the RMS residual of the three models, and the value expected from noise alone."""
     unit, scale = length_unit(max(result.rms.values()))
     words = dict(zip(result.rms, lengths(result.rms.values()), strict=True))
     ax = axes_of(ax, (6.8, 2.2))
@@ -66,18 +66,19 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 @plain
 def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
-    """RMS of the residuals in parts of all that is known of the records, by the three models,
-    beside what is predicted.
+    """Plot the RMS residual in groups of records by every recorded quantity, for the three models.
+
+    The plot also shows the predicted values.
 
     Args:
         result: the diagnosis.
-        ax: axes whose place is divided.
+        ax: axes whose area the panels share.
 
     Returns:
-        the figure of the panels, joints first.
+        The figure of the panels, with joints first.
 
     Raises:
-        AacmmError: there are too few records to compare groups of them.
+        AacmmError: there are too few records for groups.
     """
     table = result.residual_groups
     kinds = sorted(
@@ -89,7 +90,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     panels = panels_of(ax, (3.1, 2.4), len(kinds), columns, share_y=True)
     expected = {"noise": (":", "noise alone")}
     if not table["predicted_mm"].equals(table["noise_mm"]):
-        expected = {"predicted": ("--", "predicted for it")} | expected
+        expected = {"predicted": ("--", "predicted for nominal")} | expected
     for panel, kind in zip(panels, kinds, strict=True):
         _draw_groups(panel, kind, table[table["by"] == kind], expected)
     heights = table[["predicted_mm", *(f"{name}_mm" for name in MODELS)]]
@@ -142,7 +143,7 @@ def _draw_groups(
     if many:
         panel.set_xticks([])
         panel.set_xlabel(
-            "\n".join([f"{len(names)}, largest nominal first:", *names[:WORST]]), fontsize=7
+            "\n".join([f"{len(names)} groups, largest first:", *names[:WORST]]), fontsize=7
         )
     else:
         name_places(panel, names, letters=48, size=7)
@@ -199,10 +200,12 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
 
 @plain
 def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """RMS of each part that was left out in turn, by the arm recalibrated and extended without it.
+    """Plot the RMS residual of each held-out group, for the recalibrated and the extended arm.
+
+    The fits of both arms do not use this group.
 
     Raises:
-        AacmmError: nothing was held out.
+        AacmmError: the diagnosis has no held-out records.
     """
     table, ax = held_out_parts(result), axes_of(ax, (7.0, 3.4))
     place = np.arange(len(table))

@@ -61,10 +61,10 @@ def _charts(history: History) -> list[ControlChart]:
 
 @plain
 def plot_history(history: History, ax: Axes | None = None) -> Figure:
-    """The test values of all checks, the latest in colour, with the mean and the limits of the
-    earlier ones and the MPE.
+    """Plot the test values of all checks, with the mean and the limits of the earlier checks and
+    the MPE.
 
-    Checks stand at equal distances, with dates below some of them.
+    The latest check is coloured. Checks have equal distances; some have their date below.
     """
     charts, missing = charts_drawn(history), len(_charts(history)[MOST_PANELS:])
     across = 4 if len(charts) <= 8 else MOST_PANELS // 2
@@ -73,7 +73,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
         ax.text(
             0.5,
             0.5,
-            "no characteristic with two checks; expected one or more",
+            "no characteristic has two checks",
             ha="center",
             va="center",
         )
@@ -90,7 +90,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
     drawn = {line.get_label(): line for panel in panels for line in panel.lines}
     names = [name for name in MARKS if name in drawn]
     handles = [drawn[name] for name in names]
-    title = f"{missing} of {missing + len(charts)} charts not drawn" if missing else None
+    title = f"{missing} of {missing + len(charts)} charts are left out" if missing else None
     style: dict[str, Any] = {
         "ncols": len(MARKS),
         "fontsize": 7,

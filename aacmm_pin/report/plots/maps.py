@@ -34,7 +34,7 @@ class _Quantity:
 _OF_SECTORS = ", {sectors} sectors"
 QUANTITIES: dict[Quantity, _Quantity] = {
     "comprehensive_mm3": _Quantity(
-        "comprehensive accuracy volume [mm³]", "comprehensive accuracy, {method}"
+        "comprehensive accuracy [mm³]", "comprehensive accuracy, {method}"
     ),
     "best_mm3": _Quantity(
         "smallest accuracy volume [mm³]", "accuracy volume of the best posture, {method}"
@@ -65,15 +65,15 @@ QUANTITIES: dict[Quantity, _Quantity] = {
 def plot_map(
     map_: WorkspaceMap, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None
 ) -> Axes:
-    """One quantity over the half-plane through joint axis 1; cells out of reach are grey.
+    """Plot one quantity over the half-plane through joint axis 1; cells out of reach are grey.
 
     Args:
         map_: the map.
-        quantity: one of :data:`QUANTITIES`, by its name in the map's data.
+        quantity: name in the data of the map, one of :data:`QUANTITIES`.
         ax: axes.
 
     Raises:
-        UnknownNameError: no such quantity.
+        UnknownNameError: the quantity is unknown.
     """
     if quantity not in QUANTITIES:
         raise UnknownNameError("quantity", quantity, list(QUANTITIES))

@@ -24,20 +24,20 @@ WITHIN = "#e4e9ee"
 
 @plain
 def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figure:
-    """Change of each parameter with its expanded uncertainty U (k = 2), over its stated half-width.
+    """Plot the change of each parameter with U (k = 2), relative to its stated half-width.
 
-    Parameters of another colour moved farther than what was stated of them and U together; open
-    ones are known only in combination with others. Where nothing was stated, lengths and angles
-    have a panel each.
+    A second colour marks parameters whose change is larger than the half-width and U together. Open
+    symbols mark parameters that the records determine only in combination. Without stated
+    half-widths, lengths and angles have separate panels.
 
     Args:
         result: the calibration.
-        ax: axes, whose place is divided.
+        ax: axes whose area the panels share.
     """
     table = parameter_table(result)
     stated, title = table["stated"].notna(), f"{result.model.arm.name}: parameters"
     if stated.any() and not stated.all():
-        title += f"\n{(~stated).sum()} without a stated uncertainty are not shown"
+        title += f"\n{(~stated).sum()} without a stated uncertainty left out"
     if (table["known"] == "in combination").any():
         title += "\nopen symbols: determined only in combination with others"
     parts = (
@@ -53,10 +53,10 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figur
 
 @plain
 def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """The same of the geometric values of a diagnosis that moved beyond what was stated of them.
+    """Plot the changes of geometric values that a diagnosis finds beyond their stated uncertainty.
 
     Raises:
-        AacmmError: no geometric value did.
+        AacmmError: no geometric value changed so much.
     """
     found = [f.effect for f in result.findings if result.geometric(f)]
     if not found:
@@ -78,7 +78,9 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
             rows.append({"unit": parameter.unit, "change": value, "U": expanded} | numbers)
     ax = axes_of(ax, (6.6, 1.2 + 0.24 * len(rows)))
     _draw_changes(pd.DataFrame(rows).assign(known="", beyond=True), ax)
-    ax.set_title(f"{result.model.arm.name}: geometry beyond its stated uncertainty", fontsize=10)
+    ax.set_title(
+        f"{result.model.arm.name}: geometric values beyond their stated uncertainties", fontsize=10
+    )
     return ax
 
 

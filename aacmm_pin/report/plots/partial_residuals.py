@@ -32,7 +32,7 @@ from aacmm_pin.report.plots.abscissa import (
 )
 
 MICRO = 1e-6
-KIND_OF_UNIT = {"µm/m": "expansion", "µrad": "turn", "µm": "shift"}
+KIND_OF_UNIT = {"µm/m": "expansion", "µrad": "rotation", "µm": "translation"}
 """What an amount is, by its unit."""
 DENSE = 1500
 """Points of a curve over an angle."""
@@ -206,7 +206,7 @@ def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str
     if len(effect.values) == 1 and effect.values[0] and found.unit != "µm/m":
         unit = unit_of_load(effect.terms[0].unit, found.unit.removeprefix("µ"))
         return found.amount / effect.values[0], f"{load_words(effect)} [{unit}]"
-    return found.amount / MICRO, f"the same, as fitted [{found.unit}]"
+    return found.amount / MICRO, f"fitted {KIND_OF_UNIT[found.unit]} [{found.unit}]"
 
 
 def unit_of_load(unit: str, amount: str) -> str:

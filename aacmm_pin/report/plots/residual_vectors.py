@@ -95,23 +95,24 @@ def plot_residual_vectors(
     factor: float | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Residuals as lines from each target towards the tip, projected, behind them the arm in a few
-    postures.
+    """Plot residuals as lines from each target towards the tip, in a projection, with the arm in
+    some postures.
 
-    Targets of a diagnosis are the stated places, or where none is stated, where the records of the
-    seat together put it. The ends of the lines, where the tips would be, have a dot; excluded
-    records are crosses at their targets.
+    For a diagnosis, a target is the stated place; without a stated place, the target is the
+    estimate from all records of the seat. A dot marks the end of a line at the magnified tip.
+    Crosses at targets mark excluded records.
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` calibration; ``simulation``, ``recalibrated`` or
-            ``extended``; by default the last.
-        plane: axes of the frame of the references that are drawn.
-        factor: magnification of the residuals; by default one that suits this model.
+        model: ``before`` or ``after`` for a calibration; ``simulation`` (nominal arm),
+            ``recalibrated`` or ``extended`` for a diagnosis. The default is ``after`` or
+            ``extended``.
+        plane: two axes of the reference frame.
+        factor: magnification of the residuals; default a suitable factor for this model.
         ax: axes.
 
     Raises:
-        UnknownNameError: no such model or plane.
+        UnknownNameError: the model or the plane is unknown.
     """
     judge = [*models(result).values()][-1]
     name = model or [*models(result)][-1]
@@ -155,15 +156,17 @@ def plot_residual_vectors(
 
 @plain
 def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
-    """Residual vectors by two models, see :func:`two_models`, in plan and from the side, magnified
-    alike.
+    """Plot the residual vectors of two models in top and side view, with the same magnification.
+
+    The two models are those of :func:`two_models`.
 
     Args:
         result: the calibration or the diagnosis.
-        ax: axes whose place is divided.
+        ax: axes whose area the panels share.
 
     Returns:
-        the figure of the four panels: in plan without and with, from the side without and with.
+        The figure of the four panels: top view of the first and the second model, then side view of
+            both.
     """
     names, panels = two_models(result), panels_of(ax, (4.3, 4.0), 4, 2)
     used, fit = [*models(result).values()][-1].used, models(result)[names[0]]

@@ -193,9 +193,7 @@ def draw_beyond(
             ax.plot(x[off], np.full(off.sum(), at), marker, ms=5, color=colour)
             number += int(off.sum())
     if number:
-        ax.plot(
-            [], [], "^", ms=5, color=INK, label=f"beyond the scale, drawn at its edge: {number}"
-        )
+        ax.plot([], [], "^", ms=5, color=INK, label=f"{number} beyond the scale, at its edge")
     ax.set_ylim(low, high)
 
 

@@ -32,8 +32,8 @@ def two_views(arm: Arm, q: Array, groups: Groups) -> Figure:
     from_above, from_the_side = figure.subplots(1, 2)
     _draw_view(from_above, lines, groups, [0, 1])
     _draw_view(from_the_side, lines, groups, [0, 2])
-    from_above.set(xlabel="x [mm]", ylabel="y [mm]", title="Seen against z (from above)")
-    from_the_side.set(xlabel="x [mm]", ylabel="z [mm]", title="Seen along y (from the side)")
+    from_above.set(xlabel="x [mm]", ylabel="y [mm]", title="View from above (along -z)")
+    from_the_side.set(xlabel="x [mm]", ylabel="z [mm]", title="View from the side (along y)")
     handles, names = from_above.get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
     return figure

@@ -1,5 +1,5 @@
-"""The arm in three dimensions, in the browser, by meshcat: pages that need no server, and scenes
-shown live.
+"""Three-dimensional scenes of the arm in the browser with meshcat, as pages without a server or
+live.
 """
 
 from aacmm_pin.report.scenes.arm_scene import arm_scene

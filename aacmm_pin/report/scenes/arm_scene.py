@@ -13,11 +13,11 @@ from aacmm_pin.report.scenes.stage import Bodies, joint_texts, moving, place_tex
 
 
 def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
-    """The arm at ``q`` (n, nq) [rad, m]: a picture for one posture, an animation through them for
-    more.
+    """Make a scene of the arm at ``q`` ``(n, nq)`` [rad, m]: a picture for one posture, an
+    animation for more.
 
     Raises:
-        ShapeError: ``q`` is not a finite (n, nq) array, or has no row.
+        ShapeError: ``q`` is not a finite ``(n, nq)`` array, or has no row.
     """
     arm = ErrorModel.arm_of(model)
     q = batch(q, arm.nq, "q", "rad")
@@ -27,7 +27,7 @@ def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
     one = f"The tip is at {place_text(tips[0])} in the base frame."
     scene = stage(
         arm.name,
-        one if len(q) == 1 else f"{len(q)} postures.",
+        one if len(q) == 1 else f"The scene shows {len(q)} postures.",
         bodies,
         bodies.corners(q).reshape(-1, 3),
         tips,

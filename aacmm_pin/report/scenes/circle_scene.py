@@ -45,20 +45,20 @@ PATH_POINTS = 480
 
 
 def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None) -> Scene:
-    """The arm in every posture within limits that reaches a point, one after the other; where none
-    is, in every posture.
+    """Make an animation of the arm through all postures within limits that reach a point.
 
-    The path of the elbow (or, for an arm without one, of the joint that goes about most) is
-    coloured by accuracy volume where it is within limits and grey outside; at the point stands the
-    95 % coverage ellipsoid of the posture, magnified.
+    If no posture is within limits, the animation shows all postures. The path of the elbow has the
+    colour of the accuracy volume within limits, and is grey outside. For an arm without elbow, the
+    scene shows the path of the joint that moves most. A magnified 95 % coverage ellipsoid of the
+    posture is at the point.
 
     Args:
         circle: a :class:`aacmm_pin.ConfigurationCircle`, or the postures of another arm.
-        accuracy: ``circle_accuracy(circle)``: of the configurations within limits.
+        accuracy: ``circle_accuracy(circle)``, the accuracy of the postures within limits.
 
     Raises:
-        AacmmError: there is no configuration.
-        ShapeError: ``accuracy`` was worked out for other configurations.
+        AacmmError: the circle has no posture.
+        ShapeError: ``accuracy`` is for other postures.
     """
     if not len(circle.q):
         raise AacmmError(f"{circle}; expected one posture or more")
@@ -99,7 +99,7 @@ def _place(circle: PosturesAtPoint) -> str:
 def _caption(circle: PosturesAtPoint) -> str:
     curves = count(int(circle.component.max()), "closed curve")
     return (
-        f"{len(circle.q)} postures on {curves} reach this point, "
+        f"{len(circle.q)} postures on {curves} reach the point, "
         f"{circle.within_limits.sum()} of them within the joint limits."
     )
 
@@ -148,7 +148,7 @@ def _draw_path(
             scene.swatches.insert(0, Swatch(BLUE, f"path of {name}, within limits", "line"))
     if scene.bar is not None:
         what = f"path of {name}" if len(pairs) else "slider"
-        scene.notes.insert(0, f"The colour bar colours the {what} within the joint limits.")
+        scene.notes.insert(0, f"The colour bar holds for the {what} within the joint limits.")
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:
@@ -166,10 +166,10 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     scene["accuracy"].set_transform(placements[0])
     scene.swatches.insert(0, Swatch(ELLIPSOID, "accuracy of this posture (ellipsoid)", "area"))
     words = (
-        f"the 95 % ellipsoid of the position (k = {ELLIPSOID_COVERAGE_FACTOR:.2f}), magnified "
-        f"{factor:g} times"
+        "The ellipsoid at the point covers 95 % of position errors "
+        f"(k = {ELLIPSOID_COVERAGE_FACTOR:.2f}), and is magnified {factor:g} times."
     )
-    scene.notes.insert(0, f"At the point: {words}.")
+    scene.notes.insert(0, words)
     return placements
 
 

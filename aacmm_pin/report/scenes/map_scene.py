@@ -35,12 +35,13 @@ SIDE, HEIGHT = -55 * DEG, 14 * DEG
 
 
 def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
-    """The half-plane as cells coloured by comprehensive accuracy, and the arm with its wrist in one
-    after the other.
+    """Make a scene of the half-plane with cells coloured by comprehensive accuracy.
+
+    The wrist of the arm moves from cell to cell.
 
     Args:
         workspace_map: the map.
-        model: the arm that it is of.
+        model: the arm of the map.
 
     Raises:
         AacmmError: the map is of another arm, or no cell has a posture within limits.
@@ -72,7 +73,7 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     )
     scene.bar = bar
     scene.notes.insert(0, _on_slider(len(q), int(works.sum())))
-    draw_ball(scene, "point", "working point: the wrist in a cell", 0.75 * bodies.radius, points[0])
+    draw_ball(scene, "point", "working point (wrist in a cell)", 0.75 * bodies.radius, points[0])
     inside, outside = np.isfinite(values), reachable & np.isnan(values)
     _draw_cells(scene, workspace_map, "cells", inside, bar.colours(values[inside]))
     if outside.any():
@@ -97,11 +98,13 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
 
 def _caption(map_: WorkspaceMap) -> str:
     data = map_.data
-    without = f" Not included: {', '.join(map_.not_included)}." if map_.not_included else ""
+    left_out = ", ".join(map_.not_included)
+    without = f" The accuracy does not include {left_out}." if left_out else ""
     return (
-        f"Map of the wrist over the half-plane y = 0: {data.sizes['x_mm']} × {data.sizes['z_mm']} "
-        f"cells, {map_.sectors} sectors. Cells out of reach are not drawn. The arm has the posture "
-        f"with the smallest accuracy volume.{without}"
+        "The map of the wrist covers the half-plane y = 0 with "
+        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells and {map_.sectors} sectors. The scene "
+        "leaves out cells out of reach. In each cell, the arm has the posture with the smallest "
+        f"accuracy volume.{without}"
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, count
 from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.report.numbers import lengths
@@ -44,20 +44,21 @@ PER_SECOND = 4.0
 
 
 def residual_scene(result: Calibration | Diagnosis, model: str | None = None) -> Scene:
-    """Residuals by one of the models of a result, magnified, and the arm in the postures of the
+    """Make a scene of the magnified residuals of one model, with the arm in the postures of the
     records.
 
-    Spikes go towards the tip, from each target of a calibration, or each stated place of a
-    diagnosis; where none is stated, from where the records of the seat put it. The slider goes from
-    the largest residual to the smallest.
+    A line leads from each target towards the tip. For a diagnosis, a target is the stated place;
+    without a stated place, the target is the estimate from all records of the seat. The slider
+    shows the records from the largest residual to the smallest.
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` calibration; ``simulation``, ``recalibrated`` or
-            ``extended``; by default the last.
+        model: ``before`` or ``after`` for a calibration; ``simulation`` (nominal arm),
+            ``recalibrated`` or ``extended`` for a diagnosis. The default is ``after`` or
+            ``extended``.
 
     Raises:
-        UnknownNameError: no such model.
+        UnknownNameError: the model is unknown.
     """
     arm, fits = result.model.arm, models(result)
     last, judge = [*fits.items()][-1]
@@ -121,12 +122,12 @@ def _distances_mm(result: Calibration | Diagnosis, fit: Fit) -> Array:
 def _caption(result: Calibration | Diagnosis, judge: Fit, chosen: Index) -> str:
     rms = rms_of(result)
     sizes = ", ".join(
-        f"{MODEL_WORDS.get(which, which)} {size}"
+        f"{size} ({MODEL_WORDS.get(which, which)})"
         for which, size in zip(rms, lengths(rms.values()), strict=True)
     )
     excluded = int(judge.excluded.sum())
-    without = f"; {excluded} are excluded" if excluded else ""
+    without = f", without {count(excluded, 'excluded record')}" if excluded else ""
     return (
-        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS residual of all "
-        f"used records: {sizes}."
+        f"The scene shows {len(chosen)} of {int(judge.used.sum())} used records{without}. The RMS "
+        f"residual of all used records is {sizes}."
     )

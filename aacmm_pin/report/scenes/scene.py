@@ -58,8 +58,8 @@ AN_ID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 OUTERMOST = 60
 """Directions in which the points that have to be seen are looked for."""
 POSTER = (
-    '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">3D scene: '
-    "scroll here to see it.</p>"
+    '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">Scroll '
+    "here to see the 3D scene.</p>"
 )
 """Seen until the scene is drawn over it."""
 LOOPBACK = "127.0.0.1"
@@ -77,12 +77,12 @@ WHOLE = umsgpack.packb(SetProperty("whole", True, ScenePath(("aacmm",))).lower()
 
 @dataclass(frozen=True)
 class Swatch:
-    """One colour and what it stands for.
+    """One colour of the legend and its meaning.
 
     Attributes:
-        colour: a CSS background.
-        text: what has it.
-        mark: the shape in which it is shown.
+        colour: CSS background.
+        text: meaning of the colour.
+        mark: shape of the swatch.
     """
 
     colour: str
@@ -92,12 +92,12 @@ class Swatch:
 
 @dataclass(frozen=True, eq=False)
 class ColourBar:
-    """Numbers by colours.
+    """The colour scale of a scene.
 
     Attributes:
-        label: what the numbers are, with their unit.
-        low, high: the numbers at both ends.
-        name: of a matplotlib colour map.
+        label: quantity with its unit.
+        low, high: values at the two ends.
+        name: name of the matplotlib colour map.
     """
 
     label: str
@@ -107,8 +107,8 @@ class ColourBar:
 
     @staticmethod
     def of(label: str, values: Array, name: str) -> ColourBar:
-        """The bar over the finite ones of ``values``; of equal ones it shows a little on both
-        sides.
+        """Make the colour scale of the finite ``values``; if all values are equal, the scale
+        extends slightly beyond them.
         """
         finite = values[np.isfinite(values)]
         low, high = float(finite.min()), float(finite.max())
@@ -116,20 +116,20 @@ class ColourBar:
         return ColourBar(label, low - room, high + room, name)
 
     def colours(self, values: Array) -> Array:
-        """Colours of ``values`` (n,): (n, 3) in [0, 1]."""
+        """Return the colours ``(n, 3)`` in [0, 1] of ``values`` ``(n,)``."""
         shade = Normalize(self.low, self.high)(values)
         rgba = np.asarray(colormaps[self.name](shade))
         return rgba[:, :3]
 
     @property
     def css(self) -> str:
-        """The bar as a CSS gradient."""
+        """The colour scale as a CSS gradient."""
         colours = colormaps[self.name](np.linspace(0, 1, STOPS))
         return f"linear-gradient(to right, {', '.join(map(to_hex, colours))})"
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """Where along the bar [%] a number stands, and the number."""
+        """Return the positions along the scale [%] and the numbers of the ticks."""
         locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
         values = np.asarray(locator.tick_values(self.low, self.high))
         inside = values[(self.low <= values) & (values <= self.high)].tolist()
@@ -139,14 +139,14 @@ class ColourBar:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """What moves in a scene.
+    """The moving parts of a scene.
 
     Attributes:
-        placements: of each moving path (n, 4, 4) [m], rotations with or without scale.
-        texts: of each number that is read out, by its name, (n,) each.
-        colours: a CSS colour for each frame (n,), shown along the slider.
-        start: number of the frame shown first.
-        per_second: frames shown in a second of play.
+        placements: placements of each moving path ``(n, 4, 4)`` [m]; rotations may contain a scale.
+        texts: texts of each displayed number by its name, ``(n,)`` each.
+        colours: CSS colour of each frame along the slider ``(n,)``.
+        start: index of the first frame shown.
+        per_second: number of frames per second.
     """
 
     placements: Mapping[str, Array]
@@ -171,25 +171,25 @@ class Frames:
 
     @property
     def labels(self) -> list[str]:
-        """Names of the numbers that are read out."""
+        """The names of the displayed numbers."""
         return list(self.texts)
 
     @property
     def readings(self) -> list[list[str]]:
-        """Their texts, for each frame one for each label."""
+        """The texts of the displayed numbers for each frame, in the order of :attr:`labels`."""
         return [list(row) for row in zip(*self.texts.values(), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What has to be seen, and from which side; the page finds the distance that its own shape
-    needs.
+    """The points that a page shows and the direction of the camera; the page calculates the
+    distance.
 
     Attributes:
-        points: (n, 3) [m], all of them inside the picture.
-        azimuth: of the camera, from +x towards +y [rad].
-        elevation: of the camera above the horizontal [rad].
-        room: so much is seen beyond the points, for what is thick [m].
+        points: points that are all within the picture ``(n, 3)`` [m].
+        azimuth: azimuth of the camera, from +x towards +y [rad].
+        elevation: elevation of the camera above the horizontal [rad].
+        room: margin around the points, for thick bodies [m].
     """
 
     points: Array
@@ -199,7 +199,7 @@ class View:
 
     @property
     def direction(self) -> Array:
-        """From what is seen towards the camera, unit (3,)."""
+        """The unit vector from the points towards the camera, ``(3,)``."""
         level = np.cos(self.elevation)
         x = level * np.cos(self.azimuth)
         y = level * np.sin(self.azimuth)
@@ -207,7 +207,7 @@ class View:
 
     @property
     def outermost(self) -> Array:
-        """Those of the points that are farthest out, which stand for all (m, 3) [m]."""
+        """The outermost points, which represent all points, ``(m, 3)`` [m]."""
         # Evenly over the sphere (Fibonacci).
         turn = np.arange(OUTERMOST) * np.pi * (3.0 - np.sqrt(5.0))
         height = 1.0 - (2 * np.arange(OUTERMOST) + 1) / OUTERMOST
@@ -257,20 +257,21 @@ class _Window:
 
 
 class Scene:
-    """Things to look at, with a title, a legend, a view and, where something moves, frames.
+    """A three-dimensional scene with a title, a legend and a view; a moving scene also has frames.
 
-    ``scene["arm/body 3"]`` is meshcat's ``Visualizer`` at that path: ``set_object``,
-    ``set_transform``, ``set_property``, ``delete``. In Jupyter a scene shows itself.
+    ``scene["arm/body 3"]`` is meshcat's ``Visualizer`` at that path, with ``set_object``,
+    ``set_transform``, ``set_property`` and ``delete``. Jupyter displays a scene as the value of a
+    cell.
 
     Attributes:
         meshcat: meshcat's ``Visualizer`` of the whole scene.
         title: title of the page.
-        caption: a sentence below it.
-        swatches: what colours mean.
-        bar: numbers by colours, or None.
-        notes: sentences: sizes, magnifications, what is not shown and why.
-        frames: what moves, or None.
-        view: from where it is looked at; None for meshcat's own view.
+        caption: sentence below the scene.
+        swatches: colours of the legend and their meaning.
+        bar: colour scale, or None.
+        notes: sentences about sizes, magnifications and omitted parts.
+        frames: moving parts, or None.
+        view: view of the camera; None for the default of meshcat.
     """
 
     def __init__(self, title: str, caption: str = "") -> None:
@@ -292,28 +293,28 @@ class Scene:
 
     @property
     def commands(self) -> list[bytes]:
-        """The meshcat commands that build the scene, packed by msgpack."""
+        """Return the meshcat commands that build the scene, packed with msgpack."""
         return [*self._window.kept.values()]
 
     def html(self) -> str:
-        """The scene as one page that needs neither a network nor a server."""
+        """Return the scene as one HTML page that needs neither a network nor a server."""
         return whole_page(self)
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Write that page.
+        """Save the scene as one HTML page that needs neither a network nor a server.
 
         Raises:
-            OutputError: the file exists and ``force`` is not given, or it cannot be written.
+            OutputError: the file exists and ``force`` is False, or the file cannot be written.
         """
         with whole_file(path, force) as temporary:
             temporary.write_text(encodable(self.html()), encoding="utf-8")
 
     def embedded(self, height: int = NOTEBOOK_HEIGHT) -> str:
-        """The scene as a part of another page, which holds
+        """Return the scene as HTML for another page; that page must contain
         :func:`aacmm_pin.report.scenes.shared_script` once.
 
         Args:
-            height: of the frame that it is shown in [px].
+            height: height of the frame around the scene [px].
         """
         return embedded_page(self, height)
 
@@ -321,14 +322,14 @@ class Scene:
         return framed_page(self, NOTEBOOK_HEIGHT)
 
     def show(self, browser: bool = True) -> Server:
-        """Serve the scene on this computer's loopback address; what is sent to it from then on is
-        seen at once.
+        """Serve the scene on the loopback address of this computer; the browser shows later changes
+        immediately.
 
         Args:
-            browser: open it in the browser.
+            browser: open the scene in the browser.
 
         Returns:
-            The server, running until it is closed or this process ends.
+            The server, which runs until :meth:`Server.close` or the end of the process.
 
         Raises:
             AacmmError: the server does not start.
@@ -362,8 +363,8 @@ def embedded_page(scene: Scene, height: int) -> str:
 
 
 def shared_script() -> str:
-    """What a page with embedded scenes needs once, anywhere: the viewer, and what fills the inner
-    frames.
+    """Return the HTML that a page with embedded scenes needs once: the viewer and a script that
+    fills the frames.
     """
     filling = _template("embed.js")
     return (
@@ -467,17 +468,19 @@ def _template(name: str) -> str:
 
 
 class Server:
-    """A running server; a context, at whose end it stops. It ends with this process too.
+    """A running server of a scene, and a context manager that stops the server.
+
+    The server also ends with the process.
 
     Attributes:
-        url: where the scene is seen, on this computer.
+        url: address of the scene on this computer.
     """
 
     def __init__(self, scene: Scene, listeners: list[Callable[[bytes], None]]) -> None:
-        """Start it; further commands are heard of through ``listeners``.
+        """Start the server; ``listeners`` passes later commands of the scene to the server.
 
         Raises:
-            AacmmError: it does not start.
+            AacmmError: the server does not start.
         """
         try:
             (bound,) = tornado.netutil.bind_sockets(0, LOOPBACK)
@@ -494,11 +497,11 @@ class Server:
 
     @property
     def running(self) -> bool:
-        """Whether it serves."""
+        """True while the server runs."""
         return self._thread.is_alive()
 
     def close(self) -> None:
-        """Stop; a second time is harmless."""
+        """Stop the server; a second call has no effect."""
         if self._send in self._listeners:
             self._listeners.remove(self._send)
             self._loop.call_soon_threadsafe(self._stop.set)
