@@ -68,7 +68,7 @@ def test_what_does_not_fit_a_circle(sino6, circle):
     of_all = accuracy_volume(circle.arm, circle.q, at=circle.at)
     for plot in (plot_circle, plot_accuracy_of_postures):
         with pytest.raises(
-            ShapeError, match=r"accuracy has 144 postures; expected the 36 .*within_limits"
+            ShapeError, match=r"accuracy has 144 postures; expected 36, .*within_limits"
         ):
             plot(circle, of_all)
     with pytest.raises(AacmmError, match="three-dimensional"):

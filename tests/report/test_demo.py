@@ -123,7 +123,7 @@ def test_demo_finds_what_it_hides(demo):
 
 
 def test_demo_refuses(demo, tmp_path):
-    with pytest.raises(OutputError, match="with files"):
+    with pytest.raises(OutputError, match="files"):
         run_demo(folder=demo.folder)
     with pytest.raises(AacmmError, match="has an uncertainty"):
         run_demo("zero6", tmp_path / "out")
