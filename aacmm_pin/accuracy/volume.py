@@ -299,7 +299,7 @@ def accuracy_volume(
     q = batch(q, arm.nq, "q", "rad")
     if conditions is not None and conditions.n not in (1, len(q)):
         raise ShapeError(
-            f"conditions are of {conditions.n} records; expected {len(q)}, as many as q, or 1"
+            f"conditions have {conditions.n} records; expected {len(q)}, as many as q, or 1"
         )
     sources = ErrorSources.of(model, at, encoder_noise, q, conditions)
     work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)

@@ -459,7 +459,7 @@ def _probe(
             "method of a map", method, [m for m in METHODS if m != "monte-carlo"]
         )
     if conditions is not None and conditions.n != 1:
-        raise ShapeError(f"conditions are of {conditions.n} records; expected 1, for all cells")
+        raise ShapeError(f"conditions have {conditions.n} records; expected 1, for all cells")
     arm = ErrorModel.arm_of(model)
     q = np.clip(spread_angles(PROBES, arm.nq), arm.limits[:, 0], arm.limits[:, 1])
     return accuracy_volume(model, q, conditions=conditions, at=_at(arm, axis), method=method)

@@ -84,7 +84,7 @@ class Conditions(Shown):
     def __post_init__(self) -> None:
         """What is given, as arrays of its own."""
         if self.n < 0:
-            raise ShapeError(f"conditions are of {self.n} records; expected 0 or more")
+            raise ShapeError(f"conditions have {self.n} records; expected 0 or more")
         for name in self.present:
             values = getattr(self, name)
             given: NDArray[Any]

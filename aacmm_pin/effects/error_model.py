@@ -380,7 +380,7 @@ class ErrorModel(Shown):
         conditions = Conditions(len(q)) if conditions is None else conditions
         if conditions.n != len(q):
             raise ShapeError(
-                f"conditions are of {conditions.n} records; expected {len(q)}, as many as q"
+                f"conditions have {conditions.n} records; expected {len(q)}, as many as q"
             )
         for name in ("approach", "torque"):
             values = getattr(conditions, name)

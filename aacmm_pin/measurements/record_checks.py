@@ -236,7 +236,7 @@ def _check_spheres(values: Values, problems: Problems) -> None:
     problems.at(
         feature & (contacts < FEWEST_CONTACTS) & ~placed_sphere,
         "seat",
-        "the sphere {!r} has {} records and no coordinates of its centre; expected 4 or more",
+        "the sphere {!r} has {} records without coordinates of its centre; expected 4 or more",
         seat,
         contacts,
     )

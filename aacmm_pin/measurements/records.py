@@ -244,7 +244,7 @@ class Measurements(Shown):
             raise ShapeError(f"extra has {len(extra)} rows; expected {n}, one per record")
         known = Conditions(n) if conditions is None else conditions
         if known.n != n:
-            raise ShapeError(f"conditions are of {known.n} records; expected {n}")
+            raise ShapeError(f"conditions have {known.n} records; expected {n}")
         unknown = np.full((n, 3), np.nan)
         given = {
             "reference": unknown if reference is None else reference,

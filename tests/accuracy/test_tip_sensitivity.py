@@ -172,7 +172,7 @@ def test_conditions_of_one_record_hold_for_all(extended):
     warm = Conditions(2, temperature=np.array([20.0, 120.0]))
     drawn = accuracy_volume(extended, q[[0, 0]], conditions=warm, **drawing)
     assert drawn.u[1] > 3.0 * drawn.u[0]
-    with pytest.raises(ShapeError, match="conditions are of 3 records; expected 5"):
+    with pytest.raises(ShapeError, match="conditions have 3 records; expected 5"):
         accuracy_volume(extended, q, conditions=each.take([0, 1, 2]))
 
 

@@ -316,7 +316,7 @@ def test_what_cannot_be_asked(sino6, extended, monkeypatch):
         ({"cells": (0, 5)}, AacmmError, "at least 1"),
         ({"workers": 0}, AacmmError, "at least 1"),
         ({"method": "box", "extent": [2, 3, 0, 1]}, AacmmError, "zonotope"),
-        (two, ShapeError, "conditions are of 2 records"),
+        (two, ShapeError, "conditions have 2 records"),
     ]
     for arguments, error, words in asked:
         with pytest.raises(error, match=words):

@@ -97,7 +97,7 @@ def test_what_cannot_be_predicted(sino6):
     for ask in (model.predict, model.correct, model.sensitivity):
         with pytest.raises(ShapeError, match=r"q\[0, 0\] is inf"):
             ask(np.full((2, 6), np.inf))
-    with pytest.raises(ShapeError, match="conditions are of 3 records; expected 2, as many as q"):
+    with pytest.raises(ShapeError, match="conditions have 3 records; expected 2, as many as q"):
         model.predict(q, Conditions(3))
     with pytest.raises(ShapeError, match="approach has 5 columns; expected 6"):
         model.predict(q, Conditions(2, approach=np.ones((2, 5))))

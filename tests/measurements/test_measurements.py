@@ -619,7 +619,7 @@ ARRAYS: list[tuple[dict[str, object], str]] = [
     ),
     ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m; expected -100 to 100"),
     ({"q": ONE, "record": [3]}, r"record\[0\] is 3; expected text"),
-    ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records; expected 1"),
+    ({"q": ONE, "conditions": Conditions(2)}, "conditions have 2 records; expected 1"),
     ({"q": ONE, "extra": pd.DataFrame({"seat": ["a"]})}, "extra .*: seat"),
 ]
 
