@@ -194,6 +194,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
             problem, fitted, thorough=unlike, options=fitted >= FAR or _absorbs(after)
         )
     if unlike:
+        _require_no_wrong_value(problem, fitted)
         advice = Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
         raise AacmmError(
             f"{problem.measurements.source}: {advice}. (With the best parameters, the records "
@@ -374,6 +375,33 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
             )
 
 
+def _require_no_wrong_value(problem: Problem, as_is: float) -> None:
+    """Refuse records that the arm explains if one value of its file is another, and only then.
+
+    Raises:
+        MistakenFileError: the value.
+    """
+    setup = replace(problem.setup, prior=False)
+    free = problem_of(problem.model, problem.measurements, ["geometry"], setup)
+    try:
+        after = fit(free)
+    except AacmmError:
+        return
+    distance = _median(after.system.deviation)
+    changes, tips = _changes(after)
+    wrong = [
+        (parameter, float(change))
+        for parameter, change, far in zip(free.vector.arm_parameters, changes, tips, strict=True)
+        if parameter and min(abs(change) / ASSEMBLED[parameter.unit], far / ASSEMBLED["m"]) > 1.0
+    ]
+    if after.unmodelled < FAR and distance < EXPLAINS * as_is and len(wrong) == 1:
+        ((parameter, change),) = wrong
+        data = {"parameter": parameter.name, "stated": parameter.value}
+        data |= {"found": parameter.value + change, "unit": "mm" if parameter.unit == "m" else "°"}
+        name = str(Note("wrong_value", data))
+        raise MistakenFileError(problem.measurements.source, name, as_is, distance)
+
+
 def _distance_without(without: Problem, as_is: float) -> float:
     """Median distance after a fit ``without`` a mistake [m]; infinite unless it is far below
     ``as_is`` [m], and no more than noise.
@@ -404,18 +432,22 @@ def _absorbs(after: Fit) -> bool:
     """Whether the fit moved a geometric value, and thereby the tips, farther than the geometry of
     any arm is off.
     """
-    vector = after.problem.vector
-    point = after.point
-    moved = np.abs(point.x - after.problem.start)
-    squares = np.square(point.prediction.jacobian[:, :3, : moved.size])
-    tips = moved * np.sqrt(squares.sum(axis=1).mean(axis=0))
-    for effect, entries in vector:
+    changes, tips = _changes(after)
+    for effect, entries in after.problem.vector:
         if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT)):
             assembled = np.array([ASSEMBLED[term.unit] for term in effect.terms])
-            far = moved[entries] > MOVED * assembled
+            far = np.abs(changes[entries]) > MOVED * assembled
             if (far & (tips[entries] > MOVED * ASSEMBLED["m"])).any():
                 return True
     return False
+
+
+def _changes(after: Fit) -> tuple[Array, Array]:
+    """How far the fit moved each parameter (p,) [its unit], and the tips by that (p,) [m]."""
+    point = after.point
+    changes = point.x - after.problem.start
+    squares = np.square(point.prediction.jacobian[:, :3, : changes.size])
+    return changes, np.abs(changes) * np.sqrt(squares.sum(axis=1).mean(axis=0))
 
 
 def _as_described(after: Fit) -> float:

@@ -27,7 +27,8 @@ RMS_OF = {
 }
 """Columns of RMS distances, and the name of each in :attr:`aacmm_pin.Diagnosis.rms`."""
 GAIN = ("gain", "gain_low", "gain_high")
-COLUMNS = ("arm", "records", "verdict", "causes", *RMS_OF, *GAIN, "used", "excluded", "error")
+WHOLE_NUMBERS = ("used", "excluded", "causes_shown", "causes_tried")
+COLUMNS = ("arm", "records", "verdict", "causes", *RMS_OF, *GAIN, *WHOLE_NUMBERS, "error")
 
 
 def diagnose_files(
@@ -58,7 +59,9 @@ def diagnose_files(
             (probability of each finding by its label); ``rms_as_stated_mm``,
             ``rms_recalibrated_mm``, ``rms_extended_mm``, ``noise_mm`` (RMS residuals); ``gain``,
             ``gain_low``, ``gain_high`` (on held-out records, with the 95 % interval); ``used``,
-            ``excluded`` (numbers of records); ``error`` ("" if none). Missing values are NaN.
+            ``excluded`` (numbers of records); ``causes_shown``, ``causes_tried`` (number of causes
+            that the records would show at typical magnitude, and number of all causes tried);
+            ``error`` ("" if none). Missing values are NaN.
     """
     causes = tuple(CAUSES.values())
     jobs = [_Job(*pair, approach_from_order, seed, options, causes) for pair in pairs]
@@ -69,7 +72,7 @@ def diagnose_files(
             rows[number] = row
             moving.update()
     table = pd.DataFrame([rows[number] for number in range(len(jobs))], columns=[*COLUMNS])
-    return table.astype({"used": "Int64", "excluded": "Int64"})
+    return table.astype(dict.fromkeys(WHOLE_NUMBERS, "Int64"))
 
 
 @dataclass(frozen=True)
@@ -123,5 +126,5 @@ def _numbers(found: Diagnosis) -> dict[str, Any]:
     if found.held_out is not None:
         low, high = found.held_out.interval
         row |= {"gain": found.held_out.gain, "gain_low": low, "gain_high": high}
-    used = int(found.extended.used.sum())
-    return row | {"used": used, "excluded": len(found.excluded)}
+    numbers = (int(found.extended.used.sum()), len(found.excluded), *found.visible)
+    return row | dict(zip(WHOLE_NUMBERS, numbers, strict=True))

@@ -39,6 +39,8 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     parts = diagnosis.unexplained.discrepancy
     summary: dict[str, Any] = {"schema": DIAGNOSIS_SCHEMA, "arm": diagnosis.model.arm.name}
     summary |= {"verdict": diagnosis.verdict, "doubts": list(diagnosis.doubts)}
+    shown, tried = diagnosis.visible
+    summary |= {"causes_shown": shown, "causes_tried": tried}
     summary |= {"converged": diagnosis.converged, "converge_note": diagnosis.converge_note}
     summary["records"] = _records(diagnosis)
     summary["rms_mm"] = {name: size / MM for name, size in diagnosis.rms.items()}

@@ -44,8 +44,8 @@ def readable_parameters(result: Calibration) -> pd.DataFrame:
     see column ``in``.
     """
     table = parameter_table(result)
-    largest = table[["change", "stated", "U"]].abs().max(axis=1)
-    units = [*map(small_unit, table["unit"], largest)]
+    largest = table[["change", "stated"]].abs().max(axis=1)
+    units = [*map(small_unit, table["unit"], table["U"].where(table["U"] > 0, largest))]
     together = table["known"] == "in combination"
     values = [*map(quantity, table["after"], table["unit"])]
     readable = table[["parameter"]].assign(value=np.where(together, "–", values))

@@ -286,6 +286,24 @@ def test_a_tip_that_geometry_takes_up_is_no_mistake(seed):
     assert calibrate(ROBOT, data, hold_out=False).rms < 2e-4
 
 
+@pytest.mark.parametrize(("row", "wrong"), [(3, {"d_mm": -740.0}), again(4, {"alpha_rad": 1.8})])
+def test_a_wrong_value_of_the_arm_file_is_named_with_the_value_of_the_records(sino6, row, wrong):
+    rng = np.random.default_rng(5)
+    truth = perturbed_model(sino6, rng).arm
+    data = simulate_measurements(truth, "free", 60, rng=rng, reference_noise=5e-5)
+    given = changed(sino6.file, {row: wrong})
+    (key,) = wrong
+    name = f"{key.partition('_')[0]}{row}"
+    with pytest.raises(MistakenFileError) as caught:
+        calibrate(given, data, hold_out=False)
+    (true,) = (p.value for p in truth.parameters if p.name == name)
+    assert name in caught.value.mistake
+    assert (
+        f"{1e3 * true:.1f}" in caught.value.mistake
+        or f"{np.degrees(true):.1f}" in caught.value.mistake
+    )
+
+
 def shown_with(other: int, joint: int, sign: float) -> Change:
     """The angle that is shown of a joint has that of another in it."""
     return lambda d: replace(d, q=d.q + sign * np.outer(d.q[:, other], np.eye(d.nq)[joint]))

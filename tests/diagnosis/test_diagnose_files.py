@@ -68,6 +68,7 @@ def test_rows_are_those_of_single_diagnoses(folder, workers):
         assert alone.held_out is not None
         assert gain == (alone.held_out.gain, *alone.held_out.interval)
         assert (found["used"], found["excluded"]) == (60, len(alone.excluded))
+        assert (found["causes_shown"], found["causes_tried"]) == alone.visible
     for row in (1, 3, 4):
         found = table.iloc[row]
         with pytest.raises(AacmmError) as raised:

@@ -130,6 +130,8 @@ SUMMARY = fields(
         "arm": text,
         "verdict": lambda v: v in VERDICTS,
         "doubts": several(lambda v: v in DOUBTS),
+        "causes_shown": count,
+        "causes_tried": count,
         "converged": lambda v: isinstance(v, bool),
         "converge_note": lambda v: isinstance(v, str),
         "records": fields(
