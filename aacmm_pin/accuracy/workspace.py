@@ -253,7 +253,8 @@ class WorkspaceMap(Shown):
             return f"{where}, all out of reach{unknown}"
         mean = float(self.data["flexibility"].mean())
         return (
-            f"{where}, {self.unreachable} out of reach and {full} with postures in all sectors"
+            f"{where}, of which {self.unreachable} are out of reach and {full} have postures in "
+            "all sectors"
             + (f"; the mean flexibility is {mean:.3f}" if np.isfinite(mean) else "")
             + unknown
             + omission(self.not_included)

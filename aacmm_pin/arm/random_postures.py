@@ -126,8 +126,9 @@ class Room:
             found += int(use.sum())
             if found >= count:
                 return np.concatenate(kept)[:count], np.concatenate(tips)[:count]
-        over = "" if self.above is None else f", and {self.above / MM:g} mm over the base"
+        high = "" if self.above is None else f" and {self.above / MM:g} mm above the base"
         raise AacmmError(
             f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have the tip at "
-            f"least {CLEAR / MM:g} mm from the axis of joint 1{over}; expected at least {count}"
+            f"least {CLEAR / MM:g} mm from the axis of joint 1{high}; expected at least "
+            f"{count}; check the lengths and limits of the arm, and the height of the table"
         )

@@ -94,7 +94,7 @@ def run(
     """Evaluate an acceptance test (ISO 10360-12, ASME B89.4.22).
 
     The definitions come from public descriptions of ISO 10360-12:2016 and ASME B89.4.22-2004.
-    Nobody compared these definitions with the texts of the standards.
+    Nobody has compared these definitions with the texts of the standards.
     """
     from aacmm_pin.report import (  # these load what draws
         CheckDetails,

@@ -187,7 +187,8 @@ class ArmAndData(UncertainArm):
         typer.Option(
             metavar="FILE",
             help="Second file, with the reference data. Its rows belong to rows of DATA with the "
-            "same label in the column record; without labels, in the same order.",
+            "same label in the column record. Without this column, both files must have the same "
+            "rows in the same order.",
         ),
     ] = None
 

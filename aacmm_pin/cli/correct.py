@@ -70,8 +70,8 @@ def run(
         typer.Option(
             metavar="ARM",
             help="Compare with this nominal arm (name or arm file, or URDF if ARM comes from a "
-            "URDF). Default: the URDF that ARM names, else ARM without causes of error. Required "
-            "with --commands unless ARM names a URDF.",
+            "URDF). Default: the URDF that ARM names, or ARM without causes of error if ARM names "
+            "no URDF. Required with --commands unless ARM names a URDF.",
         ),
     ] = None,
     commands: Annotated[

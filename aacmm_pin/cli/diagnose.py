@@ -38,7 +38,7 @@ def run(
         bool,
         typer.Option(
             "--with-discrepancy",
-            help="Save also the discrepancy (structure that no cause explains), with its u, in the "
+            help="Also save the discrepancy (structure that no cause explains), with its u, in the "
             "arm file of --arm-out.",
         ),
     ] = False,

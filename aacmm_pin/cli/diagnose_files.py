@@ -48,8 +48,8 @@ def run(
 ) -> None:
     """Diagnose many measurement files, and write one table.
 
-    If the command cannot use a file, the row of this file states the error, and the exit status is
-    1.
+    If the command cannot use a file, the table states the error in the row of this file, and the
+    exit status is 1.
     """
     from aacmm_pin.report import (  # these load what draws
         diagnoses_document,

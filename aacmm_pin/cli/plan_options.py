@@ -68,7 +68,7 @@ class PlannedRecords(PlanFiles):
         PlannedScheme,
         typer.Option(
             help="Kind of reference data. free: coordinates of each record. seats: seats of "
-            "--existing, else new seats.",
+            "--existing, or new seats if --existing has none.",
         ),
     ] = "free"
     postures: Annotated[

@@ -44,7 +44,7 @@ def run(
         typer.Option(
             metavar='"θ1 θ2 …"',
             help="Show one posture, in degrees (prismatic joints: mm). Default: 0 for all joints "
-            "if the joint limits allow it, else the middle of the limits.",
+            "if the joint limits allow it, otherwise the middle of the limits.",
         ),
     ] = None,
     noise: EncoderNoise,

@@ -170,8 +170,8 @@ def run(
 ) -> None:
     """Simulate measurements of an arm with known errors (CSV).
 
-    Default noise (standard uncertainty): readings as the arm file states, else 8 µrad; references
-    0.012 mm; contacts 0.
+    Default noise (standard uncertainty): for readings the value in the arm file, or 8 µrad if the
+    arm file states none; for references 0.012 mm; for contacts 0.
     """
     planned.refuse_others(context)
     rng = np.random.default_rng(seed)

@@ -59,7 +59,7 @@ def postures_at_seats(
         number = len(seats.labels)
         raise AacmmError(
             f"{arm}: no posture within the limits reaches any of the {number} seats; expected one "
-            "or more"
+            "or more; check the coordinates of the seats, and the joint limits"
         )
     seat = np.repeat(np.arange(len(seats.labels)), [*map(len, touched)])
     labels = np.array(seats.labels, dtype=object)[seat]

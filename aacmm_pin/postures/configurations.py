@@ -142,9 +142,9 @@ class ConfigurationCircle(PosturesAtPoint):
         if self.reason:
             return f"{where}, has no posture, because {self.reason}"
         inside = f"{self.within_limits.sum()} of them within limits"
-        flexibility = f"the flexibility is {self.flexibility()}"
+        flexibility = f"The flexibility is {self.flexibility()}"
         curves = f"{len(self)} postures on {self.component.max()} closed curves"
-        return f"{where}, has {curves}, {inside}; {flexibility}"
+        return f"{where}, has {curves}, {inside}. {flexibility}"
 
 
 def configuration_circle(

@@ -168,9 +168,10 @@ class Flexibility(Shown):
     arc_fraction: float
 
     def __str__(self) -> str:
-        numbers = {f"by {len(self.sectors)} sectors": self.zeta, "by arc": self.arc_fraction}
+        counted = f"counted in {len(self.sectors)} sectors"
+        numbers = {counted: self.zeta, "measured along the arc": self.arc_fraction}
         finite = [f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)]
-        return ", ".join(finite) or "undefined"
+        return ", or ".join(finite) or "undefined"
 
 
 def evenly(

@@ -46,9 +46,10 @@ from aacmm_pin.verification import (
 )
 
 RULE_TEXT = (
-    "Conformity needs |value| + U ≤ MPE for each error, nonconformity |value| - U > MPE for at "
-    f"least one error. The guard band U is {GUARD_BAND_FACTOR:g}u of the calibrated length or "
-    f"diameter, as in {RULE_OF}; the default of ISO 14253-1:2017 is 1.65u."
+    "The verdict is conformity if |value| + U ≤ MPE for each error, and nonconformity if "
+    "|value| - U > MPE for at least one error. The guard band U is "
+    f"{GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in {RULE_OF}; the default of "
+    "ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
     "The charts show the magnitude of each test value. The line is the mean of the earlier checks "

@@ -126,7 +126,8 @@ def _degrees(angles: Iterable[float]) -> str:
 def what_k_covers() -> str:
     """The coverage probability of U of a position."""
     along, isotropic = (f"{100 * part:.1f} %" for part in COVERED)
-    errors = f"{along} of normal errors along one direction, and {isotropic} of isotropic errors"
+    errors = f"{along} of normally distributed errors along one direction"
+    errors += f", and {isotropic} of isotropic errors"
     return f"U (k = {COVERAGE_FACTOR:g}) of a position covers {errors}."
 
 

@@ -438,7 +438,7 @@ def _normalised(result: Calibration) -> Figure:
         lambda: plots.plot_normalised_residuals(result, blank_axes(6.4, 3.4)),
         "Histogram of normalised residuals against the χ distribution",
         "The bars show residuals normalised by the covariance of each record. The line shows the χ "
-        "distribution that normal noise would give.",
+        "distribution that normally distributed noise would give.",
     )
 
 

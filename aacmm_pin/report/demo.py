@@ -245,7 +245,7 @@ def _measured(found: Diagnosis, hidden: Effect, planned: str) -> list[Block]:
         Heading("Diagnosis of simulated records"),
         Paragraph(how),
         *answers(found, planned),
-        Table(table, "The hidden cause, and the causes that diagnose found, ± U (k = 2)"),
+        Table(table, "The hidden cause, and the causes that diagnose found, with U (k = 2)"),
         rms_figure(found),
         *causes_drawn(found),
     ]

@@ -267,8 +267,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
     causes = [f for f in result.findings if f not in values]
     text = _causes_in_words(result, causes)
     if result.no_better:
-        them = "it" if len(causes) == 1 else "them"
-        text += f", but with {them} the arm does not predict held-out records better"
+        text += ", but the extended arm does not predict held-out records better"
     if not values:
         return text
     off = f"some stated values have unusually large errors: {_named(values, result.model.arm)}"
@@ -406,7 +405,7 @@ def gain_in_words(result: Diagnosis) -> str:
         return "The extended arm has no new cause, and therefore no gain on held-out records."
     low, high = held.interval
     significant = held.beyond_doubt or high < -THRESHOLDS.least_gain
-    notes = [] if significant else [", not significant"]
+    notes = [] if significant else [", which is not significant"]
     interval = f"(95 % interval: {100 * low:z.0f} to {percent(high)}){''.join(notes)}"
     arms = f"On held-out {HELD_OUT_KINDS[held.kind]}, the extended arm has a gain of"
     over = f"{percent(held.gain)} over the recalibrated arm"
@@ -768,7 +767,7 @@ def _held_out(result: Diagnosis) -> list[Block]:
         sentences.append(SEATS_JUDGED)
     figure = Figure(
         lambda: plots.plot_held_out(result, blank_axes(7.2, 3.4)),
-        "RMS residual of each held-out part by the recalibrated and the extended arm",
+        "RMS residual of the recalibrated and the extended arm in each held-out part",
         " ".join(sentences),
     )
     caption = "Causes that diagnose chose without the held-out part"

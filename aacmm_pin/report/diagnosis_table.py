@@ -36,8 +36,8 @@ def diagnoses_document(table: pd.DataFrame) -> Document:
         Paragraph(f"The results of {count(len(table), 'file')} are {listed(parts)}.", finding=True),
         Table(
             found,
-            "Causes of typical magnitude that the records would show, RMS residuals of the three arms, "
-            "and gain on held-out records",
+            "Causes of typical magnitude that the records would show, RMS residuals of the three "
+            "arms, and gain on held-out records",
             formats={"gain": ".0%"},
             heads=FILE_HEADS,
         ),

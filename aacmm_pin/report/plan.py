@@ -76,10 +76,11 @@ def plan_line(plan: MeasurementPlan) -> str:
     if plan.asked:
         what = f"to distinguish {one} from {other}"
     else:
-        what = f"to distinguish all causes, of which {one} and {other} are the most similar"
+        causes = "all causes whose effects differ in this set-up"
+        what = f"to distinguish {causes}, of which {one} and {other} are the most similar"
     if plan.before is not None and not plan.needed:
         return (
-            f"The {plan.existing} existing records are enough {what}, because the {RIGHT} is "
+            f"The {plan.existing} existing records are enough {what}. The {RIGHT} is "
             f"{probability(plan.before.probability)}. You can use the {len(plan.records)} planned "
             "records to check the result"
         )

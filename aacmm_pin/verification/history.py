@@ -317,7 +317,7 @@ class History(Shown):
         left = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left_range]
         checks = self.checks[["time", "instrument"]].drop_duplicates()
         text = count(len(checks), "check")
-        return text + (f"; {', '.join(left)} outside the control limits" if left else "")
+        return text + (f"; outside the control limits: {', '.join(left)}" if left else "")
 
     def summary(self) -> list[dict[str, Any]]:
         """The charts as numbers, for JSON."""

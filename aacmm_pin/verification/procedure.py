@@ -309,7 +309,7 @@ class _Layout:
             raise AacmmError(
                 f"{self.pool.arm.name}: no posture within the limits has the tip at {zone}, at the "
                 f"height of joint 2 and at {LEAST_SEPARATION * 100:.0f} % of the reach from other "
-                "places; expected one or more"
+                "places; expected one or more; check the joint limits of the arm"
             )
         order = np.argsort(self.pool.thinness(tips))
         best = tips[order[:TRIED]]

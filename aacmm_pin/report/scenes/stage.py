@@ -33,7 +33,7 @@ THICKNESS = 0.014
 """Radius of a tube, in lengths of the arm."""
 DRAWN = 0.3
 """Pieces shorter than this many radii are hidden in a joint and not drawn."""
-TO_SCALE = "Lengths are to scale, thicknesses of tubes and joints are not."
+TO_SCALE = "Lengths are to scale, but thicknesses of tubes and joints are not."
 ROOM_ROUND_ARM = 3.4
 """So many radii of a tube are seen beyond the arm's lines: its joints, its foot."""
 ANGLED = 35 * DEG
