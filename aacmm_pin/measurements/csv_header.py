@@ -232,7 +232,8 @@ def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems
     if not theta:
         problems.add(
             "",
-            f"no angles; expected columns theta1_deg … or theta1_rad …{_renaming(names, nq)}",
+            f"no angles; expected columns theta1_deg … or theta1_rad …{_renaming(names, nq)}; "
+            "configurations computes the angles of a pose",
         )
     elif nq is not None and len(theta) != nq:
         expected = span(named(THETA[header.unit], nq))

@@ -32,10 +32,10 @@ def comparison_warning(found: Comparison, arm: str) -> str:
     """A probable mistake, with the name of the last ``arm``; "" if there is none."""
     if found.is_of_other_frame:
         return (
-            "the command does not compare the references, because their RMS distance from the tip "
-            f"of {arm} is {found.rms[-1] / MM:.0f} mm. Check the arm, the unit of the angles, and "
-            "the frame and target of the references. Run aacmm-pin check, with --reference-frame "
-            "external if the references are in another frame"
+            "correct did not compare the references, because their RMS distance from the tip of "
+            f"{arm} is {found.rms[-1] / MM:.0f} mm. The corrected coordinates are in the frame of "
+            "the base; ignore this warning if the references are in another frame. Otherwise check "
+            "the arm, the unit of the angles and the target"
         )
     if found.is_worse:
         return "the correction makes the errors larger; run aacmm-pin diagnose to find what changed"

@@ -242,12 +242,14 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
     named = []
     for labels, share in likely[:ALTERNATIVES] or others[:1]:
         causes = labels_in_words(result, labels) or "no cause"
-        named.append(f"{causes} (probability {probability(share)})")
+        named.append(f"{causes} (probability of this set {probability(share)})")
     if not found:
         return (
             "these records do not determine whether the model lacks a cause. The most probable "
             f"sets of causes are {listed(named)}"
         )
+    if len(named) == 1:
+        return f"{wrong}. Another possible set of causes is {named[0]}"
     return f"{wrong}. Other possible sets of causes are {listed(named)}"
 
 
@@ -606,7 +608,7 @@ def _result(result: Diagnosis, planned: str) -> list[Block]:
         hints.append(SEAT_ERRORS)
     hint = Paragraph(" ".join(hints), detail=True)
     base = Paragraph(frame_in_words(result.extended))
-    return [Heading("Result"), *answers(result, planned), base, rms_figure(result), hint]
+    return [Heading("Result"), *answers(result, planned), rms_figure(result), base, hint]
 
 
 def rms_figure(result: Diagnosis) -> Figure:

@@ -30,10 +30,6 @@ from aacmm_pin.report.document import (
 )
 from aacmm_pin.report.numbers import capital
 
-WIDE = 1050
-"""A figure of more columns than this has several panels side by side; on a phone it is scrolled,
-not shrunk [pixels].
-"""
 SHORT_TEXT = 22
 """Texts up to this many characters stay on one line of a table."""
 ALIGNED = {
@@ -125,8 +121,7 @@ def _derived(block: Block, on_page: bool) -> dict[str, Any]:
         case Table():
             return _table(block, on_page)
         case Figure(png=png):
-            columns = int.from_bytes(png[16:20], "big")  # bytes 16 to 19 of a PNG are its width
-            return {"uri": data_uri(png, "image/png"), "wide": columns > WIDE}
+            return {"uri": data_uri(png, "image/png")}
         case SceneView(scene=scene, height=height):
             return {"markup": Markup(scene().embedded(height))}
         case Folded(blocks=blocks):
