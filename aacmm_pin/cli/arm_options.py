@@ -186,9 +186,9 @@ class ArmAndData(UncertainArm):
         str | None,
         typer.Option(
             metavar="FILE",
-            help="Second file, with the reference data. Its rows belong to rows of DATA with the "
-            "same label in the column record. Without this column, both files must have the same "
-            "rows in the same order.",
+            help="Second file, with the reference data. The command joins rows of both files with "
+            "the same label in the column 'record'. Without this column, both files must have the "
+            "same rows in the same order.",
         ),
     ] = None
 

@@ -25,8 +25,9 @@ FrameOfReferences = Annotated[
 TargetOfReferences = Annotated[
     Target,
     typer.Option(
-        help="Point that the reference data describe. tip: tip of the arm. unknown: another point "
-        "of the last body, which becomes the tip. frame: tip, with orientations of its axes."
+        help="Point that the reference data describe. tip: the tip of the arm. unknown: another "
+        "point of the last body; the calibrated arm has its tip there. frame: the tip, and the "
+        "orientations are those of its axes."
     ),
 ]
 

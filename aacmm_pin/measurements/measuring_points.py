@@ -191,9 +191,9 @@ def bars_for(
     if found.sum() < wanted:
         extent = np.linalg.norm(pool.tips.max(axis=0) - pool.tips.min(axis=0))
         raise AacmmError(
-            f"{pool.arm.name}: {found.sum()} places for bars of {length / MM:g} mm; expected "
-            f"{wanted}; reduce the length or the number of bars (the diagonal of the workspace is "
-            f"{extent / MM:.0f} mm)"
+            f"{pool.arm.name}: the workspace has room for {found.sum()} bars of {length / MM:g} "
+            f"mm; expected {wanted}; reduce the length or the number of bars (the diagonal of the "
+            f"workspace is {extent / MM:.0f} mm)"
         )
     a = a[found]
     b = b[found]

@@ -75,7 +75,7 @@ def prediction_document(result: PredictedAcceptance) -> Document:
             Paragraph(STATED_ONLY, detail=True),
             Figure(
                 lambda: _intervals(result),
-                "Intervals of the test values, with their limits",
+                "95 % intervals of the test values",
                 INTERVALS_CAPTION,
             ),
             Table(

@@ -71,7 +71,8 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     if summary is not None:
         postures = postures_at_the_ends(summary)
         volume = summary["volume_mm3"]["comprehensive"]
-        comprehensive = "" if volume is None else f"The comprehensive accuracy is {volume:.4g} mm³."
+        if volume is not None:
+            comprehensive = f"The comprehensive accuracy volume is {volume:.4g} mm³."
     values = accuracy.to_frame().filter(regex="_mm")
     values = values.rename(columns={"largest_deviation_mm": "worst-case deviation_mm"})
     values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])

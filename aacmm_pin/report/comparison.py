@@ -33,9 +33,9 @@ def comparison_warning(found: Comparison, arm: str) -> str:
     if found.is_of_other_frame:
         return (
             "correct did not compare the references, because their RMS distance from the tip of "
-            f"{arm} is {found.rms[-1] / MM:.0f} mm. The corrected coordinates are in the frame of "
-            "the base; ignore this warning if the references are in another frame. Otherwise check "
-            "the arm, the unit of the angles and the target"
+            f"{arm} is {found.rms[-1] / MM:.0f} mm. Run aacmm-pin check, with --reference-frame "
+            "external if the references are in another frame. The corrected coordinates are in the "
+            "frame of the base"
         )
     if found.is_worse:
         return "the correction makes the errors larger; run aacmm-pin diagnose to find what changed"

@@ -184,7 +184,7 @@ def _volume_at_the_point(summary: dict[str, Any]) -> str:
     return (
         "The accuracy volume of all errors within the half-widths is "
         f"{volume['min']:.4f} mm³ to {volume['max']:.4f} mm³, depending on the posture. The "
-        f"comprehensive accuracy is {volume['comprehensive']:.4f} mm³. "
+        f"comprehensive accuracy volume is {volume['comprehensive']:.4f} mm³. "
         f"Most of the variance comes from {largest} (theta_offset is a zero offset)."
     )
 

@@ -10,11 +10,12 @@ import pandas as pd
 from aacmm_pin._support.units import count
 from aacmm_pin.effects import listed, probability
 from aacmm_pin.report.document import Block, Bullets, Document, Paragraph, Table
+from aacmm_pin.report.numbers import percent
 
 DIAGNOSES_SCHEMA = "aacmm-pin/diagnoses/1"
-RMS = ("rms_as_stated_mm", "rms_recalibrated_mm", "rms_extended_mm")
+RMS = ("rms_as_stated_mm", "rms_extended_mm")
 SHOWN = ("arm", "records", "used", "verdict", "causes", "would_show", *RMS, "gain")
-FILE_HEADS = {"records": "file", "used": "records", "would_show": "would show"} | {
+FILE_HEADS = {"records": "file", "used": "records", "would_show": "shown causes"} | {
     name: name.removeprefix("rms_").replace("as_stated", "nominal") for name in RMS
 }
 
@@ -26,19 +27,17 @@ def diagnoses_document(table: pd.DataFrame) -> Document:
     verdicts = table["verdict"].dropna().value_counts()
     parts = [f"{number} {verdict}" for verdict, number in verdicts.items()]
     parts += [count(len(lacking), "error")] if len(lacking) else []
-    found = with_cause_texts(table)[~unused]
-    shown = zip(found["causes_shown"], found["causes_tried"], strict=True)
-    found["would_show"] = [f"{seen} of {of} causes" for seen, of in shown]
-    found = found.filter([*SHOWN])
+    found = with_cause_texts(table).assign(would_show=table["causes_shown"] / table["causes_tried"])
+    found = found[~unused].filter([*SHOWN])
     if table["arm"].nunique() == 1:
         found = found.drop(columns="arm")
     blocks: list[Block] = [
         Paragraph(f"The results of {count(len(table), 'file')} are {listed(parts)}.", finding=True),
         Table(
             found,
-            "Causes of typical magnitude that the records would show, RMS residuals of the three "
-            "arms, and gain on held-out records",
-            formats={"gain": ".0%"},
+            "Share of the causes of typical magnitude that the records would show, RMS residuals, "
+            "and gain on held-out records",
+            formats={"gain": percent, "would_show": percent},
             heads=FILE_HEADS,
         ),
         Bullets([*map(_problem, lacking["records"], lacking["error"])], "Files with an error:"),

@@ -25,10 +25,10 @@ def measurements_document(records: Measurements) -> Document:
     shown |= {"with reference": str(records.known.sum()), "seats": "none", "bars": "none"}
     if seats:
         each = np.array([len(rows) for rows in seats.values()])
-        shown["seats"] = f"{len(seats)}, each with {_range(each)} records"
+        shown["seats"] = f"{len(seats)} with {_range(each)} records each"
     if bars:
         mm = np.array([bar.length for bar in bars]) / MM
-        shown["bars"] = f"{len(bars)}, {_range(mm)} mm long"
+        shown["bars"] = f"{len(bars)} with lengths of {_range(mm)} mm"
     others = [*records.extra.columns]
     for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())

@@ -103,8 +103,8 @@ def _caption(map_: WorkspaceMap) -> str:
     return (
         "The map of the wrist covers the half-plane y = 0 with "
         f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells and {map_.sectors} sectors. The scene "
-        "leaves out cells out of reach. In each cell, the arm has the posture with the smallest "
-        f"accuracy volume.{without}"
+        "does not show cells that the arm cannot reach. In each cell, the arm has the posture with "
+        f"the smallest accuracy volume.{without}"
     )
 
 
