@@ -233,7 +233,7 @@ def test_columns_of_the_acceptance_file():
 
 
 def test_columns_of_the_measurement_file():
-    tables = ("Columns that most files have", "Optional columns")
+    tables = ("Common columns", "Optional columns")
     names = {key.removesuffix(" …") for key in documented("measurement_file", *tables)}
     numbered = {form.replace("#", "1") for form in numbered_forms(MEASUREMENT_FILE)}
     orders = {name for form in EULER_ANGLES for name in form if "zyx" not in name}
