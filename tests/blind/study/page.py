@@ -49,10 +49,10 @@ named cause is not hidden in the file. Intervals in parentheses are 95 % interva
 | explained, false name | files with the verdict `explained` and a false name |
 | false alarms | files without hidden causes in which `diagnose` names a cause |
 | hidden cause named | files with a hidden cause in which `diagnose` names a hidden cause |
-| detectable causes named | hidden causes that `diagnose` names with a probability of at least \
-0.95, as a share of the detectable hidden causes |
-| distinct causes named | hidden causes that `diagnose` names with a probability of at least \
-0.95, as a share of the detectable hidden causes without alias (λ ≥ 13) |
+| detectable causes named | share of the detectable hidden causes that `diagnose` names with a \
+probability of at least 0.95 |
+| distinct causes named | share of the detectable hidden causes without alias (λ ≥ 13) that \
+`diagnose` names with a probability of at least 0.95 |
 | files with false names | files in which `diagnose` names a cause that is not hidden |
 | structure named | share of the files with an error that the library lacks (λ ≥ 50) in which \
 `diagnose` names all quantities that the error depends on |
