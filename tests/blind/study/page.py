@@ -35,9 +35,10 @@ FORM = """# Diagnosis, measured
 This page counts how often `diagnose` names the true cause in simulated files.
 
 `python -m tests.blind.study --family NAME` simulates files of arms with hidden causes of error,
-runs `aacmm-pin diagnose` on each file, and compares the result with the truth. The simulator has
-exact physics, and shares no code with this package. Each file also contains small errors that the
-package does not model. `tests/blind/families.py` chooses arms, causes and records at random.
+runs `aacmm-pin diagnose` on each file, and compares the result with the truth. The simulator
+computes exact physics, and shares no code with this package. Each file also contains small errors
+that the package does not model. `tests/blind/families.py` chooses arms, causes and records at
+random.
 
 `diagnose` names a cause if the probability of the cause is at least 0.5. A name is false if the
 named cause is not hidden in the file. Intervals in parentheses are 95 % intervals.
