@@ -47,7 +47,7 @@ def family_file(family: str, seed: int, **given: Any) -> RegimeFile:
 
 
 def regimes(rng: np.random.Generator, seed: int) -> Given:
-    """Files with workshop conditions: various arms, noise and records, up to two hidden causes."""
+    """Files with arms, noise and records as in workshops, and with up to two hidden causes."""
     return {}
 
 
@@ -89,7 +89,7 @@ def noise_not_stated(rng: np.random.Generator, seed: int) -> Given:
 
 def held_postures(rng: np.random.Generator, seed: int) -> Given:
     """Files with several records of each posture. The records of one posture share an error. Half
-    of the files have a hidden cause, and half state the noise.
+    of the files have a hidden cause. Half of the files state the noise.
     """
     held, postures = int(rng.integers(3, 6)), int(rng.integers(40, 101))
     return PLAIN | {
@@ -171,7 +171,7 @@ IMITATED = (_waves, _more_waves, _neighbours, _tube, _stand)
 
 
 def payload_sessions(rng: np.random.Generator, seed: int) -> Given:
-    """Files with a different payload in each session, measured torques, and compliant joints."""
+    """Files with compliant joints, measured torques, and a different payload in each session."""
     return PLAIN | {
         "arm": str(rng.choice(["standard-dh", "modified-dh", "ur5", "panda"])),
         "evidence": str(rng.choice(["free", "target"], p=[0.8, 0.2])),

@@ -21,7 +21,7 @@ from blind.study.stored import stored
 Row = dict[str, Any]
 FORM = """# Diagnosis, measured
 
-*This page is written by `{command}`; do not edit it.*
+*The command `{command}` writes this page. Do not edit this page.*
 
 <!-- generated: study-age {digest} -->
 
@@ -35,37 +35,39 @@ FORM = """# Diagnosis, measured
 This page counts how often `diagnose` names the true cause in simulated files.
 
 `python -m tests.blind.study --family NAME` simulates files of arms with hidden causes of error,
-runs `aacmm-pin diagnose` on each file, and compares the result with the truth. The simulator has
-exact physics, shares no code with this package, and adds small errors that the package does not
-model. `tests/blind/families.py` chooses the arms, the causes and the records at random.
+runs `aacmm-pin diagnose` on each file, and compares the result with the truth. The simulator
+computes exact physics, and shares no code with this package. Each file also contains small errors
+that the package does not model. `tests/blind/families.py` chooses arms, causes and records at
+random.
 
 `diagnose` names a cause if the probability of the cause is at least 0.5. A name is false if the
-named cause is not hidden in the file. Intervals in parentheses cover 95 %.
+named cause is not hidden in the file. Intervals in parentheses are 95 % intervals.
 
 | column | meaning |
 |---|---|
-| right | files in which `diagnose` names a hidden cause, or names none if none is hidden |
-| explained | files with a hidden cause that have the verdict `explained` |
+| right | files in which `diagnose` names a hidden cause, or no cause if no cause is hidden |
+| explained | files with a hidden cause and the verdict `explained` |
 | explained, false name | files with the verdict `explained` and a false name |
 | false alarms | files without hidden causes in which `diagnose` names a cause |
 | hidden cause named | files with a hidden cause in which `diagnose` names a hidden cause |
-| detectable causes named | hidden causes that `diagnose` names with a probability of at least \
-0.95, as a share of all hidden causes that the best test would detect |
-| distinct causes named | hidden causes that `diagnose` names with a probability of at least \
-0.95, as a share of the detectable hidden causes without alias (λ ≥ 13) |
+| detectable causes named | share of the detectable hidden causes that `diagnose` names with a \
+probability of at least 0.95 |
+| distinct causes named | share of the detectable hidden causes without alias (λ ≥ 13) that \
+`diagnose` names with a probability of at least 0.95 |
 | files with false names | files in which `diagnose` names a cause that is not hidden |
-| structure named | share of the files with clear hidden structure (λ ≥ 50) in which `diagnose` \
-names all covariates of the structure |
+| structure named | share of the files with an error that the library lacks (λ ≥ 50) in which \
+`diagnose` names all quantities that the error depends on |
 | names | number of named causes |
 | stated minus true | mean stated probability of the named causes minus the share of true names |
-| 0.5 to 0.8, … | named causes with a probability in this range: mean stated probability, and \
-number of true names |
+| 0.5 to 0.8, … | mean stated probability of the named causes in this range, and share of true \
+names |
 | median CPU s | median CPU time of `diagnose` [s] |
 
 Two causes count as the same cause if the cosine of their effects, after a refit of all other
 parameters, is above 0.95. The number λ is the increase of χ² if the fit omits a cause or replaces
-it by another cause. The best test knows all other errors, has a power of 0.9, and gives a false
-alarm in 1 of 10 000 tests.
+the cause by another cause. A hidden cause is detectable if the best test detects the cause with a
+probability of at least 0.9. The best test knows all other errors, and gives a false alarm in 1 of
+10 000 tests.
 
 {tables}
 """
