@@ -208,7 +208,7 @@ def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str,
         came = ", ".join(map(shortened, numbers))
         problems.add(
             span(found),
-            f"columns {came}; expected numbers from 1 without a gap; {missing} is missing",
+            f"columns {came}; expected numbers from 1 without a gap; add {missing}",
         )
     return tuple(found)
 
