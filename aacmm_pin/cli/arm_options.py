@@ -96,7 +96,7 @@ class UrdfArm:
                 else ""
             )
             frames = (
-                f"{self.urdf} has the frames (from the last to the first) "
+                f"expected a frame of {self.urdf} (from the last to the first): "
                 f"{', '.join(error.known[: -NAMES_LISTED - 1 : -1])}{more}"
             )
             if self.frame is not None:
