@@ -95,7 +95,7 @@ class MissingConditionError(AacmmError):
 
     def __init__(self, purpose: str, column: str) -> None:
         self.column = column
-        super().__init__(f"{purpose}: the records lack the column {column}; add this column")
+        super().__init__(f"{purpose}: the records lack the column `{column}`; add this column")
 
 
 class MeasurementFileError(AacmmError):
@@ -140,5 +140,5 @@ class MistakenFileError(AacmmError):
         super().__init__(
             f"{source} does not fit this arm: {mistake}{also}. Without this mistake, the median "
             f"residual falls from {before * 1e3:.4g} mm to {after * 1e3:.2g} mm. Correct the file, "
-            "the arm or the options"
+            "the arm file or the options"
         )

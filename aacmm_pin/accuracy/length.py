@@ -175,8 +175,8 @@ def _directions(difference: Array) -> tuple[Array, Array]:
     length = np.linalg.norm(difference, axis=1)
     if (length < SHORTEST).any():
         raise AacmmError(
-            f"the points of pair {int(length.argmin())} have a distance of {length.min() / MM:g} "
-            "mm; expected two different points"
+            f"the points of pair {int(length.argmin())} are {length.min() / MM:g} mm apart; "
+            "expected two different points"
         )
     return difference / length[:, None], length
 

@@ -438,8 +438,8 @@ class Arm(Shown):
         if self.dh is None:
             first = f" whose first {joints} rows are joints" if joints else ""
             raise UnsupportedArmError(
-                f"{self.name}: no DH table; {purpose} needs a DH table{first}; to make the table "
-                "of a URDF, run aacmm-pin urdf --to-dh"
+                f"{self.name} has no DH table; {purpose} needs a DH table{first}; to make the "
+                "table of a URDF, run aacmm-pin urdf --to-dh"
             )
         if self.dh.rows < joints or not self.dh.moving[:joints].all():
             raise UnsupportedArmError(

@@ -695,7 +695,7 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
             known = sorted(field.alias or name for name, field in fields.items())
             return key, f"unknown key; expected one of {', '.join(known)}"
         case "missing":
-            return key, "missing; expected a value"
+            return key, "missing key; expected a value"
         case "value_error":
             return key, str(item["ctx"]["error"])
     expected = re.sub("[0-9]{16,}", lambda digits: f"{float(digits[0]):g}", expected_words(item))

@@ -130,5 +130,5 @@ class Room:
         raise AacmmError(
             f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have the tip at "
             f"least {CLEAR / MM:g} mm from the axis of joint 1{high}; expected at least "
-            f"{count}; check the lengths and limits of the arm, and the height of the table"
+            f"{count}; check the lengths and joint limits of the arm, and the height of the table"
         )

@@ -42,7 +42,7 @@ def run(
     files: Annotated[
         list[str],
         files_argument(
-            "ARM: arm that computes coordinates from readings (repeatable). DATA: file of probed "
+            "ARM: arm to compute coordinates from readings (repeatable). DATA: file of probed "
             "points (CSV)."
         ),
     ],
@@ -51,7 +51,8 @@ def run(
     measuring_range_mm: Annotated[
         float | None,
         length_option(
-            "Measuring range of the arm; the longest length must be at least 66 % of it.",
+            "Measuring range of the arm. The report has length errors only if the longest length "
+            "is at least 66 % of this range.",
             BAR_LENGTH,
         ),
     ] = None,
@@ -77,7 +78,7 @@ def run(
     output: Annotated[Path | None, page_option("the test report", "--report", "-o")] = None,
     history: Annotated[
         Path | None,
-        output_option("FILE.csv", "Append this check to this CSV file of all checks."),
+        output_option("FILE.csv", "Append the results of this check to this CSV file."),
     ] = None,
     plot: Plot = None,
     exit_status: Annotated[
@@ -93,8 +94,8 @@ def run(
 ) -> None:
     """Evaluate an acceptance test (ISO 10360-12, ASME B89.4.22).
 
-    The definitions come from public descriptions of ISO 10360-12:2016 and ASME B89.4.22-2004.
-    Nobody has compared these definitions with the texts of the standards.
+    The definitions of the test values come from public descriptions of ISO 10360-12:2016 and
+    ASME B89.4.22-2004. Nobody has compared these definitions with the texts of the standards.
     """
     from aacmm_pin.report import (  # these load what draws
         CheckDetails,

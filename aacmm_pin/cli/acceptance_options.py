@@ -24,7 +24,7 @@ Mpe = Annotated[
     list[str] | None,
     typer.Option(
         metavar="CHARACTERISTIC=MM",
-        help="Maximum permissible error (MPE) of a characteristic, or a TOML file of such errors "
+        help="Maximum permissible error (MPE) of a characteristic, or a TOML file of MPEs "
         "(repeatable).",
     ),
 ]

@@ -56,7 +56,9 @@ def run(
             metavar="X Y Z",
         ),
     ] = None,
-    method: Annotated[Method, typer.Option(help="Method for the accuracy volume.")] = "zonotope",
+    method: Annotated[
+        Method, typer.Option(help="Method for the volume of possible positions.")
+    ] = "zonotope",
     sectors: Sectors = 12,
     seed: Seed = 1,
     output: Annotated[

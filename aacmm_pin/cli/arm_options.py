@@ -96,7 +96,7 @@ class UrdfArm:
                 else ""
             )
             frames = (
-                f"{self.urdf} has the frames (from the last to the first) "
+                f"expected a frame of {self.urdf} (from the last to the first): "
                 f"{', '.join(error.known[: -NAMES_LISTED - 1 : -1])}{more}"
             )
             if self.frame is not None:
@@ -144,8 +144,8 @@ class UncertainArm(AnyArm):
     translation_half_width_mm: Annotated[
         float | None,
         length_option(
-            "With --urdf: half-width of each translation of every joint placement. 0 means not "
-            "stated.",
+            "With --urdf: half-width of each translation of every joint placement. 0: the arm has "
+            "no stated half-width.",
             plausible.SHIFT_HALF_WIDTH,
             ARM,
         ),
@@ -154,7 +154,7 @@ class UncertainArm(AnyArm):
         float | None,
         angle_option(
             "With --urdf: half-width of each rotation of every joint placement, in rad or as "
-            "20arcsec. 0 means not stated.",
+            "20arcsec. 0: the arm has no stated half-width.",
             plausible.TURN_HALF_WIDTH,
             ARM,
         ),

@@ -37,7 +37,7 @@ def run(
     arm: ArmAndData,
     how: MeasuredHow,
     parameters: Annotated[
-        Literal["zero-offsets", "geometry"], typer.Option(help="Estimate these parameters.")
+        Literal["zero-offsets", "geometry"], typer.Option(help="Parameters to estimate.")
     ] = "geometry",
     effect: EffectTexts = None,
     no_cross_validation: Annotated[

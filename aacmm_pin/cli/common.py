@@ -143,12 +143,12 @@ def page_option(page: str, *names: str) -> Any:
 Json = Annotated[
     str | None,
     output_option(
-        "FILE.json", "Write the results as one JSON object. - is standard output.", "--json"
+        "FILE.json", "Write the results as one JSON object. For standard output, write -.", "--json"
     ),
 ]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the random generator.")]
 Sectors = Annotated[
-    int, typer.Option(metavar="N", min=1, help="Number of sectors of the configuration circle.")
+    int, typer.Option(metavar="N", min=1, help="Number of sectors of the swivel angle.")
 ]
 EffectTexts = Annotated[
     list[str] | None,

@@ -70,23 +70,25 @@ def run(
         typer.Option(
             metavar="ARM",
             help="Compare with this nominal arm (name or arm file, or URDF if ARM comes from a "
-            "URDF). Default: the URDF that ARM names, or ARM without causes of error if ARM names "
-            "no URDF. Required with --commands unless ARM names a URDF.",
+            "URDF). Default: the URDF that ARM names. If ARM names no URDF, the default is ARM "
+            "without causes of error, and --commands requires --nominal.",
         ),
     ] = None,
     commands: Annotated[
         bool,
         typer.Option(
             "--commands",
-            help="Use the angles as robot commands. Add corrected commands, which move the real "
-            "tip to the position of the nominal tip, and u of this position.",
+            help="Use the angles as robot commands. Add corrected commands and the uncertainty of "
+            "the position. Corrected commands move the real tip to the position of the nominal "
+            "tip.",
         ),
     ] = False,
     orientation: Annotated[
         bool,
         typer.Option(
             "--orientation",
-            help="Add the orientation of the tip. Default: only if the file states orientations.",
+            help="Add the orientation of the tip. Default: add the orientation only if the file "
+            "states orientations.",
         ),
     ] = False,
     output: CsvOutput = None,
@@ -159,8 +161,8 @@ def run(
     effects = ", ".join(effect.label for effect in model.effects) or "none"
     done = np.isfinite(found[:, 0]).sum()
     status(
-        f"{path}: corrected {done} of {readings.n} readings with {model.arm.name} "
-        f"(causes: {effects})"
+        f"{path}: computed the tip for {done} of {readings.n} records with {model.arm.name}. "
+        f"Causes of error in this arm: {effects}"
     )
 
 

@@ -38,8 +38,8 @@ def run(
         bool,
         typer.Option(
             "--with-discrepancy",
-            help="Also save the discrepancy (structure that no cause explains), with its u, in the "
-            "arm file of --arm-out.",
+            help="Also save the discrepancy (structure that no cause explains) and its uncertainty "
+            "in the arm file of --arm-out.",
         ),
     ] = False,
     seed: Seed = 1,
@@ -50,7 +50,7 @@ def run(
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Find causes of error that the model of an arm lacks, and compute the gain."""
+    """Find causes of error that the model of an arm lacks."""
     from aacmm_pin.report import (
         diagnosis_document,
         terminal,  # these load what draws

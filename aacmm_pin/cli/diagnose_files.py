@@ -30,7 +30,7 @@ def run(
         typer.Argument(
             metavar="ARM DATA...",
             help="ARM: name or arm file (*.toml). DATA: measurement files (CSV) of this arm. "
-            "Repeat both for other arms. With --urdf, omit ARM.",
+            "To use other arms too, repeat ARM and DATA. With --urdf, omit ARM.",
         ),
     ],
     robot: UrdfArm,
@@ -82,7 +82,7 @@ def run(
 
 def _pairs(files: list[str], robot: UrdfArm) -> list[tuple[GivenModel, str]]:
     """Each measurement file with the arm that stands before it, or that of ``--urdf``."""
-    expected = "expected ARM (name or *.toml) before its measurement files, or --urdf"
+    expected = "expected ARM (name or *.toml) and then its measurement files, or --urdf"
     pairs: list[tuple[GivenModel, str]] = []
     arm: GivenModel | None = robot.of_urdf()
     for name, following in zip(files, [*files[1:], ""], strict=True):

@@ -41,7 +41,7 @@ def run(
     extent_mm: Annotated[
         tuple[float, float, float, float] | None,
         length_option(
-            "Map this part of the half-plane y = 0, in mm. Default: the reach of the arm.",
+            "Compute this part of the half-plane y = 0, in mm. Default: the reach of the arm.",
             COORDINATE,
             metavar="X0 X1 Z0 Z1",
         ),
@@ -50,12 +50,13 @@ def run(
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="Map the tip, with the stylus in this direction. Default: map the wrist.",
+            help="Place the tip in each cell, with the stylus in this direction. Default: place "
+            "the wrist there.",
         ),
     ] = None,
     method: Annotated[
         Literal["zonotope", "jointwise", "ellipsoid"],
-        typer.Option(help="Method for the accuracy volume."),
+        typer.Option(help="Method for the volume of possible positions."),
     ] = "zonotope",
     workers: WorkerCount = 1,
     output: Output = None,
@@ -67,12 +68,12 @@ def run(
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Map flexibility and accuracy over the workspace (netCDF)."""
+    """Compute flexibility and accuracy in each cell of the workspace (netCDF)."""
     if quantity is not None and plot is None:
         raise typer.BadParameter("--quantity requires --plot")
     with Results(force, output, plot=plot, json_=json_) as results:
         model = restrict_to_known_range(arm.model())
-        model.arm.require_dh("a map")
+        model.arm.require_dh("a map of the workspace")
         extent = None if extent_mm is None else np.array(extent_mm) * MM
         for caveat in map_caveats(model.arm, extent, axis):
             note(caveat)

@@ -19,22 +19,23 @@ FrameOfReferences = Annotated[
     ReferenceFrame,
     typer.Option(
         help="Frame of the reference data. base: base of the arm. external: an unknown frame, "
-        "which the fit estimates. session: an unknown frame for each label in the column session."
+        "which the fit estimates. session: an unknown frame for each label in the column "
+        "'session'."
     ),
 ]
 TargetOfReferences = Annotated[
     Target,
     typer.Option(
-        help="Point that the reference data describe. tip: the tip of the arm. unknown: another "
-        "point of the last body; the calibrated arm has its tip there. frame: the tip, and the "
-        "orientations are those of its axes."
+        help="Point that the reference data describe. tip: the tip of the arm. unknown: a point "
+        "at an unknown place of the last body. The calibrated arm has its tip at this point. "
+        "frame: the tip, with orientations of the axes of the tip."
     ),
 ]
 
 NoCrossValidation = Annotated[
     bool,
     typer.Option(
-        "--no-cross-validation", help="Do not compute the gain on held-out records (faster)."
+        "--no-cross-validation", help="Do not compute residuals of held-out records (faster)."
     ),
 ]
 

@@ -39,8 +39,8 @@ def run(
     length_mm: Annotated[
         list[float] | None,
         length_option(
-            "Calibrated length (repeatable). ISO 10360-12 needs five lengths, ASME B89.4.22 two. "
-            "Default: equally spaced lengths up to 2/3 of the measuring range.",
+            "Calibrated length (repeatable). ISO 10360-12 needs five lengths, and ASME B89.4.22 "
+            "needs two. Default: equally spaced lengths up to 2/3 of the measuring range.",
             BAR_LENGTH,
         ),
     ] = None,
@@ -57,7 +57,8 @@ def run(
 ) -> None:
     """Plan the probed points of an acceptance test (CSV to fill in).
 
-    The definitions come from public descriptions of ISO 10360-12:2016 and ASME B89.4.22-2004.
+    The definitions of the test values come from public descriptions of ISO 10360-12:2016 and
+    ASME B89.4.22-2004.
     """
     lengths = [length * MM for length in length_mm] if length_mm else None
     with Results(files.force, files.output, page=files.sheet) as results:

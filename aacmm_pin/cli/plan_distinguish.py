@@ -41,7 +41,7 @@ def run(
     ] = None,
     keep_set_up: Annotated[
         bool,
-        typer.Option("--keep-set-up", help="Propose neither a load nor another mount of the arm."),
+        typer.Option("--keep-set-up", help="Keep the load and the mount of the arm."),
     ] = False,
     arm_out: Annotated[
         Path | None,

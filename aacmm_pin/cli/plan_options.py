@@ -61,14 +61,14 @@ class PlannedRecords(PlanFiles):
     existing: Annotated[
         str | None,
         typer.Option(
-            metavar="FILE.csv", help="Existing records. The plan adds new records to them."
+            metavar="FILE.csv", help="Existing records, to which the plan adds new records."
         ),
     ] = None
     scheme: Annotated[
         PlannedScheme,
         typer.Option(
             help="Kind of reference data. free: coordinates of each record. seats: seats of "
-            "--existing, or new seats if --existing has none.",
+            "--existing. If --existing has no seats, the plan proposes new seats.",
         ),
     ] = "free"
     postures: Annotated[

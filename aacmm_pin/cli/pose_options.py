@@ -42,22 +42,23 @@ class Orientation:
         bool,
         typer.Option(
             "--tip",
-            help="Place the tip at the point, not the wrist. --axis and --rpy-deg imply --tip.",
+            help="Place the tip at the point. Default: place the wrist there. --axis and --rpy-deg "
+            "imply --tip.",
         ),
     ] = False
     axis: Annotated[
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="Direction of the stylus (with --urdf: of the tool) in the base frame. The tip is "
-            "then at the point. Default: the wrist is at the point, and the direction is free.",
+            help="Direction of the stylus in the base frame (with --urdf: direction of the tool). "
+            "Default: any direction.",
         ),
     ] = None
     tool_axis: Annotated[
         Triple | None,
         typer.Option(
             metavar="X Y Z",
-            help="With --urdf and --axis: axis of the tip frame that has the direction of --axis. "
+            help="With --urdf and --axis: axis of the tip frame that points along --axis. "
             "Default: z.",
         ),
     ] = None

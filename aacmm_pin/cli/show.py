@@ -43,8 +43,8 @@ def run(
         str | None,
         typer.Option(
             metavar='"θ1 θ2 …"',
-            help="Show one posture, in degrees (prismatic joints: mm). Default: 0 for all joints "
-            "if the joint limits allow it, otherwise the middle of the limits.",
+            help="Show one posture, in degrees (prismatic joints: mm). Default: 0 for all joints. "
+            "If 0 is outside the limits of a joint, the default is the middle of all limits.",
         ),
     ] = None,
     noise: EncoderNoise,

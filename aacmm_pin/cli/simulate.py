@@ -60,8 +60,8 @@ class Planned:
         Scheme,
         typer.Option(
             help="Kind of reference data. free: coordinates of each record. seats: points that are "
-            "touched in several postures. ball-bar: bars. single-point: one seat without "
-            "coordinates."
+            "touched in several postures. ball-bar: bars of known length. single-point: one seat "
+            "without coordinates."
         ),
     ] = "seats"
     procedure: Annotated[
@@ -75,7 +75,7 @@ class Planned:
         int,
         typer.Option(
             metavar="N",
-            help="With --scheme seats or ball-bar: number of seats. A bar has two seats.",
+            help="With --scheme seats or ball-bar: number of seats. Each bar has two seats.",
         ),
     ] = 10
     no_seat_coordinates: Annotated[
@@ -170,8 +170,9 @@ def run(
 ) -> None:
     """Simulate measurements of an arm with known errors (CSV).
 
-    Default noise (standard uncertainty): for readings the value in the arm file, or 8 µrad if the
-    arm file states none; for references 0.012 mm; for contacts 0.
+    The default noise (standard uncertainty) of readings is the value in the arm file. If the arm
+    file states no noise, the default is 8 µrad. The default noise of references is 0.012 mm.
+    Contacts have no noise by default.
     """
     planned.refuse_others(context)
     rng = np.random.default_rng(seed)

@@ -374,7 +374,8 @@ def require_row(effect: Effect, arm: Arm) -> Effect:
     """
     if effect.row is not None and effect.row > arm.chain.rows:
         raise AacmmError(
-            f"{effect.label}: {arm.name} has no such row; expected 1 to {arm.chain.rows}"
+            f"{effect.label}: {arm.name} has no joint or link of this number; expected a "
+            f"number from 1 to {arm.chain.rows}"
         )
     return effect
 

@@ -63,8 +63,8 @@ def joint_commands(
     if _has_tip_on_target(model) and not _has_tip_on_target(nominal):
         raise AacmmError(
             f"{model.arm.name}: the tip is a target, and not the tip of {nominal.arm.name}; "
-            "expected the same tip. Calibrate again with the column marker, or add the target as a "
-            "frame of the URDF or as a fixed last row of the table"
+            "expected the same tip. Calibrate again with the column `marker`, or add the target as "
+            "a frame of the URDF or as a fixed last row of the table"
         )
     q = batch(q, model.arm.nq, "q", "rad")
     wanted = nominal.state(q, conditions)

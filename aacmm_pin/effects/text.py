@@ -155,7 +155,7 @@ def effect_from(
             raise UnknownNameError(f"field of {kind.cause}", name, list(fields_of(kind)))
     missing = [name for name in fields_of(kind) if name not in stated and not hasattr(kind, name)]
     if missing:
-        raise AacmmError(f"{kind.cause}: no {', '.join(missing)}; expected a value")
+        raise AacmmError(f"{kind.cause}: {', '.join(missing)} is missing; expected a value")
     u = dict(uncertainty or {})
     nonlinear_u = u.pop(kind.nonlinear.field, 0.0)
     fields = {name: _checked_field(kind, name, value) for name, value in stated.items()}

@@ -241,7 +241,7 @@ class EncoderSlip(Effect):
         later = self._is_of_later_session(conditions)
         if conditions.n and later.all():
             return np.ones(conditions.n)
-        or_else = " without column session" if self.sessions else ""
+        or_else = " without the column `session`" if self.sessions else ""
         time = conditions.require("time", self.label + or_else)
         low, high = self.between_s or (self.time_s, self.time_s)
         is_between = (low < time) & (time < high)

@@ -208,7 +208,7 @@ def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str,
         came = ", ".join(map(shortened, numbers))
         problems.add(
             span(found),
-            f"columns {came}; expected numbers from 1 without a gap; {missing} is missing",
+            f"the numbers are {came}; expected numbers from 1 without a gap; add {missing}",
         )
     return tuple(found)
 
@@ -239,7 +239,7 @@ def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems
         expected = span(named(THETA[header.unit], nq))
         problems.add(
             span(theta),
-            f"angles of {len(theta)} joints; expected {expected}, because the arm has "
+            f"the file has angles of {len(theta)} joints; expected {expected}, because the arm has "
             f"{count(nq, 'joint')}",
         )
 
@@ -275,7 +275,9 @@ def _check_companions(there: set[str], problems: Problems) -> None:
         missing = [name for name in group if name not in there]
         if present and missing:
             expected = f"expected all of {', '.join(group)}"
-            problems.add(", ".join(missing), f"missing beside {', '.join(present)}; {expected}")
+            problems.add(
+                ", ".join(missing), f"missing, but the file has {', '.join(present)}; {expected}"
+            )
     stated = [form for form in ORIENTATIONS if there.intersection(form)]
     if len(stated) > 1:
         problems.add(
@@ -288,7 +290,7 @@ def _check_companions(there: set[str], problems: Problems) -> None:
     if there.intersection(BAR) and "seat" not in there:
         problems.add(
             "seat",
-            "missing beside bar; expected the label of the seat at each end of a bar",
+            "missing, but the file has bar; expected the label of the seat at each end of a bar",
         )
 
 

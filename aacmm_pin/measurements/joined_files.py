@@ -35,8 +35,8 @@ def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataF
                 other,
                 None,
                 RECORD,
-                f"{len(two)} rows; expected {len(one)}, as many as in {path}, or the column record "
-                "in both files",
+                f"{len(two)} rows; expected {len(one)}, as many as in {path}, or the column "
+                "`record` in both files",
             )
         return pd.concat([one, two], axis=1)
     _check_labels(path, first, second.table, other)

@@ -192,7 +192,7 @@ def bars_for(
         extent = np.linalg.norm(pool.tips.max(axis=0) - pool.tips.min(axis=0))
         raise AacmmError(
             f"{pool.arm.name}: the workspace has room for {found.sum()} bars of {length / MM:g} "
-            f"mm; expected {wanted}; reduce the length or the number of bars (the diagonal of the "
+            f"mm; expected {wanted}; use shorter or fewer bars (the diagonal of the "
             f"workspace is {extent / MM:.0f} mm)"
         )
     a = a[found]

@@ -174,7 +174,7 @@ def _check_zeros(values: Values, problems: Problems) -> None:
             span(REFERENCE),
             f"all {np.count_nonzero(known)} references are 0, 0, 0; expected the coordinates of "
             "each point; leave unknown coordinates empty; if all records are of one point, label "
-            "this point in the column seat",
+            "this point in the column `seat`",
         )
 
 

@@ -118,7 +118,9 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
     if not given:
         return None
     if missing := [name for name in REFERENCE if name not in table]:
-        problems.add(", ".join(missing), f"missing beside {', '.join(given)}; expected all three")
+        problems.add(
+            ", ".join(missing), f"missing, but the file has {', '.join(given)}; expected all three"
+        )
     values = read_values(table[given], MEASUREMENT_FILE, problems)
     check_numbers(values, MEASUREMENT_FILE, problems)
     for name in given:

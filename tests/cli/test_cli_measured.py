@@ -238,7 +238,7 @@ def test_corrected_coordinates_are_those_of_the_model(extended, folder, tmp_path
     source = folder / "warm.csv"
     out, err = done(f"correct {extended} {source} {NOISE} -o {tmp_path / 'c.csv'}")
     assert out == ""
-    assert "150 of 150 readings" in err
+    assert "150 of 150 records" in err
     before, after = (
         pd.read_csv(path, dtype=str, na_filter=False) for path in (source, tmp_path / "c.csv")
     )

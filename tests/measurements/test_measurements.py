@@ -303,7 +303,7 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
     ("theta1_deg,seat,seat", None, "seat", "2 columns"),
     ("a,b,x_mm", None, "", "'a', 'b', 'x_mm'"),
     ("J1 [deg],J2 [deg],x_mm", None, "", "rename them theta1_deg … theta2_deg"),
-    ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "theta2_deg is missing"),
+    ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "add theta2_deg"),
     (
         "theta1_deg,theta2_rad,theta3_deg",
         None,
@@ -317,7 +317,7 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
         "theta1_deg,temperature1_c,temperature3_c",
         None,
         "temperature1_c … temperature3_c",
-        "temperature2_c is missing",
+        "add temperature2_c",
     ),
     ("theta1_deg,theta2_deg,torque1_nm", None, "torque1_nm", "each of the 2 joints"),
 ]

@@ -136,7 +136,7 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     """
     seats = result.fit.problem.measurements.seats()
     if not seats:
-        raise AacmmError("these records name no seat; expected labels in the column seat")
+        raise AacmmError("these records name no seat; expected labels in the column `seat`")
     names, table = sorted(seats, key=numbers_by_size), result.residuals
     ax = axes_of(ax, (min(14.0, max(5.0, 1.6 + 0.55 * len(seats))), 3.6))
     top = 1.15 * float(table.loc[result.fit.used, ["before_mm", "after_mm"]].max().max()) or 1.0
