@@ -156,11 +156,11 @@ def run(
             name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)
         }
         results.text(dialect.text(table.assign(**columns)), output)
-    effects = ", ".join(effect.label for effect in model.effects) or "none"
+    effects = ", ".join(effect.label for effect in model.effects)
     done = np.isfinite(found[:, 0]).sum()
     status(
-        f"{path}: corrected {done} of {readings.n} readings with {model.arm.name} "
-        f"(causes: {effects})"
+        f"{path}: corrected {done} of {readings.n} readings with {model.arm.name}"
+        + (f" and the causes of error {effects}" if effects else ", which has no causes of error")
     )
 
 

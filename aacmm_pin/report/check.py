@@ -18,7 +18,7 @@ from aacmm_pin.report.measurements import measurements_document
 from aacmm_pin.report.numbers import lengths
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
-MISSING = "Columns that the file lacks, and the causes of error that need them"
+MISSING = "Causes of error that diagnose cannot try, because the file lacks a column"
 
 
 @document_of.register

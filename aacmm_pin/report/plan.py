@@ -101,7 +101,7 @@ def _power(plan: MeasurementPlan) -> str:
     if plan.before is not None:
         text += f", and {probability(plan.before.probability)} with only the existing records"
     increase = f"T = {three_digits(plan.after.least)}"
-    text += f" (expected increase of χ² if the model has the wrong cause: {increase})"
+    text += f". If the model has the wrong cause, χ² increases by about {increase}"
     return text + ("" if plan.decided else f". The probability is too small to decide{_more(plan)}")
 
 

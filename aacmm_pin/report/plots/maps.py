@@ -89,7 +89,7 @@ def plot_map(
     outside = reachable & np.isnan(values)
     marked = (
         (~reachable, UNREACHABLE, "out of reach"),
-        (outside, OUTSIDE_LIMITS, "in reach, no working sector"),
+        (outside, OUTSIDE_LIMITS, "in reach, no posture within the joint limits"),
     )
     for cells, colour, text in marked:
         if cells.any():

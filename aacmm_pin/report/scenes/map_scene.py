@@ -79,7 +79,9 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     if outside.any():
         pink = np.array(to_rgb(OUTSIDE_LIMITS))
         _draw_cells(scene, workspace_map, "outside limits", outside, pink)
-        scene.swatches.insert(0, Swatch(OUTSIDE_LIMITS, "in reach, no working sector", "area"))
+        scene.swatches.insert(
+            0, Swatch(OUTSIDE_LIMITS, "in reach, no posture within the joint limits", "area")
+        )
     texts = {
         "x of the cell": [f"{x / MM:.1f} mm" for x in points[:, 0]],
         "z of the cell": [f"{z / MM:.1f} mm" for z in points[:, 2]],
@@ -101,8 +103,8 @@ def _caption(map_: WorkspaceMap) -> str:
     left_out = ", ".join(map_.not_included)
     without = f" The accuracy does not include {left_out}." if left_out else ""
     return (
-        "The map of the wrist covers the half-plane y = 0 with "
-        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells and {map_.sectors} sectors. The scene "
+        "The map covers positions of the wrist in the half-plane y = 0, with "
+        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells of {map_.sectors} sectors. The scene "
         "does not show cells that the arm cannot reach. In each cell, the arm has the posture with "
         f"the smallest accuracy volume.{without}"
     )
@@ -111,8 +113,8 @@ def _caption(map_: WorkspaceMap) -> str:
 def _on_slider(frames: int, cells: int) -> str:
     some = "" if frames == cells else f"{frames} of "
     return (
-        f"The slider shows {some}the {cells} cells with a posture within the limits, column by "
-        "column."
+        f"The slider shows {some}the {cells} cells with a posture within the joint limits, column "
+        "by column."
     )
 
 
