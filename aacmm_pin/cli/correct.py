@@ -281,7 +281,7 @@ def _note_comparisons(
     if before is not None:
         compared.insert(0, before.correct(records.q, records.conditions))
     elif model.effects:  # geometry alone: the file may know the effects together with it
-        first = "this arm without its causes of error"
+        first = "the arm without causes of error"
         compared.insert(0, model.arm.positions(records.q))
     for comparison in compare(records, compared, u):
         text = comparison_in_words(comparison, first)

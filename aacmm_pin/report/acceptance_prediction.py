@@ -32,7 +32,7 @@ PREDICTION_HEADS = {
     "mpe_mm": "MPE [mm]",
     "probability_to_pass": "conforming share",
     "dominant": "largest cause",
-    "dominant_alone_mm": "its median [mm]",
+    "dominant_alone_mm": "median of this cause alone [mm]",
 }
 """Columns of the table, and their heads."""
 STATED_ONLY = (

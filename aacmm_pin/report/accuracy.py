@@ -30,7 +30,7 @@ END_POSTURES = {
 """Postures of an accuracy summary in words."""
 CELLS = "Number of reachable cells, by the number of sectors with a posture within the joint limits"
 MAPPED = {
-    "comprehensive_mm3": "comprehensive accuracy_mm3",
+    "comprehensive_mm3": "comprehensive volume_mm3",
     "best_mm3": "smallest volume_mm3",
     "worst_mm3": "largest volume_mm3",
     "smallest_u_mm": "smallest u_mm",

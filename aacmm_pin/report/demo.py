@@ -83,8 +83,8 @@ FILES = {
     "site/index.html": "the documentation (the README states how to build it into this folder)",
     "configurations.csv": "every posture at the working point, angles in degrees",
     "accuracy.json": "accuracy at the working point",
-    "map.nc": "the map, cell by cell (netCDF)",
-    "map.json": "summary of the map",
+    "map.nc": "the map of the workspace, cell by cell (netCDF)",
+    "map.json": "summary of the map of the workspace",
     "measured.csv": "the simulated measurements",
     "diagnosis.json": "the verdict and its numbers",
 }

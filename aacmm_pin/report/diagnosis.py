@@ -647,7 +647,7 @@ def _wrong(result: Diagnosis) -> list[Block]:
     if worst.empty:
         none = f"No group of records has an RMS residual of the nominal arm above {beside}."
         return [title, figure, Paragraph(none)]
-    caption = f"Groups in which the RMS residual of the nominal arm most exceeds {beside}"
+    caption = f"Groups of records with an RMS residual of the nominal arm above {beside}"
     return [title, figure, Table(worst, caption, {f"nominal / {predicted}": ".2f"}, most=WORST)]
 
 

@@ -115,7 +115,7 @@ def test_maps(sino6):
     map_ = map_workspace(sino6, (12, 24), 4)
     for column, label, scale in (
         ("flexibility", "flexibility ζ [1]", 1.0),
-        ("comprehensive_mm3", "comprehensive accuracy [mm³]", 1.0),
+        ("comprehensive_mm3", "comprehensive accuracy volume [mm³]", 1.0),
         ("smallest_u_mm", "smallest standard uncertainty u [µm]", 1e3),
     ):
         ax = plot_map(map_, column)

@@ -34,7 +34,7 @@ class _Quantity:
 _OF_SECTORS = ", {sectors} sectors"
 QUANTITIES: dict[Quantity, _Quantity] = {
     "comprehensive_mm3": _Quantity(
-        "comprehensive accuracy [mm³]", "comprehensive accuracy, {method}"
+        "comprehensive accuracy volume [mm³]", "comprehensive accuracy volume, {method}"
     ),
     "best_mm3": _Quantity(
         "smallest accuracy volume [mm³]", "accuracy volume of the best posture, {method}"

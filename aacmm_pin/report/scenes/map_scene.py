@@ -66,14 +66,14 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
 
     of_cells, of_arm = _corners(workspace_map, reachable), bodies.corners(q)
     everything = np.vstack([of_cells.reshape(-1, 3), of_arm.reshape(-1, 3)])
-    title = f"{arm.name}: comprehensive accuracy"
+    title = f"{arm.name}: comprehensive accuracy volume"
     scene = stage(title, _caption(workspace_map), bodies, everything, points)
     scene.view = View(
         np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM_ROUND_ARM * bodies.radius
     )
     scene.bar = bar
     scene.notes.insert(0, _on_slider(len(q), int(works.sum())))
-    draw_ball(scene, "point", "working point (wrist in a cell)", 0.75 * bodies.radius, points[0])
+    draw_ball(scene, "point", "wrist at the centre of a cell", 0.75 * bodies.radius, points[0])
     inside, outside = np.isfinite(values), reachable & np.isnan(values)
     _draw_cells(scene, workspace_map, "cells", inside, bar.colours(values[inside]))
     if outside.any():
