@@ -420,8 +420,8 @@ def _over_joints(result: Calibration) -> Figure:
         "Residuals over the angle of each joint",
         "Each panel shows residuals after calibration against the angle of one joint, in the "
         "direction in which the joint moves the tip. The line connects means of "
-        f"{LEAST_IN_BIN} or more residuals, and the bars show u of the means. A wave indicates an "
-        "error of the encoder or the joint.",
+        f"{LEAST_IN_BIN} or more residuals, and the bars show the standard uncertainty u of the "
+        "means. A wave indicates an error of the encoder or the joint.",
     )
 
 

@@ -31,7 +31,7 @@ def check_document(check: Check) -> Document:
     distance = f"With the stated geometry, the RMS distance between tip and target is {found}"
     predicted = "The arm file states no uncertainties, which would predict this distance"
     if known:
-        predicted = f"The stated uncertainties predict {expected[0]}"
+        predicted = f"The stated uncertainties predict a distance of {expected[0]}"
     finding = Paragraph(f"{fits}. {distance}. {predicted}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
     left_out = check.measurements.row[~check.used]

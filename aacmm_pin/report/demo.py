@@ -95,9 +95,9 @@ QUESTION = (
     "accurate the arm is with this cause in its model."
 )
 ASSUMED = (
-    "The prediction contains only errors of the geometry, which are independent and uniformly "
-    "distributed within the half-widths. Encoder noise, eccentricity, gravity, temperature and "
-    "contact increase the errors further.",
+    "The prediction contains only errors of the geometry. The errors are independent, and "
+    "uniformly distributed within the half-widths. Encoder noise, eccentricity, gravity, "
+    "temperature and contact increase the errors further.",
     "The wrist is at the working point. Errors of parts beyond the wrist, such as the stylus, do "
     "not contribute.",
     "Volumes are first-order approximations. The map has the accuracy at the centre of each cell "

@@ -728,8 +728,8 @@ def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:
         lambda: plots.plot_cause(result, finding, blank_axes(7.4, 4.0)),
         f"{words}, from the records",
         f"{words}. Each dot is the value that one record gives if all other parameters have their "
-        "fitted values. Each circle is the mean of neighbouring dots, and its bar shows u. The "
-        "line is the fitted cause.",
+        "fitted values. Each circle is the mean of neighbouring dots, and the bar shows the "
+        "standard uncertainty u of the mean. The line is the fitted cause.",
     )
 
 
