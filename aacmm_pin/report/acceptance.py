@@ -46,10 +46,9 @@ from aacmm_pin.verification import (
 )
 
 RULE_TEXT = (
-    "If |value| + U ≤ MPE for each error, the verdict is conformity. If |value| - U > MPE for at "
-    f"least one error, the verdict is nonconformity. The guard band U is {GUARD_BAND_FACTOR:g}u, "
-    f"as in {RULE_OF}, with the standard uncertainty u of the calibrated length or diameter. The "
-    "default of ISO 14253-1:2017 is 1.65u."
+    "If |value| + U ≤ MPE for each error, the verdict is conformity. If |value| - U > MPE for an "
+    f"error, the verdict is nonconformity. The guard band U is {GUARD_BAND_FACTOR:g}u of the "
+    f"calibrated length or diameter ({RULE_OF}). The default of ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
     "The charts show the magnitude of each test value. The line is the mean of the earlier checks "
@@ -60,8 +59,8 @@ CONDITION_LABELS = {
     "operator": ("operator", ""),
     "session": ("session", ""),
     "temperature_c": ("temperature", " °C"),
-    "probe_diameter_mm": ("probe diameter", " mm"),
-    "feature_diameter_mm": ("sphere diameter", " mm"),
+    "probe_diameter_mm": ("probe", " mm"),
+    "feature_diameter_mm": ("spheres", " mm"),
     "length_mm": ("lengths", " mm"),
 }
 """Label and unit of each column that states a condition of the whole check."""
@@ -117,7 +116,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     blocks: list[Block] = [
         Table(
             values,
-            "Test values and maximum permissible errors (MPE)",
+            "Test values and MPEs (maximum permissible errors)",
             {"verdict": _marked},
             HEADS,
             spare="where",

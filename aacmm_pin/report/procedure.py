@@ -40,7 +40,7 @@ ARTEFACT_OF_TEST = {
 ORIGIN = (
     "The definitions and the decision rule come from public descriptions of "
     f"{', '.join(EDITIONS.values())} and {RULE_OF}. Before a contract depends on a verdict, "
-    "compare the definitions and the rule with the texts of the standards."
+    "compare the definitions and rule with the standards."
 )
 """Stands first where a test is planned, predicted or evaluated."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach"
