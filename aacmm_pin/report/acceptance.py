@@ -59,8 +59,8 @@ CONDITION_LABELS = {
     "operator": ("operator", ""),
     "session": ("session", ""),
     "temperature_c": ("temperature", " °C"),
-    "probe_diameter_mm": ("probe", " mm"),
-    "feature_diameter_mm": ("spheres", " mm"),
+    "probe_diameter_mm": ("probe diameter", " mm"),
+    "feature_diameter_mm": ("sphere diameter", " mm"),
     "length_mm": ("lengths", " mm"),
 }
 """Label and unit of each column that states a condition of the whole check."""
