@@ -93,9 +93,10 @@ class LengthUncertainty(Shown):
     def __str__(self) -> str:
         sources = self.sources
         length = f"a length of {plain_mm(self.length)} mm"
-        pairs = f"{len(self.q_a)} × {len(self.q_b)} pairs of postures"
-        measures = f"{sources.arm.name} at {sources.at} measures {length} with {expanded(self.u)}"
-        return f"{measures} in {pairs}{omission(sources.not_included)}"
+        pairs = f"{len(self.q_a)} postures at A and {len(self.q_b)} at B"
+        measures = f"{sources.arm.name} at {sources.at} measures {length}"
+        of_pairs = f"Over all pairs of {pairs}, {expanded(self.u)}"
+        return f"{measures}. {of_pairs}{omission(sources.not_included)}"
 
 
 def length_uncertainty(

@@ -181,7 +181,7 @@ class AccuracyVolume(Shown):
         without = omission(self.not_included)
         if not len(self.q):
             return f"{at} has no posture{without}"
-        sizes = f"a volume of {volume.min():.3g} to {volume.max():.3g} mm³"
+        sizes = f"an accuracy volume of {volume.min():.3g} to {volume.max():.3g} mm³"
         over = f"in {len(self.q)} postures (method {self.method})"
         return f"{at} has {expanded(self.u)} and {sizes} {over}{without}"
 

@@ -247,7 +247,7 @@ class WorkspaceMap(Shown):
         z = self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
         arm = f"{self.data.attrs['arm']} at {self.data.attrs['working_point']}"
-        where = f"The map of {arm} with {self.sectors} sectors has {x} × {z} cells"
+        where = f"The map of {arm} has {x} × {z} cells of {self.sectors} sectors"
         unknown = f"; postures may be missing in {self.incomplete} cells" if self.incomplete else ""
         if self.unreachable == x * z:
             return f"{where}, all out of reach{unknown}"

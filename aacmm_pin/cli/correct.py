@@ -158,11 +158,11 @@ def run(
             name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)
         }
         results.text(dialect.text(table.assign(**columns)), output)
-    effects = ", ".join(effect.label for effect in model.effects) or "none"
+    effects = ", ".join(effect.label for effect in model.effects)
     done = np.isfinite(found[:, 0]).sum()
     status(
-        f"{path}: computed the tip for {done} of {readings.n} records with {model.arm.name}. "
-        f"Causes of error in this arm: {effects}"
+        f"{path}: computed the tip for {done} of {readings.n} records with {model.arm.name}"
+        + (f" and the causes of error {effects}" if effects else ", which has no causes of error")
     )
 
 
@@ -283,7 +283,7 @@ def _note_comparisons(
     if before is not None:
         compared.insert(0, before.correct(records.q, records.conditions))
     elif model.effects:  # geometry alone: the file may know the effects together with it
-        first = "this arm without its causes of error"
+        first = "the arm without causes of error"
         compared.insert(0, model.arm.positions(records.q))
     for comparison in compare(records, compared, u):
         text = comparison_in_words(comparison, first)

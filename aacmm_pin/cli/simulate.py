@@ -199,9 +199,9 @@ def run(
         )
         _require_effects_shown(effects, model, data)
         encoder = ", ".join(f"{u / UM:.3g}" for u in dict.fromkeys(noise.encoder))
-        words = f"noise: readings {encoder} µrad"
+        words = f"the noise is {encoder} µrad (readings)"
         for what, size in (("references", noise.reference), ("contacts", noise.probe)):
-            words += f", {what} {size / MM:g} mm" if size else ""
+            words += f", {size / MM:g} mm ({what})" if size else ""
         if arm_out is not None:
             results.arm(model, arm_out, f"The simulated arm of {data.source}; {words}.")
     status(f"{data}; {words}")

@@ -141,8 +141,9 @@ class ConfigurationCircle(PosturesAtPoint):
         where = self._where()
         if self.reason:
             return f"{where}, has no posture, because {self.reason}"
-        inside = f"{self.within_limits.sum()} of them within limits"
-        flexibility = f"The flexibility is {self.flexibility()}"
+        inside = f"of which {self.within_limits.sum()} are within the joint limits"
+        part = "flexibility (share of swivel angles)"
+        flexibility = f"The {part} is {self.flexibility()}"
         curves = f"{len(self)} postures on {self.component.max()} closed curves"
         return f"{where}, has {curves}, {inside}. {flexibility}"
 

@@ -123,12 +123,12 @@ class ReachingPostures(PosturesAtPoint):
         where = f"{self._where()} for {CONDITIONS[self.conditions.count]}"
         if self.reason:
             return f"{where}, has no posture, because {self.reason}"
-        inside = f"{self.within_limits.sum()} of them within limits"
+        inside = f"of which {self.within_limits.sum()} are within the joint limits"
         if self.single:
             return f"{where}, has {len(self)} single postures, {inside}; {self.search}"
         return (
             f"{where}, has {len(self)} postures on {len(self.curves)} closed curves, {inside} "
-            f"({self.arc_fraction:.3f} of the curves' length); {self.search}"
+            f"({100 * self.arc_fraction:.1f} % of the curve length); {self.search}"
         )
 
 

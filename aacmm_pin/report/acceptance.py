@@ -46,10 +46,9 @@ from aacmm_pin.verification import (
 )
 
 RULE_TEXT = (
-    "The verdict is conformity if |value| + U ≤ MPE for each error, and nonconformity if "
-    "|value| - U > MPE for at least one error. The guard band U is "
-    f"{GUARD_BAND_FACTOR:g}u of the calibrated length or diameter, as in {RULE_OF}; the default of "
-    "ISO 14253-1:2017 is 1.65u."
+    "If |value| + U ≤ MPE for each error, the verdict is conformity. If |value| - U > MPE for an "
+    f"error, the verdict is nonconformity. The guard band U is {GUARD_BAND_FACTOR:g}u of the "
+    f"calibrated length or diameter ({RULE_OF}). The default of ISO 14253-1:2017 is 1.65u."
 )
 CHART_CAPTION = (
     "The charts show the magnitude of each test value. The line is the mean of the earlier checks "
@@ -60,8 +59,8 @@ CONDITION_LABELS = {
     "operator": ("operator", ""),
     "session": ("session", ""),
     "temperature_c": ("temperature", " °C"),
-    "probe_diameter_mm": ("probe", " mm"),
-    "feature_diameter_mm": ("spheres", " mm"),
+    "probe_diameter_mm": ("probe diameter", " mm"),
+    "feature_diameter_mm": ("sphere diameter", " mm"),
     "length_mm": ("lengths", " mm"),
 }
 """Label and unit of each column that states a condition of the whole check."""
@@ -115,7 +114,13 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     definitions = table[["figure", "standard", "test", "definition"]].drop_duplicates()
     values = table[_columns(table, len(result.overall) > 1, details is None)]
     blocks: list[Block] = [
-        Table(values, "Test values and their limits", {"verdict": _marked}, HEADS, spare="where"),
+        Table(
+            values,
+            "Test values and MPEs (maximum permissible errors)",
+            {"verdict": _marked},
+            HEADS,
+            spare="where",
+        ),
         Paragraph(RULE_TEXT),
     ]
     if details is None:

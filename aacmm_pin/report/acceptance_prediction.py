@@ -32,17 +32,17 @@ PREDICTION_HEADS = {
     "mpe_mm": "MPE [mm]",
     "probability_to_pass": "conforming share",
     "dominant": "largest cause",
-    "dominant_alone_mm": "its median [mm]",
+    "dominant_alone_mm": "median of this cause alone [mm]",
 }
 """Columns of the table, and their heads."""
 STATED_ONLY = (
-    "The prediction contains only the uncertainties that the arm states, to first order. Causes "
-    "that the model of the arm lacks increase the errors further. The conforming share is the "
-    "share of the runs with the verdict conformity."
+    "The prediction is a first-order approximation, and contains only the uncertainties that the "
+    "arm states. Causes that the model of the arm lacks increase the errors further. The "
+    "conforming share is the share of the runs with the verdict conformity."
 )
 INTERVALS_CAPTION = (
-    "The dots are the medians of the test values, the bars their 95 % intervals, and the vertical "
-    "marks their MPEs."
+    "The dots show the medians of the test values, the bars show the 95 % intervals, and the "
+    "vertical marks show the MPEs."
 )
 ALONE_CAPTION = "Median of each test value if one cause acts alone"
 ALONE_EXPLAINED = (

@@ -18,6 +18,8 @@ from aacmm_pin.report.numbers import in_one_unit, percent, spread
 
 SHOWN_SOURCES = 8
 """So many sources of a budget are shown."""
+EXTREMES = "Postures with the smallest and the largest U and accuracy volume"
+HIGHEST = "At a swivel angle of 0°, the elbow is highest."
 EXPANDED, SHARE = "U (k = 2)_mm", "share of variance"
 END_POSTURES = {
     "smallest_u": "smallest U",
@@ -26,8 +28,9 @@ END_POSTURES = {
     "worst": "largest volume",
 }
 """Postures of an accuracy summary in words."""
+CELLS = "Number of reachable cells, by the number of sectors with a posture within the joint limits"
 MAPPED = {
-    "comprehensive_mm3": "comprehensive accuracy_mm3",
+    "comprehensive_mm3": "comprehensive volume_mm3",
     "best_mm3": "smallest volume_mm3",
     "worst_mm3": "largest volume_mm3",
     "smallest_u_mm": "smallest u_mm",
@@ -72,16 +75,18 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
         postures = postures_at_the_ends(summary)
         volume = summary["volume_mm3"]["comprehensive"]
         if volume is not None:
-            comprehensive = f"The comprehensive accuracy volume is {volume:.4g} mm³."
+            comprehensive = (
+                "The comprehensive accuracy volume (weighted mean over the postures) is "
+                f"{volume:.4g} mm³."
+            )
     values = accuracy.to_frame().filter(regex="_mm")
     values = values.rename(columns={"largest_deviation_mm": "worst-case deviation_mm"})
     values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
     over = spread(values, "all postures")
     budget = accuracy.budget()[["parameter", "u_mm", "share"]]
     postures, over, budget = in_one_unit(postures, over, budget)
-    origin = " (at swivel 0 the elbow is highest)" if "swivel [°]" in postures else ""
-    extremes = Table(postures, f"Postures with the smallest and largest values{origin}")
-    tables: list[Block] = [extremes, Table(over), _budget(budget)]
+    origin = HIGHEST if "swivel [°]" in postures else ""
+    tables: list[Block] = [Table(postures, EXTREMES), origin, Table(over), _budget(budget)]
     caveats = map(str, accuracy.sources.caveats)
     words = [str(accuracy), what_k_covers(), comprehensive]
     return Document("Accuracy", [*words, *tables, *caveats])
@@ -126,10 +131,11 @@ def _degrees(angles: Iterable[float]) -> str:
 
 def what_k_covers() -> str:
     """The coverage probability of U of a position."""
-    along, isotropic = (f"{100 * part:.1f} %" for part in COVERED)
-    errors = f"{along} of normally distributed errors along one direction"
-    errors += f", and {isotropic} of isotropic errors"
-    return f"U (k = {COVERAGE_FACTOR:g}) of a position covers {errors}."
+    along, isotropic = (f"{100 * part:.1f}" for part in COVERED)
+    return (
+        f"U (k = {COVERAGE_FACTOR:g}) of a position covers {along} to {isotropic} % of normally "
+        "distributed errors, depending on the directions of the errors."
+    )
 
 
 def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
@@ -149,5 +155,5 @@ def map_document(map_: WorkspaceMap) -> Document:
     data = {words: map_.data[name].values.ravel() for name, words in MAPPED.items()}
     table = Table(spread(pd.DataFrame(data), "all cells"))
     cells = {str(sectors): [number] for sectors, number in map_.working_sectors().items()}
-    by_sectors = Table(pd.DataFrame(cells), "Reachable cells for each number of working sectors")
+    by_sectors = Table(pd.DataFrame(cells), CELLS)
     return Document("Map", [str(map_), table, by_sectors])

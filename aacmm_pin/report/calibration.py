@@ -76,24 +76,25 @@ HOW_TO_READ = (
 )
 """Stands in front of a calibrated arm file."""
 COMPARED = (
-    "The nominal arm gives the residuals before calibration, after a fit of an unknown frame or "
-    "target. The target of a record is its reference, or at a seat the estimated position of the "
-    "seat. Calibrations without the held-out records predict the held-out records. Prefer the last "
-    "row, because single held-out records have neighbours in the fit."
+    "For the residuals before calibration, the fit estimates only an unknown frame or target of "
+    "the nominal arm. The target of a record is the reference of the record. If the record is of a "
+    "seat, the target is the estimated position of the seat. Calibrations without the held-out "
+    "records predict the held-out records. The gain is the reduction of the RMS distance. Prefer "
+    "the last row, because single held-out records have neighbours in the fit."
 )
 NOTHING_ESTIMATED = (
     "The calibration estimated no parameter, because the arm file states all parameters as exact; "
     "to estimate them, use --no-prior."
 )
 KNOWN = (
-    "The column unit holds for change, U and half-width. U is the expanded uncertainty after "
-    "calibration, and holds only if the model has all causes of error. The stated half-width is "
-    "the bound in the arm file, or 2u if the file states a standard uncertainty u. In the column "
-    "known, the word measured means that the records determine the value. The word hardly means "
-    "that the arm file determines the value better than the records. The words as stated mean "
-    "that the records do not reduce the stated uncertainty. The words in combination mean that "
-    "the records determine only a combination with other parameters (next section), so that the "
-    "value alone has no meaning."
+    "The column 'unit' states the unit of the change, of U and of the half-width. U is the "
+    "expanded uncertainty after calibration. If the model lacks a cause of error, U is too small. "
+    "The stated half-width is the bound in the arm file. If the arm file states a standard "
+    "uncertainty u, the stated half-width is 2u. In the column 'known', 'measured' means that the "
+    "records determine the value. 'hardly' means that the arm file determines the value better "
+    "than the records. 'as stated' means that the records do not reduce the stated uncertainty. "
+    "'in combination' means that the records determine only a combination with other parameters "
+    "(next section)."
 )
 UNDETERMINED = (
     "These records and the stated uncertainties do not determine the following parameters "
@@ -154,8 +155,8 @@ def verdict(result: Calibration) -> str:
         f"{others[1]} after"
     )
     return (
-        f"{doubts}Calibration{rest} {makes} {name} more accurate: {on_held_out} calibration (gain "
-        f"{percent(gain)}). The RMS residual of the used records is {fitted}."
+        f"{doubts}Calibration{rest} {makes} {name} more accurate: {on_held_out} calibration (a "
+        f"reduction of {percent(gain)}). The RMS residual of the used records is {fitted}."
     )
 
 
@@ -401,13 +402,13 @@ def _residuals_in_space(result: Calibration) -> list[Block]:
         "Each line is a residual from target to tip, and all lines have the same magnification. "
         "The left panels show residuals before calibration, and the right panels residuals after "
         "calibration. The upper panels are plan views, and the lower panels are side views. The "
-        "arm in some postures is grey. If neighbouring lines have the same direction, the model "
+        "grey lines show the arm. If neighbouring lines have the same direction, the model "
         "lacks a cause of error.",
     )
     scene = SceneView(
         lambda: residual_scene(result),
         "The scene shows the residuals after calibration. Drag to rotate the view. The slider "
-        "shows the arm in the posture of each residual, the largest residual first.",
+        "shows the arm in the posture of each residual, from the largest residual to the smallest.",
     )
     return [views, scene]
 
@@ -418,9 +419,9 @@ def _over_joints(result: Calibration) -> Figure:
         lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, height)),
         "Residuals over the angle of each joint",
         "Each panel shows residuals after calibration against the angle of one joint, in the "
-        "direction in which this joint moves the tip. The line connects means of "
-        f"{LEAST_IN_BIN} or more residuals, with u. A wave indicates an error of the encoder or "
-        "the joint.",
+        "direction in which the joint moves the tip. The line connects means of "
+        f"{LEAST_IN_BIN} or more residuals, and the bars show the standard uncertainty u of the "
+        "means. A wave indicates an error of the encoder or the joint.",
     )
 
 
@@ -482,8 +483,8 @@ def _changes(result: Calibration, tallest: int) -> Figure:
     return Figure(
         lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
         "Change of each parameter over its stated uncertainty",
-        "The dots show the change of each parameter, and the bars its U (k = 2) after calibration. "
-        "The grey band shows the half-width in the arm file, if stated.",
+        "The dots show the change of each parameter, and the bars show U (k = 2) after "
+        "calibration. If the arm file states a half-width, the grey band shows the half-width.",
     )
 
 

@@ -49,9 +49,10 @@ def calibration_plan_line(plan: CalibrationPlan) -> str:
     beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
     u, after_random = plan.u / MM, float(np.median(plan.u_random)) / MM
     return (
-        f"{records} to calibrate {name}{beside}. After calibration, u of the tip is {u:.4f} mm "
-        f"(RMS over the postures), but {after_random:.4f} mm with random records. The "
-        f"observability index O1 is {plan.ratio:.2f} times that of random records"
+        f"{records} to calibrate {name}{beside}. After calibration, the standard uncertainty u "
+        f"of the tip is {u:.4f} mm (RMS over the postures). Random records would give "
+        f"{after_random:.4f} mm. The observability index O1 is {plan.ratio:.2f} times as large as "
+        "with random records"
     )
 
 

@@ -18,7 +18,7 @@ from aacmm_pin.report.measurements import measurements_document
 from aacmm_pin.report.numbers import lengths
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
-MISSING = "Columns that the file lacks, and the causes of error that need them"
+MISSING = "Causes of error that diagnose cannot try, because the file lacks a column"
 
 
 @document_of.register
@@ -31,7 +31,7 @@ def check_document(check: Check) -> Document:
     distance = f"With the stated geometry, the RMS distance between tip and target is {found}"
     predicted = "The arm file states no uncertainties, which would predict this distance"
     if known:
-        predicted = f"The stated uncertainties predict {expected[0]}"
+        predicted = f"The stated uncertainties predict a distance of {expected[0]}"
     finding = Paragraph(f"{fits}. {distance}. {predicted}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
     left_out = check.measurements.row[~check.used]

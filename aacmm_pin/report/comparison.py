@@ -21,10 +21,10 @@ def comparison_in_words(found: Comparison, first: str) -> str:
         f"({count(found.count, 'seat')} without coordinates",
     }[found.kind]
     if not math.isnan(found.u):
-        what = f"{what}, u = {found.u / MM:.4f} mm"
-    names = [first, "this arm"][-len(found.rms) :]
+        what = f"{what} with u = {found.u / MM:.4f} mm"
+    names = [f"for {first}", "after correction"][-len(found.rms) :]
     sizes = zip(names, found.rms, found.largest, strict=True)
-    each = [f"{r / MM:.4f} mm for {name} (largest {most / MM:.4f} mm)" for name, r, most in sizes]
+    each = [f"{r / MM:.4f} mm {name} (at most {most / MM:.4f} mm)" for name, r, most in sizes]
     return f"The RMS {what}) is {' and '.join(each)}"
 
 

@@ -29,11 +29,18 @@ from aacmm_pin.accuracy import (
 from aacmm_pin.arm import COVERAGE_FACTOR, Arm, load_arm_file, urdf_text
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.effects import Effect, EncoderEccentricity, ErrorModel, in_words, values_in_words
+from aacmm_pin.effects import (
+    Effect,
+    EncoderEccentricity,
+    ErrorModel,
+    in_words,
+    listed,
+    values_in_words,
+)
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.postures import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
-from aacmm_pin.report.accuracy import postures_at_the_ends, what_k_covers
+from aacmm_pin.report.accuracy import EXTREMES, HIGHEST, postures_at_the_ends, what_k_covers
 from aacmm_pin.report.diagnosis import (
     answers,
     causes_drawn,
@@ -73,24 +80,24 @@ FILES = {
     "diagnosis.html": "the whole diagnosis, with the aliases of its causes",
     "postures.html": "3D scene of the arm in its postures at the working point",
     "workspace.html": "3D scene of the arm in each cell of the workspace",
-    "site/index.html": "the documentation, if you build it into this folder (README)",
+    "site/index.html": "the documentation (the README states how to build it into this folder)",
     "configurations.csv": "every posture at the working point, angles in degrees",
     "accuracy.json": "accuracy at the working point",
-    "map.nc": "the map, cell by cell (netCDF)",
-    "map.json": "summary of the map",
+    "map.nc": "the map of the workspace, cell by cell (netCDF)",
+    "map.json": "summary of the map of the workspace",
     "measured.csv": "the simulated measurements",
     "diagnosis.json": "the verdict and its numbers",
 }
 """What the page links to."""
 QUESTION = (
-    "This page predicts how accurate the arm is at a point and over its workspace, in which "
-    "posture, and why. The page then finds a cause of error that the model of a simulated arm "
-    "lacks, and shows how much more accurate the arm is with this cause in its model."
+    "This page predicts the accuracy of the arm at one point and over its workspace. The page then "
+    "finds a cause of error that the model of a simulated arm lacks, and shows how much more "
+    "accurate the arm is with this cause in its model."
 )
 ASSUMED = (
-    "The prediction contains only errors of the geometry, which are independent and uniformly "
-    "distributed within the half-widths. Encoder noise, eccentricity, gravity, temperature and "
-    "contact increase the errors further.",
+    "The prediction contains only errors of the geometry. The errors are independent, and "
+    "uniformly distributed within the half-widths. Encoder noise, eccentricity, gravity, "
+    "temperature and contact increase the errors further.",
     "The wrist is at the working point. Errors of parts beyond the wrist, such as the stylus, do "
     "not contribute.",
     "Volumes are first-order approximations. The map has the accuracy at the centre of each cell "
@@ -140,9 +147,7 @@ def _at_the_point(
         Paragraph(what_k_covers()),
         Paragraph(_volume_at_the_point(summary), finding=True),
         _circle_figure(circle, accuracy),
-        Table(
-            ends, "Postures with the smallest and largest values (at swivel 0 the elbow is highest)"
-        ),
+        Table(ends, EXTREMES, explained=HIGHEST),
         _budget_figure(accuracy),
     ]
 
@@ -155,8 +160,8 @@ def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Fig
     return Figure(
         draw,
         f"The elbow's path round the working point and {circle.arm.name} in five postures",
-        "The figure shows five postures and the path of the elbow. The colour shows the accuracy "
-        "volume of postures within the joint limits.",
+        "The figure shows five postures and the path of the elbow. The colour of "
+        "the path shows the accuracy volume of each posture within the joint limits.",
     )
 
 
@@ -180,12 +185,13 @@ def _uncertainty_at_the_point(u_mm: dict[str, float]) -> str:
 def _volume_at_the_point(summary: dict[str, Any]) -> str:
     volume = summary["volume_mm3"]
     budget = summary["budget"][:LARGEST]
-    largest = ", ".join(f"{row['parameter']} {percent(row['share'])}" for row in budget)
+    largest = listed([f"{row['parameter']} ({percent(row['share'])})" for row in budget])
     return (
-        "The accuracy volume of all errors within the half-widths is "
-        f"{volume['min']:.4f} mm³ to {volume['max']:.4f} mm³, depending on the posture. The "
-        f"comprehensive accuracy volume is {volume['comprehensive']:.4f} mm³. "
-        f"Most of the variance comes from {largest} (theta_offset is a zero offset)."
+        "If all parameters are within their half-widths, the position error is in an accuracy "
+        f"volume of {volume['min']:.4f} to {volume['max']:.4f} mm³, depending on the posture. The "
+        "comprehensive accuracy volume (weighted mean over the postures) is "
+        f"{volume['comprehensive']:.4f} mm³. The largest shares of the variance come from "
+        f"{largest}. The parameter theta_offset is the zero offset of a joint."
     )
 
 
@@ -217,8 +223,8 @@ def _uncertainty_over_the_workspace(map_: WorkspaceMap) -> str:
     flexibility = float(map_.data["flexibility"].mean())
     return (
         f"In the best posture of each cell, U (k = 2) = {least:.3f} to {most:.3f} mm. "
-        f"{cells[map_.sectors]} of {sum(cells.values())} reachable cells have postures in all "
-        f"sectors; the mean flexibility is {flexibility:.3f}."
+        f"{cells[map_.sectors]} of {sum(cells.values())} reachable cells have postures within the "
+        f"joint limits in all sectors. The mean flexibility is {flexibility:.3f}."
     )
 
 
@@ -236,9 +242,9 @@ def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
 def _measured(found: Diagnosis, hidden: Effect, planned: str) -> list[Block]:
     name, records = found.model.arm.name, found.extended.problem.measurements
     how = (
-        f"A virtual {name} has an eccentric encoder, and its geometry differs from the arm file "
-        f"within the half-widths. The arm probes {SEATS} seats of known coordinates in {records.n} "
-        "records. The diagnosis uses only the records and the arm file."
+        f"A virtual {name} has an eccentric encoder. The geometry of the virtual arm differs from "
+        f"the arm file within the half-widths. The arm probes {SEATS} seats of known coordinates "
+        f"in {records.n} records. The diagnosis uses only the records and the arm file."
     )
     table = _hidden_and_found(found, hidden)
     return [

@@ -111,25 +111,29 @@ SEATS_JUDGED = (
     "of stated seat coordinates reduces the gain."
 )
 RANKED = (
-    "The strongest cause is first, and geometric values are last. The column displacement states "
-    "the RMS displacement of the tip by the cause. The column probability states how probably the "
-    "cause acts. p is the probability that any cause has such large odds if this cause does not "
-    "act. The column not absorbed states which part of the effect neither recalibration nor other "
-    "causes absorb."
+    "The strongest cause is first, and geometric values are last. The column 'displacement' "
+    "states the RMS displacement of the tip by the cause. The column 'probability' states how "
+    "probably the cause acts. If the cause does not act, p is the probability that any cause has "
+    "such large odds. The column 'not absorbed' states which part of the effect neither "
+    "recalibration nor other causes absorb."
 )
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
-ALL_SETS = "The probabilities of all sets add up to 1. The last row is for all other sets."
+ALL_SETS = (
+    "The probabilities of all sets add up to 1. The last row states the probability of all other "
+    "sets together."
+)
 ALIASES_LISTED = "Aliases (causes with a similar effect in these records)"
 ALIASES_EXPLAINED = (
-    "The column correlation states the correlation of both effects in these records after a refit "
-    "of the geometry. The column probability states how probably the alias acts without the cause. "
-    "If cause and alias act and the alias is much smaller than its typical magnitude, U of the "
-    "cause is too small."
+    "The column 'correlation' states the correlation of both effects in these records after a "
+    "refit of the geometry. The column 'probability' states how probably the alias acts without "
+    "the cause. If cause and alias act and the alias is much smaller than its typical magnitude, "
+    "U of the cause is too small."
 )
 DISCREPANCY_AT_TIP = "Discrepancy at the tip (structure that no cause explains)"
 DISCREPANCY = (
     "RMS is the displacement of the tip that recalibration does not absorb, and u is its standard "
-    "uncertainty. The column probability states how probably the discrepancy exists."
+    "uncertainty. The column 'probability' states how probably the discrepancy "
+    "exists."
 )
 GROUPS = "Groups of records that disagree with the other records; check their set-up"
 """Captions of tables, and how to read them."""
@@ -407,11 +411,11 @@ def gain_in_words(result: Diagnosis) -> str:
         return "The extended arm has no new cause, and therefore no gain on held-out records."
     low, high = held.interval
     significant = held.beyond_doubt or high < -THRESHOLDS.least_gain
-    notes = [] if significant else [", which is not significant"]
-    interval = f"(95 % interval: {100 * low:z.0f} to {percent(high)}){''.join(notes)}"
-    arms = f"On held-out {HELD_OUT_KINDS[held.kind]}, the extended arm has a gain of"
-    over = f"{percent(held.gain)} over the recalibrated arm"
-    sentences = [f"{arms} {over} {interval}.", _of_extended(held)]
+    notes = [] if significant else [" The gain is not significant."]
+    interval = f"(95 % interval: {100 * low:z.0f} to {percent(high)}).{''.join(notes)}"
+    arms = f"On held-out {HELD_OUT_KINDS[held.kind]}, the gain (reduction of the RMS residual)"
+    over = f"of the extended arm over the recalibrated arm is {percent(held.gain)}"
+    sentences = [f"{arms} {over} {interval}", _of_extended(held)]
     if result.findings and result.extended.too_many_excluded:
         sentences.append(
             "The gain may not hold at new postures, because the extended arm excludes too many "
@@ -464,7 +468,7 @@ def _covariates_in_words(left: Unexplained) -> Iterator[str]:
         yield f"The residuals have significant structure that no named cause explains ({chance})."
     elif left.excluded is None:
         chance = beside_threshold(left)
-        yield f"The residuals have no significant structure that depends on a column ({chance})."
+        yield f"The residuals do not depend significantly on a column of the file ({chance})."
 
 
 def _saved_in_words(result: Diagnosis) -> str:
@@ -633,17 +637,17 @@ def _wrong(result: Diagnosis) -> list[Block]:
     figure = Figure(
         lambda: plots.plot_groups(result, blank_axes(9.3, height)),
         "RMS residuals of groups of records by joint range, time, temperature and seat",
-        "The dots show RMS residuals of groups of two or more records, black for the nominal, grey "
-        "for the recalibrated and blue for the extended arm. Compare the black dots with the "
-        f"{line} line, which shows {beside}. Compare the blue dots with the dotted line, which "
-        "shows the noise alone. If a blue dot is far above the dotted line, the extended arm does "
-        "not explain the residuals of this group.",
+        "Each dot shows the RMS residual of a group of two or more records. Black dots are of the "
+        "nominal arm, grey dots of the recalibrated arm, and blue dots of the extended arm. "
+        f"Compare the black dots with the {line} line, which shows {beside}. Compare the blue dots "
+        "with the dotted line, which shows the noise alone. If a blue dot is far above the dotted "
+        "line, the extended arm does not explain the residuals of this group.",
     )
     worst = _worst(result, predicted)
     if worst.empty:
         none = f"No group of records has an RMS residual of the nominal arm above {beside}."
         return [title, figure, Paragraph(none)]
-    caption = f"Groups in which the RMS residual of the nominal arm most exceeds {beside}"
+    caption = f"Groups of records with an RMS residual of the nominal arm above {beside}"
     return [title, figure, Table(worst, caption, {f"nominal / {predicted}": ".2f"}, most=WORST)]
 
 
@@ -724,8 +728,8 @@ def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:
         lambda: plots.plot_cause(result, finding, blank_axes(7.4, 4.0)),
         f"{words}, from the records",
         f"{words}. Each dot is the value that one record gives if all other parameters have their "
-        "fitted values. Each circle is the mean of neighbouring dots, with its u. The line is the "
-        "fitted cause.",
+        "fitted values. Each circle is the mean of neighbouring dots, and the bar shows the "
+        "standard uncertainty u of the mean. The line is the fitted cause.",
     )
 
 
@@ -739,13 +743,13 @@ def _on_the_arm(result: Diagnosis) -> list[Block]:
         f"Residual vectors of the {left} and the {right} arm",
         "Each line is a residual from reference to tip, and all lines have the same magnification. "
         f"The left panels show the {left} arm, and the right panels the {right} arm. The upper "
-        "panels are plan views, and the lower panels are side views. The arm in some postures is "
-        "grey. If neighbouring lines have the same direction, the model lacks a cause of error.",
+        "panels are plan views, and the lower panels are side views. The grey lines show the arm. "
+        "If neighbouring lines have the same direction, the model lacks a cause of error.",
     )
     scene = SceneView(
         lambda: residual_scene(result, models[0]),
         f"The scene shows the residuals of the {left} arm. Drag to rotate the view. The slider "
-        "shows the arm in the posture of each residual, the largest residual first.",
+        "shows the arm in the posture of each residual, from the largest residual to the smallest.",
     )
     return [figure, scene]
 
@@ -759,8 +763,8 @@ def _held_out(result: Diagnosis) -> list[Block]:
     table = table.rename(columns={"part": "held-out part"})
     table = table.assign(**{"chosen causes": chosen})
     sentences = [
-        f"Each bar is the RMS residual of held-out {HELD_OUT_KINDS[held.kind]}. Causes and values "
-        "come from the other records.",
+        f"Each bar is the RMS residual of held-out {HELD_OUT_KINDS[held.kind]}. The "
+        "causes and their values come from the other records.",
         "The gain is 1 - (RMS residual of the extended arm) / (RMS residual of the recalibrated "
         "arm).",
         _counted(held),

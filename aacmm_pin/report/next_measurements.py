@@ -154,7 +154,7 @@ def _first(result: Diagnosis) -> str:
     option = "" if frame == "base" else f" --reference-frame {frame}"
     return (
         f"take new records over the full ranges of the joints. Run aacmm-pin check{option} with "
-        f"the extended arm on the new records, and {_as_held_out(result)}"
+        f"the extended arm on the new records. {_as_held_out(result)}"
     )
 
 
@@ -162,9 +162,9 @@ def _as_held_out(result: Diagnosis) -> str:
     """Which number of the extended arm at new records to compare with which."""
     sizes, held = result.rms, result.held_out
     if held is None:
-        return f"expect an RMS distance of about {lengths(sizes.values())[2]}, as in these records"
+        return f"The RMS distance should be about {lengths(sizes.values())[2]}, as in these records"
     *_, size = lengths([*sizes.values(), rms(held.extended)])
-    return f"expect an RMS distance of about {size}, as in held-out records"
+    return f"The RMS distance should be about {size}, as in held-out records"
 
 
 def _and_repeat(result: Diagnosis) -> str:

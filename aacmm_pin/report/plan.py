@@ -21,7 +21,7 @@ from aacmm_pin.report.numbers import capital, three_digits
 
 RIGHT = "probability of the right decision"
 CONSIDERED = f"Set-ups that the plan considered, with the {RIGHT}"
-PAIRS = "Pairs of causes, with the expected increase T of χ² if the model has the wrong cause"
+PAIRS = "Pairs of causes, and the increase T of χ² if the model has the wrong cause of a pair"
 NOISE_OPTIONS = {"--u-reference-mm": "reference_noise", "--probe-noise-mm": "probe_noise"}
 DEFAULTS = {"scheme": "free", "reference_frame": "base", "target": "tip"}
 """Keywords of a plan whose option need not be written with these values."""
@@ -101,7 +101,7 @@ def _power(plan: MeasurementPlan) -> str:
     if plan.before is not None:
         text += f", and {probability(plan.before.probability)} with only the existing records"
     increase = f"T = {three_digits(plan.after.least)}"
-    text += f" (expected increase of χ² if the model has the wrong cause: {increase})"
+    text += f". If the model has the wrong cause, χ² increases by about {increase}"
     return text + ("" if plan.decided else f". The probability is too small to decide{_more(plan)}")
 
 

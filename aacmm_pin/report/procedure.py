@@ -40,17 +40,18 @@ ARTEFACT_OF_TEST = {
 ORIGIN = (
     "The definitions and the decision rule come from public descriptions of "
     f"{', '.join(EDITIONS.values())} and {RULE_OF}. Before a contract depends on a verdict, "
-    "compare both with the texts of the standards."
+    "compare the definitions and rule with the standards."
 )
 """Stands first where a test is planned, predicted or evaluated."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach"
 """Zones of the single points of ASME B89.4.22; the standard's text rules. Probed points do not show
 whether they were kept.
 """
-POSITIONS = "Positions of the artefacts (for a bar, of end A and of the far end)"
+POSITIONS = "Positions of the artefacts, and of the far end of each bar"
 ONE_ROW = "Points to probe, with one row for consecutive points of one feature in one posture"
 FILL_IN = (
-    "Probe the points in this order, and tick each row. Line numbers are those of the CSV file.",
+    "Probe the points in this order, and tick each row. The column 'lines' states lines of the "
+    "CSV file.",
     "Fill in the coordinates of the centre of the probe (x_mm, y_mm, z_mm), the "
     "readings (theta1_deg …), or both. The evaluation ignores empty columns.",
     "Replace the planned diameters and lengths by the calibrated values. State their standard "

@@ -77,7 +77,7 @@ def _print_table(table: Table) -> None:
     # A terminal that is too narrow for the names breaks the lines; nothing is left out.
     console.print(grid, crop=False)
     if len(cells) < len(table.frame):
-        say(f"  … and {len(table.frame) - len(cells)} more rows")
+        say(f"  … and {len(table.frame) - len(cells)} more rows of this table")
 
 
 def _columns(cells: pd.DataFrame, width: int) -> list[Column]:

@@ -253,11 +253,11 @@ class AcceptanceResult(Shown):
     ) -> str:
         """The verdict of one set of coordinates, and which characteristics decide it."""
         of = sum(figure.source == source for figure in self.figures)
-        given = f"({len(self._with_mpe(source))} of {of} characteristics have an MPE)"
+        given = f"An MPE exists for {len(self._with_mpe(source))} of {of} characteristics"
         if not by:
-            return f"not determined {given}"
+            return "not determined; state an MPE"
         names = [f.definition.name + (" without a value" if f.verdict is None else "") for f in by]
-        return f"{shown_verdict(verdict)}, decided by {', '.join(names)} {given}"
+        return f"{shown_verdict(verdict)}, decided by {', '.join(names)}. {given}"
 
     def to_frame(self) -> pd.DataFrame:
         """Return a table with one row for each characteristic, lengths in mm; NaN for missing

@@ -131,15 +131,15 @@ DEFINITIONS = (
         OfLengths(missing_places, lengths_with_one_end, False, twice_rms_of_lengths), "length",
     ),
     Definition(
-        "SinglePoint.Sigma", PAPER, "single point, eqs. 16 and 17", "single-point",
+        "SinglePoint.Sigma", PAPER, "single point (equations 16 and 17)", "single-point",
         OfPoints(THREE_POINTS, standard_deviation),
     ),
     Definition(
-        "SinglePoint.Part", PAPER, "single point, eqs. 18 and 19", "single-point",
+        "SinglePoint.Part", PAPER, "single point (equations 18 and 19)", "single-point",
         OfPoints(THREE_POINTS, deviation_of_accurate, has_accurate), column="part",
     ),
     Definition(
-        "SinglePoint.Rest", PAPER, "single point, eqs. 18 and 19", "single-point",
+        "SinglePoint.Rest", PAPER, "single point (equations 18 and 19)", "single-point",
         OfPoints(THREE_POINTS, deviation_of_others, has_others), column="part",
     ),
 )  # fmt: skip

@@ -121,7 +121,7 @@ class Procedure(Shown):
 
     def __str__(self) -> str:
         counts = self.probed_points["test"].value_counts(sort=False)
-        tests = ", ".join(f"{count} {test}" for test, count in counts.items())
+        tests = ", ".join(f"{count} of {test}" for test, count in counts.items())
         return (
             f"The plan for {self.arm.name} has {len(self.probed_points)} points to probe ({tests})"
         )

@@ -87,7 +87,7 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
             "seed 1",
             "40 records",
             "8 µrad",
-            "references 0.012 mm",
+            "0.012 mm",
         ):
             assert word in err
         assert ("--bar-length-mm" in err) == (words == "ball-bar --seats 2")

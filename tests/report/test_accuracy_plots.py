@@ -115,7 +115,7 @@ def test_maps(sino6):
     map_ = map_workspace(sino6, (12, 24), 4)
     for column, label, scale in (
         ("flexibility", "flexibility ζ [1]", 1.0),
-        ("comprehensive_mm3", "comprehensive accuracy [mm³]", 1.0),
+        ("comprehensive_mm3", "comprehensive accuracy volume [mm³]", 1.0),
         ("smallest_u_mm", "smallest standard uncertainty u [µm]", 1e3),
     ):
         ax = plot_map(map_, column)
@@ -129,7 +129,7 @@ def test_maps(sino6):
         )
         close([*ax.get_xlim(), *ax.get_ylim()], [0.0, 1220.0, -1220.0, 1220.0], 1e-9)
     few = map_workspace(sino6, (2, 2), 4, extent=[0.0, 0.02, -0.23, -0.21])
-    assert "in reach, no working sector" in legend_texts(plot_map(few))
+    assert "in reach, no posture within the joint limits" in legend_texts(plot_map(few))
 
 
 def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle, accuracy):

@@ -34,7 +34,7 @@ class _Quantity:
 _OF_SECTORS = ", {sectors} sectors"
 QUANTITIES: dict[Quantity, _Quantity] = {
     "comprehensive_mm3": _Quantity(
-        "comprehensive accuracy [mm³]", "comprehensive accuracy, {method}"
+        "comprehensive accuracy volume [mm³]", "comprehensive accuracy volume, {method}"
     ),
     "best_mm3": _Quantity(
         "smallest accuracy volume [mm³]", "accuracy volume of the best posture, {method}"
@@ -89,7 +89,7 @@ def plot_map(
     outside = reachable & np.isnan(values)
     marked = (
         (~reachable, UNREACHABLE, "out of reach"),
-        (outside, OUTSIDE_LIMITS, "in reach, no working sector"),
+        (outside, OUTSIDE_LIMITS, "in reach, no posture within the joint limits"),
     )
     for cells, colour, text in marked:
         if cells.any():

@@ -99,8 +99,8 @@ def _place(circle: PosturesAtPoint) -> str:
 def _caption(circle: PosturesAtPoint) -> str:
     curves = count(int(circle.component.max()), "closed curve")
     return (
-        f"{len(circle.q)} postures on {curves} reach the point, "
-        f"{circle.within_limits.sum()} of them within the joint limits."
+        f"{len(circle.q)} postures on {curves} reach the point. Of these postures, "
+        f"{circle.within_limits.sum()} are within the joint limits."
     )
 
 
@@ -140,7 +140,7 @@ def _draw_path(
     (start, end), (a, b) = pairs[works].T, pairs[~works].T
     if len(a):
         scene["path/outside"].set_object(prisms(path[a], path[b], 0.4 * radius), flat(GREY))
-        scene.swatches.insert(0, Swatch(GREY, f"path of {name}, outside limits", "line"))
+        scene.swatches.insert(0, Swatch(GREY, f"path of {name}, outside the joint limits", "line"))
     if len(start):
         within = prisms(path[start], path[end], radius, colours=colours[pairs[works]])
         scene["path/within"].set_object(within, flat(by_vertex=True))
@@ -164,10 +164,11 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     placements[:, :3, :3] = vectors * drawn[:, None, :]
     scene["accuracy"].set_object(Sphere(1.0), ahead(ELLIPSOID, 0.6))
     scene["accuracy"].set_transform(placements[0])
-    scene.swatches.insert(0, Swatch(ELLIPSOID, "accuracy of this posture (ellipsoid)", "area"))
+    scene.swatches.insert(0, Swatch(ELLIPSOID, "uncertainty ellipsoid of the posture", "area"))
     words = (
         "The ellipsoid at the point covers 95 % of position errors "
-        f"(k = {ELLIPSOID_COVERAGE_FACTOR:.2f}), and is magnified {factor:g} times."
+        f"(k = {ELLIPSOID_COVERAGE_FACTOR:.2f}). The ellipsoid is magnified {factor:g} "
+        "times."
     )
     scene.notes.insert(0, words)
     return placements
@@ -186,7 +187,7 @@ def _texts(circle: PosturesAtPoint, members: Index) -> dict[str, Sequence[str]]:
 
 def _on_slider(frames: int, eligible: Index, within: int) -> str:
     some = "" if frames == len(eligible) else f"{frames} of "
-    which = " within limits" if within else ""
+    which = " within the joint limits" if within else ""
     return (
         f"The slider shows {some}the {len(eligible)} postures{which}, one closed curve after the "
         "other."

@@ -66,20 +66,22 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
 
     of_cells, of_arm = _corners(workspace_map, reachable), bodies.corners(q)
     everything = np.vstack([of_cells.reshape(-1, 3), of_arm.reshape(-1, 3)])
-    title = f"{arm.name}: comprehensive accuracy"
+    title = f"{arm.name}: comprehensive accuracy volume"
     scene = stage(title, _caption(workspace_map), bodies, everything, points)
     scene.view = View(
         np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM_ROUND_ARM * bodies.radius
     )
     scene.bar = bar
     scene.notes.insert(0, _on_slider(len(q), int(works.sum())))
-    draw_ball(scene, "point", "working point (wrist in a cell)", 0.75 * bodies.radius, points[0])
+    draw_ball(scene, "point", "wrist at the centre of a cell", 0.75 * bodies.radius, points[0])
     inside, outside = np.isfinite(values), reachable & np.isnan(values)
     _draw_cells(scene, workspace_map, "cells", inside, bar.colours(values[inside]))
     if outside.any():
         pink = np.array(to_rgb(OUTSIDE_LIMITS))
         _draw_cells(scene, workspace_map, "outside limits", outside, pink)
-        scene.swatches.insert(0, Swatch(OUTSIDE_LIMITS, "in reach, no working sector", "area"))
+        scene.swatches.insert(
+            0, Swatch(OUTSIDE_LIMITS, "in reach, no posture within the joint limits", "area")
+        )
     texts = {
         "x of the cell": [f"{x / MM:.1f} mm" for x in points[:, 0]],
         "z of the cell": [f"{z / MM:.1f} mm" for z in points[:, 2]],
@@ -101,8 +103,8 @@ def _caption(map_: WorkspaceMap) -> str:
     left_out = ", ".join(map_.not_included)
     without = f" The accuracy does not include {left_out}." if left_out else ""
     return (
-        "The map of the wrist covers the half-plane y = 0 with "
-        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells and {map_.sectors} sectors. The scene "
+        "The map covers positions of the wrist in the half-plane y = 0, with "
+        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells of {map_.sectors} sectors. The scene "
         "does not show cells that the arm cannot reach. In each cell, the arm has the posture with "
         f"the smallest accuracy volume.{without}"
     )
@@ -111,8 +113,8 @@ def _caption(map_: WorkspaceMap) -> str:
 def _on_slider(frames: int, cells: int) -> str:
     some = "" if frames == cells else f"{frames} of "
     return (
-        f"The slider shows {some}the {cells} cells with a posture within the limits, column by "
-        "column."
+        f"The slider shows {some}the {cells} cells with a posture within the joint limits, column "
+        "by column."
     )
 
 

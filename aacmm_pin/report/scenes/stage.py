@@ -152,10 +152,10 @@ def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Arra
     )
     scene.swatches = [
         Swatch(TUBE, "tubes", "line"),
-        Swatch(JOINT, "joints, drawn along their axes", "area"),
-        Swatch(STYLUS, "last body, thinner towards the tip", "line"),
+        Swatch(JOINT, "joints (cylinders along their axes)", "area"),
+        Swatch(STYLUS, "last body (thinner towards the tip)", "line"),
         Swatch(TIP, "tip"),
-        Swatch("#b4bac2", f"base plane z = 0, one cell {cell / MM:g} mm", "line"),
+        Swatch("#b4bac2", f"base plane z = 0 (grid of {cell / MM:g} mm)", "line"),
         Swatch(f"linear-gradient(to right, {thirds})", "axes x, y, z of the base", "line"),
     ]
     scene.notes = [TO_SCALE]
