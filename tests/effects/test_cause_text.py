@@ -62,7 +62,7 @@ TYPED: dict[str, Effect] = {
 REFUSED = {
     "gremlin:3": "unknown cause 'gremlin'",
     "encoder_gain:2,gian=1": "'gian' of encoder_gain",
-    "encoder_gain:gain=1e-4": "no joint",
+    "encoder_gain:gain=1e-4": "joint is missing",
     "encoder_gain:two": "joint is 'two'",
     "encoder_gain:2,gain=much": "gain is 'much'",
     "encoder_gain:2,gain": "'gain' has no value",

@@ -330,7 +330,7 @@ def test_candidates_of_a_registered_cause_are_where_it_has_its_angles(sino6):
 
 def test_what_cannot_be_tried_is_refused(hose, sino6, hidden):
     for extra, error, said in (
-        (hose(9), AacmmError, "hose_pull:9: .*expected 1 to 6"),
+        (hose(9), AacmmError, "hose_pull:9: .* 1 to 6"),
         (Coupled(4), UnknownNameError, r"aacmm_pin\.effects\.register"),
         (JointCompliance(2, torque="measured"), MissingConditionError, "torque1_nm"),
     ):
