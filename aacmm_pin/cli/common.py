@@ -143,7 +143,9 @@ def page_option(page: str, *names: str) -> Any:
 Json = Annotated[
     str | None,
     output_option(
-        "FILE.json", "Write the results as one JSON object. For standard output, write -.", "--json"
+        "FILE.json",
+        "Write the results as one JSON object; - is standard output.",
+        "--json",
     ),
 ]
 Seed = Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the random generator.")]

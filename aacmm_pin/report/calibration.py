@@ -155,8 +155,8 @@ def verdict(result: Calibration) -> str:
         f"{others[1]} after"
     )
     return (
-        f"{doubts}Calibration{rest} {makes} {name} more accurate: {on_held_out} calibration (a "
-        f"reduction of {percent(gain)}). The RMS residual of the used records is {fitted}."
+        f"{doubts}Calibration{rest} {makes} {name} more accurate: {on_held_out} calibration (gain "
+        f"{percent(gain)}). The RMS residual of the used records is {fitted}."
     )
 
 

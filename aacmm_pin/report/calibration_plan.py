@@ -28,9 +28,10 @@ COLUMNS_NOT_LISTED = r"^(theta|approach)\d|^u_|_mm$"
 HOW_TO_GO = (
     "The file plan.csv states the joint angles with all decimals. Move the arm to within a few "
     "degrees of these angles, and enter the readings. Left and right are those of a person behind "
-    "the stand. Bearings count counter-clockwise from the x axis. In the column last motion, + "
-    "means that you move the joint to the posture towards larger angles, and - towards smaller "
-    "angles. The probe direction points from the probe to the surface, in the axes of the base."
+    "the stand who looks from the shoulder to the tip. Bearings count counter-clockwise from the x "
+    "axis. In the column last motion, + means that you move the joint to the posture towards "
+    "larger angles, and - towards smaller angles. The probe direction points from the probe to the "
+    "surface, in the axes of the base."
 )
 
 

@@ -248,10 +248,8 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
         causes = labels_in_words(result, labels) or "no cause"
         named.append(f"{causes} (probability of this set {probability(share)})")
     if not found:
-        return (
-            "these records do not determine whether the model lacks a cause. The most probable "
-            f"sets of causes are {listed(named)}"
-        )
+        wrong = "these records do not determine whether the model lacks a cause"
+        wrong += f" (probability {probability(1.0 - result.more)} that none acts)"
     if len(named) == 1:
         return f"{wrong}. Another possible set of causes is {named[0]}"
     return f"{wrong}. Other possible sets of causes are {listed(named)}"
@@ -799,7 +797,7 @@ def _of_extended(held: Gain) -> str:
 
 def _left(result: Diagnosis) -> list[Block]:
     left = result.unexplained
-    blocks: list[Block] = [Heading("What no cause explains"), *_structure(left)]
+    blocks: list[Block] = [Heading("Unexplained residuals and excluded records"), *_structure(left)]
     blocks.append(Paragraph(_saved_in_words(result)))
     blocks += [_shape(result, name) for name in left.shapes]
     return [*blocks, *excluded_records(result.excluded)]

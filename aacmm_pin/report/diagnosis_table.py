@@ -32,7 +32,7 @@ def diagnoses_document(table: pd.DataFrame) -> Document:
     if table["arm"].nunique() == 1:
         found = found.drop(columns="arm")
     blocks: list[Block] = [
-        Paragraph(f"The results of {count(len(table), 'file')} are {listed(parts)}.", finding=True),
+        Paragraph(f"Verdicts of {count(len(table), 'file')}: {listed(parts)}.", finding=True),
         Table(
             found,
             "Share of the causes of typical magnitude that the records would show, RMS residuals, "
