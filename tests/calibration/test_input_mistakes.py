@@ -84,8 +84,8 @@ OF_ANGLES: list[tuple[Change, str]] = [
     ),
 ]
 OF_COORDINATES: list[tuple[Change, str]] = [
-    (coordinates(1, 1, 1, order=(1, 0, 2)), "x, y, z should be y, x, z"),
-    (coordinates(1, 1, -1), "x, y, z should be x, y, -z"),
+    (coordinates(1, 1, 1, order=(1, 0, 2)), "by y, x, z"),
+    (coordinates(1, 1, -1), "by x, y, -z"),
     (coordinates(1e-3), "coordinates are in metres"),
     (coordinates(1 / 25.4), "coordinates are in inches"),
     (coordinates(1.0, 1.0, 1e-3), "z coordinates are in metres"),
@@ -320,7 +320,7 @@ def test_convention_and_sums_of_angles_are_named(name, sino6, seed):
     mistakes = [
         (misread, lambda d: d, "standard-dh"),
         (arm, shown_with(1, 2, 1.0), "the sum of the angles"),
-        (arm, shown_with(1, 2, -1.0), "minus that of joint 2"),
+        (arm, shown_with(1, 2, -1.0), "minus the angle of joint 2"),
     ]
     for given, mistake, words in mistakes:
         with pytest.raises(MistakenFileError) as caught:

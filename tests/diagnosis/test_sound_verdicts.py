@@ -158,7 +158,7 @@ def test_what_is_not_explained_stays_with_the_arm(sino6, tmp_path):
         )
         done = calibrate(found.model, again, hold_out=False, encoder_noise=1e-6)
         assert (
-            "scatter by" in done.model.arm.unexplained,
+            "scatter of" in done.model.arm.unexplained,
             "depends" in done.model.arm.unexplained,
         ) == (left, False)
 
