@@ -151,7 +151,7 @@ def test_the_shell_knows_it_by_a_plugin(folder, monkeypatch):
     noise = f"--encoder-noise {NOISE} --no-cross-validation"
     out = json.loads(run(f"diagnose sino6 data.csv {noise} --arm-out extended.toml --json -"))
     assert [(f["cause"], f["joint"]) for f in out["findings"]] == [("hose_pull", 3)]
-    assert "A hose from the wrist" in run("causes hose_pull")
+    assert "δθ = c z" in run("causes hose_pull")
     run("correct extended.toml data.csv -o corrected.csv")
     assert "unknown cause 'hose_pull'" in run(
         "correct extended.toml data.csv -o again.csv", plugin=""

@@ -207,7 +207,7 @@ def test_every_error_of_which_one_is_the_largest_decides(tmp_path, mpe, u, verdi
     [
         ({}, None, ""),
         again({"E_Uni": 1.0, "SPAT.Max": 1.0}, "conformity", "E_Uni, SPAT.Max"),
-        again({"E_Uni": 0.0401e-3, "SPAT.Max": 1.0}, "neither", "E_Uni "),
+        again({"E_Uni": 0.0401e-3, "SPAT.Max": 1.0}, "neither", "E_Uni."),
         ({"SinglePoint.Part": 1.0, "SPAT.Max": 1.0}, "neither", "SinglePoint.Part"),
         ({"SinglePoint.Part": 1.0, "SPAT.Max": 1e-6}, "non-conformity", "SPAT.Max"),
     ],
