@@ -388,18 +388,16 @@ def _require_no_wrong_value(problem: Problem, as_is: float) -> None:
     except AacmmError:
         return
     distance = _median(after.system.deviation)
-    changes, tips = _changes(after)
-    wrong = [
-        (parameter, float(change))
-        for parameter, change, far in zip(free.vector.arm_parameters, changes, tips, strict=True)
-        if parameter and min(abs(change) / ASSEMBLED[parameter.unit], far / ASSEMBLED["m"]) > 1.0
-    ]
+    wrong = _moved_far(after, 1.0)
     if after.unmodelled < FAR and distance < EXPLAINS * as_is and len(wrong) == 1:
-        ((parameter, change),) = wrong
-        data = {"parameter": parameter.name, "stated": parameter.value}
-        data |= {"found": parameter.value + change, "unit": "mm" if parameter.unit == "m" else "°"}
-        name = str(Note("wrong_value", data))
-        raise MistakenFileError(problem.measurements.source, name, as_is, distance)
+        ((entry, change),) = wrong.items()
+        parameter = free.vector.arm_parameters[entry]
+        if parameter is not None:
+            data = {"parameter": parameter.name, "stated": parameter.value}
+            data |= {"found": parameter.value + change}
+            data |= {"unit": "mm" if parameter.unit == "m" else "°"}
+            name = str(Note("wrong_value", data))
+            raise MistakenFileError(problem.measurements.source, name, as_is, distance)
 
 
 def _distance_without(without: Problem, as_is: float) -> float:
@@ -432,22 +430,25 @@ def _absorbs(after: Fit) -> bool:
     """Whether the fit moved a geometric value, and thereby the tips, farther than the geometry of
     any arm is off.
     """
-    changes, tips = _changes(after)
-    for effect, entries in after.problem.vector:
-        if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT)):
-            assembled = np.array([ASSEMBLED[term.unit] for term in effect.terms])
-            far = np.abs(changes[entries]) > MOVED * assembled
-            if (far & (tips[entries] > MOVED * ASSEMBLED["m"])).any():
-                return True
-    return False
+    return bool(_moved_far(after, MOVED))
 
 
-def _changes(after: Fit) -> tuple[Array, Array]:
-    """How far the fit moved each parameter (p,) [its unit], and the tips by that (p,) [m]."""
+def _moved_far(after: Fit, times: float) -> dict[int, float]:
+    """Entries of geometric values that the fit moved by more than ``times`` what assembly leaves
+    (:data:`ASSEMBLED`), and the tips thereby by more than such a length; their changes [unit].
+    """
     point = after.point
     changes = point.x - after.problem.start
     squares = np.square(point.prediction.jacobian[:, :3, : changes.size])
-    return changes, np.abs(changes) * np.sqrt(squares.sum(axis=1).mean(axis=0))
+    tips = np.abs(changes) * np.sqrt(squares.sum(axis=1).mean(axis=0))
+    found = {}
+    for effect, entries in after.problem.vector:
+        if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT)):
+            for entry, term in enumerate(effect.terms, start=entries.start):
+                far = abs(changes[entry]) > times * ASSEMBLED[term.unit]
+                if far and tips[entry] > times * ASSEMBLED["m"]:
+                    found[entry] = float(changes[entry])
+    return found
 
 
 def _as_described(after: Fit) -> float:
