@@ -94,8 +94,9 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
 
 def _budget(budget: pd.DataFrame) -> Table:
     number = min(SHOWN_SOURCES, len(budget))
+    shown = budget.head(number).rename(columns={"share": SHARE})
     return Table(
-        budget.head(number).rename(columns={"share": SHARE}),
+        shown,
         f"Uncertainty budget with the {number} largest of {len(budget)} sources",
         {SHARE: lambda share: percent(share, 1)},
     )

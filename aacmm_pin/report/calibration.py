@@ -480,8 +480,9 @@ def _change(beyond: bool, change: float, form: str) -> str:
 
 
 def _changes(result: Calibration, tallest: int) -> Figure:
+    height = 1.2 + 0.24 * tallest
     return Figure(
-        lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
+        lambda: plots.plot_parameter_changes(result, blank_axes(8.2, height)),
         "Change of each parameter over its stated uncertainty",
         "The dots show the change of each parameter, and the bars show U (k = 2) after "
         "calibration. If the arm file states a half-width, the grey band shows the half-width.",

@@ -194,14 +194,14 @@ def certainty_in_words(result: Diagnosis) -> str:
     if not result.findings:
         return ""
     least = probability(min(finding.probability for finding in result.findings))
-    one = len(result.findings) == 1
-    name = in_words(result.findings[0].effect, result.model.arm)
-    cause = capital(name) if one else "The least probable of the named causes"
+    cause, alone = "The least probable of the named causes", "the named causes act"
+    if len(result.findings) == 1:
+        cause = capital(in_words(result.findings[0].effect, result.model.arm))
+        alone = "the named cause acts"
     text = f"{cause} acts with probability {least}."
     share = _shares(result).get(_labels(result))
     if share is None:
         return text
-    alone = "the named cause acts" if one else "the named causes act"
     return f"{text} The probability that only {alone} is {probability(share)}."
 
 
