@@ -403,6 +403,34 @@ class SeatElimination:
         rows[self._touched] -= self._q @ along[self._numbers]
         return along, (rows, ties - self._q_tie @ along, self._bar_rows(along, residual))
 
+    def along(self, rows: Array, records: Index) -> Array:
+        """``Qᵀ R`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
+        inside = np.flatnonzero(self.observations.seat[records] >= 0)
+        own = records[inside]
+        q = self._q[np.searchsorted(self._touched, own)]
+        shape = (len(self.observations.labels), own.size)
+        seats = (self.observations.seat[own], np.arange(own.size))
+        each = (q.transpose(0, 2, 1) @ rows[inside]).reshape(own.size, 3 * rows.shape[2])
+        sums = np.asarray(csr_array((np.ones(own.size), seats), shape=shape) @ each)
+        return sums.reshape(shape[0], 3, rows.shape[2])
+
+    def products(self, along: Array, seats: Index, bars: Index) -> Array:
+        """What some seats and bars add to the products of the records' rows, whose last column is
+        the residual, where the seats are at their best (c, c).
+
+        Args:
+            along: ``Qᵀ R`` of all records (s, 3, c).
+            seats, bars: which.
+        """
+        along = along.copy()
+        ties = self._seat_residual
+        along[:, :, -1] += np.einsum("sji,sj->si", self._q_tie, ties)
+        own = along[seats].reshape(-1, along.shape[2])
+        of_bars = self._bar_rows(along, residual=True)[bars]
+        found = of_bars.T @ of_bars - own.T @ own
+        found[-1, -1] += np.square(ties[seats]).sum()
+        return np.asarray(found)
+
     def _bar_rows(self, along: Array, residual: bool) -> Array:
         """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``,
         H of the bars.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import filterfalse
@@ -13,14 +14,14 @@ from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design
-from aacmm_pin.diagnosis.gram_matrix import Gram
+from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, joined
+from aacmm_pin.diagnosis.held_curves import HeldCurves, stays
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.linear_model import Conditional
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
 from aacmm_pin.effects import Effect
-from aacmm_pin.measurements import Measurements
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +33,10 @@ class Choice:
         posterior: over sets of blocks, linear at the most probable set.
         library, others: the candidates.
         parts: part of each record for leaving out (n,).
-        by_part: inner products from which parts can be left out.
         scatter: of readings beyond the stated noise; None where the records show none.
         otherwise: labels of causes and covariates that would be found if excluded records counted,
             where without these no cause is.
+        curves: causes with many parameters, which the refit held; None without any.
         kept_alone: records that the arm recalibrated alone, by its own scatter, does not exclude
             (n,); None: the used ones.
     """
@@ -45,9 +46,9 @@ class Choice:
     library: tuple[Variants, ...]
     others: tuple[Covariate, ...]
     parts: Index
-    by_part: Gram
     scatter: ReadingScatter | None = None
     otherwise: tuple[str, ...] = ()
+    curves: HeldCurves | None = None
     kept_alone: Mask | None = None
 
     @property
@@ -72,15 +73,17 @@ class Choice:
         used = self.fit.used
         return used if self.kept_alone is None else used | self.kept_alone
 
-    @cached_property
-    def of_part(self) -> dict[int, tuple[Index, Measurements]]:
-        """The counted records of each part that can be left out, their numbers first."""
-        records = self.fit.problem.measurements
-        found = {}
-        for number in self.by_part.parts:
-            rows = np.flatnonzero(self.counted & (self.parts == number))
-            found[number] = rows, records.take(rows)
-        return found
+    @property
+    def products_of_parts(self) -> Gram:
+        """Inner products of all records, from which parts can be left out: a seat with records in
+        several parts has coordinates of its own in each.
+        """
+        whole = self.posterior.space.gram
+        if not _torn(self.design.fit, self.parts):
+            return whole
+        numbers = np.unique(self.parts[self.design.fit.used]).tolist()
+        each = (gram_of(self.design, self.noise, self.parts == number) for number in numbers)
+        return joined(whole, each)
 
     @cached_property
     def tips(self) -> Array:
@@ -112,7 +115,7 @@ class Choice:
     @property
     def noise(self) -> RecordNoise:
         """Of the records, with which the sets were explored."""
-        return self.posterior.space.gram.products.noise
+        return self.posterior.space.gram.noise
 
     @property
     def top_causes(self) -> Blocks:
@@ -140,6 +143,24 @@ class Choice:
     def effects(self) -> list[Effect]:
         """Its causes."""
         return [self.variant(k) for k in self.causes]
+
+    def with_values(self, effects: Sequence[Effect]) -> list[Effect]:
+        """Effects of the most probable or the median set as they are there: with their prior widths
+        as u; those with many parameters at their posterior means.
+        """
+        found = []
+        for model in (self.posterior.median_model, self.posterior.top_model):
+            of_label = {self.variant(k).label: k for k in model.blocks if self.candidates.is_cause(k)}
+            if {effect.label for effect in effects} <= of_label.keys():
+                break
+        for effect in effects:
+            k = of_label[effect.label]
+            place = model.places[k]
+            scales = np.array([term.typical for term in effect.terms])
+            u = model.scale[place][: scales.size] * scales
+            values = model.estimate[place] * scales if stays(effect) else ()
+            found.append(effect.at(values, u))
+        return found
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -171,3 +192,11 @@ class Choice:
         """The effect of a block."""
         b = self.design.blocks[block]
         return self.library[b.candidate][b.variant]
+
+
+def _torn(at: Fit, parts: Index) -> bool:
+    """Whether the records of a seat, or of seats that a bar connects, are in several parts."""
+    touched = at.observations.seat >= 0
+    cluster = at.observations.clusters[at.observations.seat[touched]]
+    pairs = np.stack([cluster, parts[touched]], axis=1)
+    return len(np.unique(pairs, axis=0)) > len(np.unique(cluster))

@@ -4,22 +4,22 @@ causes and fit them with the other records, and predict the part.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.progress import Progress
+from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin.calibration import Fit, rms
-from aacmm_pin.calibration.cross_validation import distances, left_out_in_turn
+from aacmm_pin.calibration.cross_validation import distances
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.exploration import explore_from
+from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
 from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
+from aacmm_pin.diagnosis.search import explore_from, without_block
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 RESAMPLES = 2000
@@ -84,117 +84,118 @@ def _relative_reduction(after: Array, before: Array) -> float:
     return 1.0 - rms(after) / rms(before)
 
 
+@dataclass(frozen=True, eq=False)
 class Fold:
-    """The posterior of all records but those of one part, and the distances that it predicts for
-    this part.
+    """Distances of the records of one part, as all other records predict them.
+
+    Attributes:
+        rows: numbers of the records.
+        chosen: labels of the causes and covariates of the median probability model of the others.
+        simulation, recalibrated, extended, with_discrepancy: distances by each model (m,) [m].
+        whole: by the median probability model of all records, fitted to the others (m,) [m].
+        without: the same without one of its causes, by the number of its block.
     """
 
-    def __init__(self, choice: Choice, number: int) -> None:
-        self.choice, self.number = choice, number
-        self.rows, self.records = choice.of_part[number]
-        whole = choice.posterior.space
-        gram = choice.by_part.without(number)
-        amplitudes = tuple(dict.fromkeys((0.0, choice.posterior.median_model.base.amplitude)))
-        self.space = ModelSpace(whole.candidates, gram, whole.stated, amplitudes)
-        self._found: dict[tuple[Blocks, int], Array] = {}
+    rows: Index
+    chosen: tuple[str, ...]
+    simulation: Array
+    recalibrated: Array
+    extended: Array
+    with_discrepancy: Array
+    whole: Array
+    without: Mapping[int, Array]
 
-    @cached_property
-    def chosen(self) -> Blocks:
-        """The median probability model of the other records, explored from no cause and from the
-        median probability model of all records.
+
+def folds_of(choice: Choice, before: Fit, kind: str, progress: Progress) -> list[Fold]:
+    """Leave out every part in turn; choose and fit with the rest; predict it.
+
+    Args:
+        choice: what was found with all records.
+        before: the arm as it was, set-up fitted.
+        kind: of the parts, for the progress bar.
+        progress: whether to show a bar, or a function that wraps the parts.
+    """
+    whole = choice.products_of_parts
+    numbers = np.unique(choice.parts[choice.counted]).tolist()
+    with watched(numbers, progress, f"held-out {kind}", "part") as parts:
+        folds = [_fold(choice, before, whole, number) for number in parts]
+    return [fold for fold in folds if fold is not None]
+
+
+def _fold(choice: Choice, before: Fit, whole: Gram, number: int) -> Fold | None:
+    """One of them; None where the part has nothing to be compared with."""
+    inside = choice.parts == number
+    part = gram_of(choice.design, choice.noise, inside)
+    if not part.free:
+        return None
+    space = choice.posterior.space
+    amplitudes = tuple(dict.fromkeys((0.0, choice.posterior.median_model.base.amplitude)))
+    others = ModelSpace(space.candidates, whole.without(part), space.stated, amplitudes)
+    rows = np.flatnonzero(choice.counted & inside)
+    records = choice.fit.problem.measurements.take(rows)
+    median = choice.posterior.median
+
+    def distances_of(poses: Array) -> Array:
+        return distances(records, poses, lever=choice.fit.lever)
+
+    def predicted(blocks: Blocks, background: bool = False) -> Array:
+        """What is stated of known causes holds exactly where their change is not among the blocks,
+        or the other records would change them all the same.
         """
-        starts = [(), self.choice.posterior.median]
-        return explore_from(self.space, starts).median
+        amplitude = len(others.amplitudes) - 1 if background else 0
+        state = others.marginal(blocks).best._replace(amplitude=amplitude)
+        return distances_of(others.conditional(state, as_stated=True).tips(rows))
 
-    @property
-    def causes(self) -> Blocks:
-        """The causes among what was chosen."""
-        return tuple(filter(self.space.candidates.is_cause, self.chosen))
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Labels of what was chosen."""
-        candidates = self.space.candidates
-        return tuple(candidates.design.names[candidates.owner(k)] for k in self.chosen)
-
-    def predicted(self, blocks: Blocks, background: bool = False) -> Array:
-        """Distances of the part's records with these blocks, fitted to the others [m].
-
-        What is stated of known causes holds exactly where their change is not among the blocks, or
-        the other records would change them all the same.
-        """
-        amplitude = len(self.space.amplitudes) - 1 if background else 0
-        if (blocks, amplitude) not in self._found:
-            state = self.space.marginal(blocks).best._replace(amplitude=amplitude)
-            tips = self.space.conditional(state, as_stated=True).tips(self.rows)
-            self._found[blocks, amplitude] = self._distances(tips)
-        return self._found[blocks, amplitude]
-
-    def by_models(self, before: Fit) -> list[Array]:
-        """Distances of the part's records by the arm as it was, recalibrated, extended, with the
-        discrepancy too [m].
-        """
-        poses = before.point.prediction.poses[self.rows]
-        recalibrated = self.predicted(())
-        extended = self.predicted(self.causes)
-        with_discrepancy = self.predicted(self.chosen, background=True)
-        return [self._distances(poses), recalibrated, extended, with_discrepancy]
-
-    def _distances(self, poses: Array) -> Array:
-        return distances(self.records, poses, lever=self.choice.fit.lever)
+    chosen = explore_from(others, [(), median]).median
+    candidates = others.candidates
+    names = tuple(candidates.design.names[candidates.owner(k)] for k in chosen)
+    return Fold(
+        rows=rows,
+        chosen=names,
+        simulation=distances_of(before.point.prediction.poses[rows]),
+        recalibrated=predicted(()),
+        extended=predicted(tuple(filter(candidates.is_cause, chosen))),
+        with_discrepancy=predicted(chosen, background=True),
+        whole=predicted(median),
+        without={k: predicted(without_block(median, k)) for k in choice.causes},
+    )
 
 
 def gain_of(
-    choice: Choice,
-    folds: list[Fold],
-    before: Fit,
-    kind: str,
-    rng: np.random.Generator,
-    progress: Progress = None,
+    choice: Choice, folds: Sequence[Fold], kind: str, rng: np.random.Generator
 ) -> Gain | None:
-    """Leave out every part in turn; choose and fit with the rest; predict it.
+    """The distances of all parts together.
 
     Records are predicted as in :attr:`Choice.counted`: excluded ones too, but for gross errors.
 
     Args:
-        choice: what was found with all records; only its columns and inner products are used.
+        choice: what was found with all records.
         folds: one for each part that can be left out.
-        before: the arm as it was, set-up fitted.
         kind: of the parts, for the record.
         rng: for the interval.
-        progress: whether to show a bar, or a function that wraps the parts.
 
     Returns:
         None where no part that is left out has anything to be compared with, such as one record
         only of each unknown seat.
     """
-    fold_of_part = {fold.number: fold for fold in folds}
-    part = choice.parts
-    counted = choice.counted & np.isin(part, [*fold_of_part])
-
-    def predict(number: int, _: Mask) -> list[Array]:
-        return fold_of_part[number].by_models(before)
-
-    simulation, recalibrated, extended, with_discrepancy = left_out_in_turn(
-        part, counted, predict, kind, progress
-    )
-    if not np.isfinite(extended).any():
+    models = ("simulation", "recalibrated", "extended", "with_discrepancy")
+    by_model = {model: np.full(choice.parts.size, np.nan) for model in models}
+    for fold in folds:
+        for model, each in by_model.items():
+            each[fold.rows] = getattr(fold, model)
+    if not np.isfinite(by_model["extended"]).any():
         return None
     excluded = choice.counted & ~choice.fit.used
     gross_errors = choice.fit.excluded & ~choice.counted
-    chosen = [fold_of_part[number].labels for number in np.unique(part[counted]).tolist()]
     return Gain(
         kind=kind,
         groups=len(folds),
-        simulation=simulation,
-        recalibrated=recalibrated,
-        extended=extended,
-        with_discrepancy=with_discrepancy,
-        part=part,
+        **by_model,
+        part=choice.parts,
         excluded=int(excluded.sum()),
         gross_errors=int(gross_errors.sum()),
-        chosen=tuple(chosen),
-        interval=_interval(recalibrated, extended, part, rng),
+        chosen=tuple(fold.chosen for fold in folds),
+        interval=_interval(by_model["recalibrated"], by_model["extended"], choice.parts, rng),
     )
 
 
@@ -262,12 +263,10 @@ def _squares(choice: Choice, folds: list[Fold], block: int) -> Iterator[tuple[fl
     """For each part the sum of squares of its distances over their noise, with ``block`` and
     without.
     """
-    blocks = choice.posterior.median
-    other_blocks = tuple(k for k in blocks if k != block)
     variance = np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
     for fold in folds:
         weight = 1.0 / variance[fold.rows]
-        with_block = weight * fold.predicted(blocks) ** 2
-        without_block = weight * fold.predicted(other_blocks) ** 2
+        with_block = weight * fold.whole**2
+        without_block = weight * fold.without[block] ** 2
         if np.isfinite(with_block).any():
             yield float(np.nansum(with_block)), float(np.nansum(without_block))

@@ -1,17 +1,21 @@
-"""Columns of all that is considered: what is refitted anyway, every cause of the library, every
+"""Columns of all that is considered: what is refitted anyway, every place where a cause may act, every
 covariate.
+
+A place has the columns of one basis; each form of it, a cause with a value of its nonlinear
+parameter, is a small matrix in this basis. So hundreds of orders of a wave have no columns of their
+own.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import Fit, ParameterVector, information_of_seats, pulls_on_seats
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.diagnosis.candidates import Variants, is_change
@@ -25,32 +29,99 @@ TYPICAL_TURN = 2.0
 """… at a joint [rad] for each metre of that …"""
 TYPICAL_GROWTH = 1.0
 """… and of all lengths [1] for each metre of that."""
-AT_ONCE = 100
-"""Columns that are worked out at once …"""
-NUMBERS_AT_ONCE = 1_000_000
-"""… or as many as have so many numbers, where that is fewer."""
+ROWS_AT_ONCE = 1500
+"""Rows of the records whose columns are worked out at once."""
+
+Source = tuple[Effect, ...] | Carried
+"""What columns come from; of a known cause with another nonlinear parameter, both."""
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Columns that are admitted together: one variant of a candidate.
+    """Parameters that are admitted together: one variant of a candidate.
 
     Attributes:
         candidate: number of the candidate.
         variant: number of the variant.
-        columns: which columns.
-        source: what they come from; of a known cause with another nonlinear parameter, both.
+        columns: the columns of the design that it moves along.
+        form: combinations of these columns, one for each parameter (columns, q); None if each
+            column is a parameter.
+        positive: whether nature has its only parameter above zero.
     """
 
     candidate: int
     variant: int
     columns: slice
-    source: tuple[Effect, ...] | Carried
+    form: Array | None
+    positive: bool = False
 
     @property
     def size(self) -> int:
-        """How many columns."""
-        return int(self.columns.stop - self.columns.start)
+        """How many parameters."""
+        width = self.columns.stop - self.columns.start
+        return int(width if self.form is None else self.form.shape[1])
+
+    def of_rows(self, rows: Array) -> Array:
+        """Rows of products with all columns (m, columns) as products with the parameters (m, q)."""
+        own = rows[..., self.columns]
+        return own if self.form is None else np.asarray(own @ self.form)
+
+    def in_columns(self, values: Array) -> Array:
+        """Values of the parameters (q, ...) as coefficients of its columns (columns, ...)."""
+        return values if self.form is None else np.asarray(self.form @ values)
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Blocks with as many parameters that are asked together: forms of one place, or any without a
+    form.
+
+    Attributes:
+        blocks: their numbers (b,).
+        columns: those of the place; without forms those of each block (b, q).
+        forms: (b, columns, q), or None.
+        positive: (b,).
+    """
+
+    blocks: Index
+    columns: slice | Index
+    forms: Array | None
+    positive: Mask
+
+    def some(self, chosen: Mask) -> Family:
+        """Some of the blocks alone (b,)."""
+        if chosen.all():
+            return self
+        columns = self.columns if isinstance(self.columns, slice) else self.columns[chosen]
+        forms = None if self.forms is None else self.forms[chosen]
+        return Family(self.blocks[chosen], columns, forms, self.positive[chosen])
+
+    def information(self, inside: Array) -> Array:
+        """Information of each block, by the products inside the columns (b, q, q)."""
+        if self.forms is None:
+            return inside
+        count, width, size = self.forms.shape
+        flat = self.forms.transpose(1, 0, 2).reshape(width, count * size)
+        along = (inside @ flat).reshape(width, count, size).transpose(1, 0, 2)
+        return np.asarray(self.forms.transpose(0, 2, 1) @ along)
+
+    def of_rows(self, rows: Array) -> Array:
+        """Rows of products with all columns (r, columns) as products with the parameters of each
+        block (b, r, q).
+        """
+        own = rows[:, self.columns]
+        if self.forms is None:
+            return np.asarray(own.transpose(1, 0, 2))
+        return np.asarray(own @ self.forms)
+
+    def gradient(self, left: Array) -> Array:
+        """Products of the parameters of each block with the residual, by those of all columns
+        (columns, ...) -> (b, q, ...).
+        """
+        own = left[self.columns]
+        if self.forms is None:
+            return own
+        return np.asarray(np.tensordot(self.forms, own, (1, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +133,8 @@ class Design:
         fit: the calibration.
         names: label of each candidate; covariates after the causes.
         causes: number of causes of the library among them.
-        blocks: their columns.
+        blocks: what may be admitted.
+        sources: what the columns behind the nuisances come from.
         nuisances: number of nuisance columns, which come first.
         scales: by which each column is multiplied, so that all are of one order (columns,).
         kept: which of the fit's own parameters are nuisances.
@@ -71,76 +143,107 @@ class Design:
             + 1).
         tips: (n, 3), in the frame of the references, the causes taken out that are candidates here
             [m]; with orientations (n, 6), see :class:`Prediction`.
-        taken_out: how many of the calibration's estimated effects these are, its last ones.
     """
 
     fit: Fit
     names: tuple[str, ...]
     causes: int
     blocks: tuple[Block, ...]
+    sources: tuple[tuple[slice, Source], ...]
     nuisances: int
     scales: Array
     kept: Index
     known: Index
     prior: Array
     tips: Array
-    taken_out: int
 
     @property
     def width(self) -> int:
         """Number of columns."""
         return self.scales.size
 
+    @cached_property
+    def families(self) -> tuple[Family, ...]:
+        """The blocks by their columns and number of parameters."""
+        alike = defaultdict[tuple[int | None, int], list[int]](list)
+        for number, block in enumerate(self.blocks):
+            place = None if block.form is None else block.columns.start
+            alike[place, block.size].append(number)
+        found = []
+        for (place, size), numbers in alike.items():
+            some = [self.blocks[number] for number in numbers]
+            positive = np.array([block.positive for block in some])
+            own = np.array([block.columns.start for block in some])[:, None] + np.arange(size)
+            forms = [block.form for block in some if block.form is not None]
+            columns = own if place is None else some[0].columns
+            stacked = np.array(forms) if forms else None
+            found.append(Family(np.array(numbers), columns, stacked, positive))
+        return tuple(found)
+
     def of(self, numbers: Sequence[int]) -> Design:
         """The same with some of the blocks alone, in this order."""
+        chosen = [self.blocks[number] for number in numbers]
+        starts = {block.columns.start for block in chosen}
+        sources = list[tuple[slice, Source]]()
+        scales = [self.scales[: self.nuisances]]
+        moved = dict[int, slice]()
         first = self.nuisances
-        scales = [self.scales[:first]]
-        blocks = []
-        for number in numbers:
-            block = self.blocks[number]
-            end = first + block.size
-            blocks.append(replace(block, columns=slice(first, end)))
-            scales.append(self.scales[block.columns])
-            first = end
-        return replace(self, blocks=tuple(blocks), scales=np.concatenate(scales))
+        for columns, source in self.sources:
+            if columns.start in starts:
+                moved[columns.start] = slice(first, first := first + columns.stop - columns.start)
+                sources.append((moved[columns.start], source))
+                scales.append(self.scales[columns])
+        blocks = tuple(replace(block, columns=moved[block.columns.start]) for block in chosen)
+        return replace(
+            self, blocks=blocks, sources=tuple(sources), scales=np.concatenate(scales)
+        )
 
-    def column_blocks(self) -> Iterator[tuple[slice, Array]]:
-        """The columns of all in turn, a limited number at once: which, and (n, 3 or 6, q), scaled
-        [m, rad].
-        """
-        if self.nuisances:
-            yield slice(0, self.nuisances), self.columns(None)
-        most = max(min(AT_ONCE, NUMBERS_AT_ONCE // self.tips.size), 1)
-        for _, group in groupby(self.blocks, key=lambda b: b.columns.start // most):
-            for _, same in groupby(group, key=lambda b: isinstance(b.source, Carried)):
-                some = list(same)
-                columns = slice(some[0].columns.start, some[-1].columns.stop)
-                yield columns, self._of([b.source for b in some]) * self.scales[columns]
+    def groups(self, records: Index) -> Iterator[Index]:
+        """Some of the records in turn, a limited number at once."""
+        most = ROWS_AT_ONCE // self.tips.shape[1]
+        for first in range(0, records.size, most):
+            yield records[first : first + most]
 
-    def columns(self, block: int | None) -> Array:
-        """The columns of a block, or of the nuisances where it is None, scaled (n, 3 or 6, q) [m,
-        rad]; kept.
-        """
-        if block not in self._kept:
-            if block is None:
-                own = self.fit.point.prediction.jacobian[:, :, self.kept]
-                self._kept[block] = own * self.scales[: self.nuisances]
-            else:
-                self._kept[block] = (
-                    self._of([self.blocks[block].source]) * self.scales[self.blocks[block].columns]
-                )
-        return self._kept[block]
+    def rows(self, records: Index) -> Array:
+        """All columns in some records, scaled (n, 3 or 6, columns) [m, rad]."""
+        found = np.empty((records.size, self.tips.shape[1], self.width))
+        own = self.fit.point.prediction.jacobian[records]
+        found[:, :, : self.nuisances] = own[:, :, self.kept]
+        arm = _Calibrated(self.fit, records)
+        for columns, source in self.sources:
+            found[:, :, columns] = arm.of(source)
+        found *= self.scales
+        return found
 
-    def combined(self, chosen: Index, weights: Array) -> Array:
-        """Combinations of the columns of some blocks, which are ``chosen``, by ``weights``
-        (columns, r) (n, 3 or 6, r).
+    def columns(self, block: int) -> Array:
+        """Displacement of all records by each parameter of a block (n, 3 or 6, q) [m, rad]."""
+        own = self.blocks[block]
+        return self.combined(own.columns, own.in_columns(np.eye(own.size)))
+
+    def combined(self, columns: slice, weights: Array) -> Array:
+        """Displacement of all records by combinations of some columns, whose ``weights`` are
+        (columns, r) (n, 3 or 6, r) [m, rad].
         """
         whole = np.zeros((self.width, weights.shape[1]))
-        whole[chosen] = weights
-        found = np.zeros((*self.tips.shape, weights.shape[1]))
-        for block in self.blocks:
-            if (own := whole[block.columns]).any():
-                found += self._of([block.source]) @ (self.scales[block.columns][:, None] * own)
+        whole[columns] = weights
+        return self.moved(whole, np.arange(len(self.tips)))
+
+    def moved(self, weights: Array, records: Index) -> Array:
+        """Displacement of some records by all columns times ``weights`` (columns, r) (n, 3 or 6, r)
+        [m, rad].
+        """
+        in_units = self.scales[:, None] * weights
+        acting = [(own, source) for own, source in self.sources if in_units[own].any()]
+        found = np.empty((records.size, self.tips.shape[1], weights.shape[1]))
+        own = self.fit.point.prediction.jacobian
+        done = 0
+        for group in self.groups(records):
+            part = own[group][:, :, self.kept] @ in_units[: self.nuisances]
+            arm = _Calibrated(self.fit, group)
+            for columns, source in acting:
+                part += arm.of(source) @ in_units[columns]
+            found[done : done + group.size] = part
+            done += group.size
         return found
 
     def deviations(self, tips: Array) -> Array:
@@ -165,28 +268,16 @@ class Design:
         slides].
         """
         rows = self.fit.problem.model.arm.chain.moving_rows()
-        return self._calibrated.columns([JointZeroOffset(row) for row in rows])
-
-    @cached_property
-    def _kept(self) -> dict[int | None, Array]:
-        return {}
-
-    def _of(self, sources: Sequence[tuple[Effect, ...] | Carried]) -> Array:
-        """Columns of causes alone, or of covariates alone (n, 3 or 6, q) [m/unit]."""
-        effects = [effect for source in sources if isinstance(source, tuple) for effect in source]
-        if effects:
-            return self._calibrated.columns(effects)
-        return np.concatenate(
-            [self._calibrated.carried(way) for way in sources if isinstance(way, Carried)], axis=2
-        )
-
-    @cached_property
-    def _calibrated(self) -> _Calibrated:
-        return _Calibrated(self.fit)
+        every = np.arange(len(self.tips))
+        return _Calibrated(self.fit, every).of(tuple(JointZeroOffset(row) for row in rows))
 
 
 def design_of(
-    fit: Fit, library: Sequence[Variants], others: Sequence[Covariate], taken_out: int = 0
+    fit: Fit,
+    library: Sequence[Variants],
+    others: Sequence[Covariate],
+    taken_out: int = 0,
+    held: Sequence[Effect] = (),
 ) -> Design:
     """The columns of every candidate in the arm as calibrated.
 
@@ -198,6 +289,7 @@ def design_of(
             what they do is taken out of the tips, so that they can be chosen again or not. What the
             arm states of a geometric value among them, or of a cause that it is known to have, is a
             nuisance as well, within its u.
+        held: effects of the fit's model that are candidates too, at the values at which they stay.
     """
     problem = fit.problem
     point = fit.point
@@ -212,24 +304,12 @@ def design_of(
             stated_u[place] = known_u[place] = known[effect.identity]
     within = stays + np.flatnonzero(stated_u[stays:] > 0.0)
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
-    tips = point.prediction.poses - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
-    left = np.sqrt(np.square(fit.system.deviation[fit.used]).mean())
-    candidates: list[Sequence[tuple[Effect, ...] | Carried]] = [
-        *map(_sources, library),
-        *(each.variants for each in others),
-    ]
-    blocks = []
-    typical = []
-    first = kept.size
-    for number, variants in enumerate(candidates):
-        for which, source in enumerate(variants):
-            typical.append(_typical(source, left))
-            blocks.append(
-                Block(number, which, slice(first, first := first + typical[-1].size), source)
-            )
-    scales = np.concatenate(
-        [problem.scales[:stays], stated_u[within], problem.scales[width:], *typical]
-    )
+    of_set_up = np.concatenate([problem.scales[:stays], stated_u[within], problem.scales[width:]])
+    columns = _ColumnsOf(fit, kept.size)
+    for number, variants in enumerate(library):
+        columns.add_cause(number, variants)
+    for number, covariate in enumerate(others, len(library)):
+        columns.add_covariate(number, covariate)
     names = (
         *(variants[0].label for variants in library),
         *(covariate.name for covariate in others),
@@ -240,46 +320,133 @@ def design_of(
         problem.prior_rows[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
     )
     prior[width:, stays : stays + within.size] = np.eye(within.size)
-    held = np.flatnonzero(np.isin(kept, np.flatnonzero(known_u)))
-    return Design(
+    found = Design(
         fit,
         names,
         len(library),
-        tuple(blocks),
+        tuple(columns.blocks),
+        tuple(columns.sources),
         kept.size,
-        scales,
+        np.concatenate([of_set_up, *columns.scales]),
         kept,
-        held,
+        np.flatnonzero(np.isin(kept, np.flatnonzero(known_u))),
         prior,
-        tips,
-        taken_out,
+        point.prediction.poses,
     )
+    tips = found.tips - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
+    return replace(found, tips=tips - _moved_by(fit, held))
 
 
-def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
-    """What each variant changes: itself; and the known cause too, if the variant has another
-    nonlinear parameter than this.
-    """
-    first = variants[0]
-    both = is_change(variants[0]) and variants[0].nonlinear.field
-    return [(effect, first) if both and effect is not first else (effect,) for effect in variants]
+def _moved_by(fit: Fit, held: Sequence[Effect]) -> Array | float:
+    """Displacement of all records by effects at their values (n, 3 or 6) [m, rad]."""
+    if not held:
+        return 0.0
+    values = np.concatenate([effect.values for effect in held])
+    every = np.arange(len(fit.used))
+    some = np.array_split(every, len(every) // (ROWS_AT_ONCE // 3) + 1)
+    return np.concatenate([_Calibrated(fit, part).of(tuple(held)) @ values for part in some])
+
+
+class _ColumnsOf:
+    """The columns of candidates, added one after the other behind ``first`` others."""
+
+    def __init__(self, fit: Fit, first: int) -> None:
+        self.arm, self.records = fit.problem.model.arm, fit.problem.measurements
+        self.left = float(np.sqrt(np.square(fit.system.deviation[fit.used]).mean()))
+        self.last = first
+        self.blocks = list[Block]()
+        self.sources = list[tuple[slice, Source]]()
+        self.scales = list[Array]()
+        self.bases = dict[object, slice]()
+
+    def add_cause(self, number: int, variants: Variants) -> None:
+        """The variants of a cause, as forms of a basis where there is one."""
+        first = variants[0]
+        changes = is_change(first)
+        basis = None
+        for which, effect in enumerate(variants):
+            # Variants that differ by a nonlinear parameter are forms of one basis.
+            if not changes and not (which and effect.nonlinear.field):
+                basis = effect.basis(self.arm, self.records)
+            if basis is not None:
+                columns = self._basis(basis)
+                form = self._form(effect, basis)
+            else:
+                both = changes and bool(first.nonlinear.field) and effect is not first
+                columns = self._new((effect, first) if both else (effect,))
+                form = None
+            single = len(effect.terms) == 1 and not is_change(effect)
+            positive = single and effect.terms[0].positive
+            self.blocks.append(Block(number, which, columns, form, positive))
+
+    def _basis(self, basis: Effect) -> slice:
+        """Columns of a basis, which are there once."""
+        if basis.identity not in self.bases:
+            self.bases[basis.identity] = self._new((basis,))
+        return self.bases[basis.identity]
+
+    @staticmethod
+    def _form(effect: Effect, basis: Effect) -> Array:
+        """Combinations of the scaled columns of a basis (columns, q)."""
+        return effect.in_basis(basis) * _typical(effect) / _typical(basis)[:, None]
+
+    def add_covariate(self, number: int, covariate: Covariate) -> None:
+        """What a covariate acts on."""
+        for which, way in enumerate(covariate.variants):
+            self.blocks.append(Block(number, which, self._new(way), None))
+
+    def _new(self, source: Source) -> slice:
+        if isinstance(source, Carried):
+            scales = self._typical_of_covariate(source)
+        else:
+            scales = np.concatenate([_typical(effect) for effect in source])
+        columns = slice(self.last, self.last + scales.size)
+        self.last = columns.stop
+        self.sources.append((columns, source))
+        self.scales.append(scales)
+        return columns
+
+    def _typical_of_covariate(self, way: Carried) -> Array:
+        """Usual magnitudes of what a covariate changes (q,)."""
+        shift = max(TYPICAL_SHIFT, self.left)
+        sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
+        typical = sizes.get(Carrier(way.carrier).kind.unit, shift)
+        functions = way.functions.shape[1]
+        return np.full(functions * len(way.quantities), typical / np.sqrt(functions))
+
+
+def _typical(effect: Effect) -> Array:
+    """Usual magnitudes of the parameters of an effect (q,)."""
+    return np.array([term.typical for term in effect.terms])
 
 
 class _Calibrated:
-    """The calibrated arm in its records."""
+    """The calibrated arm in some of its records."""
 
-    def __init__(self, fit: Fit) -> None:
+    def __init__(self, fit: Fit, chosen: Index) -> None:
         problem = fit.problem
         point = fit.point
         arm = problem.model.arm
         records = problem.measurements
-        self.drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=problem.turns)
+        conditions = records.conditions.take(chosen)
+        q = records.q[chosen]
+        self.chosen = chosen
+        self.drawn = State(arm, q, conditions, arm.chain.tip, turns=problem.turns)
         given = ParameterVector(arm, (*problem.model.effects, *fit.effects))
         self.state = Columns.of(self.drawn, given.effects).at(given.values)
         self.frame = point.frame.rotation if problem.external else np.eye(3)
         self._of_carriers = dict[str, Array]()
 
-    def columns(self, effects: Sequence[Effect]) -> Array:
+    def of(self, source: Source) -> Array:
+        """Displacement of the records by one unit of each parameter (n, 3 or 6, q) [m/unit]."""
+        if not isinstance(source, Carried):
+            return self._columns(source)
+        axes = self._axes(source.carrier)
+        functions = source.functions[self.chosen]
+        moved = np.einsum("nm,nij->nimj", functions, axes)
+        return np.asarray(moved.reshape(*axes.shape[:2], -1))
+
+    def _columns(self, effects: Sequence[Effect]) -> Array:
         """∂(pose)/∂parameters of effects that are all zero, in the frame of the references (n, 3 or
         6, p) [m/unit].
         """
@@ -288,30 +455,10 @@ class _Calibrated:
             return self.frame @ columns
         return np.concatenate([self.frame @ half for half in np.split(columns, 2, axis=1)], axis=1)
 
-    def carried(self, way: Carried) -> Array:
-        """Shift of the tip by each function on each axis of the carrier (n, 3 or 6, functions ·
-        axes) [m/unit].
-        """
-        axes = self._axes(way.carrier)
-        return np.asarray(
-            np.einsum("nm,nij->nimj", way.functions, axes).reshape(*axes.shape[:2], -1)
-        )
-
     def _axes(self, name: str) -> Array:
         """Shift of the tip by one unit on each axis of a carrier (n, 3 or 6, axes)."""
         if name not in self._of_carriers:
             constant = Part(Carrier(name), ())
             unit = Discrepancy(name, (constant,), constant.coefficients)
-            self._of_carriers[name] = self.columns([unit])
+            self._of_carriers[name] = self._columns([unit])
         return self._of_carriers[name]
-
-
-def _typical(source: tuple[Effect, ...] | Carried, left: float) -> Array:
-    """Usual magnitudes of the columns (q,)."""
-    if isinstance(source, tuple):
-        return np.array([term.typical for effect in source for term in effect.terms])
-    shift = max(TYPICAL_SHIFT, left)
-    sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
-    typical = sizes.get(Carrier(source.carrier).kind.unit, shift)
-    functions = source.functions.shape[1]
-    return np.full(functions * len(source.quantities), typical / np.sqrt(functions))

@@ -33,8 +33,8 @@ from aacmm_pin.calibration.parameters import is_reestimated, length_held
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.cross_validation import Fold, Gain, gain_of
-from aacmm_pin.diagnosis.discrepancy import described_model
+from aacmm_pin.diagnosis.cross_validation import Gain, folds_of, gain_of
+from aacmm_pin.diagnosis.discrepancy import described_model, extended_model
 from aacmm_pin.diagnosis.findings import findings_of
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding
@@ -139,10 +139,10 @@ def diagnose(
     repeated += session_notes(recalibrated)
     if model.arm.masses is None:
         repeated.append(Note("masses_not_stated", {"arm": model.arm.name}))
-    left_out = choice.by_part.parts if enough_postures(measurements) else []
-    folds = [Fold(choice, number) for number in left_out]
+    apart = hold_out and enough_postures(measurements)
+    folds = folds_of(choice, before, kind, progress) if apart else []
     findings = findings_of(model, choice, folds, rng)
-    held = gain_of(choice, folds, before, kind, rng, progress) if hold_out and folds else None
+    held = gain_of(choice, folds, kind, rng) if folds else None
     if held is not None and not findings:
         held = held.without_causes()
     unexplained = unexplained_by(choice, held, bool(findings), rng)
@@ -163,11 +163,11 @@ def diagnose(
         fits=(recalibrated, choice.fit),
     )
     doubts = doubts_of(evidence)
-    extended = calibrated_model(recalibrated if evidence.no_better else choice.fit)
+    extended = calibrated_model(recalibrated) if evidence.no_better else extended_model(choice)
     if with_discrepancy and not evidence.no_better:
         extended = described_model(model, choice, problem, unexplained.has_background)
     noise = choice.fit.distance_of(choice.fit.stated_noise)
-    result = Diagnosis(
+    return Diagnosis(
         verdict=verdict_of(evidence, doubts),
         findings=tuple(findings),
         model=_as_found(extended, choice.fit.stated, findings, unexplained),
@@ -184,9 +184,6 @@ def diagnose(
         otherwise=choice.otherwise,
         contradicted=evidence.contradicted,
     )
-    for products in (choice.by_part.products, choice.posterior.space.gram.products):
-        products.release()
-    return result
 
 
 def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:

@@ -4,7 +4,7 @@ named.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +16,10 @@ from aacmm_pin.calibration import Fit, calibrated_model
 from aacmm_pin.calibration.calibrated_arm import joined
 from aacmm_pin.calibration.estimation import fit as fit_of
 from aacmm_pin.calibration.linearisation import linearise
-from aacmm_pin.diagnosis.background import Background
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Carried
-from aacmm_pin.diagnosis.model_extension import ProblemOf, free
+from aacmm_pin.diagnosis.held_curves import stays
+from aacmm_pin.diagnosis.model_extension import ProblemOf
 from aacmm_pin.effects import Carrier, Discrepancy, ErrorModel, Part
 
 FACTORS = 10
@@ -67,9 +67,28 @@ def described_model(
     named = covariate_effects(covariates, _prior_u(choice), taken)
     taken |= {effect.label for effect in named}
     held = [_background(choice, taken)] if background else []
-    causes = [free(effect) for effect in choice.effects]
-    refit = fit_of(problem_of([*causes, *named], held), used=choice.fit.used)
+    causes = choice.with_values(choice.effects)
+    estimated = [effect for effect in causes if not stays(effect)]
+    curves = [effect for effect in causes if stays(effect)]
+    refit = fit_of(problem_of([*estimated, *named], [*curves, *held]), used=choice.fit.used)
     return calibrated_beside(refit, held[0]) if held else calibrated_model(refit)
+
+
+def extended_model(choice: Choice) -> ErrorModel:
+    """The calibrated arm of the last refit, with the covariance of the curves that it held."""
+    curves = choice.curves
+    if curves is None:
+        return calibrated_model(choice.fit)
+    beside = choice.fit.added_covariance - curves.added_covariance
+    model = calibrated_model(replace(choice.fit, added_covariance=beside))
+    number = {effect.key: k for k, effect in enumerate(curves.effects)}
+    effects = [
+        curves.effects[number[effect.key]] if effect.key in number else effect
+        for effect in model.effects
+    ]
+    names = [parameter.name for effect in curves.effects for parameter in effect.parameters()]
+    answers = dict(zip(choice.fit.problem.names, curves.response, strict=True))
+    return _with_joint_covariance(replace(model, effects=tuple(effects)), answers, names, curves.covariance)
 
 
 def _prior_u(choice: Choice) -> Array:
@@ -89,12 +108,11 @@ def _background(choice: Choice, taken: Collection[str]) -> Discrepancy:
     """The background at its most probable amplitude."""
     design = choice.design
     model = choice.posterior.median_model
-    columns, weights = model.base.gram.products.background
+    directions = model.base.gram.directions
     blocks = [k for k, block in enumerate(design.blocks) if block.candidate >= design.causes]
     described = described_by(choice, blocks)
-    in_si = design.scales[columns][:, None] * weights
-    found = Background(model)
-    return background_effect(described, in_si, found.estimate, found.covariance, taken)
+    in_si = design.scales[directions.columns][:, None] * directions.weights
+    return background_effect(described, in_si, *model.background, taken)
 
 
 def covariate_effects(
@@ -173,15 +191,29 @@ def calibrated_beside(fit: Fit, held: Discrepancy) -> ErrorModel:
         held: the effect, with u.
     """
     model = calibrated_model(fit)
-    names, covariance = _known_covariance(model.arm)
     answers = dict(zip(fit.problem.vector.names, _answers(fit, held), strict=True))
-    response = np.zeros((len(names), held.size))
-    for row, name in zip(response, names, strict=True):
+    names = [parameter.name for parameter in held.parameters()]
+    return _with_joint_covariance(model, answers, names, np.diag(np.square(held.u)))
+
+
+def _with_joint_covariance(
+    model: ErrorModel, answers: Mapping[str, Array], names: Sequence[str], own: Array
+) -> ErrorModel:
+    """The model with the covariance of held parameters beside that of the estimates.
+
+    Args:
+        model: with the covariance of the estimates.
+        answers: derivative of each estimate, by its name, by the held parameters (q,).
+        names: of the held parameters (q,).
+        own: their covariance (q, q).
+    """
+    known, covariance = _known_covariance(model.arm)
+    response = np.zeros((len(known), len(names)))
+    for row, name in zip(response, known, strict=True):
         row += answers.get(name, 0.0)
-    own = np.diag(np.square(held.u))
     across = response @ own
     joint = np.block([[covariance + across @ response.T, across], [across.T, own]])
-    every = [*names, *(parameter.name for parameter in held.parameters())]
+    every = [*known, *names]
     return ErrorModel(with_covariance(model.arm, every, joint), model.effects)
 
 

@@ -83,7 +83,7 @@ def _model_uncertainty(choice: Choice, block: int, effect: Effect) -> Array:
     """
     design = choice.design
     q = len(effect.terms)
-    scales = design.scales[design.blocks[block].columns][:q]
+    scales = np.array([term.typical for term in effect.terms])
     between_sets = choice.posterior.uncertainty_of_the_set(block)[:q, :q]
     return scales[:, None] * between_sets * scales
 
@@ -129,3 +129,6 @@ def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
         covariance = fit.covariance[entries, entries] + from_prior
         u = np.sqrt(np.diag(covariance))
         yield effect.at(effect.values, tuple(u)), covariance
+    if choice.curves is not None:
+        for effect in choice.curves.effects:
+            yield effect, choice.curves.of_effect(effect)

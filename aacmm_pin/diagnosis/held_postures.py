@@ -4,6 +4,7 @@ of its own.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -139,17 +140,34 @@ class HeldPostures:
     def _means(self, rows: Array) -> Array:
         return (self.sums(rows).T / self.count).T
 
-    def whitened(self, rows: Array) -> Array:
-        """Rows (n, …), whitened record by record, with the shared error whitened too.
+    def divided(self, records: Index, most: int) -> Iterator[Index]:
+        """Some of the records in turn, about ``most`` at once; those of one group together."""
+        order = records[np.argsort(self.group[records], kind="stable")]
+        group = self.group[order]
+        starts = np.flatnonzero((np.diff(group, prepend=-2) != 0) | (group < 0))
+        first = 0
+        while first < order.size:
+            behind = starts[starts >= first + most]
+            last = int(behind[0]) if behind.size else order.size
+            yield order[first:last]
+            first = last
+
+    def whitened(self, rows: Array, records: Index | slice = slice(None)) -> Array:
+        """Rows (n, …) of some records, whitened record by record, with the shared error whitened
+        too; of a group all of these or none.
 
         The mean of a group of m has ``1 + m ratio²`` times the variance of independent records; the
         rest is as it was.
         """
         if not self.ratio:
             return rows
-        less = 1.0 - 1.0 / np.sqrt(self.scale)
-        inside = self.group >= 0
-        taken = (less * self._means(rows).T).T[self.group[inside]]
+        number = self.group[records]
+        inside = number >= 0
+        groups, local = np.unique(number[inside], return_inverse=True)
+        means = np.zeros((groups.size, *rows.shape[1:]))
+        np.add.at(means, local, rows[inside])
+        share = (1.0 - 1.0 / np.sqrt(self.scale[groups])) / self.count[groups]
+        taken = (share * means.T).T[local]
         found = rows.copy()
         found[inside] -= taken
         return found

@@ -2,21 +2,23 @@
 
 ``r = Z η + Σ G_k β_k + B d + ε`` in units of the records' noise. Nuisances η and the background d
 are taken out of the inner products once for each amplitude of the background; the blocks of a set
-are then conditioned on by one small Cholesky factor.
+are then conditioned on by one small Cholesky factor. What is asked of other blocks beside the set,
+such as the evidence of every form of a place, is arithmetic on the products inside their columns.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy
 from scipy.linalg.blas import dtrsm
-from scipy.special import gammaln
+from scipy.special import gammaln, log_ndtr
 
-from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.diagnosis.design_matrix import Block
+from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin.diagnosis.design_matrix import Block, Family
 from aacmm_pin.diagnosis.gram_matrix import Gram, numbers_of
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
@@ -30,6 +32,8 @@ ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
 definite."""
 LARGE = 6
 """From so many columns on, a Cholesky factor for each width costs less than all eigenvalues."""
+KEPT = 50
+"""So many blocks whose products are kept."""
 LEAST_CHI2 = 1e-9
 """χ² is at least this, of data that fit without any residual."""
 
@@ -92,26 +96,28 @@ class Base:
     @property
     def nuisances(self) -> int:
         """Number of nuisance columns."""
-        return self.gram.products.design.nuisances
+        return self.gram.design.nuisances
 
     @cached_property
     def _products(self) -> tuple[Array, Array]:
         """Products of nuisances and background with all columns (b, columns + 1), and with one
         another (b, b).
         """
-        first = slice(0, self.nuisances)
-        rows = self.gram.strip(first)
+        first = self.nuisances
+        rows = self.gram.matrix[:first]
         if not self.amplitude:
-            return rows, rows[:, first]
-        with_all, inside = self.gram.background
-        across = with_all[:, first]
-        whole = np.block([[rows[:, first], across.T], [across, inside]])
+            return rows, rows[:, :first]
+        directions = self.gram.directions
+        with_all = directions.weights.T @ self.gram.matrix[directions.columns]
+        across = with_all[:, :first]
+        inside = with_all[:, directions.columns] @ directions.weights
+        whole = np.block([[rows[:, :first], across.T], [across, inside]])
         return np.concatenate([rows, with_all]), whole
 
     @cached_property
     def prior(self) -> Array:
         """Prior precision of nuisances and background (b,)."""
-        known = self.gram.products.design.known
+        known = self.gram.design.known
         found = np.full(len(self._products[1]), UNKNOWN)
         found[known] = HELD if self.as_stated else UNKNOWN
         found[self.nuisances :] = 1.0 / max(self.amplitude, LEAST_CHI2) ** 2
@@ -123,22 +129,37 @@ class Base:
         whole = self._products[1]
         # A frame without a prior is many metres wide: the rounding of its products may be more than
         # what is known of others.
-        every = np.diag(whole) + 0.0
-        every[: self.nuisances] = np.diag(
-            self.gram.products.strip(None, slice(0, self.nuisances))[:, : self.nuisances]
-        )
-        for rounding in ROUNDINGS:
-            found, failed = scipy.linalg.lapack.dpotrf(
-                whole + np.diag(self.prior + rounding * every), lower=1, clean=1
-            )
-            if not failed:
-                break
-        return np.asarray(found)
+        return lower_factor(whole + np.diag(self.prior), np.diag(whole))
 
     @cached_property
     def whitened(self) -> Array:
         """``L⁻¹`` times their products with all columns and the residual (b, columns + 1)."""
         return divided(self.factor, self._products[0])
+
+    @cached_property
+    def left(self) -> Array:
+        """Products of all columns and, last, the residual with the residual, where these are
+        integrated over (columns + 1,).
+        """
+        return np.asarray(self.gram.matrix[-1] - self.whitened[:, -1] @ self.whitened)
+
+    def rows(self, block: int) -> Array:
+        """Products of the parameters of a block with all columns and the residual (q, columns + 1);
+        those of the last blocks are kept.
+        """
+        found = self._rows.pop(block, None)
+        if found is None:
+            own = self.gram.design.blocks[block]
+            products = own.of_rows(self.gram.matrix).T
+            found = products - own.of_rows(self.whitened).T @ self.whitened
+        self._rows[block] = found
+        if len(self._rows) > KEPT:
+            del self._rows[next(iter(self._rows))]
+        return found
+
+    @cached_property
+    def _rows(self) -> dict[int, Array]:
+        return {}
 
     @cached_property
     def log_volume(self) -> float:
@@ -147,57 +168,13 @@ class Base:
         return float(np.log(own * self.amplitude).sum()) if own.size else 0.0
 
     @cached_property
-    def residual(self) -> Array:
-        """Products of the residual with all columns and itself (columns + 1,)."""
-        explained = self.whitened[:, -1] @ self.whitened
-        return self.gram.residual - explained
-
-    @cached_property
-    def _strips(self) -> dict[int, Array]:
-        return {}
-
-    def strip(self, block: int) -> Array:
-        """Products of a block's columns with all and with the residual (q, columns + 1)."""
-        if block not in self._strips:
-            columns = self.gram.products.design.blocks[block].columns
-            self._strips[block] = (
-                self.gram.strip(columns) - self.whitened[:, columns].T @ self.whitened
-            )
-        return self._strips[block]
-
-    def among(self, blocks: tuple[int, ...]) -> Array:
-        """Products of the columns of some blocks with one another and with the residual, which is
-        last (m + 1, m + 1).
-        """
-        design = self.gram.products.design
-        strips = [design.blocks[k].columns for k in blocks]
-        own = numbers_of([*strips, slice(design.width, design.width + 1)])
-        whitened = self.whitened[:, own]
-        products = np.concatenate(
-            [*(self.gram.strip(s, own) for s in strips), self.gram.residual[None, own]]
-        )
-        return products - whitened.T @ whitened
-
-    @cached_property
-    def _diagonal_blocks(self) -> dict[int, Array]:
-        return {}
-
-    def diagonal_blocks(self, size: int) -> Array:
-        """Products inside each block of a size (blocks, q, q)."""
-        if size not in self._diagonal_blocks:
-            self._diagonal_blocks[size] = self.gram.diagonal_blocks(size) - squares(
-                self.gram, self.whitened, size
-            )
-        return self._diagonal_blocks[size]
-
-    @cached_property
     def determined(self) -> float:
         """How many parameters of nuisances and background the records, apart from priors,
         determine.
         """
         inverse = divided(self.factor, np.eye(len(self.factor)))
         first = self.nuisances
-        prior = self.gram.products.prior.rows[:, :first]
+        prior = self.gram.design.prior[:, :-1]
         of_nuisances = np.square(inverse[:, :first] @ prior.T).sum()
         variances = np.square(inverse[:, first:]).sum(axis=0)
         of_others = variances @ self.prior[first:]
@@ -207,47 +184,49 @@ class Base:
 @dataclass(frozen=True, eq=False)
 class Conditional:
     """The base with the blocks of a set integrated over, each parameter ``β ~ N(0, τ²)`` in units
-    of the typical magnitude.
+    of the typical magnitude; one that nature has above zero by the half of that.
 
     Attributes:
         base: nuisances and background integrated over.
         blocks: numbers of the set's blocks.
         widths: numbers of their τ.
         likelihood: of χ².
-        products: of the set's columns with one another and with the residual, which is last (m + 1,
-            m + 1).
+        rows: products of the set's parameters with all columns and the residual (m, columns + 1).
     """
 
     base: Base
     blocks: tuple[int, ...]
     widths: tuple[int, ...]
     likelihood: Likelihood
-    products: Array
+    rows: Array
 
     @staticmethod
     def of(
         base: Base, blocks: tuple[int, ...], widths: tuple[int, ...], likelihood: Likelihood
     ) -> Conditional:
         """The blocks, by their products beside the base."""
-        return Conditional(base, blocks, widths, likelihood, base.among(blocks))
+        rows = [base.rows(k) for k in blocks]
+        none = np.zeros((0, len(base.gram.matrix)))
+        return Conditional(base, blocks, widths, likelihood, np.concatenate([none, *rows]))
 
     @property
     def design_blocks(self) -> tuple[Block, ...]:
         """All blocks of the design."""
-        return self.base.gram.products.design.blocks
-
-    @cached_property
-    def columns(self) -> Index:
-        """Numbers of the set's columns (m,)."""
-        return numbers_of([self.design_blocks[k].columns for k in self.blocks])
+        return self.base.gram.design.blocks
 
     @cached_property
     def places(self) -> dict[int, slice]:
-        """Where each block is among the set's columns."""
+        """Where each block is among the set's parameters."""
         sizes = [self.design_blocks[k].size for k in self.blocks]
         ends = np.cumsum(sizes, dtype=int).tolist()
         slices = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         return dict(zip(self.blocks, slices, strict=True))
+
+    @cached_property
+    def information(self) -> Array:
+        """Products of the set's parameters with one another (m, m)."""
+        each = [self.design_blocks[k].of_rows(self.rows) for k in self.blocks]
+        return np.concatenate([np.zeros((len(self.rows), 0)), *each], axis=1)
 
     @cached_property
     def scale(self) -> Array:
@@ -258,18 +237,14 @@ class Conditional:
     @cached_property
     def factor(self) -> Array:
         """Lower Cholesky factor of the parameters' precision ``G + T⁻²`` (m, m)."""
-        precision = self.products[:-1, :-1].copy()
-        precision.flat[:: len(precision) + 1] += self.scale**-2.0
-        return np.asarray(np.linalg.cholesky(precision))
+        return lower_factor(self.information + np.diag(self.scale**-2.0), np.diag(self.information))
 
     @cached_property
     def estimate(self) -> Array:
         """Posterior mean of the set's parameters (m,), as a step."""
         if not self.blocks:
             return np.zeros(0)
-        return np.asarray(
-            -scipy.linalg.lapack.dpotrs(self.factor, self.products[:-1, -1], lower=1)[0]
-        )
+        return np.asarray(-scipy.linalg.cho_solve((self.factor, True), self.rows[:, -1]))
 
     @cached_property
     def inverse(self) -> Array:
@@ -289,8 +264,8 @@ class Conditional:
     @cached_property
     def chi2(self) -> float:
         """What is left of χ²."""
-        change = self.products[:-1, -1] @ self.estimate
-        return float(self.products[-1, -1] + change)
+        change = self.rows[:, -1] @ self.estimate
+        return float(self.base.left[-1] + change)
 
     @cached_property
     def log_volume(self) -> float:
@@ -298,10 +273,25 @@ class Conditional:
         over_prior = np.diag(self.factor) * self.scale
         return self.base.log_volume + float(np.log(over_prior).sum())
 
+    @cached_property
+    def log_above_zero(self) -> float:
+        """Log of the probability that the positive parameters are above zero, after the records
+        over before; each by itself.
+        """
+        return sum(map(self.log_above_zero_of, self.blocks))
+
+    def log_above_zero_of(self, block: int) -> float:
+        """The same of one block; 0 where nature has either sign."""
+        if not self.design_blocks[block].positive:
+            return 0.0
+        place = self.places[block].start
+        deviation = np.sqrt(self.variance * self.inverse[place, place])
+        return float(log_above_zero(self.estimate[place] / deviation))
+
     @property
     def log_evidence(self) -> float:
         """Log marginal likelihood, up to a constant of these records."""
-        return float(self.likelihood.log(self.chi2)) - self.log_volume
+        return float(self.likelihood.log(self.chi2)) - self.log_volume + self.log_above_zero
 
     @property
     def variance(self) -> float:
@@ -312,114 +302,288 @@ class Conditional:
     def dof(self) -> float:
         """Degrees of freedom that the set leaves, of all that it may use."""
         of_prior = np.diag(self.inverse) / np.square(self.scale)
-        used = self.columns.size - float(of_prior.sum())
+        used = len(self.rows) - float(of_prior.sum())
         return float(self.base.gram.free - self.base.determined - used)
+
+    @cached_property
+    def whitened(self) -> Array:
+        """``L⁻¹`` times the products with all columns and the residual (m, columns + 1)."""
+        return divided(self.factor, self.rows) if self.blocks else self.rows
+
+    def whitened_columns(self, columns: slice) -> Array:
+        """The same of some columns alone (m, columns)."""
+        if "whitened" in vars(self) or not self.blocks:
+            return self.whitened[:, columns]
+        return divided(self.factor, self.rows[:, columns])
+
+    @cached_property
+    def all(self) -> Beside:
+        """What is left beside the set."""
+        return Beside.of(self)
+
+    def without(self, *members: int) -> Beside:
+        """What is left beside the set without some of its blocks."""
+        return Beside.of(self, members)
 
     @property
     def over_widths(self) -> Array:
         """Log marginal likelihood with each width of each block, and last without it (blocks,
         widths + 1).
         """
-        each = [*map(self._over_widths, self.blocks, self.widths)]
-        return np.array(each).reshape(-1, WIDTHS.size + 1)
+        found = np.empty((len(self.blocks), WIDTHS.size + 1))
+        for k, values in zip(self.blocks, found, strict=True):
+            values[:] = self._over_widths(k)
+        return found
 
-    def _over_widths(self, block: int, width: int) -> Array:
+    def _over_widths(self, block: int) -> Array:
         own = self.places[block]
         precision = np.linalg.inv(self.inverse[own, own])
-        information = precision - np.eye(len(precision)) / WIDTHS[width] ** 2
-        gradient = precision @ self.estimate[own]
-        gain, volume = gains(information[None], gradient[None, :, None])
-        gain = np.append(gain, 0.0)
-        volume = np.append(volume, 0.0)
-        chi2 = self.chi2 + 2.0 * (gain[width] - gain)
-        log_volume = self.log_volume + volume - volume[width]
-        return np.asarray(self.likelihood.log(chi2) - log_volume)
-
-    @cached_property
-    def whitened(self) -> Array:
-        """``L⁻¹ G`` of all columns and the residual (m, columns + 1)."""
-        if not self.blocks:
-            return np.zeros((0, self.base.residual.size))
-        rows = np.concatenate([self.base.strip(k) for k in self.blocks])
-        return divided(self.factor, rows)
-
-    @cached_property
-    def residual(self) -> Array:
-        """Products of the residual with all columns and itself, the set integrated over (columns +
-        1,).
-        """
-        explained = self.whitened[:, -1] @ self.whitened
-        return self.base.residual - explained
-
-    def of_residuals(self, products: Array) -> Array:
-        """The same of other residuals, by their products with all columns (columns, draws) ->
-        (columns, draws).
-        """
-        base = self.base
-        first = self.base.nuisances
-        background = np.zeros((len(base.factor) - first, products.shape[1]))
-        if background.size:
-            columns, weights = base.gram.products.background
-            background = weights.T @ products[columns]
-        of_base = divided(base.factor, np.concatenate([products[:first], background]))
-        left = products - base.whitened[:, :-1].T @ of_base
-        if self.blocks:
-            left = left - self.whitened[:, :-1].T @ divided(self.factor, left[self.columns])
-        return left
-
-    def informations(self, size: int) -> Array:
-        """Information of every block of a size, the set integrated over (blocks, q, q)."""
-        if not self.blocks:
-            return self.base.diagonal_blocks(size)
-        return self.base.diagonal_blocks(size) - squares(self.base.gram, self.whitened, size)
-
-    def information(self, block: int) -> Array:
-        """The same of one block (q, q)."""
-        return self.cross(block, block)
-
-    def cross(self, one: int, other: int) -> Array:
-        """Products of the columns of two blocks, the set integrated over (q, q')."""
-        first, second = (self.design_blocks[k].columns for k in (one, other))
-        beside_base = self.base.strip(one)[:, second]
-        taken = self.whitened[:, first].T @ self.whitened[:, second]
-        return beside_base - taken
-
-    @cached_property
-    def additions(self) -> Array:
-        """Log marginal likelihood with each block more, at each width (blocks, widths); minus
-        infinity for its own.
-        """
-        products = self.base.gram.products
-        found = np.full((len(self.design_blocks), WIDTHS.size), -np.inf)
-        for size, own in products.of_size.items():
-            gain, volume = gains(
-                self.informations(size), self.residual[products.columns[size]][:, :, None]
-            )
-            found[own] = (
-                self.likelihood.log(self.chi2 - 2.0 * gain[:, :, 0]) - volume - self.log_volume
-            )
-        found[list(self.blocks)] = -np.inf
-        return found
+        scale = self.scale[own]
+        gradient = -precision @ self.estimate[own]
+        chi2 = self.chi2 - float(gradient @ self.estimate[own])
+        _, log_det = np.linalg.slogdet(precision * np.square(scale))
+        log_volume = self.log_volume - 0.5 * float(log_det)
+        others = self.log_above_zero - self.log_above_zero_of(block)
+        beside = Beside(self, chi2, log_volume, others, np.zeros((0, 0)))
+        information = precision - np.diag(scale**-2.0)
+        positive = np.array([self.design_blocks[block].positive])
+        values = beside.with_each(information[None], gradient[None], positive)[0]
+        return np.append(values, beside.log_evidence)
 
     @cached_property
     def step(self) -> Array:
-        """Posterior mean step of nuisances, background and set, in this order (b + m,)."""
+        """Posterior mean of all columns' coefficients (columns,)."""
+        design = self.base.gram.design
+        found = np.zeros(design.width)
+        for k, place in self.places.items():
+            own = self.design_blocks[k]
+            found[own.columns] += own.in_columns(self.estimate[place])
         whitened = self.base.whitened
-        right = whitened[:, -1] + whitened[:, self.columns] @ self.estimate
-        of_base = scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
-        return np.concatenate([-of_base, self.estimate])
+        right = whitened[:, -1] + whitened[:, :-1] @ found
+        of_base = -scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
+        first = self.base.nuisances
+        found[:first] = of_base[:first]
+        if self.base.amplitude:
+            directions = self.base.gram.directions
+            found[directions.columns] += directions.weights @ of_base[first:]
+        return found
 
-    def tips(self, rows: Index | slice = slice(None)) -> Array:
+    @property
+    def background(self) -> tuple[Array, Array]:
+        """Posterior mean (r,) and covariance (r, r) of the background's directions, beside the set
+        at its mean.
+        """
+        whitened = self.base.whitened
+        right = whitened[:, -1].copy()
+        for k, place in self.places.items():
+            right += self.design_blocks[k].of_rows(whitened) @ self.estimate[place]
+        of_base = -scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
+        first = self.base.nuisances
+        # The nuisances are eliminated.
+        inverse = np.linalg.inv(self.base.factor[first:, first:])
+        return of_base[first:], self.variance * inverse.T @ inverse
+
+    def tips(self, records: Index | None = None) -> Array:
         """Tips of some records with everything at its posterior mean (n, 3), with orientations (n,
         6) [m, rad].
         """
-        products = self.base.gram.products
-        design = products.design
-        each = [design.columns(None)[rows]]
-        if self.base.amplitude:
-            each.append(products.background_columns[rows])
-        each += [design.columns(k)[rows] for k in self.blocks]
-        return design.tips[rows] + np.concatenate(each, axis=2) @ self.step
+        design = self.base.gram.design
+        chosen = np.arange(len(design.tips)) if records is None else records
+        return design.tips[chosen] + design.moved(self.step[:, None], chosen)[:, :, 0]
+
+
+def log_above_zero(value: Array | float) -> Array:
+    """Log of the probability that a normal parameter is above zero, over one half, by its mean in
+    standard deviations.
+    """
+    return np.asarray(log_ndtr(value) + np.log(2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """What is left beside a set, all else as it stands: without some of its blocks, or with one
+    more.
+
+    With ``A`` the precision of all parameters and ``R`` their products, the members have the
+    precision ``Q = ((A⁻¹)_kk)⁻¹`` beside the others, and without them ``(A⁻¹ R)_kᵀ Q (A⁻¹ R)_k``
+    more is left of all products: one factor of the whole set serves whichever these are.
+
+    Attributes:
+        conditional: the set.
+        chi2: what is left of χ².
+        log_volume: of the others and the background.
+        log_above_zero: see :attr:`Conditional.log_above_zero`, of the others.
+        back: rows whose squares are left too (q, columns + 1).
+        before: what was left before one more block was added.
+        more: rows whose squares that block takes (q, columns + 1).
+    """
+
+    conditional: Conditional
+    chi2: float
+    log_volume: float
+    log_above_zero: float
+    back: Array
+    before: Beside | None = None
+    more: Array | None = None
+
+    @staticmethod
+    def of(conditional: Conditional, members: Sequence[int] = ()) -> Beside:
+        """Without the members."""
+        own = numbers_of([conditional.places[k] for k in members])
+        inverse = conditional.inverse[own]
+        precision = np.linalg.inv(inverse[:, own])
+        scaled = precision * np.square(conditional.scale[own])
+        log_volume = conditional.log_volume - 0.5 * float(np.linalg.slogdet(scaled)[1])
+        above = conditional.log_above_zero_of
+        others = sum(above(k) for k in conditional.blocks if k not in members)
+        back = np.linalg.cholesky(precision).T @ (inverse @ conditional.rows)
+        chi2 = conditional.chi2 + float(back[:, -1] @ back[:, -1])
+        return Beside(conditional, chi2, log_volume, others, back)
+
+    def plus(self, block: int, width: int) -> Beside:
+        """With one block more."""
+        rows = self._rows(block)
+        information = self.conditional.design_blocks[block].of_rows(rows)
+        scale = WIDTHS[width]
+        factor = lower_factor(
+            information + np.eye(len(information)) / scale**2, np.diag(information)
+        )
+        more = divided(factor, rows)
+        return replace(
+            self,
+            chi2=self.chi2 - float(more[:, -1] @ more[:, -1]),
+            log_volume=self.log_volume + float(np.log(np.diag(factor) * scale).sum()),
+            before=self,
+            more=more,
+        )
+
+    def _rows(self, block: int) -> Array:
+        """Products of the parameters of a block with all columns and the residual (q, columns +
+        1).
+        """
+        own = self.conditional.design_blocks[block]
+        whitened = self.conditional.whitened
+        rows = self.conditional.base.rows(block) - own.of_rows(whitened).T @ whitened
+        rows += own.of_rows(self.back).T @ self.back
+        at: Beside | None = self
+        while at is not None and at.more is not None:
+            rows -= own.of_rows(at.more).T @ at.more
+            at = at.before
+        return np.asarray(rows)
+
+    def inside(self, columns: slice | Index) -> Array:
+        """Products of some columns with one another: of each block of columns (b, q) by itself (b,
+        q, q).
+        """
+        conditional = self.conditional
+        matrix = conditional.base.gram.matrix
+        whitened = conditional.base.whitened[:, columns]
+        back = self.back[:, columns]
+        if isinstance(columns, slice):
+            both = np.concatenate([whitened, conditional.whitened_columns(columns)])
+            return np.asarray(matrix[columns, columns] - both.T @ both + back.T @ back)
+        both = np.concatenate([whitened, conditional.whitened[:, columns]]).transpose(1, 0, 2)
+        back = back.transpose(1, 0, 2)
+        taken = both.transpose(0, 2, 1) @ both
+        products = matrix[columns[:, :, None], columns[:, None, :]]
+        return np.asarray(products - taken + back.transpose(0, 2, 1) @ back)
+
+    @cached_property
+    def _left(self) -> Array:
+        """Products of all columns and, last, the residual with the residual (columns + 1,), before
+        one more block was added.
+        """
+        conditional = self.conditional
+        taken = -conditional.estimate @ conditional.rows
+        return np.asarray(conditional.base.left - taken + self.back[:, -1] @ self.back)
+
+    @cached_property
+    def _of_families(self) -> dict[int, tuple[Array, Array]]:
+        return {}
+
+    def of_family(self, family: Family) -> tuple[Array, Array]:
+        """Information (b, q, q) and products with the residual (b, q) of the blocks of a family;
+        kept.
+        """
+        if id(family) not in self._of_families:
+            if self.before is None or self.more is None:
+                information = family.information(self.inside(family.columns))
+                gradient = family.gradient(self._left)
+            else:
+                information, gradient = self.before.of_family(family)
+                taken = family.of_rows(self.more)  # (b, r, q)
+                information = information - taken.transpose(0, 2, 1) @ taken
+                gradient = gradient - self.more[:, -1] @ taken
+            self._of_families[id(family)] = information, gradient
+        return self._of_families[id(family)]
+
+    def cross(self, one: int, other: int) -> Array:
+        """Products of the parameters of two blocks (q, q')."""
+        return self.conditional.design_blocks[other].of_rows(self._rows(one))
+
+    def information(self, block: int) -> Array:
+        """Information of a block (q, q)."""
+        return self.cross(block, block)
+
+    def gradient(self, block: int) -> Array:
+        """Products of the parameters of a block with the residual (q,)."""
+        return self._rows(block)[:, -1]
+
+    @property
+    def log_evidence(self) -> float:
+        """Log marginal likelihood, up to a constant of these records."""
+        likelihood = self.conditional.likelihood
+        return float(likelihood.log(self.chi2)) - self.log_volume + self.log_above_zero
+
+    def additions(self, families: Sequence[Family] | None = None) -> Array:
+        """Log marginal likelihood with each block more, of some families or of all, at each width
+        (blocks, widths); minus infinity for others.
+        """
+        design = self.conditional.base.gram.design
+        found = np.full((len(design.blocks), WIDTHS.size), -np.inf)
+        for family in design.families if families is None else families:
+            information, gradient = self.of_family(family)
+            found[family.blocks] = self.with_each(information, gradient, family.positive)
+        return found
+
+    def with_each(self, information: Array, gradient: Array, positive: Mask) -> Array:
+        """Log marginal likelihood with one of some blocks more, by their information (b, q, q) and
+        gradient (b, q), at each width (b, widths).
+        """
+        gain, volume = gains(information, gradient[:, :, None])
+        chi2 = self.chi2 - 2.0 * gain[:, :, 0]
+        found = self.conditional.likelihood.log(chi2) - volume - self.log_volume
+        if positive.any():
+            precision = information[positive, 0] + WIDTHS**-2.0
+            deviation = np.sqrt(self.conditional.variance * precision)
+            found[positive] += log_above_zero(-gradient[positive] / deviation)
+        return np.asarray(found + self.log_above_zero)
+
+
+def canonical(beside: Beside, one: int, other: int) -> float:
+    """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
+    roots = []
+    for block in (one, other):
+        values, vectors = np.linalg.eigh(beside.information(block))
+        keep = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
+        roots.append(vectors[:, keep] / np.sqrt(values[keep]))
+    if not (roots[0].size and roots[1].size):
+        return 0.0
+    cross = roots[0].T @ beside.cross(one, other) @ roots[1]
+    return float(min(np.linalg.svd(cross, compute_uv=False)[0], 1.0))
+
+
+def lower_factor(matrix: Array, sizes: Array) -> Array:
+    """Lower Cholesky factor, with the least rounding, in parts of ``sizes`` (m,), at which there
+    is one.
+    """
+    for rounding in ROUNDINGS:
+        found, failed = scipy.linalg.lapack.dpotrf(
+            matrix + np.diag(rounding * sizes), lower=1, clean=1
+        )
+        if not failed:
+            break
+    return np.asarray(found)
 
 
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
@@ -472,12 +636,6 @@ def log_sum(logs: Array) -> Array:
     handful of numbers.
     """
     return np.asarray(np.logaddexp.reduce(logs, axis=-1))
-
-
-def squares(gram: Gram, rows: Array, size: int) -> Array:
-    """``Rᵀ R`` of the columns of every block of a size (blocks, q, q)."""
-    each = rows[:, gram.products.columns[size]].transpose(1, 0, 2)  # (blocks, rows, q)
-    return each.transpose(0, 2, 1) @ each
 
 
 def divided(factor: Array, right: Array) -> Array:

@@ -23,8 +23,8 @@ from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import design_of
-from aacmm_pin.diagnosis.exploration import climb, explore
-from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.gram_matrix import gram_of
+from aacmm_pin.diagnosis.held_curves import HeldCurves, stays
 from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.nonlinear_parameters import (
@@ -36,6 +36,7 @@ from aacmm_pin.diagnosis.nonlinear_parameters import (
     with_nonlinear_u,
 )
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
+from aacmm_pin.diagnosis.search import climb, explore
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 
@@ -86,7 +87,6 @@ def choose(
     back = int(np.sum(nearer & ~(first.used & found.fit.used)))
     if back >= max(least, A_FEW * len(nearer)):
         doubtful = _doubtful(found, found.fit)
-        _release(found)  # there is room for one of them
         wider = fit(problem_of([]), used=nearer)
         again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress, nearer)
         fewer = int(doubtful.sum() - _doubtful(again, found.fit).sum())
@@ -94,16 +94,7 @@ def choose(
             found, again = again, found
         elif fewer > 0 and not found.causes:
             found = replace(found, otherwise=again.labels)
-        _release(again)
-    found = replace(found, kept_alone=first.used)
-    if not _torn(found.design.fit, parts):
-        return found
-    _release(found)
-    return replace(found, by_part=Gram(products_of(found.design, parts, found.noise)))
-
-
-def _release(choice: Choice) -> None:
-    choice.posterior.space.gram.products.release()
+    return replace(found, kept_alone=first.used)
 
 
 def _doubtful(choice: Choice, judge: Fit) -> Mask:
@@ -172,9 +163,10 @@ def _standing(
                 best = refined_causes(found, effects)
             rivals = refined_rivals(found)
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
-            _release(found)  # there is room for its rows or for those of the refit
-            if _identities(best) != _identities(effects):
-                at = refitted(problem_of, best, used=used) if best else first
+            if best:
+                at = refitted(problem_of, found.with_values(best), used=used)
+            elif effects:
+                at = first
             if not at.tells_noise:  # more causes than these records can carry
                 return replace(
                     found, fit=first, posterior=replace(found.posterior, weights={(): 1.0})
@@ -190,7 +182,7 @@ def _standing(
     elif used is not None:  # gross errors are looked for with all causes
         used = None
         found = replace(found, fit=first)
-    return replace(found, fit=_extended(problem_of, found, first, used))
+    return _extended(problem_of, found, first, used)
 
 
 def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
@@ -234,32 +226,36 @@ class _Before:
         )
 
 
-def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | None) -> Fit:
+def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | None) -> Choice:
     """The refit at the median probability model; its u includes the uncertainty of nonlinear
     parameters.
 
     A known cause is removed if a cause of its name with another nonlinear parameter is estimated,
     and its own values are zero within their U.
     """
-    effects = [effect.at(()) for effect in found.effects]
+    effects = found.with_values([effect.at(()) for effect in found.effects])
     if not effects:
-        return _with_shared_error(first, found)
-    count = found.fit.problem.candidates
-    fitted = _identities(found.fit.effects[-count:])
-    same = count == len(effects) and fitted == _identities(effects)
-    same = same and (used is None or np.array_equal(used, found.fit.used))
-    at = found.fit if same else refitted(problem_of, effects, used=used)
+        return replace(found, fit=_with_shared_error(first, found))
+    held = [effect for effect in effects if stays(effect)]
+    at = refitted(problem_of, effects, used=used)
     if gone := _gone(at, effects):
         at = refitted(problem_of, effects, gone, used)
         effects = [_without(at, found.noise, effects, k, gone) for k in range(len(effects))]
         at = refitted(problem_of, effects, gone, used)
-    return _with_shared_error(with_nonlinear_u(at, found.noise, effects), found)
+    at = with_nonlinear_u(at, found.noise, effects)
+    curves = HeldCurves.of(found, at, held) if held else None
+    return replace(found, fit=_with_shared_error(at, found, curves), curves=curves)
 
 
-def _with_shared_error(at: Fit, found: Choice) -> Fit:
-    """The fit with what an error that records of one posture share adds to its covariance."""
+def _with_shared_error(at: Fit, found: Choice, curves: HeldCurves | None = None) -> Fit:
+    """The fit with what an error that records of one posture share, and curves at which it stays,
+    add to its covariance.
+    """
     variance = found.posterior.median_model.variance
-    return replace(at, added_covariance=found.noise.added_covariance(at, variance))
+    added = found.noise.added_covariance(at, variance)
+    if curves is not None:
+        added = added + curves.added_covariance
+    return replace(at, added_covariance=added)
 
 
 def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
@@ -297,11 +293,13 @@ def refitted(
     gone: Sequence[Effect] = (),
     used: Mask | None = None,
 ) -> Fit:
-    """All refitted with these causes, without known ones that are gone; without ``used``, gross
-    errors are looked for.
+    """All refitted with these causes, within their u, without known ones that are gone; without
+    ``used``, gross errors are looked for. Curves stay at their values: so many parameters are the
+    posterior's.
     """
-    problem = problem_of([*map(free, effects)], gone=gone)
-    return fit(problem, used=used)
+    held = [effect for effect in effects if stays(effect)]
+    estimated = [effect.at((), effect.u) for effect in effects if not stays(effect)]
+    return fit(problem_of(estimated, held, gone=gone), used=used)
 
 
 def free(effect: Effect) -> Effect:
@@ -313,7 +311,7 @@ def free(effect: Effect) -> Effect:
 def _explored(choice: Choice) -> Choice:
     """The posterior from several starts, the most probable set so far among them."""
     posterior = choice.posterior
-    return replace(choice, posterior=explore(posterior.space, [posterior.top]))
+    return replace(choice, posterior=explore(posterior.space, posterior.top))
 
 
 def _climbed(
@@ -331,7 +329,8 @@ def _climbed(
     is nothing. The more probable of these two is taken, each with what its most probable set
     leaves.
     """
-    design = design_of(at, library, others, at.problem.candidates)
+    held = [effect for effect in at.problem.model.effects if stays(effect)]
+    design = design_of(at, library, others, at.problem.candidates, held)
     candidates = Candidates.of(design, library)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
     left = before or _Before(at.point.prediction.poses, at.dof, None, 0.0)
@@ -383,12 +382,10 @@ class _Climb:
         at = self.candidates.design.fit
         scatter = self.scatter
         stated = noise_is_known(at) if scatter is None else scatter.as_stated
-        # With all records there is no need to take an observation's unknown points apart.
-        parts = np.zeros_like(self.parts) if _torn(at, self.parts) else self.parts
         noise = RecordNoise(self.whitening, postures)
-        gram = Gram(products_of(self.candidates.design, parts, noise))
-        posterior = climb(ModelSpace(self.candidates, gram, stated), self.start)
-        return Choice(at, posterior, self.library, self.others, self.parts, gram, scatter)
+        space = ModelSpace(self.candidates, gram_of(self.candidates.design, noise), stated)
+        posterior = climb(space, self.start)
+        return Choice(at, posterior, self.library, self.others, self.parts, scatter)
 
     def settled(self, postures: HeldPostures) -> Choice:
         """The posterior with the error that its most probable set leaves, from a first one."""
@@ -398,26 +395,16 @@ class _Climb:
             again = self.shared(model.tips(), model.dof)
             if again.is_about(found.noise.postures):
                 break
-            _release(found)
             found = self.with_noise(again)
         return found
 
 
-def _torn(at: Fit, parts: Index) -> bool:
-    """Whether the records of a seat, or of seats that a bar connects, are in several parts."""
-    touched = at.observations.seat >= 0
-    cluster = at.observations.clusters[at.observations.seat[touched]]
-    pairs = np.stack([cluster, parts[touched]], axis=1)
-    return len(np.unique(pairs, axis=0)) > len(np.unique(cluster))
-
-
 def _block_of(candidates: Candidates, library: tuple[Variants, ...], effect: Effect) -> int:
     for number, block in enumerate(candidates.blocks):
-        if (
-            block.candidate < len(library)
-            and library[block.candidate][block.variant].identity == effect.identity
-        ):
-            return number
+        if candidates.is_cause(number):
+            variant = library[block.candidate][block.variant]
+            if variant.identity == effect.identity:
+                return number
     raise LookupError(effect.label)
 
 

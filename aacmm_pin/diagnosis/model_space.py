@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -12,10 +12,18 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.diagnosis.candidates import Variants, is_change
-from aacmm_pin.diagnosis.design_matrix import Block, Design
+from aacmm_pin.diagnosis.design_matrix import Block, Design, Family
 from aacmm_pin.diagnosis.gram_matrix import Gram
-from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood, log_sum
+from aacmm_pin.diagnosis.linear_model import (
+    WIDTHS,
+    Base,
+    Beside,
+    Conditional,
+    Likelihood,
+    log_sum,
+)
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.effects import Effect
 from aacmm_pin.measurements import Measurements
 
 Blocks = tuple[int, ...]
@@ -29,27 +37,26 @@ LEAST_WEIGHT = 1e-12
 LEAST_GAIN = 1e-9
 """Least gain in log posterior for which a width changes."""
 RECENT = 10
-"""Sets whose own products are cached: they are needed again at each amplitude, and with other
-blocks.
-"""
+"""Sets that are kept as they were worked out: they are needed again with other blocks."""
 NEGLIGIBLE = 12.0
 """A log posterior that is lower than the largest by more adds nothing to a sum."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The candidates for a set, and their prior odds.
+    """The candidates for a set, their places and their prior odds.
 
     Attributes:
         design: the candidates and their blocks of columns.
         log_odds: log prior odds of inclusion of each block (blocks,).
-        contained: for a candidate of which others are special cases, their numbers; these are in no
-            set with it.
+        places: number of the place of each candidate (candidates,).
+        free: whether each candidate can be every function of its place (candidates,).
     """
 
     design: Design
     log_odds: Array
-    contained: Mapping[int, frozenset[int]]
+    places: Index
+    free: Mask
 
     @staticmethod
     def of(design: Design, library: Sequence[Variants]) -> Candidates:
@@ -64,8 +71,14 @@ class Candidates:
         variants_of = np.bincount(owners)
         for count in variants_of[len(library) :]:
             within.append(np.full(count, -np.log(count)))
-        log_odds = log_prior[owners] + np.concatenate(within)
-        return Candidates(design, log_odds, _contained(library))
+        log_odds = log_prior[owners] + np.concatenate([np.zeros(0), *within])
+        keys = [place_of(variants[0]) for variants in library]
+        keys += design.names[len(library) :]
+        numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+        places = np.array([numbers[key] for key in keys], dtype=np.intp)
+        free = [variants[0].free_form for variants in library]
+        free += (len(keys) - len(library)) * [False]
+        return Candidates(design, log_odds, places, np.array(free, dtype=bool))
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -86,24 +99,39 @@ class Candidates:
         return self.owner(block) < self.design.causes
 
     @cached_property
-    def containers(self) -> dict[int, frozenset[int]]:
-        """For each candidate that others contain, their numbers."""
-        found = defaultdict[int, set[int]](set)
-        for container, members in self.contained.items():
-            for member in members:
-                found[member].add(container)
-        return {member: frozenset(containers) for member, containers in found.items()}
+    def of_blocks(self) -> Index:
+        """Place of every block (blocks,)."""
+        return self.places[self.owners]
+
+    def families(self, place: int) -> list[Family]:
+        """The blocks of a place, as they are asked together."""
+        return self._families[place]
+
+    @cached_property
+    def _families(self) -> dict[int, list[Family]]:
+        found = defaultdict[int, list[Family]](list)
+        for family in self.design.families:
+            places = self.of_blocks[family.blocks]
+            for place in np.unique(places).tolist():
+                found[place].append(family.some(places == place))
+        return found
 
     def barred(self, blocks: Blocks) -> Mask:
-        """Which blocks cannot be added to ``blocks``: blocks of their candidates, of special cases
-        of these, and of candidates of which these are special cases.
+        """Which blocks cannot be added to ``blocks``: blocks of their candidates; and none beside
+        one that can be every function of its place.
         """
-        struck = set[int]()
-        for owner in {self.owner(k) for k in blocks}:
-            struck.add(owner)
-            struck |= self.contained.get(owner, frozenset())
-            struck |= self.containers.get(owner, frozenset())
-        return np.isin(self.owners, list(struck))
+        owners = np.array([self.owner(k) for k in blocks], dtype=np.intp)
+        taken = np.isin(self.owners, owners)
+        alone = np.isin(self.of_blocks, self.places[owners[self.free[owners]]])
+        instead = self.free[self.owners] & np.isin(self.of_blocks, self.places[owners])
+        return np.asarray(taken | alone | instead)
+
+
+def place_of(effect: Effect) -> tuple[object, ...]:
+    """Where a cause acts, and of what it is a function there: causes with the same are forms of one
+    place.
+    """
+    return (effect.function_of or effect.cause, effect.location_field(), effect.place)
 
 
 def _owners(design: Design) -> Index:
@@ -134,17 +162,6 @@ def _shares(variants: Variants, log_prior: float, records: Measurements) -> Arra
     return np.concatenate([[0.0], new + log_prior])
 
 
-def _contained(library: Sequence[Variants]) -> dict[int, frozenset[int]]:
-    number = {(effect.cause, effect.place): k for k, (effect, *_) in enumerate(library)}
-    found = defaultdict[int, set[int]](set)
-    for k, (effect, *_) in enumerate(library):
-        for freer in effect.special_case_of:
-            owner = number.get((freer, effect.place))
-            if owner is not None:
-                found[owner].add(k)
-    return {owner: frozenset(causes) for owner, causes in found.items()}
-
-
 class ModelState(NamedTuple):
     """A set of blocks with the prior width of each, and an amplitude of the background, by their
     numbers.
@@ -155,9 +172,9 @@ class ModelState(NamedTuple):
     amplitude: int
 
     def of(self, kept: Sequence[int]) -> ModelState:
-        """The state with the blocks ``kept`` alone, with their widths."""
+        """The state with the blocks ``kept`` alone, with their widths; a usual one for others."""
         width = dict(zip(self.blocks, self.widths, strict=True))
-        widths = tuple(width[k] for k in kept)
+        widths = tuple(width.get(k, FIRST_WIDTH) for k in kept)
         return ModelState(tuple(kept), widths, self.amplitude)
 
 
@@ -181,6 +198,16 @@ class Peak(NamedTuple):
     state: ModelState
 
 
+Weighted = list[tuple[Beside, float]]
+"""What is left beside states of one set, each with its log weight."""
+
+
+def _factors(weighted: Weighted) -> Array:
+    """Log factor by which each block at each width makes a set more probable (blocks, widths)."""
+    each = [at.additions() - at.log_evidence + weight for at, weight in weighted]
+    return np.asarray(np.logaddexp.reduce(each, axis=0))
+
+
 class ModelSpace:
     """The posterior over sets of blocks.
 
@@ -189,6 +216,9 @@ class ModelSpace:
         gram: inner products of the records that count.
         stated: whether the noise is stated.
         amplitudes: of the background.
+
+    Attributes:
+        ascents: where a search of the most probable set ended, by where it began.
     """
 
     def __init__(
@@ -201,11 +231,13 @@ class ModelSpace:
         self.candidates, self.gram, self.stated = candidates, gram, stated
         covariates = candidates.design.causes < len(candidates.design.names)
         self.amplitudes = amplitudes if covariates else (0.0,)
+        self.ascents: dict[Blocks, Blocks] = {}
         self._bases: dict[tuple[int, bool], Base] = {}
         self._marginals: dict[Blocks, Marginal] = {}
         self._additions: dict[Blocks, Array] = {}
         self._widths: dict[Blocks, Array] = {}
-        self._among: dict[tuple[Blocks, int, bool], Array] = {}
+        self._rows: dict[tuple[Blocks, int, bool], Conditional] = {}
+        self._beside: dict[Blocks, list[Weighted]] = {}
 
     def base(self, amplitude: int, as_stated: bool = False) -> Base:
         """Nuisances and the background of an amplitude integrated over."""
@@ -222,13 +254,17 @@ class ModelSpace:
 
     def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
         """Every block, conditional on the set of ``state``."""
-        base = self.base(state.amplitude, as_stated)
         key = (state.blocks, state.amplitude, as_stated)
-        if key not in self._among:
-            if len(self._among) == RECENT:
-                del self._among[next(iter(self._among))]
-            self._among[key] = base.among(state.blocks)
-        return Conditional(base, state.blocks, state.widths, self.likelihood, self._among[key])
+        known = self._rows.pop(key, None)
+        if known is None:
+            base = self.base(state.amplitude, as_stated)
+            known = Conditional.of(base, state.blocks, state.widths, self.likelihood)
+        elif known.widths != state.widths:
+            known = replace(known, widths=state.widths)
+        self._rows[key] = known
+        if len(self._rows) > RECENT:
+            del self._rows[next(iter(self._rows))]
+        return known
 
     def log_prior(self, blocks: Blocks) -> float:
         """Log prior odds of a set of blocks against none, without its widths."""
@@ -251,18 +287,19 @@ class ModelSpace:
         of_amplitude = np.log(len(self.amplitudes))
         return self.log_prior(blocks) - float(of_widths + of_amplitude)
 
-    def marginal(self, blocks: Blocks) -> Marginal:
+    def marginal(self, blocks: Blocks, near: ModelState | None = None) -> Marginal:
         """The set's log posterior, summed over its widths and the amplitudes; kept.
 
         At each amplitude, the sum runs over each width alone from the best widths at this
-        amplitude, as if the widths were independent.
+        amplitude, as if the widths were independent. They are looked for from those of ``near``, a
+        state of this set or of a larger one.
         """
         if blocks not in self._marginals:
-            self._marginals[blocks] = self._summed(blocks)
+            start = self._near(blocks) if near is None else near.of(blocks)
+            self._marginals[blocks] = self._summed(blocks, start)
         return self._marginals[blocks]
 
-    def _summed(self, blocks: Blocks) -> Marginal:
-        state = self._near(blocks)
+    def _summed(self, blocks: Blocks, state: ModelState) -> Marginal:
         by_amplitude = self._over_amplitudes(state)
         peaks = dict[int, Peak]()
         while (best := int(np.argmax(by_amplitude))) not in peaks:
@@ -311,7 +348,10 @@ class ModelSpace:
             member = int(np.argmax(gains))
             widths = list(conditional.widths)
             widths[member] = int(np.argmax(values[member]))
-            conditional = replace(conditional, widths=tuple(widths))
+            changed = replace(conditional, widths=tuple(widths))
+            if changed.log_evidence <= conditional.log_evidence + LEAST_GAIN:
+                break  # what is positive is so only by itself
+            conditional = changed
         log_posterior = conditional.log_evidence + log_prior
         along_widths = log_sum(values) - largest
         return Peak(
@@ -338,7 +378,7 @@ class ModelSpace:
 
     def additions(self, blocks: Blocks) -> Array:
         """Approximate log posterior of the set with each block added (blocks,); minus infinity for
-        barred blocks; cached.
+        barred blocks; kept.
 
         Widths are the best without the added block; a member of the smallest width is tried with a
         usual width too, for with the block it may act. Amplitudes are the best and the next lower:
@@ -346,26 +386,101 @@ class ModelSpace:
         """
         if blocks not in self._additions:
             marginal = self.marginal(blocks)
-            near_best = self._near_best(marginal, lower=True)
-            factors_at = [at.additions - at.log_evidence + weight for at, weight in near_best]
-            factors = np.logaddexp.reduce(factors_at, axis=0)
-            if 0 in marginal.best.widths:
-                factors = np.maximum(factors, self._with_usual_widths(marginal, near_best))
+            near = self._with_one_more(blocks) or self._near_best(marginal)
+            factors = np.max([_factors(weighted) for weighted in near], axis=0)
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)
             gain[self.candidates.barred(blocks)] = -np.inf
             self._additions[blocks] = marginal.log_posterior + gain + self.candidates.log_odds
         return self._additions[blocks]
 
-    def _with_usual_widths(
-        self, marginal: Marginal, near: list[tuple[Conditional, float]]
-    ) -> Array:
-        """Factors of the additions if no member has the smallest width (blocks, widths)."""
+    def _near_best(self, marginal: Marginal) -> list[Weighted]:
+        """What is left beside a set at its best amplitude and at the next lower one; and if a
+        member has the smallest width, with a usual one.
+        """
         best = marginal.best
-        usual = tuple(width or FIRST_WIDTH for width in best.widths)
-        at = self.conditional(best._replace(widths=usual))
-        same, weight = near[-1]  # the best amplitude: the other one is lower
-        return at.additions - same.log_evidence + weight
+        at = self.conditional(best)
+        lower = max(best.amplitude - 1, 0)
+        shares = np.maximum(marginal.amplitudes[[lower, best.amplitude]], LEAST_WEIGHT)
+        weights = np.log(shares) - np.log(shares[1] + (lower < best.amplitude) * shares[0])
+        by_amplitude = [(at.all, float(weights[1]))]
+        if lower < best.amplitude:
+            below = self.conditional(best._replace(amplitude=lower))
+            by_amplitude.append((below.all, float(weights[0])))
+        found = [by_amplitude]
+        if 0 in best.widths:
+            usual = best._replace(widths=tuple(width or FIRST_WIDTH for width in best.widths))
+            there = self.conditional(usual)
+            found.append([(there.all, float(weights[1]) + there.log_evidence - at.log_evidence)])
+        self._keep_beside(best.blocks, found)
+        return found
+
+    def _with_one_more(self, blocks: Blocks) -> list[Weighted]:
+        """The same from what is left beside a set with a block less, if that is known."""
+        for k in blocks:
+            rest = tuple(each for each in blocks if each != k)
+            if rest in self._beside:
+                width = int(self._widths[rest][k])
+                known = self._beside[rest]
+                return [[(at.plus(k, width), weight) for at, weight in each] for each in known]
+        return []
+
+    def _keep_beside(self, blocks: Blocks, found: list[Weighted]) -> None:
+        self._beside[blocks] = found
+        if len(self._beside) > RECENT:
+            del self._beside[next(iter(self._beside))]
+
+    def exchanges(self, blocks: Blocks, gone: Blocks) -> tuple[float, Array]:
+        """Approximate log posterior of the set without some members, and with each block in their
+        place (blocks,), all else as it stands; minus infinity for barred blocks.
+        """
+        marginal = self.marginal(blocks)
+        at = self.conditional(marginal.best)
+        beside = at.without(*gone)
+        rest = tuple(k for k in blocks if k not in gone)
+        odds = self.candidates.log_odds
+        of_gone = odds[list(gone)].sum() - len(gone) * np.log(WIDTHS.size)
+        members = [blocks.index(k) for k in gone]
+        along_widths = log_sum(at.over_widths[members, :-1]) - at.log_evidence
+        others = marginal.log_posterior - at.log_evidence - along_widths.sum() - of_gone
+        values = beside.additions()
+        self._keep_beside(rest, [[(beside, 0.0)]])
+        self._widths[rest] = np.argmax(values, axis=1)
+        found = others + log_sum(values) - np.log(WIDTHS.size) + odds
+        found[self.candidates.barred(rest)] = -np.inf
+        return float(others + beside.log_evidence), np.asarray(found)
+
+    def best_form(self, state: ModelState, place: int) -> ModelState:
+        """The state with the most probable form at a place, and with its most probable width, or
+        with none there; all else as it stands.
+        """
+        candidates = self.candidates
+        members = [k for k in state.blocks if candidates.of_blocks[k] == place]
+        rest = state.of([k for k in state.blocks if k not in members])
+        return self._with_best(rest, self.conditional(state).without(*members), place)
+
+    def best_addition(self, state: ModelState) -> ModelState:
+        """The state with the most probable block more, if that makes it more probable."""
+        return self._with_best(state, self.conditional(state).all)
+
+    def _with_best(
+        self, rest: ModelState, beside: Beside, place: int | None = None
+    ) -> ModelState:
+        families = None if place is None else self.candidates.families(place)
+        values = beside.additions(families) - np.log(WIDTHS.size)
+        values += self.candidates.log_odds[:, None]
+        values[self.candidates.barred(rest.blocks)] = -np.inf
+        if not values.size or values.max() <= beside.log_evidence:
+            return rest
+        block, width = divmod(int(np.argmax(values)), WIDTHS.size)
+        widths = dict(zip(rest.blocks, rest.widths, strict=True)) | {block: width}
+        blocks = tuple(sorted(widths))
+        return ModelState(blocks, tuple(widths[k] for k in blocks), rest.amplitude)
+
+    def best_amplitude(self, state: ModelState) -> ModelState:
+        """The state with the most probable amplitude and then the most probable widths."""
+        best = int(np.argmax(self._over_amplitudes(state)))
+        return self._peak(state._replace(amplitude=best)).state
 
     def removals(self, blocks: Blocks) -> Array:
         """Approximate log posterior of the set without each of its blocks (members,).
@@ -373,22 +488,14 @@ class ModelSpace:
         Widths are the best with the block. Amplitudes are the best and the next higher.
         """
         marginal = self.marginal(blocks)
+        best = marginal.best
+        higher = min(best.amplitude + 1, len(self.amplitudes) - 1)
         losses = []
-        for at, weight in self._near_best(marginal, lower=False):
-            values = at.over_widths
+        for k in dict.fromkeys([best.amplitude, higher]):
+            values = self.conditional(best._replace(amplitude=k)).over_widths
             with_it = log_sum(values[:, :-1]) - np.log(WIDTHS.size)
-            losses.append(weight + values[:, -1] - with_it)
+            share = max(marginal.amplitudes[k], LEAST_WEIGHT)
+            losses.append(np.log(share) + values[:, -1] - with_it)
         loss = np.logaddexp.reduce(losses, axis=0)
         odds = self.candidates.log_odds[list(blocks)]
         return np.asarray(marginal.log_posterior + loss - odds)
-
-    def _near_best(self, marginal: Marginal, lower: bool) -> list[tuple[Conditional, float]]:
-        """A set at its best amplitude and at the next one, each with its log weight."""
-        best = marginal.best.amplitude
-        following = best - 1 if lower else best + 1
-        last = len(self.amplitudes) - 1
-        amplitudes = sorted({best, min(max(following, 0), last)})
-        at_least = np.maximum(marginal.amplitudes[amplitudes], LEAST_WEIGHT)
-        weights = np.log(at_least)
-        conditionals = [self.conditional(marginal.best._replace(amplitude=k)) for k in amplitudes]
-        return list(zip(conditionals, weights - log_sum(weights), strict=True))

@@ -16,10 +16,11 @@ from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import design_of
-from aacmm_pin.diagnosis.exploration import without_block
-from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.gram_matrix import gram_of
+from aacmm_pin.diagnosis.held_curves import stays
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
+from aacmm_pin.diagnosis.search import without_block
 from aacmm_pin.effects import Effect
 
 EXCEPTIONAL = 2.0
@@ -44,27 +45,17 @@ def noise_is_known(at: Fit) -> bool:
 def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:
     """The causes of the most probable set with their likeliest nonlinear parameters.
 
-    Each may become a special case of itself. Causes whose parameters are about those of ``before``
-    stay as before.
+    Causes whose parameters are about those of ``before`` stay as before.
     """
     records = choice.fit.problem.measurements
     acting = _acting(choice, choice.top_causes)
-    known_labels = {variants[0].label for variants in choice.library}
     noise = choice.noise
     best = [variants[-1] for variants in acting]
     new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
-    special = {}
-    for k in new:
-        cases = best[k].nonlinear.special_cases(best[k])
-        special[k] = [[case for case in cases if case.label in known_labels]]
     series = {k: [best[k].nonlinear.refine(best[k], records)] for k in new}
-    for number, (odds_of_cases,) in evidences(choice.fit, noise, acting, special).items():
-        case = special[number][0][int(np.argmax(odds_of_cases))]
-        series[number].append(case.nonlinear.refine(case, records))
     to_try = {number: each for number, each in series.items() if sum(map(len, each)) > 1}
     for number, odds in evidences(choice.fit, noise, acting, to_try).items():
-        which = int(np.argmax([each.max() for each in odds]))
-        best[number] = likeliest(series[number][which], odds[which])
+        best[number] = likeliest(series[number][0], odds[0])
     return [_as_before(effect, before) for effect in best]
 
 
@@ -88,21 +79,23 @@ def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
     own.
     """
     candidates = choice.candidates
+    smooth = {
+        k
+        for k, variants in enumerate(choice.library)
+        if _is_smooth(variants[-1]) and not is_change(variants[-1])
+    }
+    if not smooth:
+        return []
     records = choice.fit.problem.measurements
-    values = choice.posterior.space.additions(without_block(choice.posterior.top, block))
+    _, values = choice.posterior.space.exchanges(choice.posterior.top, (block,))
     best: dict[int, int] = {}
     for k in np.argsort(-values, kind="stable").tolist():
         if candidates.is_cause(k) and np.isfinite(values[k]):
             best.setdefault(candidates.owner(k), k)
     best.pop(candidates.owner(block), None)
-    effects = [choice.variant(k) for k in [*best.values()][:RIVALS]]
-    found = []
-    for effect in effects:
-        if effect.nonlinear.field and not is_change(effect):
-            tried = effect.nonlinear.refine(effect.at(()), records)
-            if not any(each.nonlinear.is_preferred(each) for each in tried):
-                found.append(tried)
-    return found
+    leading = [*best.items()][:RIVALS]
+    effects = [choice.variant(k).at(()) for owner, k in leading if owner in smooth]
+    return [effect.nonlinear.refine(effect, records) for effect in effects]
 
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
@@ -140,17 +133,17 @@ def evidences(
     if not effects_of:
         return {}
     library = [(*variants, *effects_of.get(number, ())) for number, variants in enumerate(acting)]
-    design = design_of(at, library, [], at.problem.candidates)
-    gram = Gram(products_of(design, np.zeros(len(at.used), dtype=np.intp), noise))
-    space = ModelSpace(Candidates.of(design, library), gram, noise_is_known(at))
-    places = [np.flatnonzero(space.candidates.owners == number) for number in range(len(acting))]
+    curves = [effect for effect in at.problem.model.effects if stays(effect)]
+    design = design_of(at, library, [], at.problem.candidates, curves)
+    candidates = Candidates.of(design, library)
+    space = ModelSpace(candidates, gram_of(design, noise), noise_is_known(at))
+    places = [np.flatnonzero(candidates.owners == number) for number in range(len(acting))]
     held = [int(rows[len(variants) - 1]) for rows, variants in zip(places, acting, strict=True)]
-    gram.prepare(held)
     found = {}
     for number, effects in effects_of.items():
         state = space.marginal(without_block(tuple(held), held[number])).best
         conditional = space.conditional(state)
-        odds = logsumexp(conditional.additions[places[number][-len(effects) :]], axis=1)
+        odds = logsumexp(conditional.all.additions()[places[number][-len(effects) :]], axis=1)
         records = at.problem.measurements
         odds += np.log([effect.nonlinear.prior_probability(effect, records) for effect in effects])
         ends = np.cumsum([len(each) for each in tried[number]])[:-1]

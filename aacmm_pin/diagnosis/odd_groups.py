@@ -14,7 +14,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import f_sf
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, joined
 from aacmm_pin.diagnosis.linear_model import Base, Conditional
 from aacmm_pin.diagnosis.model_space import Blocks
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -76,13 +76,15 @@ def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddG
     """
     # A group that was set up badly may be what a covariate was found by.
     blocks = () if choice.covariates else choice.posterior.median
-    products = products_of(choice.design.of(blocks), grouping.part, choice.noise)
-    gram = Gram(products)
+    design = choice.design.of(blocks)
+    numbers = range(len(grouping.names))
+    parts = [gram_of(design, choice.noise, grouping.part == number) for number in numbers]
+    gram = joined(gram_of(design, choice.noise), parts)
     used = choice.fit.used
     whole = _without_background(choice, gram, blocks)
     for number, name in enumerate(grouping.names):
         mine = grouping.part == number
-        others = _without_background(choice, gram.without(number), blocks)
+        others = _without_background(choice, gram.without(parts[number]), blocks)
         more = whole.dof - others.dof
         if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
             continue

@@ -14,8 +14,8 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import beta_sf, chi2_sf
 from aacmm_pin.diagnosis.candidates import Variants
-from aacmm_pin.diagnosis.linear_model import WIDTHS, Conditional, gains
-from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
+from aacmm_pin.diagnosis.linear_model import WIDTHS, Conditional, canonical, gains, lower_factor
+from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, ModelState
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
@@ -24,10 +24,6 @@ DRAWS = 400
 """Draws of records with nothing hidden, for the distribution of the largest evidence."""
 MOST_EXPLAINED = 1.0 - 1e-12
 """Part of χ² that a block explains at most, by rounding."""
-LEAST_WEIGHT = 1e-12
-"""A weight that is divided by is at least this."""
-TILTS = 1.0 - np.geomspace(1e-3, 0.9, 12)
-"""Values of 2θ, over the inverse of the largest weight, at which a Chernoff bound is taken."""
 ALIASES = 5
 """So many aliases are listed at most."""
 
@@ -56,14 +52,16 @@ def family_wise_p_value(
 ) -> float:
     """Chance that the posterior odds of any candidate reach those of a block when nothing is there.
 
-    A bound, where that is smaller than any number of draws could tell; else the rank of the odds
-    among those of draws of residuals that are noise alone.
+    The mean of the odds when nothing is there is the prior odds, so that those of all together over
+    the odds are a bound (Markov's inequality). Where that is no smaller than draws could tell: the
+    rank of the odds among those of draws of residuals that are noise alone.
     """
-    gradient = conditional.residual[conditional.design_blocks[block].columns]
-    gain, volume = gains(conditional.information(block)[None], gradient[None, :, None])
+    beside = conditional.all
+    gradient = beside.gradient(block)
+    gain, volume = gains(beside.information(block)[None], gradient[None, :, None])
     evidence = _log_evidence(conditional, gain, volume, conditional.chi2)
     odds = float(evidence[0, 0]) + candidates.log_odds[block]
-    bound = _union_bound(candidates, conditional, odds)
+    bound = float(np.exp(logsumexp(candidates.log_odds) - odds))
     if bound < 1 / DRAWS:
         return bound
     larger = int(np.sum(_largest_odds(candidates, conditional, rng) >= odds))
@@ -103,58 +101,27 @@ def _tail(conditional: Conditional, squares: Array, columns: int) -> Array:
     return beta_sf(np.clip(squares / conditional.chi2, 0.0, 1.0), 0.5 * columns, 0.5 * others)
 
 
-def _union_bound(candidates: Candidates, conditional: Conditional, odds: float) -> float:
-    """Sum over the candidates of bounds of the chance that each has such odds (Boole's inequality).
-
-    At one of the widths, a block must gain what its prior odds and its volume ask.
-    """
-    products = conditional.base.gram.products
-    total = 0.0
-    for size, own in products.of_size.items():
-        values = np.maximum(np.linalg.eigvalsh(conditional.informations(size)), 0.0)
-        scaled = WIDTHS[:, None] ** 2 * values[:, None]  # (b, widths, q)
-        volume = 0.5 * np.log1p(scaled).sum(axis=2)
-        gain = odds - candidates.log_odds[own][:, None] + volume
-        total += float(_chernoff(conditional, scaled / (1.0 + scaled), gain).sum())
-    return min(total, 1.0)
-
-
-def _chernoff(conditional: Conditional, weights: Array, gain: Array) -> Array:
-    """Bound of the chance that a sum of squares ``½ Σ w z²`` is a gain (b, widths) at least, for
-    weights (b, widths, q): ``P(X ≥ x) ≤ E exp(θ (X - x))`` for each θ (Chernoff 1952).
-    """
-    dof = conditional.likelihood.dof
-    best = np.ones(gain.shape)
-    if not _knows_noise(conditional):  # a share of χ², which has these squares and others in it
-        least = -np.expm1(-2.0 * gain / dof)
-        weights = weights - least[:, :, None]
-    largest = np.maximum(weights.max(axis=2), LEAST_WEIGHT)
-    for part in TILTS:
-        tilt = part / largest
-        log_mean = -0.5 * np.log1p(-tilt[:, :, None] * weights).sum(axis=2)
-        if _knows_noise(conditional):
-            log_mean -= tilt * gain
-        else:
-            log_mean -= 0.5 * (dof - weights.shape[2]) * np.log1p(tilt * np.maximum(least, 0.0))
-        best = np.minimum(best, np.exp(np.minimum(log_mean, 0.0)))
-    return best
-
-
 def _largest_odds(
     candidates: Candidates, conditional: Conditional, rng: np.random.Generator
 ) -> Array:
     """Largest log posterior odds of all candidates in draws of records with nothing there
     (draws,).
+
+    The products of all columns with the residual are normal, with those of the columns with one
+    another as covariance.
     """
-    products = conditional.base.gram.products
-    gradient = conditional.of_residuals(products.drawn(DRAWS, rng))
+    every = conditional.all.inside(slice(0, conditional.base.gram.design.width))
+    root = lower_factor(every, np.diag(conditional.base.gram.matrix)[:-1])
+    left = root @ rng.standard_normal((len(root), DRAWS))
     best = np.full(DRAWS, -np.inf)
-    for size, own in products.of_size.items():
-        gain, volume = gains(conditional.informations(size), gradient[products.columns[size]])
+    for family in conditional.base.gram.design.families:
+        information, _ = conditional.all.of_family(family)
+        gain, volume = gains(information, family.gradient(left))
+        size = information.shape[1]
         others = rng.chisquare(max(conditional.likelihood.dof - size, 1.0), DRAWS)
         chi2 = 2.0 * gain.max(axis=1, keepdims=True) + others
         evidence = _log_evidence(conditional, gain, volume, chi2)
-        odds = evidence + candidates.log_odds[own][:, None]
+        odds = evidence + candidates.log_odds[family.blocks][:, None]
         best = np.maximum(best, odds.max(axis=0))
     return best
 
@@ -165,24 +132,27 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
     Parameters are known to within the largest width. Else columns of which the records tell next to
     nothing would explain everything: an arm that shrinks to a point meets every unknown seat.
     """
-    products = conditional.base.gram.products
     chances = list[float]()
-    for size, own in products.of_size.items():
-        covariates = [not candidates.is_cause(k) for k in own.tolist()]
-        gradients = conditional.residual[products.columns[size]]
-        gain, _ = gains(conditional.informations(size), gradients[:, :, None])
-        squares = 2.0 * gain[covariates, np.argmax(WIDTHS), 0]
-        chances += _tail(conditional, squares, size).tolist()
+    for family in conditional.base.gram.design.families:
+        of_covariates = np.array([not candidates.is_cause(k) for k in family.blocks.tolist()])
+        if not of_covariates.any():
+            continue
+        information, gradient = conditional.all.of_family(family)
+        gain, _ = gains(information[of_covariates], gradient[of_covariates][:, :, None])
+        squares = 2.0 * gain[:, np.argmax(WIDTHS), 0]
+        chances += _tail(conditional, squares, information.shape[1]).tolist()
     return min(1.0, len(chances) * min(chances, default=1.0))
 
 
 def retained(conditional: Conditional, block: int) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β, where M takes out what all else can explain."""
     own = conditional.design_blocks[block]
-    information = conditional.information(block)
-    step = np.linalg.lstsq(information, conditional.residual[own.columns], rcond=1e-10)[0]
+    information = conditional.all.information(block)
+    step = np.linalg.lstsq(information, conditional.all.gradient(block), rcond=1e-10)[0]
     kept = max(float(step @ information @ step), 0.0)
-    size = float(step @ conditional.base.gram.diagonal_block(own) @ step)
+    along = own.in_columns(step)
+    products = conditional.base.gram.matrix[own.columns, own.columns]
+    size = float(along @ products @ along)
     return math.sqrt(kept / size) if size > 0.0 else 0.0
 
 
@@ -195,12 +165,12 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     own = candidates.owner(block)
     names = candidates.design.names
     instead = posterior.instead(own)
-    values = logsumexp(conditional.additions, axis=1) + candidates.log_odds
+    values = logsumexp(conditional.all.additions(), axis=1) + candidates.log_odds
     acting = {candidates.owner(k) for k in posterior.median}
     found = []
     for other in _rivals(candidates, values, instead, own):
         owner = candidates.owner(other)
-        correlation = canonical(conditional, block, other)
+        correlation = canonical(conditional.all, block, other)
         if owner in acting or correlation < THRESHOLDS.unlike:
             continue
         alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
@@ -226,19 +196,6 @@ def _rivals(candidates: Candidates, values: Array, instead: Array, own: int) -> 
     ]
 
 
-def canonical(conditional: Conditional, one: int, other: int) -> float:
-    """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
-    roots = []
-    for block in (one, other):
-        values, vectors = np.linalg.eigh(conditional.information(block))
-        keep = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
-        roots.append(vectors[:, keep] / np.sqrt(values[keep]))
-    if not (roots[0].size and roots[1].size):
-        return 0.0
-    cross = roots[0].T @ conditional.cross(one, other) @ roots[1]
-    return float(min(np.linalg.svd(cross, compute_uv=False)[0], 1.0))
-
-
 def visible(posterior: Posterior) -> tuple[int, int]:
     """How many causes of the library these records would have shown at their typical magnitude, and
     of how many.
@@ -260,12 +217,14 @@ def _noncentralities(space: ModelSpace) -> Array:
     refitted (causes,).
     """
     candidates = space.candidates
-    base = space.base(0)
+    design = candidates.design
+    alone = space.conditional(ModelState((), (), 0))
     of_blocks = np.empty(len(candidates.blocks))
-    for size, own in space.gram.products.of_size.items():
-        each = np.diagonal(base.diagonal_blocks(size), axis1=1, axis2=2)
-        of_blocks[own] = each.max(axis=1)
-    found = np.zeros(candidates.design.causes)
+    for family in design.families:
+        information, _ = alone.all.of_family(family)
+        each = np.diagonal(information, axis1=1, axis2=2)
+        of_blocks[family.blocks] = each.max(axis=1)
+    found = np.zeros(design.causes)
     of_causes = candidates.owners < len(found)
     np.maximum.at(found, candidates.owners[of_causes], of_blocks[of_causes])
     return found

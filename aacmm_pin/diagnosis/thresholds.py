@@ -55,7 +55,8 @@ class Thresholds:
             another candidate. Candidates that the member contains do not count.
         imitated: the exploration exchanges a member of a set for two candidates if one of them
             reaches at least this part of the log posterior that the member adds.
-        leading: number of leading candidates from which the second half of the exploration starts.
+        imitates: smallest canonical correlation of two members of a set at which the search changes
+            both together.
         agreement: largest difference of a probability between the halves of the exploration at
             which the halves agree.
         named: smallest probability at which `diagnose` names a cause and adds the cause to the
@@ -105,7 +106,7 @@ class Thresholds:
     holds: float = 0.1
     instead: int = 3
     imitated: float = 0.2
-    leading: int = 3
+    imitates: float = 0.9
     agreement: float = 0.02
     named: float = 0.5
     settled: float = 0.95

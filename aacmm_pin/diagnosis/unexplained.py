@@ -18,7 +18,6 @@ from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, round_excluded, shared_by
-from aacmm_pin.diagnosis.background import Background
 from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Gain
@@ -305,7 +304,7 @@ def _discrepancy(choice: Choice, block: int, name: str) -> DiscrepancySize:
     """The size of a covariate's part, at its posterior mean."""
     model = choice.posterior.median_model
     design = choice.design
-    absorbed = choice.posterior.space.base(0).whitened[:, design.blocks[block].columns]
+    absorbed = design.blocks[block].of_rows(choice.posterior.space.base(0).whitened)
     entries = model.places[block]
     estimate = model.estimate[entries]
     covariance = model.covariance[entries, entries]
@@ -320,13 +319,12 @@ def _background(choice: Choice) -> list[DiscrepancySize]:
     model = choice.posterior.median_model
     if not model.base.amplitude:
         return []
-    background = Background(model)
-    products = model.base.gram.products
-    columns, weights = products.background
-    absorbed = choice.posterior.space.base(0).whitened[:, columns] @ weights
-    rms, u = _sizes(
-        choice, products.background_columns, absorbed, background.estimate, background.covariance
-    )
+    directions = model.base.gram.directions
+    whole = np.zeros((choice.design.width, directions.weights.shape[1]))
+    whole[directions.columns] = directions.weights
+    columns = choice.design.moved(whole, np.arange(len(choice.tips)))
+    absorbed = choice.posterior.space.base(0).whitened[:, directions.columns] @ directions.weights
+    rms, u = _sizes(choice, columns, absorbed, *model.background)
     noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
     probability = float(1.0 - choice.posterior.amplitudes[0])
     if probability < THRESHOLDS.settled or rms < max(THRESHOLDS.negligible * noise, u):
@@ -350,7 +348,8 @@ def _sizes(
     design = choice.design
     factor = choice.posterior.space.base(0).factor
     refitted = scipy.linalg.solve_triangular(factor, absorbed, lower=True, trans=1)
-    displacement = columns - design.columns(None) @ refitted
+    nuisances = slice(0, design.nuisances)
+    displacement = columns - design.combined(nuisances, refitted)
     stay = design.deviations(design.tips)
     moved = []
     for k in range(len(estimate)):

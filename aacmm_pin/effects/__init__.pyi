@@ -34,6 +34,7 @@ from .encoder import (
     JointErrorCurve,
     JointHysteresis,
     JointPeriodicError,
+    OfAngle,
     strongest_waves,
 )
 from .environment import (
@@ -129,6 +130,7 @@ __all__ = [
     "Moment",
     "Nonlinear",
     "Notation",
+    "OfAngle",
     "Part",
     "ProbeBending",
     "Reading",

@@ -12,7 +12,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm, axis, end
 from aacmm_pin.effects.conditions import Records
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, is_possible, twist
-from aacmm_pin.effects.gravity import GravityEffect, LoadedEffect
+from aacmm_pin.effects.gravity import GravityEffect, LoadedEffect, bodies_beyond
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import Tube, length_of
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
@@ -38,6 +38,7 @@ class JointCompliance(GravityEffect):
     joint: int
     torque: Literal["gravity", "measured"] = "gravity"
     cause: ClassVar[str] = "joint_compliance"
+    function_of: ClassVar[str] = "load"
     words: ClassVar[str] = "compliance under gravity"
     flexibility: ClassVar[Term] = Term(
         "", "rad/(N·m)", 2e-5, "compliance_rad_per_nm", positive=True
@@ -78,7 +79,9 @@ class JointCompliance(GravityEffect):
             if moment and arm.masses is not None:
                 tried.append(cls(row))
             elif moment and records is not None:
-                tried.append(cls(row, bodies=tuple(rows[number:])))
+                bodies = bodies_beyond(arm, row)
+                counts = range(1, len(bodies) + 1)
+                tried += [cls(row, bodies=bodies[:count]) for count in counts]
             if tried:
                 yield tuple(tried)
 
@@ -136,6 +139,7 @@ class BearingTilt(GravityEffect):
 
     joint: int
     cause: ClassVar[str] = "bearing_tilt"
+    function_of: ClassVar[str] = "load"
     words: ClassVar[str] = "bearing tilt under gravity"
     prior_weight: ClassVar[float] = 0.2
     flexibility: ClassVar[Term] = Term(
@@ -189,6 +193,7 @@ class TorsionalWindup(_OfTube):
     """
 
     cause: ClassVar[str] = "torsional_windup"
+    function_of: ClassVar[str] = "load"
     words: ClassVar[str] = "torsional wind-up"
     prior_weight: ClassVar[float] = 0.2
     flexibility: ClassVar[Term] = Term(
@@ -215,6 +220,7 @@ class LinkBending(_OfTube):
     """
 
     cause: ClassVar[str] = "link_bending"
+    function_of: ClassVar[str] = "load"
     words: ClassVar[str] = "bending"
     flexibility: ClassVar[Term] = Term(
         "", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True
@@ -247,6 +253,7 @@ class Counterbalance(Effect):
 
     joint: int
     cause: ClassVar[str] = "counterbalance"
+    function_of: ClassVar[str] = "load"
     words: ClassVar[str] = "counterbalance error"
     prior_weight: ClassVar[float] = 0.2
     elastic: ClassVar[bool] = True

@@ -164,10 +164,12 @@ class Effect(Shown, ABC):
     """
     prior_weight: ClassVar[float] = 1.0
     """The prior weight of the cause relative to other causes."""
-    special_case_of: ClassVar[tuple[str, ...]] = ()
-    """The names of more general causes that contain this cause at its place; a set of causes never
-    has both.
+    function_of: ClassVar[str] = ""
+    """What the displacement is a function of: causes of one joint or body that state the same word
+    are forms of one place, such as ``angle``; "" for a place of its own.
     """
+    free_form: ClassVar[bool] = False
+    """True if the cause can be every function of its place, so that it acts there alone."""
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
     """The field whose value the records determine by trial; :attr:`key` contains the value."""
     notation: ClassVar[Notation] = Notation()
@@ -267,6 +269,16 @@ class Effect(Shown, ABC):
             effects = tuple(cls(**place, **variant) for variant in variants)
             if effects and is_possible(effects[0], arm, records):
                 yield effects
+
+    def basis(self, arm: Arm, records: Records) -> Effect | None:
+        """Return an effect whose functions can represent those of this cause in the records; None
+        if there is none.
+        """
+        return None
+
+    def in_basis(self, basis: Effect) -> Array:
+        """Return the parameters of :meth:`basis` for one unit of each parameter ``(b, p)``."""
+        return np.eye(len(basis.terms))[:, : len(self.terms)]
 
     @classmethod
     def default_fields(

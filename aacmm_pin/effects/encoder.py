@@ -8,8 +8,10 @@ joint angle that this is a part of; errors that are named after a joint are thos
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any, ClassVar, Self
 
@@ -37,20 +39,25 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 
 SAMPLES = 4096
 """Points of a curve of which its spectrum is taken."""
+DEGREE = 3
+"""Degree of the splines of a curve."""
 MOST_CURVE_COEFFICIENTS = 1000
 """More of them than any joint has records for."""
 LEAST_SPREAD = 0.02
 """A joint that moves less than this cannot show anything that depends on its angle [rad], or its
 way [m].
 """
-PERIODIC_ORDERS = (
-    0.5,
-    1.5,
-    2.5,
-    *(k / 2 for k in range(6, 21)),
-    *(float(k) for k in range(11, 33)),
-)
-"""Orders of a periodic error that are tried before the order is refined."""
+HIGHEST_ORDER = 50.0
+"""Errors of an angle are tried up to so many periods per turn."""
+ORDER_STEP = 0.1
+"""Step of the orders that are tried, in periods over the range of the joint: a wave between two of
+them loses 8 parts of a thousand of its mean square.
+"""
+OWN_ORDERS = (1.0, 2.0)
+"""Orders of other causes: a periodic error of such an order would be one of them under another
+name …"""
+OWN_WITHIN = 0.2
+"""… and so would one whose order differs by less than this, in periods over the range."""
 ORDERS_NEAR = 15
 """Steps in half an order in which an order is refined around the one that was tried."""
 LEAST_ORDER = 0.3
@@ -60,28 +67,101 @@ WHOLE_ORDER_SD = 0.03
 of one that is whole has a rms error of 0.7 u with this, and of 1.9 u where it is 7.08; with 0.5 the
 first is 0.4 u.
 """
-COEFFICIENTS_TRIED = (24, 60)
-"""Numbers of coefficients per turn of a free curve that are tried, before they are doubled where
-that is better.
+INTERVALS_PER_TURN = 200
+"""Intervals of the finest curve: four for each period of the highest order. With 100, two of five
+simulated robots with errors of up to 45 periods per turn were described too coarsely.
 """
+COARSER = (8, 4, 2, 1)
+"""Curves whose intervals are so many times as long as the finest are tried."""
+FEWEST_COEFFICIENTS = 8
+"""A curve of fewer coefficients is too stiff for an error of its own."""
+POINTS_PER_INTERVAL = 4
+"""Angles in each interval at which a function is compared with the splines that represent it."""
 PER_COEFFICIENT = 2
 """So many records for each coefficient of a curve, at least."""
 
 
 @dataclass(frozen=True)
-class _OfAngle(Effect):
-    """The base class of errors that depend on the angle of one joint; a general error curve can
-    represent each.
+class OfAngle(Effect):
+    """The base class of errors that are a function of the angle of one joint.
+
+    A subclass states :meth:`function`, and ``of_reading`` if the reading of the encoder has the
+    error. All such errors of a joint are forms of one place, and ``diagnose`` compares them there.
     """
 
     joint: int
-    special_case_of: ClassVar[tuple[str, ...]] = ("joint_error_curve",)
+    function_of: ClassVar[str] = "angle"
+    of_reading: ClassVar[bool] = False
+    """True if the reading of the encoder has the error, and not the joint."""
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Return a candidate for every revolute joint that moves far enough to show the cause."""
         for row, _ in _turning(arm, records):
             yield (cls(row),)
+
+    @abstractmethod
+    def function(self, angle: Array) -> Array:
+        """Return the error at angles ``(n,)`` [rad] for one unit of each parameter, ``(n, p)``."""
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Return the error as a rotation about the axis of the joint."""
+        if self.of_reading:
+            return of_encoder(state, self.joint, self.function(state.reading(self.joint)))
+        return [about_axis(state, self.joint, self.function(state.angle(self.joint)))]
+
+    def basis(self, arm: Arm, records: Records) -> Effect | None:
+        """Return the finest error curve over the range of the joint; None for the reading of a
+        joint with couplings, whose error moves several joints.
+        """
+        rows = list(arm.chain.moving_rows())
+        if self.joint not in rows:
+            return None
+        number = rows.index(self.joint)
+        moved = arm.chain.drive.matrix @ arm.coupling_matrix[:, number]
+        alone = np.array(arm.chain.joint_rows()) == self.joint
+        if self.of_reading and not np.array_equal(moved, alone):
+            return None
+        low, high = _range_of(records.q[:, number])
+        return JointErrorCurve(self.joint, low, high, _finest(low, high))
+
+    def in_basis(self, basis: Effect) -> Array:
+        """Return the coefficients of the basis that represent the functions ``(b, p)``: least
+        squares over the range.
+        """
+        assert isinstance(basis, JointErrorCurve)
+        angle, inverse = _fitting(basis.lower_rad, basis.upper_rad, basis.coefficients)
+        return np.asarray(inverse @ self.function(angle))
+
+
+@cache
+def _coefficients(count: int) -> tuple[Term, ...]:
+    """The coefficients of a spline."""
+    names = [f"c{i}" for i in range(1, count + 1)]
+    return tuple(Term(name, "rad", 1e-4, f"{name}_rad") for name in names)
+
+
+@cache
+def _fitting(low: float, high: float, coefficients: int) -> tuple[Array, Array]:
+    """Angles inside the range of a curve (m,) [rad], and the pseudoinverse of its splines there
+    (coefficients, m).
+    """
+    count = POINTS_PER_INTERVAL * coefficients
+    angle = np.linspace(low, high, count + 1)[:-1] + 0.5 * (high - low) / count
+    curve = JointErrorCurve(1, low, high, coefficients)
+    return angle, np.linalg.pinv(curve.function(angle))
+
+
+def _range_of(angle: Array) -> tuple[float, float]:
+    """The range of a curve over angles (n,), a little wider [rad]."""
+    margin = 1e-6 + 1e-3 * np.ptp(angle)
+    return float(angle.min() - margin), float(angle.max() + margin)
+
+
+def _finest(low: float, high: float) -> int:
+    """Coefficients of the finest curve over a range; its intervals can be joined eight by eight."""
+    eights = max(round((high - low) / (2 * np.pi) * INTERVALS_PER_TURN / COARSER[0]), 1)
+    return COARSER[0] * eights + DEGREE
 
 
 def _moving(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
@@ -145,7 +225,7 @@ class _Polar(Notation):
 
 
 @dataclass(frozen=True)
-class _Periodic(_OfAngle):
+class _Periodic(OfAngle):
     """A periodic error ``δ = A cos(kθ - φ)``, linear in ``A cos φ`` and ``A sin φ``."""
 
     notation: ClassVar[Notation] = _Polar()
@@ -159,28 +239,14 @@ class _Periodic(_OfAngle):
         """The order k: number of periods per turn."""
         raise NotImplementedError
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """Return ``cos kθ`` and ``sin kθ`` as rotations about the axis."""
-        waves = self._waves(state.angle(self.joint))
-        return [about_axis(state, self.joint, waves)]
-
-    def _waves(self, angle: Array) -> Array:
+    def function(self, angle: Array) -> Array:
+        """Return ``cos kθ`` and ``sin kθ``."""
         phase = self.turns * angle
         return np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
 
 @dataclass(frozen=True)
-class _PeriodicReading(_Periodic):
-    """A periodic error of the reading of an encoder."""
-
-    def displacements(self, state: State) -> list[Displacement]:
-        """Return the rotations for the errors ``cos kθ`` and ``sin kθ`` of the reading."""
-        waves = self._waves(state.reading(self.joint))
-        return of_encoder(state, self.joint, waves)
-
-
-@dataclass(frozen=True)
-class EncoderEccentricity(_PeriodicReading):
+class EncoderEccentricity(_Periodic):
     """The disc rotates about a point that is not the centre of its track: ``δ = arcsin(A cos(θ -
     φ))``.
 
@@ -193,6 +259,7 @@ class EncoderEccentricity(_PeriodicReading):
     """
 
     cause: ClassVar[str] = "encoder_eccentricity"
+    of_reading: ClassVar[bool] = True
     turns: ClassVar[float] = 1.0
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
@@ -207,14 +274,14 @@ class EncoderEccentricity(_PeriodicReading):
                 f"{self.label}: amplitude is {amplitude:g}; expected less than 1, the radius of "
                 "the disc"
             )
-        waves = self._waves(state.reading(self.joint))
+        waves = self.function(state.reading(self.joint))
         errors = np.arcsin(waves @ np.array(self.values))
         moved = of_encoder(state, self.joint, errors[:, None])
         return [(each.place, each.columns[:, :, 0]) for each in moved]
 
 
 @dataclass(frozen=True)
-class EncoderEllipticity(_PeriodicReading):
+class EncoderEllipticity(_Periodic):
     """The disc is oval, which gives an error twice per turn: ``δ = A cos(2θ - φ)``.
 
     With two opposite heads, the rest of an eccentricity has the same form. The unit is rad; the
@@ -224,6 +291,7 @@ class EncoderEllipticity(_PeriodicReading):
     """
 
     cause: ClassVar[str] = "encoder_ellipticity"
+    of_reading: ClassVar[bool] = True
     words: ClassVar[str] = "encoder ellipticity (twice per turn)"
     turns: ClassVar[float] = 2.0
 
@@ -272,11 +340,12 @@ class JointPeriodicError(_Periodic):
         A longer period is similar to :class:`EncoderGain`.
         """
         for row, angle in _turning(arm, records):
-            orders = [
-                order for order in PERIODIC_ORDERS if order * np.ptp(angle) / (2 * np.pi) >= 1.0
-            ]
-            if orders:
-                yield tuple(cls(row, order) for order in orders)
+            turns = float(np.ptp(angle)) / (2 * np.pi)
+            periods = np.arange(1.0, HIGHEST_ORDER * turns, ORDER_STEP)
+            apart = [np.abs(periods - order * turns) >= OWN_WITHIN for order in OWN_ORDERS]
+            orders = periods[np.all(apart, axis=0)] / turns
+            if orders.size:
+                yield tuple(cls(row, order) for order in np.round(orders, 4).tolist())
 
     @property
     def turns(self) -> float:
@@ -285,26 +354,7 @@ class JointPeriodicError(_Periodic):
 
 
 @dataclass(frozen=True)
-class _Knots(Nonlinear["JointErrorCurve"]):
-    """How fine a curve is: its number of coefficients is chosen, and not estimated."""
-
-    def refine(self, effect: JointErrorCurve, records: Records) -> list[JointErrorCurve]:
-        """With twice as many coefficients too, if there are records enough."""
-        counts = (effect.coefficients, 2 * effect.coefficients)
-        most = len(records.q) // PER_COEFFICIENT
-        return [replace(effect, values=(), u=(), coefficients=c) for c in counts if c <= most]
-
-    def special_cases(self, effect: JointErrorCurve) -> Sequence[Effect]:
-        """A wave, of orders a quarter of a period over the range apart, as far as knots
-        follow it.
-        """
-        turns = (effect.upper_rad - effect.lower_rad) / (2 * np.pi)
-        quarters = range(4, 2 * effect.coefficients)
-        return [JointPeriodicError(effect.joint, quarter / (4 * turns)) for quarter in quarters]
-
-
-@dataclass(frozen=True)
-class JointErrorCurve(Effect):
+class JointErrorCurve(OfAngle):
     """A repeatable error of one joint as any smooth function of its angle.
 
     The function is a cubic spline with uniform knots from ``lower_rad`` to ``upper_rad``: ``δ(θ) =
@@ -313,14 +363,13 @@ class JointErrorCurve(Effect):
     causes of load, if only the same joint moves the load.
     """
 
-    joint: int
     lower_rad: float
     upper_rad: float
     coefficients: int
     cause: ClassVar[str] = "joint_error_curve"
     words: ClassVar[str] = "error curve"
     prior_weight: ClassVar[float] = 0.3
-    nonlinear: ClassVar[Nonlinear[Any]] = _Knots()
+    free_form: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the range."""
@@ -335,21 +384,18 @@ class JointErrorCurve(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return curves over the range of the records for every joint, with coarse and fine knots.
+        """Return curves over the range of the records for every joint, from coarse to fine.
 
         Without records, the method returns no candidate.
         """
         for row, angle in _turning(arm, records) if records is not None else ():
-            span = np.ptp(angle)
-            margin = 1e-6 + 1e-3 * span
-            low = float(angle.min() - margin)
-            high = float(angle.max() + margin)
-            asked = (round(per_turn * span / (2 * np.pi)) for per_turn in COEFFICIENTS_TRIED)
-            counts = sorted({int(np.clip(count, 8, 120)) for count in asked})
+            low, high = _range_of(angle)
+            intervals = _finest(low, high) - DEGREE
+            counts = (intervals // times + DEGREE for times in COARSER)
             most = len(angle) // PER_COEFFICIENT
-            curves = tuple(cls(row, low, high, count) for count in counts if count <= most)
-            if curves:
-                yield curves
+            tried = [count for count in counts if FEWEST_COEFFICIENTS <= count <= most]
+            if tried:
+                yield tuple(cls(row, low, high, count) for count in tried)
 
     @classmethod
     def default_fields(
@@ -365,33 +411,31 @@ class JointErrorCurve(Effect):
         return {
             "lower_rad": low - 0.01,
             "upper_rad": high + 0.01,
-            "coefficients": COEFFICIENTS_TRIED[0],
+            "coefficients": FEWEST_COEFFICIENTS * DEGREE,
         }
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """The coefficients of the spline."""
-        names = [f"c{i}" for i in range(1, self.coefficients + 1)]
-        return tuple(Term(name, "rad", 1e-4, f"{name}_rad") for name in names)
+        return _coefficients(self.coefficients)
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """Return the values of the B-splines as rotations about the axis.
+    def function(self, angle: Array) -> Array:
+        """Return the values of the B-splines.
 
         Raises:
-            AacmmError: a reading is outside the range of the curve.
+            AacmmError: an angle is outside the range of the curve.
         """
-        angle = state.angle(self.joint)
         outside = ~((angle >= self.lower_rad) & (angle <= self.upper_rad))
         if outside.any():
             raise AacmmError(
-                f"{self.label}: {outside.sum()} of {state.n} angles are outside the curve, such as "
-                f"{angle[outside][0]:g} rad; expected {self.lower_rad:g} rad to "
+                f"{self.label}: {outside.sum()} of {angle.size} angles are outside the curve, such "
+                f"as {angle[outside][0]:g} rad; expected {self.lower_rad:g} rad to "
                 f"{self.upper_rad:g} rad"
             )
-        if not state.n:  # SciPy wants at least one point
-            return [about_axis(state, self.joint, np.zeros((0, self.coefficients)))]
-        splines = scipy.interpolate.BSpline.design_matrix(angle, self.knots, 3).toarray()
-        return [about_axis(state, self.joint, splines)]
+        if not angle.size:  # SciPy wants at least one point
+            return np.zeros((0, self.coefficients))
+        splines = scipy.interpolate.BSpline.design_matrix(angle, self.knots, DEGREE)
+        return np.asarray(splines.toarray())
 
     @property
     def known_range(self) -> tuple[float, float]:
@@ -403,12 +447,12 @@ class JointErrorCurve(Effect):
         """The knots of the spline [rad]."""
         low = self.lower_rad
         high = self.upper_rad
-        inner = np.linspace(low, high, self.coefficients - 2)
-        return np.concatenate([3 * [low], inner, 3 * [high]])
+        inner = np.linspace(low, high, self.coefficients - DEGREE + 1)
+        return np.concatenate([DEGREE * [low], inner, DEGREE * [high]])
 
 
 @dataclass(frozen=True)
-class EncoderGain(_OfAngle):
+class EncoderGain(OfAngle):
     """The error is proportional to the angle: ``δ = g θ``.
 
     If a coupling states the ratio c for the own reading of the joint, the ratio becomes ``c (1 +
@@ -419,6 +463,7 @@ class EncoderGain(_OfAngle):
     """
 
     cause: ClassVar[str] = "encoder_gain"
+    of_reading: ClassVar[bool] = True
     terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-4, "gain"),)
 
     @classmethod
@@ -427,10 +472,9 @@ class EncoderGain(_OfAngle):
         for row, _ in _moving(arm, records):
             yield (cls(row),)
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """Return the displacement that is proportional to the reading."""
-        reading = state.reading(self.joint)
-        return of_encoder(state, self.joint, reading[:, None])
+    def function(self, angle: Array) -> Array:
+        """Return the angle itself."""
+        return angle[:, None]
 
 
 @dataclass(frozen=True)
@@ -513,6 +557,7 @@ class JointHysteresis(Effect):
 
     joint: int
     cause: ClassVar[str] = "joint_hysteresis"
+    function_of: ClassVar[str] = "approach"
     words: ClassVar[str] = "hysteresis"
     needs: ClassVar[tuple[str, ...]] = ("approach",)
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "half_width_rad"),)

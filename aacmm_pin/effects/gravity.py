@@ -11,6 +11,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm, end
+from aacmm_pin.effects.conditions import Records
 from aacmm_pin.effects.effect import Effect, Term
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
@@ -92,7 +93,8 @@ class GravityEffect(LoadedEffect):
     parameters only in combination.
 
     Attributes:
-        bodies: rows of the bodies with unknown masses; () for the masses of the arm.
+        bodies: rows of the bodies with unknown masses, from the row of the axis on; () for the
+            masses of the arm. Of the last one, all that it carries counts as a part.
     """
 
     bodies: tuple[int, ...] = ()
@@ -114,6 +116,12 @@ class GravityEffect(LoadedEffect):
         names = [f"{body}{component}" for body in self.bodies for component in "xyz"]
         return tuple(Term(name, "rad", TYPICAL_SAG, f"sag{name}_rad") for name in names)
 
+    def basis(self, arm: Arm, records: Records) -> Effect | None:
+        """Return the effect with all bodies of unknown mass; None with the masses of the arm."""
+        if not self.bodies:
+            return None
+        return replace(self, bodies=bodies_beyond(arm, self.bodies[0]), values=(), u=())
+
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
         """Return the variants with a load; none if the cause does not use the masses of the arm."""
         if self.bodies or "torque" in self.needs:
@@ -126,21 +134,26 @@ class GravityEffect(LoadedEffect):
 
         Raises:
             UnsupportedArmError: the arm has no masses and ``bodies`` is empty.
-            AacmmError: ``bodies`` are not the bodies of this axis and all later axes, or the load
-                is before the axis.
+            AacmmError: ``bodies`` are not the first bodies at and beyond this axis, or the load is
+                before the axis.
         """
         if self.load_at is not None:
             return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
         if not self.bodies:
             return state.moment_at_axis(row)[:, :, None]
-        columns = state.unit_moments(row)
-        beyond = tuple(k for k in state.arm.chain.joint_rows() if k >= row)
-        if self.bodies != beyond:
+        beyond = bodies_beyond(state.arm, row)
+        count = len(self.bodies)
+        if self.bodies != beyond[:count]:
             raise AacmmError(
                 f"{self.label}: bodies is {self.bodies}; expected {beyond}, which are the bodies "
-                f"at and beyond row {row}"
+                f"at and beyond row {row}, or the first of them"
             )
-        return columns
+        return state.unit_moments(row)[:, :, : 3 * count]
+
+
+def bodies_beyond(arm: Arm, row: int) -> tuple[int, ...]:
+    """Return the rows of the bodies at and beyond an axis."""
+    return tuple(k for k in arm.chain.joint_rows() if k >= row)
 
 
 def load_variants(effect: Effect, arm: Arm) -> tuple[Effect, ...]:

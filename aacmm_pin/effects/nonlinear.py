@@ -69,10 +69,6 @@ class Nonlinear(Generic[E]):
         """
         return [effect]
 
-    def special_cases(self, effect: E) -> Sequence[Effect]:
-        """Return simpler causes to try instead of the effect; by default none."""
-        return ()
-
     def prior_sd(self, effect: E) -> float:
         """Return the prior standard deviation of the value; 0 if the cause is not smooth in the
         value.

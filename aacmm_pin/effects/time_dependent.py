@@ -71,6 +71,7 @@ class ZeroDrift(Effect):
     time_constant_s: float
     until_s: float | None = None
     cause: ClassVar[str] = "zero_drift"
+    function_of: ClassVar[str] = "time"
     words: ClassVar[str] = "drift of the zero"
     needs: ClassVar[tuple[str, ...]] = ("time",)
     nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfDrift("time_constant_s")
@@ -201,6 +202,7 @@ class EncoderSlip(Effect):
     between_s: tuple[float, ...] = ()
     sessions: tuple[str, ...] = ()
     cause: ClassVar[str] = "encoder_slip"
+    function_of: ClassVar[str] = "time"
     needs: ClassVar[tuple[str, ...]] = ("time",)
     nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfSlip("time_s")
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "step_rad"),)

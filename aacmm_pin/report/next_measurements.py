@@ -209,7 +209,8 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
             f"take more records, at other postures, to distinguish {cause.label} from {other.label}"
         )
     for one, freer in ((cause, other), (other, cause)):
-        if freer.cause in one.special_case_of and freer.place == one.place:
+        same_place = freer.function_of == one.function_of and freer.place == one.place
+        if freer.free_form and same_place:
             return (
                 f"take more records with joint {one.place} evenly over its range, to find how the "
                 "error depends on the angle"

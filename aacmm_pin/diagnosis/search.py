@@ -1,0 +1,264 @@
+"""Search for the sets of causes that hold the posterior's mass: place by place from two starts, then
+best first.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.diagnosis.linear_model import canonical
+from aacmm_pin.diagnosis.model_space import FIRST_WIDTH, Blocks, ModelSpace, ModelState
+from aacmm_pin.diagnosis.posterior import Posterior, inclusion, weights_of
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+
+FREE_PARAMETERS = 3
+"""A form with fewer parameters than this is no function that could be anything at its place."""
+LEAST_GAIN = 1e-6
+"""Gain in log posterior below which an ascent has ended."""
+
+
+def explore(space: ModelSpace, start: Blocks = ()) -> Posterior:
+    """The sets that hold the posterior's mass.
+
+    One walk begins where an ascent from the empty set and one from ``start`` end; the other where
+    that from every place at its freest form ends. If they disagree, the search goes on from all
+    sets that either found.
+    """
+    walk = Walk(space, [(), ascended(space, ()), ascended(space, start)])
+    walk.run()
+    freest = ascended(space, every_place(space))
+    if freest in walk.expanded:
+        return walk.posterior()
+    other = Walk(space, [freest])
+    other.run()
+    disagreement = _disagreement(space, walk.values, other.values)
+    walk.take_up(other)
+    if disagreement > THRESHOLDS.agreement:
+        before = dict(walk.values)
+        walk.exchanged.clear()
+        walk.run()
+        disagreement = _disagreement(space, before, walk.values)
+    return walk.posterior(disagreement)
+
+
+def climb(space: ModelSpace, start: Blocks) -> Posterior:
+    """The most probable set that ascents lead to: from ``start``, or if that is empty from nothing
+    and from every place at its freest form.
+    """
+    starts = [start] if start else [(), every_place(space)]
+    return Walk(space, [(), *(ascended(space, each) for each in starts)]).posterior()
+
+
+def explore_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
+    """The sets that hold the mass near ``starts``, for a part of the records: without exchanges."""
+    walk = Walk(space, [ascended(space, start) for start in starts])
+    walk.expansions = THRESHOLDS.expansions_of_part
+    walk.run(exchanges=False)
+    return walk.posterior()
+
+
+def every_place(space: ModelSpace) -> Blocks:
+    """Every place at its freest form: the finest of those that can be every function of it, or the
+    one with the most parameters.
+    """
+    candidates = space.candidates
+    freest: dict[int, int] = {}
+    for number, block in enumerate(candidates.blocks):
+        place = int(candidates.places[block.candidate])
+        if candidates.is_cause(number) and block.size >= FREE_PARAMETERS:
+            before = freest.get(place)
+            if before is None or block.size > candidates.blocks[before].size:
+                freest[place] = number
+    return tuple(sorted(freest.values()))
+
+
+def ascended(space: ModelSpace, start: Blocks) -> Blocks:
+    """The set that changes of one place at a time lead to, each of which makes it more probable.
+
+    First each place of the set takes its most probable form, or none; then the most probable block
+    is added anywhere; until nothing of both is a gain.
+    """
+    if start in space.ascents:
+        return space.ascents[start]
+    state = space.best_amplitude(ModelState(start, (FIRST_WIDTH,) * len(start), 0))
+    value = space.log_posterior(state)
+    while True:
+        for place in sorted({int(space.candidates.of_blocks[k]) for k in state.blocks}):
+            state = space.best_form(state, place)
+        state = space.best_amplitude(space.best_addition(state))
+        before, value = value, space.log_posterior(state)
+        if value <= before + LEAST_GAIN:
+            break
+    space.marginal(state.blocks, near=state)
+    space.ascents[start] = state.blocks
+    return state.blocks
+
+
+def _disagreement(
+    space: ModelSpace, one: Mapping[Blocks, float], other: Mapping[Blocks, float]
+) -> float:
+    first, second = (inclusion(space, weights_of(values)) for values in (one, other))
+    difference = np.abs(first - second)
+    return float(difference.max(initial=0.0))
+
+
+class Walk:
+    """Sets visited from some starts.
+
+    Attributes:
+        values: log posterior of each set visited; approximate where it is far below the best.
+        best: largest log posterior.
+        expansions: number of sets whose additions may still be ranked.
+    """
+
+    def __init__(self, space: ModelSpace, starts: Iterable[Blocks]) -> None:
+        self.space, self.values, self.best = space, dict[Blocks, float](), -np.inf
+        self.expanded, self.exchanged = set[Blocks](), set[Blocks]()
+        self.expansions = THRESHOLDS.expansions
+        for start in starts:
+            self._look_at(start)
+
+    def take_up(self, other: Walk) -> None:
+        """What another walk has visited too."""
+        self.values |= other.values
+        self.expanded |= other.expanded
+        self.exchanged |= other.exchanged
+        self.expansions = THRESHOLDS.expansions
+        self.best = max(self.best, other.best)
+
+    def posterior(self, disagreement: float = 0.0) -> Posterior:
+        """The posterior over the sets visited and all additions to expanded sets: each addition has
+        little mass, but all together may have some per cent.
+        """
+        weights = weights_of(self._additions | self.values, THRESHOLDS.negligible_set)
+        return Posterior(self.space, weights, disagreement)
+
+    @property
+    def _additions(self) -> dict[Blocks, float]:
+        """Approximate log posterior of each expanded set with one block more."""
+        found: dict[Blocks, float] = {}
+        for blocks in self.expanded:
+            about = self.space.additions(blocks)
+            for k in np.flatnonzero(about > self.best - THRESHOLDS.negligible_set).tolist():
+                larger = with_block(blocks, k)
+                found[larger] = max(found.get(larger, -np.inf), float(about[k]))
+        return found
+
+    def run(self, exchanges: bool = True) -> None:
+        """Expand the best sets, and exchange members of those that hold the mass before weaker ones
+        are expanded.
+        """
+        while self.expansions > 0:
+            weights = weights_of(self.values)
+            top = weights[next(iter(weights))]
+            least = THRESHOLDS.expanded * top
+            holds = max(min(THRESHOLDS.holds, top), least)
+            open_ = [s for s, w in weights.items() if s not in self.expanded and w >= least]
+            held = [s for s, w in weights.items() if w >= holds and s not in self.exchanged]
+            if open_ and (not (held and exchanges) or weights[open_[0]] >= holds):
+                self._expand(open_[0])
+            elif held and exchanges:
+                self._exchange(held[0])
+            else:
+                break
+
+    def _look_at(self, blocks: Blocks) -> None:
+        value = self.space.marginal(blocks).log_posterior
+        self.values[blocks], self.best = value, max(self.best, value)
+
+    def _visit(self, blocks: Blocks, about: float, beside: Blocks) -> float:
+        """Evaluate a set if ``about``, its approximate log posterior, is near the best; keep the
+        approximation if it is farther below. Its widths are looked for from those of ``beside``.
+
+        Returns:
+            By how much the approximation was too low.
+        """
+        if about > self.best - THRESHOLDS.close:
+            near = self.space.marginal(beside).best
+            value = self.space.marginal(blocks, near=near).log_posterior
+            self.values[blocks], self.best = value, max(self.best, value)
+            return value - about
+        if about > self.best - THRESHOLDS.reach:
+            self.values.setdefault(blocks, about)
+        return 0.0
+
+    def _visit_each(self, rest: Blocks, values: Array, beside: Blocks) -> list[int]:
+        """Visit a set with each block more that is within reach, by their approximate values; of
+        the variants of one candidate, the approximation of the best is corrected for all.
+
+        Returns:
+            The best blocks of the most probable candidates.
+        """
+        possible = np.flatnonzero(np.isfinite(values))
+        order = possible[np.argsort(-values[possible], kind="stable")]
+        correction: dict[int, float] = {}
+        for k in order[values[order] > self.best - THRESHOLDS.reach].tolist():
+            owner = self.space.candidates.owner(k)
+            larger = with_block(rest, k)
+            if owner in correction:
+                self.values.setdefault(larger, float(values[k]) + correction[owner])
+            else:
+                correction[owner] = self._visit(larger, float(values[k]), beside)
+        _, first = np.unique(self.space.candidates.owners[order], return_index=True)
+        leading: list[int] = order[np.sort(first)[: THRESHOLDS.instead]].tolist()
+        return leading
+
+    def _expand(self, blocks: Blocks) -> None:
+        """Visit the set with each block more that is within reach, and without each member."""
+        self._visit_additions(blocks)
+        for k, value in zip(blocks, self.space.removals(blocks).tolist(), strict=True):
+            self._visit(without_block(blocks, k), value, blocks)
+
+    def _visit_additions(self, blocks: Blocks) -> None:
+        """Visit the additions to a set that are within reach."""
+        self.expansions -= blocks not in self.expanded
+        self.expanded.add(blocks)
+        self._look_at(blocks)
+        self._visit_each(blocks, self.space.additions(blocks), blocks)
+
+    def _exchange(self, blocks: Blocks) -> None:
+        """Visit the set with one or two blocks, of whatever place, in place of each member, and of
+        two members that imitate one another; until a better set is found.
+        """
+        self.exchanged.add(blocks)
+        owner = self.space.candidates.owner
+        before = self.best
+        for gone in self._drawn_jointly(blocks):
+            rest = tuple(k for k in blocks if k not in gone)
+            none, values = self.space.exchanges(blocks, gone)
+            self._visit(rest, none, blocks)
+            leading = self._visit_each(rest, values, blocks)
+            gone_owners = {owner(k) for k in gone}
+            least = none + THRESHOLDS.imitated * (self.best - none)
+            for first in leading:
+                if owner(first) not in gone_owners and values[first] > least:
+                    self._visit_additions(with_block(rest, first))
+            if self.best > before:
+                return
+
+    def _drawn_jointly(self, blocks: Blocks) -> Iterator[Blocks]:
+        """Each member alone, and each two members of one place or that imitate one another."""
+        for k in blocks:
+            yield (k,)
+        of_blocks = self.space.candidates.of_blocks
+        beside = self.space.conditional(self.space.marginal(blocks).best)
+        for pair in itertools.combinations(blocks, 2):
+            if of_blocks[pair[0]] == of_blocks[pair[1]]:
+                yield pair
+                continue
+            if canonical(beside.without(*pair), *pair) > THRESHOLDS.imitates:
+                yield pair
+
+
+def with_block(blocks: Blocks, more: int) -> Blocks:
+    """The set with one block more."""
+    return tuple(sorted((*blocks, more)))
+
+
+def without_block(blocks: Blocks, less: int) -> Blocks:
+    """The set without one of its blocks."""
+    return tuple(k for k in blocks if k != less)
