@@ -422,6 +422,8 @@ class SeatElimination:
             along: ``Qᵀ R`` of all records (s, 3, c).
             seats, bars: which.
         """
+        if not len(along):
+            return np.zeros((1, 1))
         along = along.copy()
         ties = self._seat_residual
         along[:, :, -1] += np.einsum("sji,sj->si", self._q_tie, ties)

@@ -150,7 +150,9 @@ class Choice:
         """
         found = []
         for model in (self.posterior.median_model, self.posterior.top_model):
-            of_label = {self.variant(k).label: k for k in model.blocks if self.candidates.is_cause(k)}
+            of_label = {
+                self.variant(k).label: k for k in model.blocks if self.candidates.is_cause(k)
+            }
             if {effect.label for effect in effects} <= of_label.keys():
                 break
         for effect in effects:

@@ -194,9 +194,7 @@ class Design:
                 sources.append((moved[columns.start], source))
                 scales.append(self.scales[columns])
         blocks = tuple(replace(block, columns=moved[block.columns.start]) for block in chosen)
-        return replace(
-            self, blocks=blocks, sources=tuple(sources), scales=np.concatenate(scales)
-        )
+        return replace(self, blocks=blocks, sources=tuple(sources), scales=np.concatenate(scales))
 
     def groups(self, records: Index) -> Iterator[Index]:
         """Some of the records in turn, a limited number at once."""

@@ -88,7 +88,9 @@ def extended_model(choice: Choice) -> ErrorModel:
     ]
     names = [parameter.name for effect in curves.effects for parameter in effect.parameters()]
     answers = dict(zip(choice.fit.problem.names, curves.response, strict=True))
-    return _with_joint_covariance(replace(model, effects=tuple(effects)), answers, names, curves.covariance)
+    return _with_joint_covariance(
+        replace(model, effects=tuple(effects)), answers, names, curves.covariance
+    )
 
 
 def _prior_u(choice: Choice) -> Array:

@@ -32,7 +32,7 @@ ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
 definite."""
 LARGE = 6
 """From so many columns on, a Cholesky factor for each width costs less than all eigenvalues."""
-KEPT = 50
+KEPT = 30
 """So many blocks whose products are kept."""
 LEAST_CHI2 = 1e-9
 """χ² is at least this, of data that fit without any residual."""
@@ -285,7 +285,10 @@ class Conditional:
         if not self.design_blocks[block].positive:
             return 0.0
         place = self.places[block].start
-        deviation = np.sqrt(self.variance * self.inverse[place, place])
+        unit = np.zeros(len(self.rows))
+        unit[place] = 1.0
+        along = scipy.linalg.solve_triangular(self.factor, unit, lower=True)
+        deviation = np.sqrt(self.variance * (along @ along))
         return float(log_above_zero(self.estimate[place] / deviation))
 
     @property

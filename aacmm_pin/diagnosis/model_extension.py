@@ -171,6 +171,7 @@ def _standing(
                 return replace(
                     found, fit=first, posterior=replace(found.posterior, weights={(): 1.0})
                 )
+            found.posterior.space.release()
             effects = best
             seen.add(_identities(best))
             library = _with_variants(library, [*rivals, *effects])

@@ -36,8 +36,12 @@ LEAST_WEIGHT = 1e-12
 """Least weight of an amplitude when additions are ranked."""
 LEAST_GAIN = 1e-9
 """Least gain in log posterior for which a width changes."""
-RECENT = 10
+RECENT = 5
 """Sets that are kept as they were worked out: they are needed again with other blocks."""
+REMOTE = 16.0
+"""A family of blocks that all lower the log posterior of a set by more does not count beside the
+set with a block more.
+"""
 NEGLIGIBLE = 12.0
 """A log posterior that is lower than the largest by more adds nothing to a sum."""
 
@@ -202,9 +206,11 @@ Weighted = list[tuple[Beside, float]]
 """What is left beside states of one set, each with its log weight."""
 
 
-def _factors(weighted: Weighted) -> Array:
-    """Log factor by which each block at each width makes a set more probable (blocks, widths)."""
-    each = [at.additions() - at.log_evidence + weight for at, weight in weighted]
+def _factors(weighted: Weighted, families: Sequence[Family]) -> Array:
+    """Log factor by which each block of some families at each width makes a set more probable
+    (blocks, widths).
+    """
+    each = [at.additions(families) - at.log_evidence + weight for at, weight in weighted]
     return np.asarray(np.logaddexp.reduce(each, axis=0))
 
 
@@ -234,7 +240,7 @@ class ModelSpace:
         self.ascents: dict[Blocks, Blocks] = {}
         self._bases: dict[tuple[int, bool], Base] = {}
         self._marginals: dict[Blocks, Marginal] = {}
-        self._additions: dict[Blocks, Array] = {}
+        self._gains: dict[Blocks, Array] = {}
         self._widths: dict[Blocks, Array] = {}
         self._rows: dict[tuple[Blocks, int, bool], Conditional] = {}
         self._beside: dict[Blocks, list[Weighted]] = {}
@@ -265,6 +271,15 @@ class ModelSpace:
         if len(self._rows) > RECENT:
             del self._rows[next(iter(self._rows))]
         return known
+
+    def release(self) -> None:
+        """Free the memory of what is kept; log posteriors stay."""
+        for kept in (self._bases, self._gains, self._widths, self._rows, self._beside):
+            kept.clear()
+
+    def is_evaluated(self, blocks: Blocks) -> bool:
+        """Whether the log posterior of a set was worked out, and not approximated."""
+        return blocks in self._marginals
 
     def log_prior(self, blocks: Blocks) -> float:
         """Log prior odds of a set of blocks against none, without its widths."""
@@ -376,23 +391,25 @@ class ModelSpace:
                     break
         return log_posteriors
 
-    def additions(self, blocks: Blocks) -> Array:
-        """Approximate log posterior of the set with each block added (blocks,); minus infinity for
-        barred blocks; kept.
+    def gains(self, blocks: Blocks) -> Array:
+        """Approximate gain in log posterior of the set by each block more (blocks,); minus infinity
+        for barred blocks; kept.
 
         Widths are the best without the added block; a member of the smallest width is tried with a
         usual width too, for with the block it may act. Amplitudes are the best and the next lower:
-        a block may replace a part of the background.
+        a block may replace a part of the background. Beside a set that has one block more than
+        another, they are those of that one.
         """
-        if blocks not in self._additions:
-            marginal = self.marginal(blocks)
-            near = self._with_one_more(blocks) or self._near_best(marginal)
-            factors = np.max([_factors(weighted) for weighted in near], axis=0)
+        if blocks not in self._gains:
+            near, families = self._with_one_more(blocks)
+            near = near or self._near_best(self.marginal(blocks))
+            self._keep_beside(blocks, near)
+            factors = np.max([_factors(weighted, families) for weighted in near], axis=0)
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)
             gain[self.candidates.barred(blocks)] = -np.inf
-            self._additions[blocks] = marginal.log_posterior + gain + self.candidates.log_odds
-        return self._additions[blocks]
+            self._gains[blocks] = gain + self.candidates.log_odds
+        return self._gains[blocks]
 
     def _near_best(self, marginal: Marginal) -> list[Weighted]:
         """What is left beside a set at its best amplitude and at the next lower one; and if a
@@ -412,20 +429,33 @@ class ModelSpace:
             usual = best._replace(widths=tuple(width or FIRST_WIDTH for width in best.widths))
             there = self.conditional(usual)
             found.append([(there.all, float(weights[1]) + there.log_evidence - at.log_evidence)])
-        self._keep_beside(best.blocks, found)
         return found
 
-    def _with_one_more(self, blocks: Blocks) -> list[Weighted]:
-        """The same from what is left beside a set with a block less, if that is known."""
+    def _with_one_more(self, blocks: Blocks) -> tuple[list[Weighted], list[Family]]:
+        """The same from what is left beside a set with a block less, if that is known; and the
+        families of which any block may count: beside a known set, those that do there.
+        """
+        families = self._open_families(blocks)
         for k in blocks:
             rest = tuple(each for each in blocks if each != k)
             if rest in self._beside:
                 width = int(self._widths[rest][k])
                 known = self._beside[rest]
-                return [[(at.plus(k, width), weight) for at, weight in each] for each in known]
-        return []
+                self._keep_beside(rest, known)
+                gains = self._gains.get(rest)
+                if gains is not None:
+                    families = [each for each in families if gains[each.blocks].max() > -REMOTE]
+                more = [[(at.plus(k, width), weight) for at, weight in each] for each in known]
+                return more, families
+        return [], families
+
+    def _open_families(self, blocks: Blocks) -> list[Family]:
+        """The families of which any block may be added to a set."""
+        barred = self.candidates.barred(blocks)
+        return [each for each in self.candidates.design.families if not barred[each.blocks].all()]
 
     def _keep_beside(self, blocks: Blocks, found: list[Weighted]) -> None:
+        self._beside.pop(blocks, None)
         self._beside[blocks] = found
         if len(self._beside) > RECENT:
             del self._beside[next(iter(self._beside))]
@@ -443,7 +473,7 @@ class ModelSpace:
         members = [blocks.index(k) for k in gone]
         along_widths = log_sum(at.over_widths[members, :-1]) - at.log_evidence
         others = marginal.log_posterior - at.log_evidence - along_widths.sum() - of_gone
-        values = beside.additions()
+        values = beside.additions(self._open_families(rest))
         self._keep_beside(rest, [[(beside, 0.0)]])
         self._widths[rest] = np.argmax(values, axis=1)
         found = others + log_sum(values) - np.log(WIDTHS.size) + odds
@@ -463,9 +493,7 @@ class ModelSpace:
         """The state with the most probable block more, if that makes it more probable."""
         return self._with_best(state, self.conditional(state).all)
 
-    def _with_best(
-        self, rest: ModelState, beside: Beside, place: int | None = None
-    ) -> ModelState:
+    def _with_best(self, rest: ModelState, beside: Beside, place: int | None = None) -> ModelState:
         families = None if place is None else self.candidates.families(place)
         values = beside.additions(families) - np.log(WIDTHS.size)
         values += self.candidates.log_odds[:, None]

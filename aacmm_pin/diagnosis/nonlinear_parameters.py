@@ -79,10 +79,13 @@ def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
     own.
     """
     candidates = choice.candidates
+    # Forms of a basis are tried at all values already.
+    first = np.unique(candidates.owners, return_index=True)[1].tolist()
+    own_columns = {k for k, block in enumerate(first) if candidates.blocks[block].form is None}
     smooth = {
         k
         for k, variants in enumerate(choice.library)
-        if _is_smooth(variants[-1]) and not is_change(variants[-1])
+        if k in own_columns and _is_smooth(variants[-1]) and not is_change(variants[-1])
     }
     if not smooth:
         return []

@@ -123,9 +123,10 @@ class Posterior:
 
     @cached_property
     def _likely(self) -> dict[Blocks, float]:
-        """Sets worth listing, with their weights."""
+        """Sets worth listing whose log posterior was worked out, with their weights."""
         least = THRESHOLDS.worth_listing
-        return {s: w for s, w in self.weights.items() if w >= least}
+        evaluated = self.space.is_evaluated
+        return {s: w for s, w in self.weights.items() if w >= least and evaluated(s)}
 
     @cached_property
     def amplitudes(self) -> Array:

@@ -15,8 +15,10 @@ from aacmm_pin.diagnosis.model_space import FIRST_WIDTH, Blocks, ModelSpace, Mod
 from aacmm_pin.diagnosis.posterior import Posterior, inclusion, weights_of
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
-FREE_PARAMETERS = 3
-"""A form with fewer parameters than this is no function that could be anything at its place."""
+FREE_PARAMETERS = (3, 110)
+"""Parameters of a form that could be nearly anything at its place: at least, and at most where the
+search begins.
+"""
 LEAST_GAIN = 1e-6
 """Gain in log posterior below which an ascent has ended."""
 
@@ -62,14 +64,13 @@ def explore_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
 
 
 def every_place(space: ModelSpace) -> Blocks:
-    """Every place at its freest form: the finest of those that can be every function of it, or the
-    one with the most parameters.
-    """
+    """Every place at its freest form: the one with the most parameters."""
     candidates = space.candidates
     freest: dict[int, int] = {}
     for number, block in enumerate(candidates.blocks):
         place = int(candidates.places[block.candidate])
-        if candidates.is_cause(number) and block.size >= FREE_PARAMETERS:
+        least, most = FREE_PARAMETERS
+        if candidates.is_cause(number) and least <= block.size <= most:
             before = freest.get(place)
             if before is None or block.size > candidates.blocks[before].size:
                 freest[place] = number
@@ -111,13 +112,14 @@ class Walk:
 
     Attributes:
         values: log posterior of each set visited; approximate where it is far below the best.
+        expanded: sets, with the log posterior of each with one block more.
         best: largest log posterior.
         expansions: number of sets whose additions may still be ranked.
     """
 
     def __init__(self, space: ModelSpace, starts: Iterable[Blocks]) -> None:
         self.space, self.values, self.best = space, dict[Blocks, float](), -np.inf
-        self.expanded, self.exchanged = set[Blocks](), set[Blocks]()
+        self.expanded, self.exchanged = dict[Blocks, Array](), set[Blocks]()
         self.expansions = THRESHOLDS.expansions
         for start in starts:
             self._look_at(start)
@@ -141,8 +143,7 @@ class Walk:
     def _additions(self) -> dict[Blocks, float]:
         """Approximate log posterior of each expanded set with one block more."""
         found: dict[Blocks, float] = {}
-        for blocks in self.expanded:
-            about = self.space.additions(blocks)
+        for blocks, about in self.expanded.items():
             for k in np.flatnonzero(about > self.best - THRESHOLDS.negligible_set).tolist():
                 larger = with_block(blocks, k)
                 found[larger] = max(found.get(larger, -np.inf), float(about[k]))
@@ -178,7 +179,7 @@ class Walk:
             By how much the approximation was too low.
         """
         if about > self.best - THRESHOLDS.close:
-            near = self.space.marginal(beside).best
+            near = self.space.marginal(beside).best if self.space.is_evaluated(beside) else None
             value = self.space.marginal(blocks, near=near).log_posterior
             self.values[blocks], self.best = value, max(self.best, value)
             return value - about
@@ -208,17 +209,19 @@ class Walk:
         return leading
 
     def _expand(self, blocks: Blocks) -> None:
-        """Visit the set with each block more that is within reach, and without each member."""
+        """Visit the set with each block more that is within reach and, if its own log posterior was
+        worked out, without each member.
+        """
         self._visit_additions(blocks)
-        for k, value in zip(blocks, self.space.removals(blocks).tolist(), strict=True):
-            self._visit(without_block(blocks, k), value, blocks)
+        if self.space.is_evaluated(blocks):
+            for k, value in zip(blocks, self.space.removals(blocks).tolist(), strict=True):
+                self._visit(without_block(blocks, k), value, blocks)
 
     def _visit_additions(self, blocks: Blocks) -> None:
-        """Visit the additions to a set that are within reach."""
+        """Visit the additions to a visited set that are within reach."""
         self.expansions -= blocks not in self.expanded
-        self.expanded.add(blocks)
-        self._look_at(blocks)
-        self._visit_each(blocks, self.space.additions(blocks), blocks)
+        self.expanded[blocks] = self.values[blocks] + self.space.gains(blocks)
+        self._visit_each(blocks, self.expanded[blocks], blocks)
 
     def _exchange(self, blocks: Blocks) -> None:
         """Visit the set with one or two blocks, of whatever place, in place of each member, and of
@@ -236,7 +239,9 @@ class Walk:
             least = none + THRESHOLDS.imitated * (self.best - none)
             for first in leading:
                 if owner(first) not in gone_owners and values[first] > least:
-                    self._visit_additions(with_block(rest, first))
+                    larger = with_block(rest, first)
+                    self.values.setdefault(larger, float(values[first]))
+                    self._visit_additions(larger)
             if self.best > before:
                 return
 

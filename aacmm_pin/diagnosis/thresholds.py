@@ -100,7 +100,7 @@ class Thresholds:
     reach: float = 7.0
     negligible_set: float = 12.0
     expanded: float = 0.004
-    close: float = 3.0
+    close: float = 1.5
     expansions: int = 120
     expansions_of_part: int = 4
     holds: float = 0.1
