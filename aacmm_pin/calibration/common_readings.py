@@ -11,14 +11,14 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements import Measurements, Observations
 
 OWN_PART = 1e-9
 """Part of a record's variance that is its own at least, so that what records share has an inverse
 where no other noise is stated."""
 
 
-def one_reading(measurements: Measurements, seat: Index) -> tuple[Index, ...]:
+def one_reading(measurements: Measurements, observations: Observations) -> tuple[Index, ...]:
     """Records that share a reading, for each number m of records that do: (groups, m).
 
     Their readings are the same to the last digit, each has a target of its own, and they touch one
@@ -26,13 +26,14 @@ def one_reading(measurements: Measurements, seat: Index) -> tuple[Index, ...]:
 
     Args:
         measurements: the records.
-        seat: number of the seat of each record, -1 for none (n,).
+        observations: what they say; a record without a target shares nothing.
     """
     marker = measurements.conditions.marker
     if marker is None:
         return ()
     columns = [f"reading {k}" for k in range(measurements.nq)]
-    table = pd.DataFrame(measurements.readings, columns=columns).assign(seat=seat, marker=marker)
+    table = pd.DataFrame(measurements.readings, columns=columns)
+    table = table.assign(seat=observations.seat, marker=marker)[observations.has_target]
     again = table.groupby([*columns, "seat", "marker"], sort=False).cumcount()
     table = table.assign(again=again)
     reading = table.groupby([*columns, "seat", "again"], sort=False).ngroup().to_numpy()
@@ -42,7 +43,7 @@ def one_reading(measurements: Measurements, seat: Index) -> tuple[Index, ...]:
     found = []
     for size in np.unique(count[count > 1]).tolist():
         places = first[count == size][:, None] + np.arange(size)
-        found.append(order[places])
+        found.append(table.index.to_numpy()[order[places]])
     return tuple(found)
 
 

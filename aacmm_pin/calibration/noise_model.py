@@ -116,7 +116,7 @@ class NoiseModel:
         if setup.encoder_noise is not None and setup.encoder_noise.any():
             by_reading = problem.reading_jacobian(x, frame) * setup.encoder_noise
             tips = tips + by_reading @ by_reading.transpose(0, 2, 1)
-            together = one_reading(problem.measurements, observations.seat)
+            together = one_reading(problem.measurements, observations)
         return NoiseModel(scatters, observations, tips, by_reading, together)
 
     def correlation(self, whitening: Array) -> Correlation:

@@ -333,7 +333,7 @@ def products_of(design: Design, part: Index, noise: RecordNoise | None = None) -
         part: number of the part of each record, from 0 (n,).
         noise: of the records; None for the noise of the fit, without an error that records share.
     """
-    known = noise or RecordNoise.alone(design.fit.noise.whitening)
+    known = noise or RecordNoise.of_fit(design.fit)
     return Products(design, partial(_parts_of, design, part, known), known)
 
 
