@@ -5,6 +5,7 @@ held-out residuals.
 from aacmm_pin.calibration.base_placement import BasePlacement, base_is_open, base_placements
 from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import calibrated_model, is_of_setup
+from aacmm_pin.calibration.common_readings import Correlation
 from aacmm_pin.calibration.comparison import Comparison, compare
 from aacmm_pin.calibration.cross_validation import HeldOut, rms
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
@@ -32,6 +33,7 @@ __all__ = [
     "BasePlacement",
     "Calibration",
     "Comparison",
+    "Correlation",
     "Exclusions",
     "Fit",
     "Frame",

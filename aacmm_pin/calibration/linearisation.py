@@ -76,7 +76,10 @@ def linearise(
     rows = np.empty((*whitened.shape, p + 1))
     np.matmul(whitening, prediction.jacobian, out=rows[:, :, :p])
     rows[:, :, p] = whitened * root_weights
-    elimination = SeatElimination(observations, points, observations.by_seats(whitening))
+    correlation = noise.correlation(whitening)
+    rows = correlation.whitened(rows)
+    by_seats = correlation.whitened(observations.by_seats(whitening))
+    elimination = SeatElimination(observations, points, by_seats)
     along_seats, all_rows = elimination.eliminated(rows, residual=True)
     records = np.flatnonzero(has_target)
     seats = np.flatnonzero(observations.known)

@@ -11,6 +11,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.notes import Note
+from aacmm_pin.calibration.common_readings import Correlation, one_reading
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.measurements import FEWEST_CONTACTS, Bar, Measurements, Observations
@@ -68,11 +69,16 @@ class NoiseModel:
         observations: targets of the tips.
         tips: covariance of each tip in the frame of the references, by its reading and the scatter
             (n, 3, 3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
+        by_reading: displacement of each tip by one standard uncertainty of each reading (n, 3 or 6,
+            nq) [m, rad]; (n, 3 or 6, 0) where readings have no noise.
+        together: records that share a reading, see :func:`one_reading`.
     """
 
     scatters: Scatters
     observations: Observations
     tips: Array
+    by_reading: Array
+    together: tuple[Index, ...]
 
     @staticmethod
     def of(
@@ -105,10 +111,20 @@ class NoiseModel:
             observations = observations.with_normals(tips_there, centres)
         each = scatters.covariance(observations.covariance.shape[1])
         tips = np.broadcast_to(each, (n, *each.shape))
+        by_reading = np.zeros((n, len(each), 0))
+        together: tuple[Index, ...] = ()
         if setup.encoder_noise is not None and setup.encoder_noise.any():
             by_reading = problem.reading_jacobian(x, frame) * setup.encoder_noise
             tips = tips + by_reading @ by_reading.transpose(0, 2, 1)
-        return NoiseModel(scatters, observations, tips)
+            together = one_reading(problem.measurements, observations)
+        return NoiseModel(scatters, observations, tips, by_reading, together)
+
+    def correlation(self, whitening: Array) -> Correlation:
+        """Of residuals that are whitened record by record with these (n, 3, 3), or (n, 6, 6); zero
+        for a record that does not count.
+        """
+        width = whitening.shape[2]
+        return Correlation.of(self.together, whitening @ self.by_reading[:, :width])
 
     @property
     def of_residuals(self) -> Array:

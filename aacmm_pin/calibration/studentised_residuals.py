@@ -60,9 +60,15 @@ def studentised_distances(solution: Solution) -> Array:
     count = int(has_target.sum())
     rows = slice(width * count)
     steps = system.steps(system.unknown)
-    along = (system.jacobian[rows] @ steps).reshape(count, width, steps.shape[1])
+    whitened = np.zeros((len(has_target), width, steps.shape[1] + 1))
+    whitened[has_target, :, :-1] = (system.jacobian[rows] @ steps).reshape(count, width, -1)
+    whitened[has_target, :, -1] = system.residual[rows].reshape(count, width)
+    # Each record by itself, without what it shares with others.
+    root_weights = np.sqrt(solution.weights)[:, None, None]
+    correlation = solution.noise.correlation(solution.noise.whitening * root_weights)
+    alone = correlation.whitened_back(whitened)[has_target]
+    along = alone[:, :, :-1]
     remaining = np.eye(width) - along @ along.transpose(0, 2, 1)
-    residuals = system.residual[rows].reshape(count, width)
     found = np.full(len(has_target), np.inf)
-    found[has_target] = squared_distances(residuals, remaining)
+    found[has_target] = squared_distances(alone[:, :, -1], remaining)
     return found

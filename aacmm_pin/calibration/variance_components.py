@@ -11,7 +11,7 @@ import scipy
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.distributions import f_isf
-from aacmm_pin.calibration.noise_model import Scatters
+from aacmm_pin.calibration.noise_model import NoiseModel, Scatters
 from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Solution
 
 FALSE_EXCLUSION = 0.01
@@ -44,13 +44,13 @@ def _variance_component(
     ``dof_of_seats``. Rotations count given the deviations of their tips.
     """
     noise = solution.noise
-    stated_noise = solution.noise.without_scatter[used]
+    stated_noise = noise.without_scatter
     turn_dof = solution.turn_dof
     scatters = noise.scatters
     dof = turn_dof if turns else solution.chi2.dof - turn_dof - dof_of_seats
     if dof < LEAST_DOF:
         return scatters.turn if turns else scatters.tip
-    deviation = solution.system.deviations[used]
+    deviation = np.where(used[:, None], solution.system.deviations, 0.0)
     seats = solution.point.seats
     ties = (
         np.where(open_, 0.0, noise.observations.of_seats(seats)),
@@ -60,17 +60,29 @@ def _variance_component(
     scatter_shape = np.eye(3)
     if turns:
         stated_noise[:, :3, :3] += scatters.tip**2 * np.eye(3)
-        other_chi2 = -float(squared_distances(deviation[:, :3], stated_noise[:, :3, :3]).sum())
+        other_chi2 = -_chi2(noise, deviation[:, :3], stated_noise[:, :3, :3], used)
         scatter_shape = np.diag([0.0, 0, 0, 1, 1, 1])
     else:
         deviation = deviation[:, :3]
         stated_noise = stated_noise[:, :3, :3]
 
     def excess(variance: float) -> float:
-        distances = squared_distances(deviation, stated_noise + variance * scatter_shape)
-        return float(distances.sum()) + other_chi2 - dof
+        chi2 = _chi2(noise, deviation, stated_noise + variance * scatter_shape, used)
+        return chi2 + other_chi2 - dof
 
     return float(np.sqrt(root(excess, deviation[:, -3:])))
+
+
+def _chi2(noise: NoiseModel, deviation: Array, covariance: Array, used: Mask) -> float:
+    """χ² of the deviations (n, k) of the used records, by the covariance of each (n, k, k) and what
+    records of one reading share.
+    """
+    # Stated noise may be zero, of an exact contact with exact readings.
+    least = LEAST_SCATTER**2 * np.eye(deviation.shape[1])
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance + least))
+    correlation = noise.correlation(whitening * used[:, None, None])
+    rows = correlation.whitened(whitening @ deviation[:, :, None])
+    return float(np.square(rows).sum())
 
 
 def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:

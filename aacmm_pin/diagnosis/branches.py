@@ -70,10 +70,10 @@ def branches_of(choice: Choice) -> Branches | None:
     if records.conditions.approach is not None or usable.sum() < FEWEST_RECORDS:
         return None
     whiten = fit.noise.whitening[:, :3, :3]
-    deviations = choice.design.deviations(choice.tips)[:, :3]
-    residuals = np.einsum("nij,nj->ni", whiten, deviations)
+    deviations = choice.design.deviations(choice.tips)
     # The error that records of one posture share counts once.
-    residuals = choice.noise.postures.whitened(residuals)[usable]
+    deviations = choice.noise.independent(deviations)[:, :3]
+    residuals = np.einsum("nij,nj->ni", whiten, deviations)[usable]
     columns = (whiten @ choice.design.of_angles[:, :3])[usable]
     chain = fit.problem.model.arm.chain
     found = []

@@ -101,7 +101,7 @@ class Choice:
         """Scatter of readings and tips beside a set."""
         share = min(max(model.dof, 1.0) / max(model.base.gram.free, 1), 1.0)
         off = self.design.deviations(model.tips())
-        return ReadingScatter.of(self.design.fit, off, share, self.noise.postures)
+        return ReadingScatter.of(self.design.fit, off, share, self.noise)
 
     @property
     def log_posterior(self) -> float:

@@ -8,10 +8,11 @@ own.
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -29,6 +30,8 @@ TYPICAL_TURN = 2.0
 """… at a joint [rad] for each metre of that …"""
 TYPICAL_GROWTH = 1.0
 """… and of all lengths [1] for each metre of that."""
+MOST_FORMS = 10_000
+"""So many forms are kept, for their places come back in each round."""
 ROWS_AT_ONCE = 1500
 """Rows of the records whose columns are worked out at once."""
 
@@ -208,8 +211,15 @@ class Design:
         own = self.fit.point.prediction.jacobian[records]
         found[:, :, : self.nuisances] = own[:, :, self.kept]
         arm = _Calibrated(self.fit, records)
+        effects = [source for _, source in self.sources if not isinstance(source, Carried)]
+        behind = self.nuisances
+        if effects:
+            of_effects = arm.of(tuple(itertools.chain.from_iterable(effects)))
+            behind += of_effects.shape[2]
+            found[:, :, self.nuisances : behind] = of_effects
         for columns, source in self.sources:
-            found[:, :, columns] = arm.of(source)
+            if columns.start >= behind:
+                found[:, :, columns] = arm.of(source)
         found *= self.scales
         return found
 
@@ -345,6 +355,14 @@ def _moved_by(fit: Fit, held: Sequence[Effect]) -> Array | float:
     return np.concatenate([_Calibrated(fit, part).of(tuple(held)) @ values for part in some])
 
 
+@lru_cache(maxsize=MOST_FORMS)
+def _form(effect: Effect, basis: Effect) -> Array:
+    """Combinations of the scaled columns of a basis (columns, q); those of the last forms are
+    kept.
+    """
+    return effect.in_basis(basis) * _typical(effect) / _typical(basis)[:, None]
+
+
 class _ColumnsOf:
     """The columns of candidates, added one after the other behind ``first`` others."""
 
@@ -368,7 +386,7 @@ class _ColumnsOf:
                 basis = effect.basis(self.arm, self.records)
             if basis is not None:
                 columns = self._basis(basis)
-                form = self._form(effect, basis)
+                form = _form(effect, basis)
             else:
                 both = changes and bool(first.nonlinear.field) and effect is not first
                 columns = self._new((effect, first) if both else (effect,))
@@ -382,11 +400,6 @@ class _ColumnsOf:
         if basis.identity not in self.bases:
             self.bases[basis.identity] = self._new((basis,))
         return self.bases[basis.identity]
-
-    @staticmethod
-    def _form(effect: Effect, basis: Effect) -> Array:
-        """Combinations of the scaled columns of a basis (columns, q)."""
-        return effect.in_basis(basis) * _typical(effect) / _typical(basis)[:, None]
 
     def add_covariate(self, number: int, covariate: Covariate) -> None:
         """What a covariate acts on."""

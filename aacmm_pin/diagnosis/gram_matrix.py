@@ -129,7 +129,7 @@ def gram_of(design: Design, noise: RecordNoise, records: Mask | None = None) -> 
     most = max(ROWS_AT_ONCE // design.tips.shape[1], 1)
     for group in noise.postures.divided(np.flatnonzero(chosen), most):
         columns = np.concatenate([design.rows(group), deviations[group, :, None]], axis=2)
-        rows = noise.postures.whitened(whitening[group] @ columns, group)
+        rows = noise.postures.take(group).whitened(whitening[group] @ columns)
         along += elimination.along(rows, group)
         flat = rows.reshape(-1, design.width + 1)
         matrix += flat.T @ flat

@@ -25,7 +25,7 @@ from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
 from aacmm_pin.diagnosis.held_curves import HeldCurves, stays
-from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
+from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise, SharedSizes
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.nonlinear_parameters import (
     evidences,
@@ -199,19 +199,19 @@ class _Before:
         dof: degrees of freedom that it leaves.
         scatter: of readings and tips beside that; None where the stated noise was all there was to
             begin with.
-        ratio: of the error that records of one posture share, see :class:`HeldPostures`.
+        shared: of the error that records of one posture share.
     """
 
     tips: Array
     dof: float
     scatter: ReadingScatter | None
-    ratio: float
+    shared: SharedSizes
 
     @staticmethod
     def of(found: Choice) -> _Before:
         model = found.posterior.top_model
         scatter = None if noise_is_known(found.design.fit) else found.scatter_beside(model)
-        return _Before(model.tips(), model.dof, scatter, found.noise.postures.ratio)
+        return _Before(model.tips(), model.dof, scatter, found.noise.postures.sizes)
 
     def settled(self, found: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
@@ -334,12 +334,12 @@ def _climbed(
     design = design_of(at, library, others, at.problem.candidates, held)
     candidates = Candidates.of(design, library)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
-    left = before or _Before(at.point.prediction.poses, at.dof, None, 0.0)
+    left = before or _Before(at.point.prediction.poses, at.dof, None, SharedSizes())
     climb = _Climb(candidates, start, library, others, parts, left.scatter)
     if not climb.groups.repeat:
         return climb.with_noise(climb.groups)
     beside = climb.shared(left.tips, left.dof)
-    as_before = climb.groups.with_error(left.ratio)
+    as_before = climb.groups.with_error(left.shared)
     starts = [beside] if beside.is_about(as_before) else [beside, as_before]
     return max(map(climb.settled, starts), key=lambda found: found.log_posterior)
 
@@ -364,7 +364,7 @@ class _Climb:
     @cached_property
     def groups(self) -> HeldPostures:
         """Records of one posture, which share nothing."""
-        return HeldPostures.groups_of(self.candidates.design.fit)
+        return HeldPostures.groups_of(self.candidates.design.fit, self.whitening)
 
     @cached_property
     def whitening(self) -> Array:
@@ -383,7 +383,7 @@ class _Climb:
         at = self.candidates.design.fit
         scatter = self.scatter
         stated = noise_is_known(at) if scatter is None else scatter.as_stated
-        noise = RecordNoise(self.whitening, postures)
+        noise = RecordNoise.of(self.whitening, postures, stated)
         space = ModelSpace(self.candidates, gram_of(self.candidates.design, noise), stated)
         posterior = climb(space, self.start)
         return Choice(at, posterior, self.library, self.others, self.parts, scatter)

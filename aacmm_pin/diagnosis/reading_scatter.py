@@ -11,7 +11,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.variance_components import LEAST_SCATTER
-from aacmm_pin.diagnosis.held_postures import HeldPostures
+from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements import Observations
 
@@ -52,7 +52,7 @@ class ReadingScatter:
     observations: Observations
 
     @staticmethod
-    def of(fit: Fit, off: Array, left: float, postures: HeldPostures) -> ReadingScatter:
+    def of(fit: Fit, off: Array, left: float, noise: RecordNoise) -> ReadingScatter:
         """By the residuals of all that was found.
 
         The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou,
@@ -63,7 +63,7 @@ class ReadingScatter:
             fit: the calibration.
             off: residuals (n, 3) [m], with orientations (n, 6) [m, rad].
             left: part of the residuals' degrees of freedom that all that was fitted has left.
-            postures: records that share an error, which is no scatter of readings.
+            noise: of records that may share an error, which is no scatter of readings.
         """
         counts = fit.used & fit.observations.has_target
         point = fit.point
@@ -91,7 +91,7 @@ class ReadingScatter:
         )
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
         first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_TIP_LEVER**2)
-        own = postures.whitened(enlarged)
+        own = noise.independent(enlarged)
         apart = _Components(stated, groups, own, counts)
         log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
         whole = search.best(np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)]))

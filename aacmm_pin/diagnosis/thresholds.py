@@ -102,7 +102,7 @@ class Thresholds:
     expanded: float = 0.004
     close: float = 1.5
     expansions: int = 120
-    expansions_of_part: int = 4
+    expansions_of_part: int = 2
     holds: float = 0.1
     instead: int = 3
     imitated: float = 0.2

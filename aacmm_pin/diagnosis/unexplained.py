@@ -235,19 +235,18 @@ def _shared_error(choice: Choice) -> SharedError | None:
     noise = choice.noise
     fit = choice.design.fit
     postures = noise.postures
-    if postures.p_value >= THRESHOLDS.left or postures.ratio < THRESHOLDS.large:
+    if postures.p_value >= THRESHOLDS.left or postures.relative < THRESHOLDS.large:
         return None
-    of_record = np.sqrt(choice.posterior.median_model.variance) * fit.distance_of(noise.covariances)
-    return SharedError(float(postures.ratio * of_record), postures.ratio, postures.p_value)
+    size = np.sqrt(choice.posterior.median_model.variance) * noise.shared_size(fit)
+    return SharedError(float(size), postures.relative, postures.p_value)
 
 
 def _whitened_deviations(choice: Choice) -> Array:
     """Deviations of the tips beyond all that was found (n, 3), in units of the noise; the error
     that records of one posture share counts once.
     """
-    noise = choice.noise
-    deviations = np.einsum("nij,nj->ni", noise.whitening, choice.design.deviations(choice.tips))
-    return noise.postures.whitened(deviations[:, :3])
+    deviations = choice.design.deviations(choice.tips)
+    return choice.noise.whitened(deviations)[:, :3]
 
 
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:

@@ -230,6 +230,31 @@ def test_noise_that_nobody_stated_is_estimated(sino6, rng):
     assert 12e-6 < result.fit.unmodelled < 16e-6
 
 
+@pytest.mark.parametrize("wrong", [0, 3])
+def test_scatter_found_from_afar_is_that_of_the_records(wrong):
+    """Offsets of 100°, where an independent least squares has its minimum; so with gross errors."""
+    so101 = Arm.from_urdf("so101")
+    rng = np.random.default_rng(12)
+    offsets = np.radians([0.0, 100.0, -97.0, -5.0, 2.0])
+    q = random_postures(so101, 60, rng)
+    tips = so101.positions(q + offsets) + 5e-4 * rng.standard_normal((60, 3))
+    gross = tips.copy()
+    gross[:wrong] += 0.03
+    result = calibrate(so101, Measurements.of(q, gross), "zero-offsets", hold_out=False)
+
+    def residuals(x: Array) -> Array:
+        return np.asarray((so101.positions(q + x) - tips)[wrong:].ravel())
+
+    best = least_squares(residuals, offsets)
+    scatter = np.sqrt(2.0 * best.cost / (best.fun.size - 5))
+    information = best.jac.T @ best.jac / scatter**2 + np.eye(5) / result.fit.problem.widths**2
+    u = np.sqrt(np.diag(np.linalg.inv(information)))
+    assert np.flatnonzero(result.fit.excluded).tolist() == [*range(wrong)]
+    assert result.fit.unmodelled == pytest.approx(scatter, rel=0.02)
+    assert np.sqrt(np.diag(result.covariance)) == pytest.approx(u, rel=0.02)
+    assert np.abs((result.fit.point.x - best.x) / u).max() < 1.0
+
+
 # --- kinds of evidence
 
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm import Arm, exp
 from aacmm_pin.calibration import Observability, solver
 from aacmm_pin.calibration.cross_validation import distances
 from aacmm_pin.calibration.linear_model import NormalEquations
@@ -20,6 +20,7 @@ from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.calibration.studentised_residuals import deleted_distances, studentised_distances
+from aacmm_pin.calibration.variance_components import variance_components
 from aacmm_pin.effects import Conditions, ErrorModel, StylusOffset
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.measurements.orientation import quaternions
@@ -140,6 +141,76 @@ def test_distances_grow_by_the_share_in_the_parameters(sino6, rng):
         wanted = residual @ np.linalg.solve(remaining, residual)
         assert distances[k] == pytest.approx(wanted, rel=1e-6)
         assert wanted > 1.01 * residual @ residual
+
+
+def several_targets(arm: Arm, rng: np.random.Generator, turned: bool) -> Problem:
+    """Three targets in each of eight readings, whose records are not one after the other, and one
+    that was measured twice in the last.
+    """
+    n = 25
+    reading = np.append(np.tile(np.arange(8), 3), 7)
+    q = np.column_stack([rng.uniform(low, high, 8) for low, high in arm.limits])[reading]
+    places = {"a": (0.0, 0.1, 0.0), "b": (0.1, 0.0, 0.05), "c": (0.0, 0.0, 0.2)}
+    model = ErrorModel(arm, tuple(StylusOffset(one, values=at) for one, at in places.items()))
+    labels = np.append(np.repeat([*"abc"], 8), "c").astype(object)
+    conditions = Conditions(n, marker=labels)
+    off = 2e-5 * rng.standard_normal((n, 3))
+    points = FRAME.apply(model.predict(q, conditions)) + off
+    orientation = None
+    if turned:
+        turn = FRAME.rotation @ model.state(q, conditions).rotation[-1]
+        orientation = quaternions(
+            turn @ exp(np.pad(1e-5 * off / 2e-5, ((0, 0), (3, 0))))[:, :3, :3]
+        )
+    records = Measurements.of(
+        q,
+        points,
+        conditions=conditions,
+        orientation=orientation,
+        orientation_u=np.full(n, 7e-6) if turned else None,
+    )
+    setup = Setup.of(arm, "external", "frame", encoder_noise=1e2 * NOISE, reference_noise=2e-6)
+    return problem_of(model, records, "geometry", setup)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_targets_of_one_reading_share_its_noise(sino6, rng, turned):
+    """χ², covariance, distances and scatter by the covariance matrix of all residuals; a record
+    that does not count has no part in it.
+    """
+    problem = several_targets(sino6, rng, turned)
+    n, width, left_out = 25, 6 if turned else 3, 9
+    weights = np.ones(n)
+    weights[left_out] = 0.0
+    here = system_of(problem)
+    found = solver.solution_at(problem, here.noise, here.point, weights)
+    reading = np.append(np.tile(np.arange(8), 3), 8)
+    together = (reading[:, None] == reading)[:, None, :, None]
+    by_reading = problem.reading_jacobian(here.point.x, FRAME) * problem.setup.encoder_noise
+    shared = np.einsum("nij,mkj->nimk", by_reading, by_reading) * together
+    own = np.diag(np.tile([2e-6**2] * 3 + [7e-6**2] * (width - 3), n))
+    counts = np.repeat(weights > 0.0, width)
+    covariance = (shared.reshape(own.shape) + own)[np.ix_(counts, counts)]
+    columns = here.point.prediction.jacobian.reshape(n * width, -1)[counts]
+    residual = found.system.deviations.ravel()[counts]
+    prior = found.system.prior
+    scaled = prior.rows[:, :-1] / prior.scales
+    information = columns.T @ np.linalg.solve(covariance, columns) + scaled.T @ scaled
+    assert found.chi2.value == pytest.approx(
+        residual @ np.linalg.solve(covariance, residual), rel=1e-5
+    )
+    unknown = np.zeros((prior.scales.size, 0))
+    u = np.sqrt(np.diag(np.linalg.inv(information)))
+    np.testing.assert_allclose(np.sqrt(np.diag(found.system.covariance(unknown))), u, rtol=1e-5)
+    scatter = variance_components(found, weights > 0.0, np.zeros((0, 3), dtype=bool)).tip
+    of_tips = np.tile(np.arange(width) < 3, n)[counts]
+    more = covariance[np.ix_(of_tips, of_tips)] + scatter**2 * np.eye(int(of_tips.sum()))
+    chi2 = residual[of_tips] @ np.linalg.solve(more, residual[of_tips])
+    assert chi2 == pytest.approx(found.chi2.dof - found.turn_dof, rel=1e-5)
+    left = covariance - columns @ np.linalg.solve(information, columns.T)
+    first = slice(0, width)
+    distance = residual[first] @ np.linalg.solve(left[first, first], residual[first])
+    assert studentised_distances(found)[0] == pytest.approx(distance, rel=1e-4)
 
 
 def test_a_frame_is_no_mirror_image(rng):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
@@ -13,9 +14,16 @@ from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
-from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointCompliance
+from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise, SharedSizes
+from aacmm_pin.effects import (
+    Conditions,
+    EncoderEccentricity,
+    ErrorModel,
+    JointCompliance,
+    StylusOffset,
+)
 from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements.orientation import quaternions
 from tests.again import again
 
 ALONE, SHARED = 1e-5, 2e-5
@@ -45,6 +53,108 @@ def test_u_counts_an_error_that_records_share(sino6: Arm, stated: bool) -> None:
         as_independent.append(step / np.sqrt(np.diag(found.covariance)[own]))
     assert np.sqrt(np.square(scores).mean()) == pytest.approx(1.0, abs=0.25)
     assert np.sqrt(np.square(as_independent).mean()) > 1.5
+
+
+READING = 5e-4
+"""Scatter of the readings, which all targets of a posture share [rad]."""
+
+
+def _targets(arm: Arm, rng: np.random.Generator, turned: bool = False) -> Measurements:
+    """Three targets of each of 40 postures, measured while the encoders were read once."""
+    places = {"a": (0.0, 0.05, 0.1), "b": (0.08, 0.0, 0.15), "c": (0.0, -0.08, 0.2)}
+    model = ErrorModel(arm, tuple(StylusOffset(one, values=at) for one, at in places.items()))
+    marker = np.tile(np.array([*"abc"], dtype=object), 40)
+    q = np.repeat(random_postures(arm, 40, rng), 3, axis=0)
+    conditions = Conditions(120, marker=marker)
+    real = q + np.repeat(READING * rng.standard_normal((40, arm.nq)), 3, axis=0)
+    points = model.predict(real, conditions) + ALONE * rng.standard_normal((120, 3))
+    if not turned:
+        return Measurements.of(q, points, conditions=conditions)
+    orientation = quaternions(model.state(real, conditions).rotation[-1])
+    u = np.full(120, 1e-5)
+    return Measurements.of(
+        q, points, conditions=conditions, orientation=orientation, orientation_u=u
+    )
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_rows_are_whitened_as_by_the_covariance_of_all(sino6: Arm, turned: bool) -> None:
+    """Of stated readings that targets share, an error of the noise's shape and one of readings."""
+    rng = np.random.default_rng(41)
+    records = _targets(sino6, rng, turned).take(np.arange(36))
+    width = 6 if turned else 3
+    setup = Setup.of(sino6, "base", "unknown", True, READING, ALONE, None, None)
+    at = fit(problem_of(ErrorModel(sino6), records, "geometry", setup))
+    weights = at.noise.whitening
+    groups = HeldPostures.groups_of(at, weights).with_error(SharedSizes(0.7, 3.0))
+    noise = RecordNoise(weights, groups)
+    by_reading = at.problem.reading_jacobian(at.point.x, at.point.frame)
+    together = np.kron(np.eye(12), np.ones((3, 3)))[:, None, :, None]
+    stated = np.einsum("nij,mkj->nimk", by_reading * READING, by_reading * READING)
+    beyond = by_reading * 3.0 * groups.readings
+    covariance = stated + np.einsum("nij,mkj->nimk", beyond, beyond)
+    own = np.diag(np.tile([ALONE**2] * 3 + [1e-10] * (width - 3), 36)).reshape(stated.shape)
+    unwhitening = np.linalg.inv(weights)
+    like_noise = np.einsum("nij,mkj->nimk", 0.7 * unwhitening, 0.7 * unwhitening)
+    rows = unwhitening @ rng.standard_normal((36, width, 4))
+    of_all = ((covariance + like_noise) * together + own).reshape(36 * width, -1)
+    whitened = noise.whitened(rows).reshape(36 * width, 4)
+    flat = rows.reshape(36 * width, 4)
+    np.testing.assert_allclose(
+        whitened.T @ whitened, flat.T @ np.linalg.solve(of_all, flat), rtol=1e-4
+    )
+    shared = of_all - (stated * together + own).reshape(of_all.shape)
+    columns = at.point.prediction.jacobian.reshape(len(of_all), -1)
+    pulls = np.linalg.solve(of_all - shared, columns) @ at.system.covariance(at.unknown)
+    wanted = pulls.T @ shared @ pulls
+    added = noise.added_covariance(at, 1.0)
+    variances = np.diag(at.system.covariance(at.unknown) + wanted)
+    scale = np.sqrt(np.outer(variances, variances)) + 1e-30
+    np.testing.assert_allclose(added / scale, wanted / scale, atol=1e-3)
+
+
+@pytest.mark.parametrize("stated", [False, again(True)])
+def test_targets_share_the_scatter_of_a_reading(sino6: Arm, stated: bool) -> None:
+    """Where it is stated, it is noise; elsewhere it is found, and is no cause."""
+    records = _targets(sino6, np.random.default_rng(42))
+    noise = {"encoder_noise": READING, "reference_noise": ALONE} if stated else {}
+    found = diagnose(sino6, records, target="unknown", hold_out=False, progress=False, **noise)
+    assert not found.findings
+    shared = found.unexplained.shared_by_postures
+    at = found.choice.fit
+    by_reading = at.problem.reading_jacobian(at.point.x, at.point.frame)
+    if stated:
+        assert shared is None
+        assert chi2.sf(*found.recalibrated.chi2_stated) == pytest.approx(0.5, abs=0.49)
+        return
+    wanted = READING * np.sqrt(np.square(by_reading).sum(axis=(1, 2)).mean())
+    assert shared is not None
+    assert shared.rms == pytest.approx(wanted, rel=0.1)
+    assert shared.times == pytest.approx(wanted / (np.sqrt(3.0) * ALONE), rel=0.2)
+
+
+@pytest.mark.parametrize("of_readings", [True, False])
+@pytest.mark.parametrize("together", [True, False])
+def test_the_shape_of_a_shared_error(of_readings: bool, together: bool) -> None:
+    """Sizes over files as they were drawn; what scatters from record to record is not shared."""
+    rng = np.random.default_rng(43)
+    group = np.repeat(np.arange(60), 3)
+    error = group if together else np.arange(180)
+    by_reading = rng.standard_normal((180, 3, 4)) / np.sqrt(4.0)
+    groups = HeldPostures(group, np.full(60, 3.0), np.full(60, 3.0), by_reading=by_reading)
+    groups = replace(groups, readings=np.ones(4))
+    sizes = []
+    for _ in range(20):
+        residual = rng.standard_normal((180, 3))
+        if of_readings:
+            moved = 8.0 * rng.standard_normal((180, 4))[error]
+            residual += np.einsum("nij,nj->ni", by_reading, moved)
+        else:
+            residual += 8.0 * rng.standard_normal((180, 3))[error]
+        found = groups.likeliest(residual, 540.0)
+        sizes.append([found.ratio, found.reading])
+    wanted = 8.0 * together * np.array([not of_readings, of_readings])
+    np.testing.assert_allclose(np.median(sizes, axis=0), wanted, rtol=0.1, atol=0.3)
 
 
 @pytest.mark.long

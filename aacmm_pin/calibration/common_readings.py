@@ -1,0 +1,149 @@
+"""Records of one reading: targets that were measured while the encoders were read once share the
+noise of that reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.measurements import Measurements, Observations
+
+OWN_PART = 1e-9
+"""Part of a record's variance that is its own at least, so that what records share has an inverse
+where no other noise is stated."""
+
+
+def one_reading(measurements: Measurements, observations: Observations) -> tuple[Index, ...]:
+    """Records that share a reading, for each number m of records that do: (groups, m).
+
+    Their readings are the same to the last digit, each has a target of its own, and they touch one
+    seat or none. A target that was measured again in a posture was read again.
+
+    Args:
+        measurements: the records.
+        observations: what they say; a record without a target shares nothing.
+    """
+    marker = measurements.conditions.marker
+    if marker is None:
+        return ()
+    columns = [f"reading {k}" for k in range(measurements.nq)]
+    table = pd.DataFrame(measurements.readings, columns=columns)
+    table = table.assign(seat=observations.seat, marker=marker)[observations.has_target]
+    again = table.groupby([*columns, "seat", "marker"], sort=False).cumcount()
+    table = table.assign(again=again)
+    reading = table.groupby([*columns, "seat", "again"], sort=False).ngroup().to_numpy()
+    order = np.argsort(reading, kind="stable")
+    count = np.bincount(reading)
+    first = np.cumsum(count) - count
+    found = []
+    for size in np.unique(count[count > 1]).tolist():
+        places = first[count == size][:, None] + np.arange(size)
+        found.append(table.index.to_numpy()[order[places]])
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Correlation:
+    """Correlation of whitened records that share a reading: ``R = L Lᵀ`` group by group.
+
+    The rows of tips come before those of turns, so that the turns are whitened given all tips.
+
+    Attributes:
+        records: of the groups of each number of records m: (groups, m).
+        factors: L of each (groups, m k, m k).
+    """
+
+    records: tuple[Index, ...] = ()
+    factors: tuple[Array, ...] = ()
+
+    @staticmethod
+    def of(records: tuple[Index, ...], by_reading: Array) -> Correlation:
+        """Of the groups ``records``, whose residuals are whitened record by record.
+
+        Args:
+            records: see above.
+            by_reading: whitened displacement by one standard uncertainty of each reading (n, k,
+                nq); zero for a record that does not count.
+        """
+        factors = [_factors(_joined(by_reading, own), own.shape[1]) for own in records]
+        return Correlation(records, tuple(factors))
+
+    def take(self, chosen: Index) -> Correlation:
+        """That of some of the records, whole groups of them."""
+        if not self.records:
+            return self
+        number = np.full(max(int(own.max()) for own in self.records) + 1, -1)
+        inside = chosen < number.size
+        number[chosen[inside]] = np.flatnonzero(inside)
+        found = [number[own] for own in self.records]
+        whole = [(own >= 0).all(axis=1) for own in found]
+        factors = [each[there] for each, there in zip(self.factors, whole, strict=True)]
+        records = [own[there] for own, there in zip(found, whole, strict=True)]
+        return Correlation(tuple(records), tuple(factors))
+
+    def whitened(self, rows: Array) -> Array:
+        """``L⁻¹`` times rows (n, k, …), in place."""
+        return self._applied(self._inverses, rows)
+
+    def whitened_back(self, rows: Array) -> Array:
+        """``L`` times rows (n, k, …), in place."""
+        return self._applied(self.factors, rows)
+
+    def weighed(self, rows: Array) -> Array:
+        """``L⁻ᵀ`` times rows (n, k, …), in place."""
+        return self._applied(_transposed(self._inverses), rows)
+
+    def weighed_back(self, rows: Array) -> Array:
+        """``Lᵀ`` times rows (n, k, …), in place."""
+        return self._applied(_transposed(self.factors), rows)
+
+    @cached_property
+    def _inverses(self) -> tuple[Array, ...]:
+        return tuple(map(_inverse, self.factors))
+
+    def _applied(self, matrices: tuple[Array, ...], rows: Array) -> Array:
+        for own, matrix in zip(self.records, matrices, strict=True):
+            joined = _joined(rows, own)
+            # Of the tips alone, the first rows are the factor.
+            size = joined.shape[1]
+            product = matrix[:, :size, :size] @ joined
+            rows[own] = _parted(product, rows[own].shape)
+        return rows
+
+
+def _factors(columns: Array, size: int) -> Array:
+    """Of groups of ``size`` records, whose joined rows change by ``columns`` (groups, m, nq)."""
+    covariance = (1.0 - OWN_PART) * columns @ columns.transpose(0, 2, 1)
+    halves = columns.shape[1] // (3 * size)
+    record = np.tile(np.repeat(np.arange(size), 3), halves)
+    covariance[:, record[:, None] == record] = 0.0
+    covariance += np.eye(record.size)
+    return np.asarray(np.linalg.cholesky(covariance))
+
+
+def _inverse(factors: Array) -> Array:
+    return np.asarray(np.linalg.inv(factors))
+
+
+def _transposed(matrices: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(matrix.transpose(0, 2, 1) for matrix in matrices)
+
+
+def _joined(rows: Array, records: Index) -> Array:
+    """Rows (n, k, …) of groups of records (groups, m) with tips before turns (groups, m k, c)."""
+    own = rows[records]
+    groups, size, width = own.shape[:3]
+    own = own.reshape(groups, size, width // 3, 3, -1)
+    return own.transpose(0, 2, 1, 3, 4).reshape(groups, size * width, -1)
+
+
+def _parted(joined: Array, shape: tuple[int, ...]) -> Array:
+    """The same record by record, of a ``shape`` (groups, m, k, …)."""
+    groups, size, width = shape[:3]
+    own = joined.reshape(groups, width // 3, size, 3, -1)
+    return own.transpose(0, 2, 1, 3, 4).reshape(shape)
