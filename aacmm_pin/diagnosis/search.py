@@ -48,10 +48,8 @@ def explore(space: ModelSpace, start: Blocks = ()) -> Posterior:
 
 
 def climb(space: ModelSpace, start: Blocks) -> Posterior:
-    """The most probable set that ascents lead to: from ``start``, or if that is empty from nothing
-    and from every place at its freest form.
-    """
-    starts = [start] if start else [(), every_place(space)]
+    """The most probable set that ascents lead to, from ``start`` and from the empty set."""
+    starts = dict.fromkeys([(), start])
     return Walk(space, [(), *(ascended(space, each) for each in starts)]).posterior()
 
 
