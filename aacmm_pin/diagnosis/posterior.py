@@ -22,8 +22,8 @@ class Posterior:
     Attributes:
         space: the model space that was explored.
         weights: of each set of blocks, the largest first; they add up to one.
-        disagreement: largest difference of an inclusion probability between the two halves of
-            the starts.
+        disagreement: largest difference of an inclusion probability between the searches from the
+            two starts.
     """
 
     space: ModelSpace
@@ -32,7 +32,7 @@ class Posterior:
 
     @property
     def agree(self) -> bool:
-        """Whether the two halves of the starts found the same."""
+        """Whether the searches from the two starts found the same."""
         return self.disagreement <= THRESHOLDS.agreement
 
     @property

@@ -42,8 +42,8 @@ class Finding(Shown):
         p_value: family-wise.
         retained_fraction: of its effect that recalibration leaves.
         aliases: causes with a similar effect in these records.
-        brought: what it brings on held-out records; None where too few groups say something of it,
-            and of a value of the geometry, which recalibration moves as well.
+        brought: what it brings on held-out records; None without held-out records, if too few
+            groups show the cause, and for a value of the geometry, which recalibration moves too.
         inner: order, time constant or time that these records told, with u: name -> (value, u).
         slides: True where its joint slides, so that its values in rad are metres.
         beside: the same cause of the whole arm, on top of which its values come; None where that

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Thresholds:
-    """The prior, how far sets are explored, and what the verdicts ask.
+    """The prior, how far the search goes, and what the verdicts ask.
 
     Where no measurement is stated, other values were not tried.
 
@@ -33,32 +33,31 @@ class Thresholds:
         as_stated: largest ratio of the scatter to the stated noise at which the scatter counts as
             the stated noise.
         rescaled: largest factor by which a stable scatter changes from round to round.
-        reach: the exploration does not expand a set if the log posterior of the set is below the
-            largest log posterior by more than this value. A sampler over sets found no better set
+        reach: the search does not visit a set if the log posterior of the set is below the largest
+            log posterior by more than this value. A sampler over sets found no better set
             in 5 real and 17 of 18 blind files, and the same probabilities of causes within 0.013.
         negligible_set: a set has no weight if its log posterior is below the largest log posterior
             by more than this value. In files without hidden causes, sets between `reach` and this
             value had a weight of 0.04.
-        expanded: the exploration does not expand a set if the probability of the set, divided by
-            the largest probability, is below this value. For 720 records of a Fanuc robot the
+        expanded: the search does not expand a set if the probability of the set, divided by the
+            largest probability, is below this value. For 720 records of a Fanuc robot the
             leading cause had a probability of 0.85 with the value 0.01, and 0.79 with the value
             0.004. A sampler over sets gave 0.79.
         close: the posterior of a set is approximate if its log posterior is below the largest log
             posterior by more than about this value.
-        expansions: largest number of expanded sets in each half of the exploration.
-        expansions_of_part: largest number of expanded sets in each half of the exploration if a
-            part of the records is held out.
-        holds: the exploration exchanges members of a set for one or two other candidates if the
-            weight of the set is larger than this value. In a real file, the exchange found a set
+        expansions: largest number of expanded sets in each search.
+        expansions_of_part: largest number of expanded sets if a part of the records is held out.
+        holds: the search exchanges members of a set for one or two other candidates if the weight
+            of the set is at least this value. In a real file, the exchange found a set
             with a log posterior that was larger by 4.3.
-        instead: number of candidates that replace a member of a set while the exploration adds
-            another candidate. Candidates that the member contains do not count.
-        imitated: the exploration exchanges a member of a set for two candidates if one of them
-            reaches at least this part of the log posterior that the member adds.
+        instead: number of candidates that replace a member of a set while the search adds another
+            candidate.
+        imitated: the search exchanges a member of a set for two candidates if one of them reaches
+            more than this part of the log posterior that the member adds.
         imitates: smallest canonical correlation of two members of a set at which the search changes
             both together.
-        agreement: largest difference of a probability between the halves of the exploration at
-            which the halves agree.
+        agreement: largest difference of a probability between two searches at which the searches
+            agree.
         named: smallest probability at which `diagnose` names a cause and adds the cause to the
             extended arm.
         settled: smallest probability at which a cause counts as certain.

@@ -30,7 +30,7 @@ class Evidence:
         otherwise: what would be found if excluded records counted.
         no_better: causes were added with which held-out records are not predicted better.
         contradicted: stated places that the records contradict.
-        agree: the two halves of the starts found the same.
+        agree: the searches from the two starts found the same.
         fits: the searches on which all that rests, that of the extended arm last.
     """
 
