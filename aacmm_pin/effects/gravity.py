@@ -94,7 +94,7 @@ class GravityEffect(LoadedEffect):
 
     Attributes:
         bodies: rows of the bodies with unknown masses, from the row of the axis on; () for the
-            masses of the arm. Of the last one, all that it carries counts as a part.
+            masses of the arm. The last body includes all bodies that it carries.
     """
 
     bodies: tuple[int, ...] = ()
