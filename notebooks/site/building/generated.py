@@ -73,6 +73,7 @@ def effects() -> str:
         "Term",
         "Reading",
         "Displacement",
+        "OfAngle",
         "State",
         "Records",
     ):
