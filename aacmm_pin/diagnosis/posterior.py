@@ -52,16 +52,30 @@ class Posterior:
     @cached_property
     def median(self) -> Blocks:
         """The median probability model: the candidates more probable than not, each by its most
-        probable variant (Barbieri, Berger 2004, Ann. Stat. 32).
+        probable variant (Barbieri, Berger 2004, Ann. Stat. 32); of the candidates of one place
+        those alone that act there together most probably.
         """
+        candidates = self.space.candidates
         of_blocks = defaultdict[int, float](float)
+        of_forms = defaultdict[frozenset[int], float](float)
         for blocks, weight in self.weights.items():
             for k in blocks:
                 of_blocks[k] += weight
+            for place in {int(candidates.of_blocks[k]) for k in blocks}:
+                inside = (k for k in blocks if candidates.of_blocks[k] == place)
+                of_forms[frozenset(map(candidates.owner, inside))] += weight
+        together: dict[int, frozenset[int]] = {}
+        for owners in sorted(of_forms, key=lambda owners: (-of_forms[owners], sorted(owners))):
+            together.setdefault(int(candidates.places[min(owners)]), owners)
         best: dict[int, int] = {}
         for k in sorted(of_blocks, key=lambda k: (-of_blocks[k], k)):
-            best.setdefault(self.space.candidates.owner(k), k)
-        named = (k for k in best.values() if self.probability(k) >= THRESHOLDS.named)
+            best.setdefault(candidates.owner(k), k)
+        named = (
+            k
+            for owner, k in best.items()
+            if self.probability(k) >= THRESHOLDS.named
+            and owner in together[int(candidates.places[owner])]
+        )
         return tuple(sorted(named))
 
     def beside(self, blocks: Blocks) -> Conditional:
