@@ -373,14 +373,15 @@ def test_a_positive_block_more(measured: Measured, rng: np.random.Generator) -> 
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("noise", [0.9, 1.2])
+@pytest.mark.parametrize("noise", [0.8, 1.1])
 def test_evidence_of_a_parameter_above_zero(width, noise, rng):
     """Twice the integral over its positive half, where the noise is as stated."""
     for sign in (-1.0, 1.0):
         column = rng.normal(size=(30, 1))
         column -= column.mean()  # of the nuisance nothing is left
-        residual = sign * 0.4 * column[:, 0] + noise * rng.normal(size=30)
-        residual -= residual.mean()
+        off = rng.normal(size=30)
+        off -= off.mean()
+        residual = sign * 0.4 * column[:, 0] + noise * off * np.sqrt(30.0) / np.linalg.norm(off)
         dense = made([column], residual, True, positive=frozenset({0}))
         space = space_of(dense)
         state = ModelState((0,), (list(WIDTHS).index(width),), 0)
@@ -448,6 +449,13 @@ def one_stands_alone(rng: np.random.Generator, stated: bool) -> Dense:
     return made(columns, residual, stated, places=places, alone=frozenset({2}))
 
 
+def two_that_act_together(rng: np.random.Generator, stated: bool) -> Dense:
+    """The most probable set is of two of which neither alone says anything; a draw in which the
+    approximation with the widths of one of them is too low by 2.6.
+    """
+    return one_stands_alone(np.random.default_rng(4), stated)
+
+
 def some_above_zero(rng: np.random.Generator, stated: bool) -> Dense:
     """Of four positive ones, one acts and another would with the other sign."""
     columns = eight(rng)
@@ -475,6 +483,7 @@ def two_variants(rng: np.random.Generator, stated: bool) -> Dense:
     [
         (two_imitate_one, True),
         (one_stands_alone, False),
+        (two_that_act_together, False),
         (some_above_zero, True),
         (some_above_zero, False),
         (three_imitate_two, True),
