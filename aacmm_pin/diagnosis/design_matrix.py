@@ -1,5 +1,5 @@
-"""Columns of all that is considered: what is refitted anyway, every place where a cause may act, every
-covariate.
+"""Columns of all that is considered: what is refitted anyway, every place where a cause may act,
+every covariate.
 
 A place has the columns of one basis; each form of it, a cause with a value of its nonlinear
 parameter, is a small matrix in this basis. So hundreds of orders of a wave have no columns of their

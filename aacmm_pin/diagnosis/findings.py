@@ -81,7 +81,6 @@ def _model_uncertainty(choice: Choice, block: int, effect: Effect) -> Array:
     """Covariance added because other sets of causes give other values (law of total variance)
     (q, q).
     """
-    design = choice.design
     q = len(effect.terms)
     scales = np.array([term.typical for term in effect.terms])
     between_sets = choice.posterior.uncertainty_of_the_set(block)[:q, :q]

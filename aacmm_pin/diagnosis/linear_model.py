@@ -70,13 +70,17 @@ class Likelihood:
 
     def variance(self, chi2: float) -> float:
         """Factor on the variance of the noise that a value of χ² makes most probable."""
+        return float(self.variances(chi2))
+
+    def variances(self, chi2: Array | float) -> Array:
+        """The same for values of χ²."""
+        chi2 = np.maximum(chi2, LEAST_CHI2)
         if self.dof <= 0:
-            return 1.0
-        ratio = max(chi2, LEAST_CHI2) / self.dof
-        as_stated = self.stated and np.log1p(-THRESHOLDS.noise_misstated) - 0.5 * chi2 > self.log(
-            chi2
-        ) - np.log(2.0)
-        return 1.0 if as_stated else ratio
+            return np.ones_like(chi2)
+        if not self.stated:
+            return np.asarray(chi2 / self.dof)
+        as_stated = np.log1p(-THRESHOLDS.noise_misstated) - 0.5 * chi2
+        return np.where(as_stated > self.log(chi2) - np.log(2.0), 1.0, chi2 / self.dof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -452,10 +456,16 @@ class Beside:
             information + np.eye(len(information)) / scale**2, np.diag(information)
         )
         more = divided(factor, rows)
+        chi2 = self.chi2 - float(more[:, -1] @ more[:, -1])
+        above_zero = 0.0
+        if self.conditional.design_blocks[block].positive:
+            variance = self.conditional.likelihood.variance(chi2)
+            above_zero = float(log_above_zero(-more[0, -1] / np.sqrt(variance)))
         return replace(
             self,
-            chi2=self.chi2 - float(more[:, -1] @ more[:, -1]),
+            chi2=chi2,
             log_volume=self.log_volume + float(np.log(np.diag(factor) * scale).sum()),
+            log_above_zero=self.log_above_zero + above_zero,
             before=self,
             more=more,
         )
@@ -558,7 +568,8 @@ class Beside:
         found = self.conditional.likelihood.log(chi2) - volume - self.log_volume
         if positive.any():
             precision = information[positive, 0] + WIDTHS**-2.0
-            deviation = np.sqrt(self.conditional.variance * precision)
+            variance = self.conditional.likelihood.variances(chi2[positive])
+            deviation = np.sqrt(variance * precision)
             found[positive] += log_above_zero(-gradient[positive] / deviation)
         return np.asarray(found + self.log_above_zero)
 

@@ -1,5 +1,5 @@
-"""Search for the sets of causes that hold the posterior's mass: place by place from two starts, then
-best first.
+"""Search for the sets of causes that hold the posterior's mass: place by place from two starts,
+then best first.
 """
 
 from __future__ import annotations
@@ -207,13 +207,17 @@ class Walk:
         return leading
 
     def _expand(self, blocks: Blocks) -> None:
-        """Visit the set with each block more that is within reach and, if its own log posterior was
-        worked out, without each member.
+        """Work out the set itself, and visit it with each block more that is within reach and
+        without each member.
+
+        Two blocks that act only together are far more probable than the approximation with the
+        widths of one of them.
         """
+        if not self.space.is_evaluated(blocks):
+            self._look_at(blocks)
         self._visit_additions(blocks)
-        if self.space.is_evaluated(blocks):
-            for k, value in zip(blocks, self.space.removals(blocks).tolist(), strict=True):
-                self._visit(without_block(blocks, k), value, blocks)
+        for k, value in zip(blocks, self.space.removals(blocks).tolist(), strict=True):
+            self._visit(without_block(blocks, k), value, blocks)
 
     def _visit_additions(self, blocks: Blocks) -> None:
         """Visit the additions to a visited set that are within reach."""

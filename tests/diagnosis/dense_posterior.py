@@ -5,13 +5,14 @@ the package.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
+from scipy.stats import norm
 
 Array = NDArray[np.float64]
 Blocks = tuple[int, ...]
@@ -33,7 +34,8 @@ its u.
 
 @dataclass(frozen=True, eq=False)
 class Dense:
-    """Rows of unit noise, ``r = Z η + Σ G β + B d + ε``.
+    """Rows of unit noise, ``r = Z η + Σ G β + B d + ε``; r is how far off the arm is, so that a
+    parameter is ``-β``.
 
     Attributes:
         nuisances: Z (n, z).
@@ -44,8 +46,9 @@ class Dense:
         background: B (n, b).
         prior: rows ``P η + p`` of unit noise, p last (m, z + 1).
         owners: candidate of each block; None: each is one.
-        contained: candidates that do not stand beside one that contains them.
-        free: degrees of freedom of the rows, unknown points taken off; None: their number.
+        places: place of each candidate; None: each has its own.
+        alone: candidates beside which no other of their place stands.
+        positive: blocks whose only parameter is above zero.
     """
 
     nuisances: Array
@@ -56,8 +59,9 @@ class Dense:
     background: Array
     prior: Array
     owners: Sequence[int] | None = None
-    contained: Mapping[int, frozenset[int]] = field(default_factory=dict)
-    free: int | None = None
+    places: Sequence[int] | None = None
+    alone: frozenset[int] = frozenset()
+    positive: frozenset[int] = frozenset()
 
     @property
     def amplitudes(self) -> tuple[float, ...]:
@@ -97,7 +101,7 @@ class Dense:
     def dof(self) -> float:
         """Rows less the nuisances that they determine."""
         own = np.linalg.solve(self._whole.T @ self._whole, self.nuisances.T @ self.nuisances)
-        return (len(self.residual) if self.free is None else self.free) - float(np.trace(own))
+        return len(self.residual) - float(np.trace(own))
 
     # --- one set
 
@@ -110,11 +114,17 @@ class Dense:
         )
         for block, width in zip(blocks, widths, strict=True):
             covariance += width**2 * self._columns[block] @ self._columns[block].T
-        chi2 = self._residual @ np.linalg.solve(covariance, self._residual)
-        log_likelihood = log_over_scale(np.array([chi2]), self.dof, self.stated)[0]
-        return float(
-            log_likelihood - 0.5 * np.linalg.slogdet(covariance)[1] + self._log_prior(blocks)
-        )
+        chi2 = np.array([self._residual @ np.linalg.solve(covariance, self._residual)])
+        log_likelihood = log_over_scale(chi2, self.dof, self.stated)[0]
+        found = log_likelihood - 0.5 * np.linalg.slogdet(covariance)[1] + self._log_prior(blocks)
+        for block, width in zip(blocks, widths, strict=True):
+            if block in self.positive:
+                along = np.linalg.solve(covariance, self._columns[block][:, 0])
+                mean = -(width**2) * along @ self._residual
+                variance = width**2 - width**4 * along @ self._columns[block][:, 0]
+                variance *= variance_of_noise(chi2, self.dof, self.stated)[0]
+                found += norm.logcdf(mean / np.sqrt(variance)) + np.log(2.0)
+        return float(found)
 
     def _log_prior(self, blocks: Sequence[int]) -> float:
         shares = len(blocks) * np.log(WIDTHS.size) + np.log(len(self.amplitudes))
@@ -123,16 +133,18 @@ class Dense:
     # --- all of them
 
     def sets(self, most: int) -> Iterator[Blocks]:
-        """Sets of at most so many blocks in which a candidate stands once, and nothing beside what
-        contains it.
+        """Sets of at most so many blocks in which a candidate stands once, and one that stands
+        alone has its place for itself.
         """
-        owners = range(len(self.columns)) if self.owners is None else self.owners
+        count = len(self.columns)
+        owners = range(count) if self.owners is None else self.owners
+        places = range(count) if self.places is None else self.places
         for size in range(most + 1):
-            for blocks in itertools.combinations(range(len(self.columns)), size):
-                own = {owners[k] for k in blocks}
-                if len(own) == size and not any(
-                    own & self.contained.get(c, frozenset()) for c in own
-                ):
+            for blocks in itertools.combinations(range(count), size):
+                own = [owners[k] for k in blocks]
+                at = [places[c] for c in own]
+                crowded = any(at.count(places[c]) > 1 for c in own if c in self.alone)
+                if len(set(own)) == size and not crowded:
                     yield blocks
 
     def summed(self, blocks: Blocks) -> float:
@@ -143,6 +155,8 @@ class Dense:
         own = np.concatenate(
             [np.zeros((len(self._residual), 0)), *(self._columns[k] for k in blocks)], axis=1
         )
+        ends = np.cumsum(sizes)
+        above = [int(end) - 1 for k, end in zip(blocks, ends, strict=True) if k in self.positive]
         each = []
         for amplitude in self.amplitudes:
             rest = (
@@ -156,7 +170,15 @@ class Dense:
             right = scale * products[:-1, -1]
             gain = np.einsum("kq,kq->k", right, np.linalg.solve(inside, right[:, :, None])[:, :, 0])
             volume = 0.5 * (np.linalg.slogdet(inside)[1] + np.linalg.slogdet(rest)[1])
-            each.append(log_over_scale(products[-1, -1] - gain, self.dof, self.stated) - volume)
+            chi2 = products[-1, -1] - gain
+            log_likelihood = log_over_scale(chi2, self.dof, self.stated) - volume
+            inverse = np.linalg.inv(inside)
+            mean = -(inverse @ right[:, :, None])[:, :, 0]
+            factor = variance_of_noise(chi2, self.dof, self.stated)
+            for place in above:
+                deviation = np.sqrt(factor * inverse[:, place, place])
+                log_likelihood += norm.logcdf(mean[:, place] / deviation) + np.log(2.0)
+            each.append(log_likelihood)
         return float(logsumexp(np.concatenate(each)) + self._log_prior(blocks))
 
     def inclusion(self, most: int) -> tuple[Array, float]:
@@ -176,18 +198,28 @@ def log_over_scale(chi2: Array, dof: float, stated: bool) -> Array:
     """Log of ``σ^-ν exp(-χ²/2σ²)``, integrated over what the scale σ of the noise may be (k,); up
     to a constant.
     """
+    as_stated, integral = _by_noise(chi2, dof, stated)
+    return np.logaddexp(as_stated, integral) if stated else integral
+
+
+def variance_of_noise(chi2: Array, dof: float, stated: bool) -> Array:
+    """Factor on the variance of the noise (k,): one where it is more probably as stated than not,
+    else what the residuals have.
+    """
+    as_stated, integral = _by_noise(chi2, dof, stated)
+    return np.where(stated & (as_stated > integral), 1.0, chi2 / dof)
+
+
+def _by_noise(chi2: Array, dof: float, stated: bool) -> tuple[Array, Array]:
+    """Of noise as stated, and integrated over its scale."""
     most_probable = (chi2 + 2.0) / (dof + 2.0) if stated else chi2 / dof
     step = 1.0 / np.sqrt(2.0 * dof)
     log_scale = 0.5 * np.log(most_probable)[:, None] + step * STEPS
     log_density = -dof * log_scale - 0.5 * chi2[:, None] * np.exp(-2.0 * log_scale)
     if stated:
-        log_density += _log_inverse_gamma(log_scale)
+        log_density += _log_inverse_gamma(log_scale) + np.log(MISSTATED)
     integral = logsumexp(log_density, axis=1) + np.log(step * (STEPS[1] - STEPS[0]))
-    return (
-        np.logaddexp(np.log(1.0 - MISSTATED) - 0.5 * chi2, np.log(MISSTATED) + integral)
-        if stated
-        else integral
-    )
+    return np.log(1.0 - MISSTATED) - 0.5 * chi2, integral
 
 
 def _log_inverse_gamma(log_scale: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from aacmm_pin.diagnosis import Choice, model_extension, nonlinear_parameters
+from aacmm_pin.diagnosis import Choice, choice, model_extension, nonlinear_parameters
 from aacmm_pin.effects import Conditions, EncoderSlip, JointPeriodicError
 from aacmm_pin.measurements import Measurements
 
@@ -50,7 +50,7 @@ def test_seats_and_bars_in_several_parts(parts, torn):
         seat=np.array([0, 1, 2, 2, -1, -1]), clusters=np.array([0, 0, 1])
     )
     at = SimpleNamespace(observations=observations)
-    assert model_extension._torn(at, np.array(parts)) == torn
+    assert choice._torn(at, np.array(parts)) == torn
 
 
 @pytest.mark.parametrize(

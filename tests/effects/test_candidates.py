@@ -29,6 +29,7 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.encoder import LEAST_SPREAD, ORDERS_NEAR, PER_COEFFICIENT
 from aacmm_pin.effects.time_dependent import GAPS_NEAR
 from tests.arm_files import changed
+from tests.oracle import close
 
 pytestmark = pytest.mark.fast
 
@@ -83,16 +84,23 @@ def test_places(sino6, zero6, robot_file, rng):
     unknown.known[:] = False
     assert places(SeatError, sino6, unknown) == []
     on_a_wall = changed(sino6.file, gravity_m_s2=(9.81, 0.0, 0.0))
-    for arm, records, torque, bodies, joints in (
-        (sino6, bare, "gravity", 0, every[1:]),  # no weight has a moment about a vertical axis
-        (on_a_wall, bare, "gravity", 0, every),
-        (sino6, taken(rng, torque=approach), "measured", 0, every),
-        (zero6, bare, "gravity", 6, every[1:]),
+    for arm, records, torque, joints in (
+        (sino6, bare, "gravity", every[1:]),  # no weight has a moment about a vertical axis
+        (on_a_wall, bare, "gravity", every),
+        (sino6, taken(rng, torque=approach), "measured", every),
+        (zero6, bare, "gravity", every[1:]),
     ):
-        first = [variants[0] for variants in JointCompliance.candidates(arm, records)]
-        assert [e.joint for e in first] == joints
-        assert {e.torque for e in first} == {torque}
-        assert [len(e.bodies) for e in first] == [max(bodies + 1 - k, 0) for k in joints]
+        found = list(JointCompliance.candidates(arm, records))
+        assert [variants[0].joint for variants in found] == joints
+        assert {variants[0].torque for variants in found} == {torque}
+        for joint, variants in zip(joints, found, strict=True):
+            assert {e.joint for e in variants} == {joint}
+            # Of unknown masses the first bodies from the joint on, one more in each.
+            beyond = tuple(range(joint, 7))
+            counts = range(1, len(beyond) + 1) if arm is zero6 else [0]
+            bodies = [e.bodies for e in variants if e.torque == "gravity"]
+            if bodies or torque == "gravity":
+                assert bodies == [beyond[:count] for count in counts]
     finger = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
     vars(finger)["masses"] = None  # where the property keeps it
     # A joint slides beyond all others.
@@ -113,30 +121,40 @@ def refined(effect: Effect, records: Taken) -> list[Any]:
 
 
 def test_nonlinear_parameters(sino6, rng):
-    """Orders that make a period over the covered range, knots that the records can tell, times
+    """Orders from a period over the covered range on, curves that the records can tell, times
     between records.
     """
     pause = np.arange(N) + np.where(np.arange(N) >= 50, 1000.0, 0.0)
     records = taken(rng, time=pause)
-    orders = {
-        variants[0].joint: [e.order for e in variants]
-        for variants in JointPeriodicError.candidates(sino6, records)
-    }
-    assert min(orders[5]) == 3
-    assert min(orders[1]) < 3
-    assert set(orders[5]) == {order for order in orders[1] if order >= 3}
     many_turns = replace(records, q=5.0 * records.q)
-    orders_there = [e.order for e in next(JointPeriodicError.candidates(sino6, many_turns))]
-    assert orders_there[:5] == [0.5, 1.5, 2.5, 3.0, 3.5]  # 1 and 2 are causes of their own
+    for there in (records, many_turns):
+        for variants in JointPeriodicError.candidates(sino6, there):
+            turns = np.ptp(there.q[:, variants[0].joint - 1]) / (2 * np.pi)
+            # A tenth of a period over the range apart, up to 50 in a turn; once and twice per turn
+            # are causes of their own.
+            tenths = np.arange(10, int(np.ceil(500 * turns)))
+            own = np.min([np.abs(tenths - 10 * k * turns) for k in (1, 2)], axis=0) < 2.0
+            close([e.order for e in variants], tenths[~own] / (10 * turns), 1e-4)
     fine = [e.order for e in refined(JointPeriodicError(1, 4), records)]
     assert [len(fine), min(fine), max(fine)] == [2 * ORDERS_NEAR + 1, 3.5, 4.5]
     assert 4 in fine
     assert min(e.order for e in refined(JointPeriodicError(1, 0.5), records)) > 0.3
-    for curves in JointErrorCurve.candidates(sino6, records):
-        angle = records.q[:, curves[0].joint - 1]
-        for curve in curves:
-            assert curve.lower_rad < angle.min() < angle.max() < curve.upper_rad
-            assert 8 <= curve.coefficients <= N / PER_COEFFICIENT
+    long = replace(records, q=rng.uniform(-np.pi, np.pi, (500, 6)))
+    for arm_at, per_turn in ((records, [25, 50]), (long, [25, 50, 100, 200])):
+        for curves in JointErrorCurve.candidates(sino6, arm_at):
+            angle = arm_at.q[:, curves[0].joint - 1]
+            turns = np.ptp(angle) / (2 * np.pi)
+            counts = [curve.coefficients for curve in curves]
+            assert min(counts) >= 8
+            assert max(counts) <= len(angle) / PER_COEFFICIENT
+            # Each has intervals half as long as the one before it.
+            intervals = [count - 3 for count in counts]
+            assert intervals == [2**k * intervals[0] for k in range(len(counts))]
+            if turns > 0.9:
+                close(np.array(intervals) / turns, per_turn[: len(counts)], 0.1 * max(per_turn))
+                assert len(counts) == len(per_turn)
+            for curve in curves:
+                assert curve.lower_rad < angle.min() < angle.max() < curve.upper_rad
     times = [e.time_s for e in next(EncoderSlip.candidates(sino6, records))]
     assert 549.5 in times  # the middle of the pause
     assert 0.0 < min(times) < 12.0 < 1180.0 < max(times) < pause[-1]

@@ -378,7 +378,13 @@ def test_fields_that_make_no_sense():
 def test_bodies_are_those_beyond(sino6, rng):
     q = postures(sino6, rng, 3)
     assert BearingTilt(joint=4, bodies=[4, 5, 6]) == BearingTilt(joint=4, bodies=(4, 5, 6))
-    for bodies in ((3, 4, 5, 6), (4, 5), (5, 4, 6)):
+    every = columns(sino6, BearingTilt(joint=4, bodies=(4, 5, 6)), q, Conditions(3))
+    for count in (1, 2):
+        first = BearingTilt(joint=4, bodies=(4, 5, 6)[:count])
+        some = columns(sino6, first, q, Conditions(3))
+        close(some, every[:, :, : some.shape[2]], 1e-15)
+        assert some.shape[2] == len(first.terms)
+    for bodies in ((3, 4, 5, 6), (5, 6), (5, 4, 6)):
         with pytest.raises(AacmmError, match=r"bearing_tilt:4: bodies is .*; expected \(4, 5, 6\)"):
             columns(sino6, BearingTilt(joint=4, bodies=bodies), q, Conditions(3))
 

@@ -1,0 +1,137 @@
+"""Causes of one place as combinations of the functions of one basis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm import Arm
+from aacmm_pin.effects import (
+    CAUSES,
+    BearingTilt,
+    Conditions,
+    Effect,
+    EncoderEccentricity,
+    EncoderGain,
+    JointErrorCurve,
+    JointPeriodicError,
+    OfAngle,
+    State,
+    Term,
+    all_candidates,
+    sensitivity,
+)
+from aacmm_pin.effects.encoder import FEWEST_COEFFICIENTS
+from aacmm_pin.measurements import Measurements
+from tests.oracle import close, postures
+
+pytestmark = pytest.mark.fast
+
+ANGLES = 5000
+
+
+def records_of(arm: Arm, rng: np.random.Generator, n: int = 700) -> Measurements:
+    q = postures(arm, rng, n)
+    return Measurements.of(q, arm.positions(q))
+
+
+def off(effect: OfAngle, basis: Effect) -> Array:
+    """Root mean square over the range of what the basis leaves of each function, over that of the
+    function (p,).
+    """
+    assert isinstance(basis, JointErrorCurve)
+    angle = np.linspace(basis.lower_rad, basis.upper_rad, ANGLES)
+    function = effect.function(angle)
+    left = function - basis.function(angle) @ effect.in_basis(basis)
+    return np.asarray(np.sqrt(np.square(left).sum(axis=0) / np.square(function).sum(axis=0)))
+
+
+@pytest.mark.parametrize("joint", [1, 2, 5])
+def test_waves_and_curves_in_the_basis_of_a_joint(sino6, joint, rng):
+    """Also over a part of a turn."""
+    records = records_of(sino6, rng)
+    wave = JointPeriodicError(joint, 45.0)
+    basis = wave.basis(sino6, records)
+    assert off(wave, basis).max() < 0.01
+    assert off(JointPeriodicError(joint, 10.0), basis).max() < 1e-4
+    assert off(EncoderEccentricity(joint), basis).max() < 1e-7
+    assert off(EncoderGain(joint), basis).max() < 1e-12  # a cubic spline is any straight line
+    curves = next(c for c in JointErrorCurve.candidates(sino6, records) if c[0].joint == joint)
+    assert len(curves) >= 3
+    for curve in curves:
+        assert curve.basis(sino6, records) == basis
+        assert off(curve, basis).max() < 1e-10  # its knots are among those of the basis
+    close(curves[-1].in_basis(basis), np.eye(basis.coefficients), 1e-10)
+    between = JointErrorCurve(joint, basis.lower_rad, basis.upper_rad, FEWEST_COEFFICIENTS + 12)
+    assert off(between, basis).max() < 0.01
+
+
+@pytest.mark.parametrize("name", ["sino6", "ur5", "zero6"])
+def test_columns_of_every_candidate_in_its_basis(name, rng):
+    """Displacements of an arm by the parameters, and by the combinations of those of the basis."""
+    arm = Arm.from_urdf(name) if name == "ur5" else Arm.load(name)
+    records = records_of(arm, rng)
+    state = State(arm, records.q, records.conditions, arm.chain.tip)
+    moved: dict[tuple[object, ...], Array] = {}
+    seen = set()
+    for variants in all_candidates(arm, records):
+        for effect in (variants[0], variants[len(variants) // 2], variants[-1]):
+            basis = effect.basis(arm, records)
+            if basis is None:
+                continue
+            seen.add(effect.cause)
+            if basis.identity not in moved:
+                moved[basis.identity] = sensitivity(basis, state)
+            found = moved[basis.identity] @ effect.in_basis(basis)
+            wanted = sensitivity(effect, state)
+            size = np.sqrt(np.square(wanted).mean(axis=(0, 1)))
+            left = np.sqrt(np.square(found - wanted).mean(axis=(0, 1)))
+            # A spline of four intervals for each period, of the highest orders, leaves 1.6 %.
+            most = 0.02 if getattr(effect, "order", 0.0) > 45.0 else 0.01
+            assert (left <= most * size + 1e-15).all(), effect
+    assert {"joint_periodic_error", "joint_error_curve", "encoder_gain"} <= seen
+    assert ("joint_compliance" in seen) == (arm.masses is None)
+
+
+def test_an_error_that_moves_several_joints_has_no_basis(sino6, rng):
+    coupled = sino6.with_couplings((3, 2, -1.0))
+    records = records_of(sino6, rng)
+    alone = {joint: EncoderGain(joint).basis(coupled, records) is None for joint in range(1, 7)}
+    assert [joint for joint, none in alone.items() if none] == [2]
+    assert EncoderEccentricity(2).basis(coupled, records) is None
+    assert JointPeriodicError(2, 3.0).basis(coupled, records) is not None  # of the joint itself
+    assert BearingTilt(3).basis(sino6, records) is None  # with the masses of the arm
+
+
+@dataclass(frozen=True)
+class Step(OfAngle):
+    """A cause of one's own that states its function alone."""
+
+    cause: ClassVar[str] = "rounded_step"
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "step_rad"),)
+
+    def function(self, angle: Array) -> Array:
+        return np.tanh(5.0 * angle)[:, None]
+
+
+@pytest.fixture
+def known() -> Iterator[None]:
+    before = dict(CAUSES)
+    yield
+    CAUSES.clear()
+    CAUSES.update(before)
+
+
+def test_an_own_function_of_the_angle(sino6, rng):
+    records = records_of(sino6, rng)
+    step = Step(4)
+    assert off(step, step.basis(sino6, records)).max() < 1e-3
+    state = State(sino6, records.q, Conditions(len(records.q)), sino6.chain.tip)
+    wanted = sino6.jacobian(records.q)[:, :, 3] * np.tanh(5.0 * records.q[:, 3:4])
+    close(sensitivity(step, state)[:, :, 0], wanted, 1e-12)
+    assert [variants[0].joint for variants in Step.candidates(sino6, records)] == list(range(1, 7))
