@@ -414,24 +414,21 @@ class SeatElimination:
         sums = np.asarray(csr_array((np.ones(own.size), seats), shape=shape) @ each)
         return sums.reshape(shape[0], 3, rows.shape[2])
 
-    def products(self, along: Array, seats: Index, bars: Index) -> Array:
-        """What some seats and bars add to the products of the records' rows, whose last column is
-        the residual, where the seats are at their best (c, c).
+    def squares(self, along: Array, seats: Index, bars: Index) -> tuple[Array, Array]:
+        """Rows whose squares some seats and bars add to those of the records' rows, and take from
+        them, where the seats are at their best (m, c); the last column is the residual.
 
         Args:
             along: ``Qᵀ R`` of all records (s, 3, c).
             seats, bars: which.
         """
-        if not len(along):
-            return np.zeros((1, 1))
-        along = along.copy()
         ties = self._seat_residual
+        along = along.copy()
         along[:, :, -1] += np.einsum("sji,sj->si", self._q_tie, ties)
-        own = along[seats].reshape(-1, along.shape[2])
+        of_ties = np.zeros((1, along.shape[2]))
+        of_ties[0, -1] = np.linalg.norm(ties[seats])
         of_bars = self._bar_rows(along, residual=True)[bars]
-        found = of_bars.T @ of_bars - own.T @ own
-        found[-1, -1] += np.square(ties[seats]).sum()
-        return np.asarray(found)
+        return np.concatenate([of_ties, of_bars]), along[seats].reshape(-1, along.shape[2])
 
     def _bar_rows(self, along: Array, residual: bool) -> Array:
         """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``,

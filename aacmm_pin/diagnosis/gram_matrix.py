@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.blas import dsyrk
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import RowBlock, SeatElimination
@@ -124,25 +125,35 @@ def gram_of(design: Design, noise: RecordNoise, records: Mask | None = None) -> 
     by_seat = noise.postures.whitened(observations.by_seats(whitening))
     elimination = SeatElimination(observations, points, by_seat)
     deviations = np.where(chosen[:, None], observations.deviations(design.tips, points), 0.0)
-    matrix = np.zeros((design.width + 1, design.width + 1))
+    upper = np.zeros((design.width + 1, design.width + 1), order="F")
     along = np.zeros((len(observations.labels), 3, design.width + 1))
     most = max(ROWS_AT_ONCE // design.tips.shape[1], 1)
     for group in noise.postures.divided(np.flatnonzero(chosen), most):
         columns = np.concatenate([design.rows(group), deviations[group, :, None]], axis=2)
         rows = noise.postures.take(group).whitened(whitening[group] @ columns)
         along += elimination.along(rows, group)
-        flat = rows.reshape(-1, design.width + 1)
-        matrix += flat.T @ flat
+        _add_squares(upper, rows, 1.0)
     seats = np.flatnonzero(of_seat == 0)
     of_bar = of_seat[observations.ends[:, 0]]
     bars = np.flatnonzero(of_bar == 0)
-    matrix += elimination.products(along, seats, bars)
+    added, taken = elimination.squares(along, seats, bars)
+    _add_squares(upper, added, 1.0)
+    _add_squares(upper, taken, -1.0)
+    matrix = upper + upper.T
+    matrix.flat[:: len(matrix) + 1] *= 0.5
     stated = seats[observations.known[seats]]
     counted = RowBlock(np.flatnonzero(chosen), stated, bars, seats.size)
     free = max(counted.free(observations.counts), 0)
     if records is None:
         _add_prior(matrix, design)
     return Gram(design, noise, matrix, free)
+
+
+def _add_squares(upper: Array, rows: Array, factor: float) -> None:
+    """Add ``Rᵀ R`` of rows (…, columns), times a factor, to the upper triangle in place."""
+    flat = np.ascontiguousarray(rows.reshape(-1, len(upper)))
+    if len(flat):
+        dsyrk(factor, flat.T, beta=1.0, c=upper, overwrite_c=True)
 
 
 def joined(whole: Gram, parts: Iterable[Gram]) -> Gram:

@@ -98,7 +98,7 @@ class Thresholds:
     rescaled: float = 1.1
     reach: float = 7.0
     negligible_set: float = 12.0
-    expanded: float = 0.004
+    expanded: float = 0.01
     close: float = 1.5
     expansions: int = 120
     expansions_of_part: int = 2
