@@ -32,7 +32,7 @@ TYPICAL_GROWTH = 1.0
 """… and of all lengths [1] for each metre of that."""
 MOST_FORMS = 10_000
 """So many forms are kept, for their places come back in each round."""
-ROWS_AT_ONCE = 1500
+ROWS_OF_A_GROUP = 1500
 """Rows of the records whose columns are worked out at once."""
 
 Source = tuple[Effect, ...] | Carried
@@ -201,7 +201,7 @@ class Design:
 
     def groups(self, records: Index) -> Iterator[Index]:
         """Some of the records in turn, a limited number at once."""
-        most = ROWS_AT_ONCE // self.tips.shape[1]
+        most = ROWS_OF_A_GROUP // self.tips.shape[1]
         for first in range(0, records.size, most):
             yield records[first : first + most]
 
@@ -351,7 +351,7 @@ def _moved_by(fit: Fit, held: Sequence[Effect]) -> Array | float:
         return 0.0
     values = np.concatenate([effect.values for effect in held])
     every = np.arange(len(fit.used))
-    some = np.array_split(every, len(every) // (ROWS_AT_ONCE // 3) + 1)
+    some = np.array_split(every, len(every) // (ROWS_OF_A_GROUP // 3) + 1)
     return np.concatenate([_Calibrated(fit, part).of(tuple(held)) @ values for part in some])
 
 

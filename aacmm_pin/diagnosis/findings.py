@@ -82,9 +82,9 @@ def _model_uncertainty(choice: Choice, block: int, effect: Effect) -> Array:
     (q, q).
     """
     q = len(effect.terms)
-    scales = np.array([term.typical for term in effect.terms])
+    scales = np.array([term.typical for term in effect.terms], dtype=np.float64)
     between_sets = choice.posterior.uncertainty_of_the_set(block)[:q, :q]
-    return scales[:, None] * between_sets * scales
+    return np.asarray(scales[:, None] * between_sets * scales)
 
 
 def _with_coverage_intervals(

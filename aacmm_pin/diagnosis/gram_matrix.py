@@ -18,7 +18,7 @@ from scipy.linalg.blas import dsyrk
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import RowBlock, SeatElimination
-from aacmm_pin.diagnosis.design_matrix import ROWS_AT_ONCE, Design
+from aacmm_pin.diagnosis.design_matrix import ROWS_OF_A_GROUP, Design
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
@@ -127,7 +127,7 @@ def gram_of(design: Design, noise: RecordNoise, records: Mask | None = None) -> 
     deviations = np.where(chosen[:, None], observations.deviations(design.tips, points), 0.0)
     upper = np.zeros((design.width + 1, design.width + 1), order="F")
     along = np.zeros((len(observations.labels), 3, design.width + 1))
-    most = max(ROWS_AT_ONCE // design.tips.shape[1], 1)
+    most = max(ROWS_OF_A_GROUP // design.tips.shape[1], 1)
     for group in noise.postures.divided(np.flatnonzero(chosen), most):
         columns = np.concatenate([design.rows(group), deviations[group, :, None]], axis=2)
         rows = noise.postures.take(group).whitened(whitening[group] @ columns)

@@ -344,7 +344,7 @@ class Conditional:
 
     def _over_widths(self, block: int) -> Array:
         own = self.places[block]
-        precision = np.linalg.inv(self.inverse[own, own])
+        precision = np.asarray(np.linalg.inv(self.inverse[own, own]), np.float64)
         scale = self.scale[own]
         gradient = -precision @ self.estimate[own]
         chi2 = self.chi2 - float(gradient @ self.estimate[own])

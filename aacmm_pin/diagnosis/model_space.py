@@ -76,7 +76,7 @@ class Candidates:
         for count in variants_of[len(library) :]:
             within.append(np.full(count, -np.log(count)))
         log_odds = log_prior[owners] + np.concatenate([np.zeros(0), *within])
-        keys = [place_of(variants[0]) for variants in library]
+        keys: list[object] = [place_of(variants[0]) for variants in library]
         keys += design.names[len(library) :]
         numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
         places = np.array([numbers[key] for key in keys], dtype=np.intp)

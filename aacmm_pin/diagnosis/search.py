@@ -19,7 +19,7 @@ FREE_PARAMETERS = (3, 110)
 """Parameters of a form that could be nearly anything at its place: at least, and at most where the
 search begins.
 """
-LEAST_GAIN = 1e-6
+LEAST_ASCENT = 1e-6
 """Gain in log posterior below which an ascent has ended."""
 
 
@@ -90,7 +90,7 @@ def ascended(space: ModelSpace, start: Blocks) -> Blocks:
             state = space.best_form(state, place)
         state = space.best_amplitude(space.best_addition(state))
         before, value = value, space.log_posterior(state)
-        if value <= before + LEAST_GAIN:
+        if value <= before + LEAST_ASCENT:
             break
     space.marginal(state.blocks, near=state)
     space.ascents[start] = state.blocks

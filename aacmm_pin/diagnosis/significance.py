@@ -150,7 +150,7 @@ def retained(conditional: Conditional, block: int) -> float:
     information = conditional.all.information(block)
     step = np.linalg.lstsq(information, conditional.all.gradient(block), rcond=1e-10)[0]
     kept = max(float(step @ information @ step), 0.0)
-    along = own.in_columns(step)
+    along = own.in_columns(np.asarray(step, np.float64))
     products = conditional.base.gram.matrix[own.columns, own.columns]
     size = float(along @ products @ along)
     return math.sqrt(kept / size) if size > 0.0 else 0.0

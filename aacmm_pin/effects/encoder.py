@@ -149,7 +149,7 @@ def _fitting(low: float, high: float, coefficients: int) -> tuple[Array, Array]:
     count = POINTS_PER_INTERVAL * coefficients
     angle = np.linspace(low, high, count + 1)[:-1] + 0.5 * (high - low) / count
     curve = JointErrorCurve(1, low, high, coefficients)
-    return angle, np.linalg.pinv(curve.function(angle))
+    return angle, np.asarray(np.linalg.pinv(curve.function(angle)), np.float64)
 
 
 def _range_of(angle: Array) -> tuple[float, float]:
