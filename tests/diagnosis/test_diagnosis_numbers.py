@@ -39,6 +39,7 @@ from aacmm_pin.diagnosis.choice import Choice, _torn
 from aacmm_pin.diagnosis.covariates import Covariate, covariates
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, joined
+from aacmm_pin.diagnosis.held_curves import HeldCurves
 from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood, canonical
 from aacmm_pin.diagnosis.model_extension import ProblemOf, free
@@ -850,3 +851,40 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
             close(found, fold.recalibrated, 1e-12)
         if not blocks:
             close(fold.recalibrated, wanted, 2e-8)
+
+
+def test_estimates_answer_a_curve_that_a_refit_holds(free_case: Case) -> None:
+    """Their derivative by each value of the curve, by refits; the curve has the posterior's u."""
+    case = free_case
+    curve, other = case.block("joint_error_curve:3"), case.block("encoder_eccentricity:2")
+    blocks = tuple(sorted((curve, other)))
+    choice = case.choice(blocks)
+    model = choice.posterior.median_model
+    effect = choice.variant(curve)
+    width = WIDTHS[model.widths[blocks.index(other)]]
+    beside = choice.variant(other)
+    within = beside.at((), tuple(float(width) * term.typical for term in beside.terms))
+
+    def refit(values: Array) -> Fit:
+        held = ErrorModel(Arm.load("sino6"), (effect.at(tuple(values.tolist())),))
+        setup = case.fit.problem.setup
+        asked = problem_of(held, case.records, ["geometry", within], setup)
+        return fit(replace(asked, candidates=1), used=case.fit.used)
+
+    zero = np.zeros(len(effect.terms))
+    at = refit(zero)
+    found = HeldCurves.of(choice, at, [effect])
+    own = model.places[curve]
+    typical = np.array([term.typical for term in effect.terms])
+    wanted = model.covariance[own, own] * np.outer(typical, typical)
+    close(found.covariance / wanted, np.ones_like(wanted), 1e-9)
+    close(found.effects[0].u / np.sqrt(np.diag(wanted)), np.ones(len(typical)), 1e-9)
+    close(found.of_effect(effect), found.covariance, 0.0)
+    scales = np.sqrt(np.diag(at.covariance))
+    for number in (2, len(zero) // 2):
+        step = 2e-5 * np.eye(len(zero))[number]
+        change = (refit(step).point.x - refit(-step).point.x) / 4e-5
+        size = np.abs(change / scales).max()
+        close(found.response[:, number] / scales / size, change / scales / size, 0.01)
+    added = found.response @ wanted @ found.response.T
+    close(found.added_covariance, added, 1e-9 * np.abs(added).max())
