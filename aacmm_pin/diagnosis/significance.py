@@ -8,13 +8,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import beta_sf, chi2_sf
 from aacmm_pin.diagnosis.candidates import Variants
-from aacmm_pin.diagnosis.linear_model import WIDTHS, Conditional, canonical, gains, lower_factor
+from aacmm_pin.diagnosis.linear_model import WIDTHS, Conditional, canonical, gains
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, ModelState
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -24,6 +25,8 @@ DRAWS = 400
 """Draws of records with nothing hidden, for the distribution of the largest evidence."""
 MOST_EXPLAINED = 1.0 - 1e-12
 """Part of χ² that a block explains at most, by rounding."""
+ROUNDING = 1e-11
+"""Part of the square of a column below which what is left of it is rounding."""
 ALIASES = 5
 """So many aliases are listed at most."""
 
@@ -110,11 +113,14 @@ def _largest_odds(
     The products of all columns with the residual are normal, with those of the columns with one
     another as covariance.
     """
-    every = conditional.all.inside(slice(0, conditional.base.gram.design.width))
-    root = lower_factor(every, np.diag(conditional.base.gram.matrix)[:-1])
-    left = root @ rng.standard_normal((len(root), DRAWS))
+    design = conditional.base.gram.design
+    others = slice(design.nuisances, design.width)
+    sizes = np.diag(conditional.base.gram.matrix)[others]
+    root = _root(conditional.all.inside(others), sizes)
+    left = np.zeros((design.width, DRAWS))
+    left[others] = root @ rng.standard_normal((root.shape[1], DRAWS))
     best = np.full(DRAWS, -np.inf)
-    for family in conditional.base.gram.design.families:
+    for family in design.families:
         information, _ = conditional.all.of_family(family)
         gain, volume = gains(information, family.gradient(left))
         size = information.shape[1]
@@ -124,6 +130,21 @@ def _largest_odds(
         odds = evidence + candidates.log_odds[family.blocks][:, None]
         best = np.maximum(best, odds.max(axis=0))
     return best
+
+
+def _root(products: Array, sizes: Array) -> Array:
+    """``R`` with ``R Rᵀ`` the products of columns with one another (c, c), to within rounding of
+    their ``sizes`` (c,) before anything was taken out: (c, rank).
+
+    There are more columns than rows, and columns that no record moves, so that no Cholesky factor
+    without pivots exists.
+    """
+    scale = np.sqrt(np.maximum(sizes, np.finfo(np.float64).tiny))
+    in_units = products / scale[:, None] / scale
+    factor, pivots, rank, _ = scipy.linalg.lapack.dpstrf(in_units.T, tol=ROUNDING, lower=1)
+    found = np.zeros((len(scale), rank))
+    found[pivots - 1] = np.tril(factor[:, :rank])
+    return np.asarray(scale[:, None] * found)
 
 
 def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> float:

@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import chi2
 
 from aacmm_pin.diagnosis import Choice, choice, model_extension, nonlinear_parameters
-from aacmm_pin.effects import Conditions, EncoderSlip, JointPeriodicError
+from aacmm_pin.effects import Conditions, EncoderSlip, JointErrorCurve, JointPeriodicError
 from aacmm_pin.measurements import Measurements
 
 pytestmark = pytest.mark.fast
@@ -70,6 +70,34 @@ def test_a_cause_of_records_that_are_left_out_together(moved, used, parts, insid
     posterior = SimpleNamespace(space=SimpleNamespace(candidates=SimpleNamespace(design=design)))
     fit = SimpleNamespace(used=np.array(used, dtype=bool))
     assert choice_of(posterior=posterior, fit=fit, parts=np.array(parts)).in_one_part(0) == inside
+
+
+def test_a_refined_value_takes_the_place_of_the_nearest():
+    """So that there are no more of them where the evidence is; whole orders stay."""
+    waves = tuple(JointPeriodicError(3, order) for order in (3.5, 4.0, 4.4, 4.9))
+    library = [(JointErrorCurve(3, -1.0, 1.0, 11),), waves, (EncoderSlip(3, 20.0),)]
+    refined = JointPeriodicError(3, 4.1, values=(1e-4, 0.0))
+    found = model_extension._with_variants(library, [refined])
+    assert [found[0], found[2]] == [library[0], library[2]]
+    assert [wave.order for wave in found[1]] == [3.5, 4.0, 4.1, 4.9]
+    assert not any(any(wave.values) for wave in found[1])
+    there = model_extension._with_variants(library, [waves[2]])
+    assert list(there) == library
+
+
+def test_a_refit_holds_what_can_be_any_function_of_its_place():
+    """At its values; all others are estimated from nothing, within their u."""
+    curve = JointErrorCurve(3, -1.0, 1.0, 5, values=(1e-4,) * 5)
+    wave = JointPeriodicError(2, 3.0, values=(1e-4, 2e-4), u=(1e-3, 1e-3))
+    asked = []
+
+    def problem_of(causes, held, gone=()):
+        asked.append((causes, held, gone))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(model_extension, "fit", lambda problem, used: used)
+        assert model_extension.refitted(problem_of, [wave, curve], used=None) is None
+    assert asked == [([wave.at((), wave.u)], [curve], ())]
 
 
 def test_the_top_of_a_parabola():
