@@ -28,7 +28,7 @@ TOKENS: dict[str, int] = {
     "measurements": 24500,
     "accuracy": 12600,
     "calibration": 48550,
-    "diagnosis": 49600,
+    "diagnosis": 49800,
     "planning": 12900,
     "verification": 17800,
     "report": 59940,

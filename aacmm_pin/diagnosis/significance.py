@@ -25,7 +25,7 @@ DRAWS = 400
 """Draws of records with nothing hidden, for the distribution of the largest evidence."""
 MOST_EXPLAINED = 1.0 - 1e-12
 """Part of χ² that a block explains at most, by rounding."""
-ROUNDING = 1e-11
+ROUNDING_OF_PRODUCTS = 1e-11
 """Part of the square of a column below which what is left of it is rounding."""
 ALIASES = 5
 """So many aliases are listed at most."""
@@ -141,7 +141,9 @@ def _root(products: Array, sizes: Array) -> Array:
     """
     scale = np.sqrt(np.maximum(sizes, np.finfo(np.float64).tiny))
     in_units = products / scale[:, None] / scale
-    factor, pivots, rank, _ = scipy.linalg.lapack.dpstrf(in_units.T, tol=ROUNDING, lower=1)
+    factor, pivots, rank, _ = scipy.linalg.lapack.dpstrf(
+        in_units.T, tol=ROUNDING_OF_PRODUCTS, lower=1
+    )
     found = np.zeros((len(scale), rank))
     found[pivots - 1] = np.tril(factor[:, :rank])
     return np.asarray(scale[:, None] * found)
