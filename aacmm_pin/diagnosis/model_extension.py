@@ -234,16 +234,18 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | Non
     A known cause is removed if a cause of its name with another nonlinear parameter is estimated,
     and its own values are zero within their U.
     """
-    effects = found.with_values([effect.at(()) for effect in found.effects])
+    effects = [effect.at(()) for effect in found.effects]
     if not effects:
         return replace(found, fit=_with_shared_error(first, found))
-    held = [effect for effect in effects if stays(effect)]
-    at = refitted(problem_of, effects, used=used)
+    within = found.with_values(effects)
+    at = refitted(problem_of, within, used=used)
     if gone := _gone(at, effects):
-        at = refitted(problem_of, effects, gone, used)
+        at = refitted(problem_of, within, gone, used)
         effects = [_without(at, found.noise, effects, k, gone) for k in range(len(effects))]
-        at = refitted(problem_of, effects, gone, used)
+        within = found.with_values(effects)
+        at = refitted(problem_of, within, gone, used)
     at = with_nonlinear_u(at, found.noise, effects)
+    held = [effect for effect in within if stays(effect)]
     curves = HeldCurves.of(found, at, held) if held else None
     return replace(found, fit=_with_shared_error(at, found, curves), curves=curves)
 
