@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.calibration import Fit
 from aacmm_pin.measurements import posture_numbers
@@ -139,6 +139,13 @@ class HeldPostures:
 
     def _means(self, rows: Array) -> Array:
         return (self.sums(rows).T / self.count).T
+
+    def with_all_of_a_group(self, chosen: Mask, used: Mask) -> Mask:
+        """Some records (n,) and all used ones that share an error with any of them."""
+        if not self.ratio:
+            return chosen
+        groups = np.unique(self.group[chosen & (self.group >= 0)])
+        return np.asarray(chosen | (used & np.isin(self.group, groups)))
 
     def divided(self, records: Index, most: int) -> Iterator[Index]:
         """Some of the records in turn, about ``most`` at once; those of one group together."""
