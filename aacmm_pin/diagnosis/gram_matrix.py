@@ -113,7 +113,8 @@ def gram_of(design: Design, noise: RecordNoise, records: Mask | None = None) -> 
     """Inner products of the used records, or of some of them; only with all the prior is among
     them.
 
-    A seat that other records touch as well has coordinates of its own in some of them.
+    A seat that other records touch as well has coordinates of its own in some of them. What records
+    of one posture share is taken out with all of them, so that the products of parts add up.
     """
     fit = design.fit
     used = fit.used & fit.observations.has_target
@@ -124,14 +125,16 @@ def gram_of(design: Design, noise: RecordNoise, records: Mask | None = None) -> 
     whitening = noise.whitening * chosen[:, None, None]
     by_seat = noise.postures.whitened(observations.by_seats(whitening))
     elimination = SeatElimination(observations, points, by_seat)
-    deviations = np.where(chosen[:, None], observations.deviations(design.tips, points), 0.0)
+    whole_groups = noise.postures.with_all_of_a_group(chosen, used)
+    deviations = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)
     upper = np.zeros((design.width + 1, design.width + 1), order="F")
     along = np.zeros((len(observations.labels), 3, design.width + 1))
     most = max(ROWS_OF_A_GROUP // design.tips.shape[1], 1)
-    for group in noise.postures.divided(np.flatnonzero(chosen), most):
+    for group in noise.postures.divided(np.flatnonzero(whole_groups), most):
         columns = np.concatenate([design.rows(group), deviations[group, :, None]], axis=2)
-        rows = noise.postures.take(group).whitened(whitening[group] @ columns)
-        along += elimination.along(rows, group)
+        inside = chosen[group]
+        rows = noise.postures.take(group).whitened(noise.whitening[group] @ columns)[inside]
+        along += elimination.along(rows, group[inside])
         _add_squares(upper, rows, 1.0)
     seats = np.flatnonzero(of_seat == 0)
     of_bar = of_seat[observations.ends[:, 0]]

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from scipy.sparse import csr_array
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.calibration import Correlation, Fit
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -245,6 +245,13 @@ class HeldPostures:
         flat = rows.reshape(len(rows), -1)
         sums = np.asarray(self._sum @ flat)
         return sums.reshape(len(self.count), *rows.shape[1:])
+
+    def with_all_of_a_group(self, chosen: Mask, used: Mask) -> Mask:
+        """Some records (n,) and all used ones that share an error with any of them."""
+        if not self.ratio:
+            return chosen
+        groups = np.unique(self.group[chosen & (self.group >= 0)])
+        return np.asarray(chosen | (used & np.isin(self.group, groups)))
 
     def divided(self, records: Index, most: int) -> Iterator[Index]:
         """Some of the records in turn, about ``most`` at once; those of one group together."""

@@ -353,6 +353,27 @@ def test_inner_products_with_an_error_that_records_share(
     assert gram.free == len(rows) - case.design.nuisances
 
 
+@pytest.mark.parametrize("ratio", [0.5, 3.0])
+def test_records_that_share_an_error_in_several_parts(free_case: Case, ratio: float) -> None:
+    """These parts add up all the same, and what is left without one has no direction below zero."""
+    group = np.random.default_rng(6).integers(0, 20, RECORDS)
+    group = np.unique(np.where(free_case.fit.used, group, -1), return_inverse=True)[1]
+    group -= not free_case.fit.used.all()
+    count = np.bincount(group[group >= 0]).astype(float)
+    postures = HeldPostures(group, count, np.full(count.size, 3.0), ratio)
+    gram = gram_of(free_case.design, replace(free_case.noise, postures=postures))
+    part = np.arange(RECORDS) % 3
+    assert any(np.unique(part[group == g]).size > 1 for g in range(count.size))
+    each = [gram_of(gram.design, gram.noise, part == k) for k in range(3)]
+    size = np.sqrt(np.diag(gram.matrix)) + 1.0
+    scale = np.outer(size, size)
+    close(joined(gram, each).matrix / scale, gram.matrix / scale, 1e-10)
+    some = np.r_[0 : gram.design.nuisances, -150:0]
+    for one in each:
+        left = (gram.without(one).matrix / scale)[np.ix_(some, some)]
+        assert np.linalg.eigvalsh(left).min() > -1e-9
+
+
 @pytest.mark.parametrize("excluded", [False, True])
 def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case, excluded: bool) -> None:
     """Also where records do not count, such as all of a seat in one part."""
