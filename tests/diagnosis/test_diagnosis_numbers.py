@@ -292,7 +292,7 @@ def same_products(found: Array, rows: Array) -> None:
 def test_inner_products(
     case: Case, left_out: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gram_matrix, "ROWS_AT_ONCE", 21)  # several streams in every part
+    monkeypatch.setattr(gram_matrix, "ROWS_OF_A_GROUP", 21)  # several streams in every part
     design = case.design
     gram = without(design, case.noise, case.parts, left_out)
     rows = dense(case, case.parts, left_out)
@@ -312,7 +312,7 @@ def test_parts_add_up_to_the_whole(case: Case, monkeypatch: pytest.MonkeyPatch) 
     """Where no seat is in two of them; without one, the others are left."""
     design, noise = case.design, case.noise
     whole = gram_of(design, noise)
-    monkeypatch.setattr(gram_matrix, "ROWS_AT_ONCE", 33)
+    monkeypatch.setattr(gram_matrix, "ROWS_OF_A_GROUP", 33)
     # What unknown seats take up wholly is zero but for rounding.
     size = np.sqrt(np.maximum(np.diag(whole.matrix), 0.0)) + 1.0
     scale = np.outer(size, size)
@@ -334,7 +334,7 @@ def test_inner_products_with_an_error_that_records_share(
     case: Case, ratio: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Groups of one to four records of a seat, all of each in one stream."""
-    monkeypatch.setattr(gram_matrix, "ROWS_AT_ONCE", 15)
+    monkeypatch.setattr(gram_matrix, "ROWS_OF_A_GROUP", 15)
     used = case.fit.used & (np.arange(RECORDS) % 11 != 3)
     case = replace(case, design=replace(case.design, fit=replace(case.fit, used=used)))
     seat = case.records.conditions.seat
