@@ -230,7 +230,7 @@ def test_the_diagnosis_code_is_the_one_measured() -> None:
     """
     modules, package = sources.modules(), ROOT / "aacmm_pin"
     assert {
-        package / "diagnosis" / "exploration.py",
+        package / "diagnosis" / "search.py",
         package / "effects" / "compliance.py",
     } <= modules
     assert not {path for path in modules if "plots" in path.parts or "cli" in path.parts}
