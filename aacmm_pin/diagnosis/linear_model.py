@@ -312,6 +312,17 @@ class Conditional:
         used = len(self.rows) - float(of_prior.sum())
         return float(self.base.gram.free - self.base.determined - used)
 
+    def canonical(self, one: int, other: int) -> float:
+        """Largest canonical correlation of two members beside the others: by the inverse of their
+        covariance, less their prior.
+        """
+        own = numbers_of([self.places[one], self.places[other]])
+        precision = np.asarray(np.linalg.inv(self.inverse[np.ix_(own, own)]), np.float64)
+        products = precision - np.diag(self.scale[own] ** -2.0)
+        size = self.design_blocks[one].size
+        first, second = products[:size, :size], products[size:, size:]
+        return _largest_canonical(first, second, products[:size, size:])
+
     @cached_property
     def whitened(self) -> Array:
         """``L⁻¹`` times the products with all columns and the residual (m, columns + 1)."""
@@ -576,15 +587,22 @@ class Beside:
 
 def canonical(beside: Beside, one: int, other: int) -> float:
     """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
+    return _largest_canonical(
+        beside.information(one), beside.information(other), beside.cross(one, other)
+    )
+
+
+def _largest_canonical(first: Array, second: Array, cross: Array) -> float:
+    """Largest canonical correlation by the products inside two blocks and between them."""
     roots = []
-    for block in (one, other):
-        values, vectors = np.linalg.eigh(beside.information(block))
+    for information in (first, second):
+        values, vectors = np.linalg.eigh(information)
         keep = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
         roots.append(vectors[:, keep] / np.sqrt(values[keep]))
     if not (roots[0].size and roots[1].size):
         return 0.0
-    cross = roots[0].T @ beside.cross(one, other) @ roots[1]
-    return float(min(np.linalg.svd(cross, compute_uv=False)[0], 1.0))
+    between = roots[0].T @ cross @ roots[1]
+    return float(min(np.linalg.svd(between, compute_uv=False)[0], 1.0))
 
 
 def lower_factor(matrix: Array, sizes: Array) -> Array:

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.diagnosis.linear_model import canonical
 from aacmm_pin.diagnosis.model_space import FIRST_WIDTH, Blocks, ModelSpace, ModelState
 from aacmm_pin.diagnosis.posterior import Posterior, inclusion, weights_of
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -48,9 +47,8 @@ def explore(space: ModelSpace, start: Blocks = ()) -> Posterior:
 
 
 def climb(space: ModelSpace, start: Blocks) -> Posterior:
-    """The most probable set that ascents lead to, from ``start`` and from the empty set."""
-    starts = dict.fromkeys([(), start])
-    return Walk(space, [(), *(ascended(space, each) for each in starts)]).posterior()
+    """The most probable set that an ascent from ``start`` leads to, or the empty set."""
+    return Walk(space, [(), ascended(space, start)]).posterior()
 
 
 def explore_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
@@ -252,12 +250,12 @@ class Walk:
         for k in blocks:
             yield (k,)
         of_blocks = self.space.candidates.of_blocks
-        beside = self.space.conditional(self.space.marginal(blocks).best)
+        at = self.space.conditional(self.space.marginal(blocks).best)
         for pair in itertools.combinations(blocks, 2):
             if of_blocks[pair[0]] == of_blocks[pair[1]]:
                 yield pair
                 continue
-            if canonical(beside.without(*pair), *pair) > THRESHOLDS.imitates:
+            if at.canonical(*pair) > THRESHOLDS.imitates:
                 yield pair
 
 
