@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 import os
+import resource
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.benchmarks.robots.plain_model import Plain
 from tests.benchmarks.robots.robot import FORMS, NOISE_MM, RANGES, Array, Robot, rms
 
 Row = dict[str, Any]
@@ -50,38 +52,37 @@ GEOMETRY = {
 """Recalibration fits these, so they are no places."""
 
 
-@dataclass(frozen=True)
-class Ended:
-    """A command that ended well, with its start."""
-
-    output: str
-    cpu_s: float
-    peak_mb: float
-
-
-def evaluated(robot: Robot, records: int, checkout: Path, cross_validation: bool = True) -> Row:
-    """The row of one file; the code of the package comes from a checkout."""
-    row: Row = {
-        "seed": robot.seed,
-        "forms": robot.forms,
-        "records": records,
-        "cross_validation": cross_validation,
-    }
+def perform(
+    robot: Robot, records: int, checkout: Path, cross_validation: bool = True, limit: int = 3600
+) -> Row:
+    """The row of one file; the package comes from a checkout. A command that fails or takes more
+    than so many CPU seconds leaves its message under ``error``.
+    """
     measured, new = robot.measured(records), robot.measured(NEW)
+    row: Row = {
+        "error": None,
+        "displacements_mm": measured.displacements_mm,
+        "periods": robot.periods(),
+        "floor_mm": new.floor_mm,
+    }
+    options = ["--reference-frame", "external", "--target", "unknown"]
+    options += ["--arm-out", "ext.toml", "--json", "out.json"]
+    options += [] if cross_validation else ["--no-cross-validation"]
     with TemporaryDirectory() as name:
-        folder = Path(name)
-        data, readings = measured.write(folder), new.write(folder / "new")
-        options = ["--reference-frame", "external", "--target", "unknown"]
-        options += ["--arm-out", "ext.toml", "--json", "out.json"]
-        options += [] if cross_validation else ["--no-cross-validation"]
-        diagnosed = command(folder, checkout, "diagnose", "robot.toml", data.name, *options)
-        said = json.loads((folder / "out.json").read_text())
-        command(folder, checkout, "correct", "ext.toml", str(readings), "-o", "corrected.csv")
-        tips = _coordinates(folder / "corrected.csv")
+        shell = Shell(Path(name), checkout, limit)
+        data, readings = measured.write(shell.folder), new.write(shell.folder / "new")
+        try:
+            used = shell.run("diagnose", "robot.toml", data.name, *options)
+            shell.run("correct", "ext.toml", str(readings), "-o", "corrected.csv")
+        except RuntimeError as error:
+            return row | {"error": str(error)}
+        said = json.loads((shell.folder / "out.json").read_text())
+        tips = _coordinates(shell.folder / "corrected.csv")
     known = np.isfinite(tips).all(axis=1)
+    plain = Plain.fitted(measured)
     return row | {
-        "cpu_s": diagnosed.cpu_s,
-        "peak_mb": diagnosed.peak_mb,
+        "cpu_s": used.cpu_s,
+        "peak_mb": used.peak_mb,
         "verdict": said["verdict"],
         "rms_mm": said["rms_mm"],
         "rms_new_mm": rms(_left(tips[known], new.coordinates[known])),
@@ -90,39 +91,54 @@ def evaluated(robot: Robot, records: int, checkout: Path, cross_validation: bool
             {key: f.get(key) for key in ("cause", "joint", "order", "probability")}
             for f in said["findings"]
         ],
-        "displacements_mm": measured.displacements_mm,
-        "periods": {
-            f"encoder:{j}": waves[0][0]
-            for j, waves in enumerate(robot.waves, 1)
-            if robot.forms[j - 1] == "p"
-        },
-        "floor_mm": new.floor_mm,
+        "plain_mm": plain.rms_mm,
+        "plain_new_mm": plain.rms_new_mm(new),
     }
 
 
-def command(folder: Path, checkout: Path, *words: str) -> Ended:
-    """Run ``aacmm-pin`` of a checkout in a folder.
+@dataclass(frozen=True)
+class Shell:
+    """A folder in which ``aacmm-pin`` of a checkout runs, for so many CPU seconds at most."""
 
-    Raises:
-        RuntimeError: with its messages, if it fails.
-    """
-    environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
-    with (folder / "stdout").open("w+") as output, (folder / "stderr").open("w+") as errors:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "aacmm_pin.cli", *words],
-            stdout=output,
-            stderr=errors,
-            cwd=folder,
-            env=environment,
-        )
-        _, status, usage = os.wait4(process.pid, 0)
+    folder: Path
+    checkout: Path
+    limit: int
+
+    def run(self, *words: str) -> Used:
+        """Run a command.
+
+        Raises:
+            RuntimeError: with its last message, if it fails.
+        """
+        environment = os.environ | {"PYTHONPATH": str(self.checkout), "OMP_NUM_THREADS": "1"}
+        log = self.folder / "log"
+        with log.open("w") as file:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "aacmm_pin.cli", *words],
+                stdout=file,
+                stderr=file,
+                cwd=self.folder,
+                env=environment,
+                preexec_fn=self._limit,
+            )
+            _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
-        output.seek(0)
-        errors.seek(0)
         if process.returncode:
-            raise RuntimeError(f"{' '.join(words)}: {errors.read()}")
+            last = (log.read_text().strip().splitlines() or [""])[-1]
+            raise RuntimeError(f"{words[0]} ended with {process.returncode}. {last}".strip())
         # ru_maxrss is in kB on Linux
-        return Ended(output.read(), usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3)
+        return Used(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3)
+
+    def _limit(self) -> None:
+        resource.setrlimit(resource.RLIMIT_CPU, (self.limit, self.limit))
+
+
+@dataclass(frozen=True)
+class Used:
+    """What a command took, with its start."""
+
+    cpu_s: float
+    peak_mb: float
 
 
 def digest(checkout: Path) -> str:
@@ -234,6 +250,9 @@ def _right_form(row: Row, where: str, findings: list[Row]) -> bool:
 
 def in_words(row: Row) -> str:
     """One line: what remains, what it takes, names, and what is wrong with them."""
+    name = f"{row['seed']}:{row['forms']} {row['records']}"
+    if row["error"]:
+        return f"{name}: {row['error']}"
     marks = score(row)
     names = ", ".join(
         f"{f['cause']}:{f['joint']}"
@@ -252,9 +271,9 @@ def in_words(row: Row) -> str:
     )
     acting = len(marks.found) + len(marks.missed)
     return (
-        f"{row['seed']}:{row['forms']} {row['records']}: RMS extended "
-        f"{row['rms_mm']['extended']:.4f} new {row['rms_new_mm']:.4f} (floor "
-        f"{row['floor_mm']:.4f}) mm, CPU {row['cpu_s']:.1f} s, peak {row['peak_mb']:.0f} MB, "
+        f"{name}: RMS extended {row['rms_mm']['extended']:.4f} new {row['rms_new_mm']:.4f} (plain "
+        f"{row['plain_new_mm']:.4f}, floor {row['floor_mm']:.4f}) mm, "
+        f"CPU {row['cpu_s']:.1f} s, peak {row['peak_mb']:.0f} MB, "
         f"found {len(marks.found)}/{acting}, false {len(marks.false)}, form right "
         f"{len(marks.right_form)}/{len(marks.found)}, {row['verdict']}; {names}; {wrong or 'ok'}"
     )

@@ -95,6 +95,11 @@ class Robot:
         waves = self.waves[joint - 1]
         return sum((a * np.cos(f * angles + phase) for f, a, phase in waves), 0.0 * angles)
 
+    def periods(self) -> dict[str, float]:
+        """Periods per turn at each place with one periodic error."""
+        encoders = enumerate(zip(self.forms, self.waves, strict=True), 1)
+        return {f"encoder:{j}": waves[0][0] for j, (form, waves) in encoders if form == "p"}
+
     def measured(self, records: int) -> Measured:
         """The file of so many records."""
         rng = np.random.default_rng([self.seed, records])
@@ -234,12 +239,14 @@ def chain(q: Array, rows: Array, target: Array) -> Chain:
     for angle, (a, d, alpha) in zip(q.T, rows, strict=True):
         c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
         o = np.zeros_like(c)
-        step = np.stack(
-            [c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, o, o + sa, o + ca, o + d]
-            + [o, o, o, o + 1],
-            axis=1,
+        rows_of_step = (
+            (c, -s * ca, s * sa, a * c),
+            (s, c * ca, -c * sa, a * s),
+            (o, o + sa, o + ca, o + d),
+            (o, o, o, o + 1),
         )
-        frame = frame @ step.reshape(-1, 4, 4)
+        step = np.stack([np.stack(row, axis=1) for row in rows_of_step], axis=1)
+        frame = frame @ step
         frames.append(frame)
     every = np.stack(frames, 1)
     before, behind = every[:, :-1], every[:, 1:]
@@ -261,7 +268,8 @@ def after_recalibration(q: Array, moved: dict[str, Array]) -> dict[str, Array]:
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
     basis = u[:, s > 1e-9 * s[0]]
     return {
-        name: (d.ravel() - basis @ (basis.T @ d.ravel())).reshape(-1, 3) for name, d in moved.items()
+        name: (d.ravel() - basis @ (basis.T @ d.ravel())).reshape(-1, 3)
+        for name, d in moved.items()
     }
 
 
