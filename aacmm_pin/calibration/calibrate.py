@@ -173,7 +173,6 @@ def calibrate(
     asked = [effect.label for effect in chosen if isinstance(effect, Effect)]
     model, measurements = checked_input(model, measurements, asked)
     measurements, repeated = counted_once(measurements)
-    repeated += held_postures(measurements)
     for effect in chosen:
         if isinstance(effect, Effect):
             require_shown(
@@ -191,6 +190,7 @@ def calibrate(
         probe_noise,
         length_noise,
     )
+    repeated += held_postures(measurements, setup)
     measurements, setup = in_first_frame(model, measurements, setup)
     problem = problem_of(model, measurements, chosen, setup)
     if of_arm := scale_is_unidentifiable(problem):
@@ -267,9 +267,15 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
     return kept, notes
 
 
-def held_postures(measurements: Measurements) -> list[Note]:
-    """Records of few postures that were held: a calibration reckons as if they shared no error."""
-    postures = 1 + np.count_nonzero(np.diff(measurements.postures))
+def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
+    """Records of few postures that were held: a calibration reckons as if they shared no error, but
+    for targets of one reading whose noise is stated.
+    """
+    changes = np.diff(measurements.postures) != 0
+    marker = measurements.conditions.marker
+    if marker is not None and setup.encoder_noise is not None:
+        changes |= marker[1:] != marker[:-1]
+    postures = 1 + np.count_nonzero(changes)
     if measurements.n <= OFTEN * postures:
         return []
     return [Note("held_postures", {"records": measurements.n, "postures": postures})]

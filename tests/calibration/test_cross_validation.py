@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aacmm_pin.calibration import calibrate
+from aacmm_pin.calibration import Setup, calibrate
 from aacmm_pin.calibration.calibrate import counted_once, held_postures
 from aacmm_pin.calibration.cross_validation import groups_of, left_out_in_turn, parts_of, together
 from aacmm_pin.diagnosis import diagnose
@@ -105,7 +105,8 @@ def test_repeats_of_a_posture_are_held_out_together(sino6, rng):
         repeats.append(again)
     records = Measurements.from_frame(pd.concat(repeats, ignore_index=True))
     held = records.take(np.argsort(records.postures, kind="stable"))
-    told = [bool(held_postures(counted_once(each)[0])) for each in (records, held)]
+    setup = Setup.of(sino6, "base", "tip", True)
+    told = [bool(held_postures(counted_once(each)[0], setup)) for each in (records, held)]
     assert told == [False, True]
     postures = records.postures
     assert postures.tolist() == list(range(40)) * 4

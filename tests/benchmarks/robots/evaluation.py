@@ -89,7 +89,7 @@ def perform(
         "records_without_tip": int((~known).sum()),
         "findings": [
             {key: f.get(key) for key in ("cause", "joint", "order", "probability")}
-            for f in said["findings"]
+            for f in (*said["findings"], *_structure(said))
         ],
         "plain_mm": plain.rms_mm,
         "plain_new_mm": plain.rms_new_mm(new),
@@ -178,6 +178,10 @@ def _left(tips: Array, coordinates: Array) -> Array:
     return b - a @ (u * sign) @ vt
 
 
+WARMTH = ("thermal_expansion", "temperature")
+"""Names of what depends on the temperature: a cause, and structure."""
+
+
 def place(cause: str, joint: int | None) -> str | None:
     """Where a cause acts; None if it is geometry, which recalibration fits."""
     if cause in GEOMETRY:
@@ -186,7 +190,16 @@ def place(cause: str, joint: int | None) -> str | None:
         return f"encoder:{joint}"
     if cause in LOAD:
         return f"load:{joint}"
-    return "temperature" if cause == "thermal_expansion" else f"{cause}:{joint}"
+    return "temperature" if cause in WARMTH else f"{cause}:{joint}"
+
+
+def _structure(said: Row) -> list[Row]:
+    """Structure over the temperature, which no cause of the library has, as a finding."""
+    return [
+        {"cause": part["covariate"], "probability": part["probability"]}
+        for part in said["discrepancy"]
+        if part["covariate"] in WARMTH
+    ]
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ files do not state.
 
 A place is the encoder of a joint, the load of a joint, or the temperature. The displacement by a
 place is the RMS displacement of the target after geometry, frame and target are fitted again.
+Structure over the temperature counts as the place temperature.
 
 | column | meaning |
 |---|---|
