@@ -49,8 +49,8 @@ probe directions ``effects`` 300, ``measurements`` 450 and ``calibration`` 200; 
 options in the units of the options ``cli`` 200; mistakes in one session and in couplings
 ``calibration`` 350; readings that several targets share ``calibration`` 1150 and ``diagnosis``
 2200; a fit from afar ``calibration`` 200.
-Records of one reading cost ``calibration`` 1900 and ``diagnosis`` 2200; places with forms in a
-basis, one pass over the records, and curves that a refit holds cost ``diagnosis`` 4400.
+Places with forms in a basis, one pass over the records, and curves that a refit holds cost
+``effects`` 400, ``calibration`` 500 and ``diagnosis`` 4400.
 """
 SENTENCES: dict[str, int] = {
     "_support": 2,
