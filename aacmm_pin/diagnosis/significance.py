@@ -124,8 +124,8 @@ def _largest_odds(
         information, _ = conditional.all.of_family(family)
         gain, volume = gains(information, family.gradient(left))
         size = information.shape[1]
-        others = rng.chisquare(max(conditional.likelihood.dof - size, 1.0), DRAWS)
-        chi2 = 2.0 * gain.max(axis=1, keepdims=True) + others
+        rest = rng.chisquare(max(conditional.likelihood.dof - size, 1.0), DRAWS)
+        chi2 = 2.0 * gain.max(axis=1, keepdims=True) + rest
         evidence = _log_evidence(conditional, gain, volume, chi2)
         odds = evidence + candidates.log_odds[family.blocks][:, None]
         best = np.maximum(best, odds.max(axis=0))
