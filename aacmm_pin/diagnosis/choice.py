@@ -145,11 +145,12 @@ class Choice:
         return [self.variant(k) for k in self.causes]
 
     def with_values(self, effects: Sequence[Effect]) -> list[Effect]:
-        """Effects of the most probable or the median set as they are there: with their prior widths
-        as u; those with many parameters at their posterior means.
+        """Effects of the median set, or else of the most probable one, with their prior widths as
+        u; those with many parameters at their posterior means, in the median set beside the other
+        causes alone, for the extended arm has no covariates.
         """
         found = []
-        for model in (self.posterior.median_model, self.posterior.top_model):
+        for model in (self.posterior.causes_alone, self.posterior.top_model):
             of_label = {
                 self.variant(k).label: k for k in model.blocks if self.candidates.is_cause(k)
             }
