@@ -15,7 +15,7 @@ from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, joined
-from aacmm_pin.diagnosis.held_curves import HeldCurves, stays
+from aacmm_pin.diagnosis.held_curves import HeldCurves
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.linear_model import Conditional
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates
@@ -161,7 +161,7 @@ class Choice:
             place = model.places[k]
             scales = np.array([term.typical for term in effect.terms])
             u = model.scale[place][: scales.size] * scales
-            values = model.estimate[place] * scales if stays(effect) else ()
+            values = model.estimate[place] * scales if effect.free_form else ()
             found.append(effect.at(values, u))
         return found
 

@@ -18,7 +18,6 @@ from aacmm_pin.calibration.estimation import fit as fit_of
 from aacmm_pin.calibration.linearisation import linearise
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Carried
-from aacmm_pin.diagnosis.held_curves import stays
 from aacmm_pin.diagnosis.model_extension import ProblemOf
 from aacmm_pin.effects import Carrier, Discrepancy, ErrorModel, Part
 
@@ -68,8 +67,8 @@ def described_model(
     taken |= {effect.label for effect in named}
     held = [_background(choice, taken)] if background else []
     causes = choice.with_values(choice.effects)
-    estimated = [effect for effect in causes if not stays(effect)]
-    curves = [effect for effect in causes if stays(effect)]
+    estimated = [effect for effect in causes if not effect.free_form]
+    curves = [effect for effect in causes if effect.free_form]
     refit = fit_of(problem_of([*estimated, *named], [*curves, *held]), used=choice.fit.used)
     return calibrated_beside(refit, held[0]) if held else calibrated_model(refit)
 

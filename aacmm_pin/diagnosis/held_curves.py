@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from aacmm_pin.diagnosis.choice import Choice
 
 
-def stays(effect: Effect) -> bool:
-    """Whether a refit holds an effect: one that can be every function of its place."""
-    return effect.free_form
-
-
 @dataclass(frozen=True, eq=False)
 class HeldCurves:
     """Curves beside a fit that held them.

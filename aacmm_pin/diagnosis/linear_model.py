@@ -369,6 +369,16 @@ class Conditional:
         return np.append(values, beside.log_evidence)
 
     @cached_property
+    def _of_base(self) -> Array:
+        """Posterior mean of nuisances and background, beside the set at its mean (b,)."""
+        whitened = self.base.whitened
+        right = whitened[:, -1].copy()
+        for k, place in self.places.items():
+            right += self.design_blocks[k].of_rows(whitened) @ self.estimate[place]
+        solved = scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
+        return np.asarray(-solved)
+
+    @cached_property
     def step(self) -> Array:
         """Posterior mean of all columns' coefficients (columns,)."""
         design = self.base.gram.design
@@ -376,9 +386,7 @@ class Conditional:
         for k, place in self.places.items():
             own = self.design_blocks[k]
             found[own.columns] += own.in_columns(self.estimate[place])
-        whitened = self.base.whitened
-        right = whitened[:, -1] + whitened[:, :-1] @ found
-        of_base = -scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
+        of_base = self._of_base
         first = self.base.nuisances
         found[:first] = of_base[:first]
         if self.base.amplitude:
@@ -391,15 +399,10 @@ class Conditional:
         """Posterior mean (r,) and covariance (r, r) of the background's directions, beside the set
         at its mean.
         """
-        whitened = self.base.whitened
-        right = whitened[:, -1].copy()
-        for k, place in self.places.items():
-            right += self.design_blocks[k].of_rows(whitened) @ self.estimate[place]
-        of_base = -scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
         first = self.base.nuisances
         # The nuisances are eliminated.
         inverse = np.linalg.inv(self.base.factor[first:, first:])
-        return of_base[first:], self.variance * inverse.T @ inverse
+        return self._of_base[first:], self.variance * inverse.T @ inverse
 
     def tips(self, records: Index | None = None) -> Array:
         """Tips of some records with everything at its posterior mean (n, 3), with orientations (n,

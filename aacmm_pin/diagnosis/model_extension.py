@@ -24,7 +24,7 @@ from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
-from aacmm_pin.diagnosis.held_curves import HeldCurves, stays
+from aacmm_pin.diagnosis.held_curves import HeldCurves
 from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise, SharedSizes
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.nonlinear_parameters import (
@@ -245,7 +245,7 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | Non
         within = found.with_values(effects)
         at = refitted(problem_of, within, gone, used)
     at = with_nonlinear_u(at, found.noise, effects)
-    held = [effect for effect in within if stays(effect)]
+    held = [effect for effect in within if effect.free_form]
     curves = HeldCurves.of(found, at, held) if held else None
     return replace(found, fit=_with_shared_error(at, found, curves), curves=curves)
 
@@ -300,8 +300,8 @@ def refitted(
     ``used``, gross errors are looked for. Curves stay at their values: so many parameters are the
     posterior's.
     """
-    held = [effect for effect in effects if stays(effect)]
-    estimated = [effect.at((), effect.u) for effect in effects if not stays(effect)]
+    held = [effect for effect in effects if effect.free_form]
+    estimated = [effect.at((), effect.u) for effect in effects if not effect.free_form]
     return fit(problem_of(estimated, held, gone=gone), used=used)
 
 
@@ -332,7 +332,7 @@ def _climbed(
     is nothing. The more probable of these two is taken, each with what its most probable set
     leaves.
     """
-    held = [effect for effect in at.problem.model.effects if stays(effect)]
+    held = [effect for effect in at.problem.model.effects if effect.free_form]
     design = design_of(at, library, others, at.problem.candidates, held)
     candidates = Candidates.of(design, library)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))

@@ -17,7 +17,6 @@ from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
-from aacmm_pin.diagnosis.held_curves import stays
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
 from aacmm_pin.diagnosis.search import without_block
@@ -136,7 +135,7 @@ def evidences(
     if not effects_of:
         return {}
     library = [(*variants, *effects_of.get(number, ())) for number, variants in enumerate(acting)]
-    curves = [effect for effect in at.problem.model.effects if stays(effect)]
+    curves = [effect for effect in at.problem.model.effects if effect.free_form]
     design = design_of(at, library, [], at.problem.candidates, curves)
     candidates = Candidates.of(design, library)
     space = ModelSpace(candidates, gram_of(design, noise), noise_is_known(at))
