@@ -342,17 +342,17 @@ def design_of(
         point.prediction.poses,
     )
     tips = found.tips - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
-    return replace(found, tips=tips - _moved_by(fit, held))
+    return replace(found, tips=tips - _moved_by(found, held))
 
 
-def _moved_by(fit: Fit, held: Sequence[Effect]) -> Array | float:
+def _moved_by(design: Design, held: Sequence[Effect]) -> Array | float:
     """Displacement of all records by effects at their values (n, 3 or 6) [m, rad]."""
     if not held:
         return 0.0
     values = np.concatenate([effect.values for effect in held])
-    every = np.arange(len(fit.used))
-    some = np.array_split(every, len(every) // (ROWS_OF_A_GROUP // 3) + 1)
-    return np.concatenate([_Calibrated(fit, part).of(tuple(held)) @ values for part in some])
+    groups = design.groups(np.arange(len(design.tips)))
+    moved = [_Calibrated(design.fit, group).of(tuple(held)) @ values for group in groups]
+    return np.concatenate(moved)
 
 
 @lru_cache(maxsize=MOST_FORMS)
