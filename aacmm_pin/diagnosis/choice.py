@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import filterfalse
 
@@ -14,7 +14,7 @@ from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design
-from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, joined
+from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
 from aacmm_pin.diagnosis.held_curves import HeldCurves
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.linear_model import Conditional
@@ -82,15 +82,15 @@ class Choice:
         if not _torn(self.design.fit, self.parts):
             return whole
         numbers = np.unique(self.parts[self.design.fit.used]).tolist()
-        each = (gram_of(self.design, self.noise, self.parts == number) for number in numbers)
-        return joined(whole, each)
+        divided = gram_of(self.design, self.noise, [self.parts == number for number in numbers])
+        return replace(divided, origin=whole)
 
     @cached_property
     def tips(self) -> Array:
         """Tips (n, 3), turns behind them (n, 6), with the median probability model and the
         background [m, rad].
         """
-        return self.posterior.median_model.tips()
+        return self.posterior.median_model.all_tips
 
     @cached_property
     def scatter_left(self) -> ReadingScatter:
@@ -100,7 +100,7 @@ class Choice:
     def scatter_beside(self, model: Conditional) -> ReadingScatter:
         """Scatter of readings and tips beside a set."""
         share = min(max(model.dof, 1.0) / max(model.base.gram.free, 1), 1.0)
-        off = self.design.deviations(model.tips())
+        off = self.design.deviations(model.all_tips)
         return ReadingScatter.of(self.design.fit, off, share, self.noise)
 
     @property
@@ -127,17 +127,12 @@ class Choice:
         """Blocks of the median probability model that are causes of the library, the strongest
         first.
         """
-        return tuple(filter(self.candidates.is_cause, self._by_strength))
+        return tuple(filter(self.candidates.is_cause, self.posterior.by_strength))
 
     @property
     def covariates(self) -> Blocks:
         """Its blocks that are covariates, the strongest first."""
-        return tuple(filterfalse(self.candidates.is_cause, self._by_strength))
-
-    @property
-    def _by_strength(self) -> list[int]:
-        """Blocks of the median probability model, the strongest first."""
-        return sorted(self.posterior.median, key=self.posterior.strength, reverse=True)
+        return tuple(filterfalse(self.candidates.is_cause, self.posterior.by_strength))
 
     @property
     def effects(self) -> list[Effect]:

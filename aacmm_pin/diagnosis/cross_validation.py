@@ -125,7 +125,7 @@ def folds_of(choice: Choice, before: Fit, kind: str, progress: Progress) -> list
 def _fold(choice: Choice, before: Fit, whole: Gram, number: int) -> Fold | None:
     """One of them; None where the part has nothing to be compared with."""
     inside = choice.parts == number
-    part = gram_of(choice.design, choice.noise, inside)
+    part = gram_of(choice.design, choice.noise, [inside])
     if not part.free:
         return None
     space = choice.posterior.space
@@ -237,7 +237,7 @@ def cause_gain(choice: Choice, folds: list[Fold], block: int) -> Brought | None:
     Returns:
         None where too few parts say something of it, such as of a group that is left out whole.
     """
-    if choice.in_one_part(block):
+    if not folds or choice.in_one_part(block):
         return None
     squares = np.array([*_squares(choice, folds, block)])
     if len(squares) < THRESHOLDS.fewest_groups:

@@ -9,7 +9,7 @@ the reference frame; the unknown points of the observations are projected out.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,6 +24,8 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 RANK = 150
 """Directions of the background of all covariates: they keep about 0.6 of its mean square."""
+TILE = 128
+"""Rows and columns of a matrix that are transposed at once."""
 LEAST_TRACE = 1e-12
 """Least trace of a block of columns, so that a block of zeros can be divided by it."""
 
@@ -33,11 +35,11 @@ class Directions:
     """All covariates together in few directions.
 
     Attributes:
-        columns: of the covariates (c,).
+        columns: of the covariates, c of them.
         weights: of these columns in each direction (c, r).
     """
 
-    columns: Index
+    columns: slice
     weights: Array
 
 
@@ -66,6 +68,12 @@ class Gram:
         return (self.origin or self)._largest_directions
 
     @cached_property
+    def along_directions(self) -> Array:
+        """Products of these directions with all columns and the residual (r, columns + 1)."""
+        directions = self.directions
+        return np.asarray(directions.weights.T @ self.matrix[directions.columns, :])
+
+    @cached_property
     def _largest_directions(self) -> Directions:
         """Each covariate block counts with the same mean square, and all together with that of the
         noise; but no parameter is larger than the largest width, or an arm that shrinks to a point
@@ -74,28 +82,28 @@ class Gram:
         Review 53), whose start depends on the names of the covariates and on no order.
         """
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
-        columns = numbers_of([block.columns for block in blocks])
+        blocks.sort(key=lambda block: block.columns.start)
+        first = blocks[0].columns.start if blocks else self.design.width
+        columns = slice(first, self.design.width)
         sizes = np.array([block.size for block in blocks], dtype=np.intp)
         squares = np.diag(self.matrix)
         traces = np.array([squares[block.columns].sum() for block in blocks])
         each = np.sqrt(self.free / (np.maximum(traces, LEAST_TRACE) * max(len(blocks), 1)))
         scale = np.repeat(np.minimum(each, max(THRESHOLDS.widths)), sizes)[:, None]
-        rank = min(RANK, columns.size, self.free)
+        rank = min(RANK, self.design.width - first, self.free)
         names = self.design.names
         words = [f"{names[b.candidate]} {b.variant} {b.size}" for b in blocks]
         start = [np.empty((0, rank)), *map(_random_numbers, words, sizes, len(blocks) * [rank])]
-        products = self.matrix[np.ix_(columns, columns)]
+        products = self.matrix[columns, columns]
         along = scale * (products @ (scale * np.concatenate(start)))
         return Directions(columns, scale * np.linalg.qr(along)[0])
 
     def without(self, part: Gram) -> Gram:
-        """The products of the records that are not in ``part``, with the same background."""
-        return replace(
-            self,
-            matrix=self.matrix - part.matrix,
-            free=self.free - part.free,
-            origin=self.origin or self,
-        )
+        """The products of the records that are not in ``part``, with the same background; they take
+        the place of those of ``part`` in memory.
+        """
+        left = np.subtract(self.matrix, part.matrix, out=part.matrix)
+        return replace(self, matrix=left, free=self.free - part.free, origin=self.origin or self)
 
 
 def _random_numbers(words: str, size: int, rank: int) -> Array:
@@ -109,16 +117,36 @@ def numbers_of(columns: list[slice]) -> Index:
     return np.concatenate([np.empty(0, np.intp), *numbers])
 
 
-def gram_of(design: Design, noise: RecordNoise, records: Mask | None = None) -> Gram:
-    """Inner products of the used records, or of some of them; only with all the prior is among
-    them.
+def gram_of(design: Design, noise: RecordNoise, parts: Sequence[Mask] | None = None) -> Gram:
+    """Inner products of the used records, or of some of them; with the prior, if they are all.
 
-    A seat that other records touch as well has coordinates of its own in some of them. What records
-    of one posture share is taken out with all of them, so that the products of parts add up.
+    What records of one posture share is taken out with all of them, so that the products of parts
+    add up.
+
+    Args:
+        design: the columns.
+        noise: of the records.
+        parts: records of each part (n,): a seat has coordinates of its own in each. None: all are
+            one part.
+    """
+    used = design.fit.used & design.fit.observations.has_target
+    chosen = [used] if parts is None else [used & part for part in parts]
+    upper = np.zeros((design.width + 1, design.width + 1), order="F")
+    free = sum(_add_records(upper, design, noise, part) for part in chosen)
+    matrix = _symmetric(upper)
+    if np.array_equal(np.any(chosen, axis=0), used):
+        _add_prior(matrix, design)
+    return Gram(design, noise, matrix, free)
+
+
+def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask) -> int:
+    """Add the products of some of the used records to the upper triangle.
+
+    Returns:
+        Their rows less the unknown points that are projected out.
     """
     fit = design.fit
     used = fit.used & fit.observations.has_target
-    chosen = used if records is None else used & records
     part = np.where(chosen, 0, -1)
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.point.seats[old]
@@ -127,7 +155,6 @@ def gram_of(design: Design, noise: RecordNoise, records: Mask | None = None) -> 
     elimination = SeatElimination(observations, points, by_seat)
     whole_groups = noise.postures.with_all_of_a_group(chosen, used)
     deviations = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)
-    upper = np.zeros((design.width + 1, design.width + 1), order="F")
     along = np.zeros((len(observations.labels), 3, design.width + 1))
     most = max(ROWS_OF_A_GROUP // design.tips.shape[1], 1)
     for group in noise.postures.divided(np.flatnonzero(whole_groups), most):
@@ -142,14 +169,9 @@ def gram_of(design: Design, noise: RecordNoise, records: Mask | None = None) -> 
     added, taken = elimination.squares(along, seats, bars)
     _add_squares(upper, added, 1.0)
     _add_squares(upper, taken, -1.0)
-    matrix = upper + upper.T
-    matrix.flat[:: len(matrix) + 1] *= 0.5
     stated = seats[observations.known[seats]]
     counted = RowBlock(np.flatnonzero(chosen), stated, bars, seats.size)
-    free = max(counted.free(observations.counts), 0)
-    if records is None:
-        _add_prior(matrix, design)
-    return Gram(design, noise, matrix, free)
+    return max(counted.free(observations.counts), 0)
 
 
 def _add_squares(upper: Array, rows: Array, factor: float) -> None:
@@ -159,15 +181,16 @@ def _add_squares(upper: Array, rows: Array, factor: float) -> None:
         dsyrk(factor, flat.T, beta=1.0, c=upper, overwrite_c=True)
 
 
-def joined(whole: Gram, parts: Iterable[Gram]) -> Gram:
-    """The products of some parts together, with the prior and the background of the whole."""
-    matrix = np.zeros_like(whole.matrix)
-    _add_prior(matrix, whole.design)
-    free = 0
-    for part in parts:
-        matrix += part.matrix
-        free += part.free
-    return replace(whole, matrix=matrix, free=free, origin=whole)
+def _symmetric(upper: Array) -> Array:
+    """The matrix of an upper triangle, in place: tile by tile, for memory is slow across rows."""
+    for first in range(0, len(upper), TILE):
+        rows = slice(first, first + TILE)
+        inside = np.triu(upper[rows, rows])
+        upper[rows, rows] = inside + np.triu(inside, 1).T
+        for second in range(first + TILE, len(upper), TILE):
+            columns = slice(second, second + TILE)
+            upper[columns, rows] = upper[rows, columns].T
+    return upper.T  # row by row in memory
 
 
 def _add_prior(matrix: Array, design: Design) -> None:

@@ -102,6 +102,11 @@ class Base:
         """Number of nuisance columns."""
         return self.gram.design.nuisances
 
+    @property
+    def design_blocks(self) -> tuple[Block, ...]:
+        """All blocks of the design."""
+        return self.gram.design.blocks
+
     @cached_property
     def _products(self) -> tuple[Array, Array]:
         """Products of nuisances and background with all columns (b, columns + 1), and with one
@@ -111,12 +116,11 @@ class Base:
         rows = self.gram.matrix[:first]
         if not self.amplitude:
             return rows, rows[:, :first]
-        directions = self.gram.directions
-        with_all = directions.weights.T @ self.gram.matrix[directions.columns]
-        across = with_all[:, :first]
-        inside = with_all[:, directions.columns] @ directions.weights
+        directions, along = self.gram.directions, self.gram.along_directions
+        across = along[:, :first]
+        inside = along[:, directions.columns] @ directions.weights
         whole = np.block([[rows[:, :first], across.T], [across, inside]])
-        return np.concatenate([rows, with_all]), whole
+        return np.concatenate([rows, along]), whole
 
     @cached_property
     def prior(self) -> Array:
@@ -146,6 +150,24 @@ class Base:
         integrated over (columns + 1,).
         """
         return np.asarray(self.gram.matrix[-1] - self.whitened[:, -1] @ self.whitened)
+
+    def inside(self, columns: slice | Index) -> Array:
+        """Products of some columns with one another: of each block of columns (b, q) by itself (b,
+        q, q); kept.
+        """
+        key = _key(columns)
+        if key not in self._inside:
+            matrix = self.gram.matrix
+            if isinstance(columns, slice):
+                products = matrix[columns, columns]
+            else:
+                products = matrix[columns[:, :, None], columns[:, None, :]]
+            self._inside[key] = products - _squares(self.whitened[:, columns])
+        return self._inside[key]
+
+    @cached_property
+    def _inside(self) -> dict[object, Array]:
+        return {}
 
     def rows(self, block: int) -> Array:
         """Products of the parameters of a block with all columns and the residual (q, columns + 1);
@@ -186,51 +208,82 @@ class Base:
 
 
 @dataclass(frozen=True, eq=False)
-class Conditional:
-    """The base with the blocks of a set integrated over, each parameter ``β ~ N(0, τ²)`` in units
-    of the typical magnitude; one that nature has above zero by the half of that.
+class Members:
+    """The blocks of a set, beside nuisances and background; whatever their widths.
 
     Attributes:
         base: nuisances and background integrated over.
         blocks: numbers of the set's blocks.
-        widths: numbers of their τ.
-        likelihood: of χ².
-        rows: products of the set's parameters with all columns and the residual (m, columns + 1).
     """
 
     base: Base
     blocks: tuple[int, ...]
-    widths: tuple[int, ...]
-    likelihood: Likelihood
-    rows: Array
-
-    @staticmethod
-    def of(
-        base: Base, blocks: tuple[int, ...], widths: tuple[int, ...], likelihood: Likelihood
-    ) -> Conditional:
-        """The blocks, by their products beside the base."""
-        rows = [base.rows(k) for k in blocks]
-        none = np.zeros((0, len(base.gram.matrix)))
-        return Conditional(base, blocks, widths, likelihood, np.concatenate([none, *rows]))
-
-    @property
-    def design_blocks(self) -> tuple[Block, ...]:
-        """All blocks of the design."""
-        return self.base.gram.design.blocks
 
     @cached_property
     def places(self) -> dict[int, slice]:
         """Where each block is among the set's parameters."""
-        sizes = [self.design_blocks[k].size for k in self.blocks]
+        sizes = [self.base.design_blocks[k].size for k in self.blocks]
         ends = np.cumsum(sizes, dtype=int).tolist()
         slices = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         return dict(zip(self.blocks, slices, strict=True))
 
     @cached_property
+    def rows(self) -> Array:
+        """Products of the set's parameters with all columns and the residual (m, columns + 1)."""
+        rows = [self.base.rows(k) for k in self.blocks]
+        return np.concatenate([np.zeros((0, len(self.base.gram.matrix))), *rows])
+
+    @cached_property
     def information(self) -> Array:
         """Products of the set's parameters with one another (m, m)."""
-        each = [self.design_blocks[k].of_rows(self.rows) for k in self.blocks]
-        return np.concatenate([np.zeros((len(self.rows), 0)), *each], axis=1)
+        size = sum(self.base.design_blocks[k].size for k in self.blocks)
+        found = np.empty((size, size))
+        for k, own in self.places.items():
+            rows = self.base.rows(k)
+            for other, columns in self.places.items():
+                found[own, columns] = self.base.design_blocks[other].of_rows(rows)
+        return found
+
+    @cached_property
+    def gradient(self) -> Array:
+        """Products of the set's parameters with the residual (m,)."""
+        return np.concatenate([np.zeros(0), *(self.base.rows(k)[:, -1] for k in self.blocks)])
+
+
+@dataclass(frozen=True, eq=False)
+class Conditional:
+    """The base with the blocks of a set integrated over, each parameter ``β ~ N(0, τ²)`` in units
+    of the typical magnitude; one that nature has above zero by the half of that.
+
+    Attributes:
+        members: the set.
+        widths: numbers of their τ.
+        likelihood: of χ².
+    """
+
+    members: Members
+    widths: tuple[int, ...]
+    likelihood: Likelihood
+
+    @property
+    def base(self) -> Base:
+        """Nuisances and background integrated over."""
+        return self.members.base
+
+    @property
+    def blocks(self) -> tuple[int, ...]:
+        """Numbers of the set's blocks."""
+        return self.members.blocks
+
+    @property
+    def design_blocks(self) -> tuple[Block, ...]:
+        """All blocks of the design."""
+        return self.base.design_blocks
+
+    @property
+    def places(self) -> dict[int, slice]:
+        """Where each block is among the set's parameters."""
+        return self.members.places
 
     @cached_property
     def scale(self) -> Array:
@@ -241,14 +294,15 @@ class Conditional:
     @cached_property
     def factor(self) -> Array:
         """Lower Cholesky factor of the parameters' precision ``G + T⁻²`` (m, m)."""
-        return lower_factor(self.information + np.diag(self.scale**-2.0), np.diag(self.information))
+        information = self.members.information
+        return lower_factor(information + np.diag(self.scale**-2.0), np.diag(information))
 
     @cached_property
     def estimate(self) -> Array:
         """Posterior mean of the set's parameters (m,), as a step."""
         if not self.blocks:
             return np.zeros(0)
-        return np.asarray(-scipy.linalg.cho_solve((self.factor, True), self.rows[:, -1]))
+        return np.asarray(-scipy.linalg.cho_solve((self.factor, True), self.members.gradient))
 
     @cached_property
     def inverse(self) -> Array:
@@ -268,7 +322,7 @@ class Conditional:
     @cached_property
     def chi2(self) -> float:
         """What is left of χ²."""
-        change = self.rows[:, -1] @ self.estimate
+        change = self.members.gradient @ self.estimate
         return float(self.base.left[-1] + change)
 
     @cached_property
@@ -289,7 +343,7 @@ class Conditional:
         if not self.design_blocks[block].positive:
             return 0.0
         place = self.places[block].start
-        unit = np.zeros(len(self.rows))
+        unit = np.zeros(len(self.scale))
         unit[place] = 1.0
         along = scipy.linalg.solve_triangular(self.factor, unit, lower=True)
         deviation = np.sqrt(self.variance * (along @ along))
@@ -309,7 +363,7 @@ class Conditional:
     def dof(self) -> float:
         """Degrees of freedom that the set leaves, of all that it may use."""
         of_prior = np.diag(self.inverse) / np.square(self.scale)
-        used = len(self.rows) - float(of_prior.sum())
+        used = len(self.scale) - float(of_prior.sum())
         return float(self.base.gram.free - self.base.determined - used)
 
     def canonical(self, one: int, other: int) -> float:
@@ -326,13 +380,24 @@ class Conditional:
     @cached_property
     def whitened(self) -> Array:
         """``L⁻¹`` times the products with all columns and the residual (m, columns + 1)."""
-        return divided(self.factor, self.rows) if self.blocks else self.rows
+        return divided(self.factor, self.members.rows) if self.blocks else self.members.rows
 
-    def whitened_columns(self, columns: slice) -> Array:
-        """The same of some columns alone (m, columns)."""
-        if "whitened" in vars(self) or not self.blocks:
-            return self.whitened[:, columns]
-        return divided(self.factor, self.rows[:, columns])
+    def inside(self, columns: slice | Index) -> Array:
+        """Products of some columns with one another beside the set, see :meth:`Base.inside`;
+        kept.
+        """
+        key = _key(columns)
+        if key not in self._inside:
+            if isinstance(columns, slice) and "whitened" not in vars(self) and self.blocks:
+                whitened = divided(self.factor, self.members.rows[:, columns])
+            else:
+                whitened = self.whitened[:, columns]
+            self._inside[key] = self.base.inside(columns) - _squares(whitened)
+        return self._inside[key]
+
+    @cached_property
+    def _inside(self) -> dict[object, Array]:
+        return {}
 
     @cached_property
     def all(self) -> Beside:
@@ -404,13 +469,16 @@ class Conditional:
         inverse = np.linalg.inv(self.base.factor[first:, first:])
         return self._of_base[first:], self.variance * inverse.T @ inverse
 
-    def tips(self, records: Index | None = None) -> Array:
-        """Tips of some records with everything at its posterior mean (n, 3), with orientations (n,
-        6) [m, rad].
-        """
+    @cached_property
+    def all_tips(self) -> Array:
+        """Tips with everything at its posterior mean (n, 3), with orientations (n, 6) [m, rad]."""
+        return self.tips(np.arange(len(self.base.gram.design.tips)))
+
+    def tips(self, records: Index) -> Array:
+        """The same of some records."""
         design = self.base.gram.design
-        chosen = np.arange(len(design.tips)) if records is None else records
-        return design.tips[chosen] + design.moved(self.step[:, None], chosen)[:, :, 0]
+        moved = design.moved(self.step[:, None], records)
+        return np.asarray(design.tips[records] + moved[:, :, 0])
 
 
 def log_above_zero(value: Array | float) -> Array:
@@ -457,7 +525,7 @@ class Beside:
         log_volume = conditional.log_volume - 0.5 * float(np.linalg.slogdet(scaled)[1])
         above = conditional.log_above_zero_of
         others = sum(above(k) for k in conditional.blocks if k not in members)
-        back = np.linalg.cholesky(precision).T @ (inverse @ conditional.rows)
+        back = np.linalg.cholesky(precision).T @ (inverse @ conditional.members.rows)
         chi2 = conditional.chi2 + float(back[:, -1] @ back[:, -1])
         return Beside(conditional, chi2, log_volume, others, back)
 
@@ -499,21 +567,8 @@ class Beside:
         return np.asarray(rows)
 
     def inside(self, columns: slice | Index) -> Array:
-        """Products of some columns with one another: of each block of columns (b, q) by itself (b,
-        q, q).
-        """
-        conditional = self.conditional
-        matrix = conditional.base.gram.matrix
-        whitened = conditional.base.whitened[:, columns]
-        back = self.back[:, columns]
-        if isinstance(columns, slice):
-            both = np.concatenate([whitened, conditional.whitened_columns(columns)])
-            return np.asarray(matrix[columns, columns] - both.T @ both + back.T @ back)
-        both = np.concatenate([whitened, conditional.whitened[:, columns]]).transpose(1, 0, 2)
-        back = back.transpose(1, 0, 2)
-        taken = both.transpose(0, 2, 1) @ both
-        products = matrix[columns[:, :, None], columns[:, None, :]]
-        return np.asarray(products - taken + back.transpose(0, 2, 1) @ back)
+        """Products of some columns with one another, see :meth:`Base.inside`."""
+        return np.asarray(self.conditional.inside(columns) + _squares(self.back[:, columns]))
 
     @cached_property
     def _left(self) -> Array:
@@ -521,7 +576,7 @@ class Beside:
         one more block was added.
         """
         conditional = self.conditional
-        taken = -conditional.estimate @ conditional.rows
+        taken = -conditional.estimate @ conditional.members.rows
         return np.asarray(conditional.base.left - taken + self.back[:, -1] @ self.back)
 
     @cached_property
@@ -606,6 +661,19 @@ def _largest_canonical(first: Array, second: Array, cross: Array) -> float:
         return 0.0
     between = roots[0].T @ cross @ roots[1]
     return float(min(np.linalg.svd(between, compute_uv=False)[0], 1.0))
+
+
+def _key(columns: slice | Index) -> object:
+    """By which products inside some columns are kept."""
+    if isinstance(columns, slice):
+        return columns.start, columns.stop
+    return columns.tobytes()
+
+
+def _squares(rows: Array) -> Array:
+    """``Rᵀ R`` of rows (m, q); of those of some blocks (m, b, q) each by itself (b, q, q)."""
+    each = rows if rows.ndim == 2 else rows.transpose(1, 0, 2)
+    return np.asarray(each.swapaxes(-1, -2) @ each)
 
 
 def lower_factor(matrix: Array, sizes: Array) -> Array:

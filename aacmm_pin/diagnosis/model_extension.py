@@ -204,14 +204,14 @@ class _Before:
 
     tips: Array
     dof: float
-    scatter: ReadingScatter | None
-    shared: SharedSizes
+    scatter: ReadingScatter | None = None
+    shared: SharedSizes = SharedSizes()
 
     @staticmethod
     def of(found: Choice) -> _Before:
         model = found.posterior.top_model
         scatter = None if noise_is_known(found.design.fit) else found.scatter_beside(model)
-        return _Before(model.tips(), model.dof, scatter, found.noise.postures.sizes)
+        return _Before(model.all_tips, model.dof, scatter, found.noise.postures.sizes)
 
     def settled(self, found: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
@@ -335,8 +335,8 @@ def _climbed(
     held = [effect for effect in at.problem.model.effects if effect.free_form]
     design = design_of(at, library, others, at.problem.candidates, held)
     candidates = Candidates.of(design, library)
+    left = before or _Before(at.point.prediction.poses, at.dof)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
-    left = before or _Before(at.point.prediction.poses, at.dof, None, SharedSizes())
     climb = _Climb(candidates, start, library, others, parts, left.scatter)
     if not climb.groups.repeat:
         return climb.with_noise(climb.groups)
@@ -395,7 +395,7 @@ class _Climb:
         found = self.with_noise(postures)
         for _ in range(MOST_EXPLORATIONS):
             model = found.posterior.top_model
-            again = self.shared(model.tips(), model.dof)
+            again = self.shared(model.all_tips, model.dof)
             if again.is_about(found.noise.postures):
                 break
             found = self.with_noise(again)

@@ -20,6 +20,7 @@ from aacmm_pin.diagnosis.linear_model import (
     Beside,
     Conditional,
     Likelihood,
+    Members,
     log_sum,
 )
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -264,7 +265,7 @@ class ModelSpace:
         known = self._rows.pop(key, None)
         if known is None:
             base = self.base(state.amplitude, as_stated)
-            known = Conditional.of(base, state.blocks, state.widths, self.likelihood)
+            known = Conditional(Members(base, state.blocks), state.widths, self.likelihood)
         elif known.widths != state.widths:
             known = replace(known, widths=state.widths)
         self._rows[key] = known

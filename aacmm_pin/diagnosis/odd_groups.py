@@ -14,8 +14,8 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import f_sf
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, joined
-from aacmm_pin.diagnosis.linear_model import Base, Conditional
+from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
+from aacmm_pin.diagnosis.linear_model import Base, Conditional, Members
 from aacmm_pin.diagnosis.model_space import Blocks
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements import Measurements
@@ -77,14 +77,13 @@ def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddG
     # A group that was set up badly may be what a covariate was found by.
     blocks = () if choice.covariates else choice.posterior.median
     design = choice.design.of(blocks)
-    numbers = range(len(grouping.names))
-    parts = [gram_of(design, choice.noise, grouping.part == number) for number in numbers]
-    gram = joined(gram_of(design, choice.noise), parts)
+    parts = [grouping.part == number for number in range(len(grouping.names))]
+    gram = gram_of(design, choice.noise, parts)
     used = choice.fit.used
     whole = _without_background(choice, gram, blocks)
-    for number, name in enumerate(grouping.names):
-        mine = grouping.part == number
-        others = _without_background(choice, gram.without(parts[number]), blocks)
+    for name, mine in zip(grouping.names, parts, strict=True):
+        others = gram.without(gram_of(design, choice.noise, [mine]))
+        others = _without_background(choice, others, blocks)
         more = whole.dof - others.dof
         if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
             continue
@@ -102,7 +101,8 @@ def _without_background(choice: Choice, gram: Gram, blocks: Blocks) -> Condition
     """Some of the records beside the nuisances and these blocks, without the background."""
     model = choice.posterior.median_model
     widths = model.widths[: len(blocks)]
-    return Conditional.of(Base(gram, 0.0), tuple(range(len(blocks))), widths, model.likelihood)
+    members = Members(Base(gram, 0.0), tuple(range(len(blocks))))
+    return Conditional(members, widths, model.likelihood)
 
 
 def _scatter(choice: Choice) -> Array:

@@ -100,13 +100,13 @@ class Posterior:
         kept = [k for k in best.blocks if k != block]
         return self.space.conditional(best.of(kept))
 
-    def strength(self, block: int) -> float:
-        """Log posterior odds of the median probability model with one of its blocks against
-        without.
+    @cached_property
+    def by_strength(self) -> list[int]:
+        """Blocks of the median probability model, the one without which it is least probable
+        first.
         """
-        kept = tuple(k for k in self.median if k != block)
-        whole, without = (self.space.marginal(blocks) for blocks in (self.median, kept))
-        return whole.log_posterior - without.log_posterior
+        without = self.space.removals(self.median)
+        return [self.median[k] for k in np.argsort(without, kind="stable").tolist()]
 
     @cached_property
     def causes(self) -> dict[tuple[str, ...], float]:

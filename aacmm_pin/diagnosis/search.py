@@ -91,7 +91,7 @@ def ascended(space: ModelSpace, start: Blocks) -> Blocks:
         if value <= before + LEAST_ASCENT:
             break
     space.marginal(state.blocks, near=state)
-    space.ascents[start] = state.blocks
+    space.ascents |= {start: state.blocks, state.blocks: state.blocks}
     return state.blocks
 
 

@@ -38,10 +38,17 @@ from aacmm_pin.diagnosis.candidates import Variants, candidates
 from aacmm_pin.diagnosis.choice import Choice, _torn
 from aacmm_pin.diagnosis.covariates import Covariate, covariates
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
-from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, joined
+from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
 from aacmm_pin.diagnosis.held_curves import HeldCurves
 from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
-from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood, canonical
+from aacmm_pin.diagnosis.linear_model import (
+    WIDTHS,
+    Base,
+    Conditional,
+    Likelihood,
+    Members,
+    canonical,
+)
 from aacmm_pin.diagnosis.model_extension import ProblemOf, free
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import Posterior
@@ -139,14 +146,14 @@ def without(
     design: Design, noise: RecordNoise, part: NDArray[np.intp], left_out: Sequence[int]
 ) -> Gram:
     """The products of all parts but some, each with points of its own."""
-    kept = [k for k in np.unique(part).tolist() if k not in left_out]
-    return joined(gram_of(design, noise), [gram_of(design, noise, part == k) for k in kept])
+    whole = gram_of(design, noise, [part == k for k in np.unique(part)])
+    return whole.without(gram_of(design, noise, [part == k for k in left_out]))
 
 
 def alone(gram: Gram, stated: bool = True) -> Conditional:
     """Nothing but nuisances."""
     base = Base(gram, 0.0)
-    return Conditional.of(base, (), (), Likelihood(gram.free - base.determined, stated))
+    return Conditional(Members(base, ()), (), Likelihood(gram.free - base.determined, stated))
 
 
 def with_residual(gram: Gram, products: Array, square: float) -> Gram:
@@ -318,15 +325,15 @@ def test_parts_add_up_to_the_whole(case: Case, monkeypatch: pytest.MonkeyPatch) 
     scale = np.outer(size, size)
     assert not _torn(case.fit, case.parts)
     numbers = np.unique(case.parts).tolist()
-    each = [gram_of(design, noise, case.parts == k) for k in numbers]
-    together = joined(whole, each)
+    together = gram_of(design, noise, [case.parts == k for k in numbers])
     close(together.matrix / scale, whole.matrix / scale, 1e-10)
+    each = [gram_of(design, noise, [case.parts == k]) for k in numbers]
     assert together.free == whole.free == sum(part.free for part in each)
     others = whole.without(each[1])
     rows = dense(case, case.parts, [numbers[1]])
     same_products(others.matrix, rows)
     assert others.free == len(rows) - design.nuisances
-    assert others.directions is whole.directions is together.directions
+    assert others.directions is whole.directions
 
 
 @pytest.mark.parametrize("ratio", [0.5, 3.0])
@@ -364,13 +371,15 @@ def test_records_that_share_an_error_in_several_parts(free_case: Case, ratio: fl
     gram = gram_of(free_case.design, replace(free_case.noise, postures=postures))
     part = np.arange(RECORDS) % 3
     assert any(np.unique(part[group == g]).size > 1 for g in range(count.size))
-    each = [gram_of(gram.design, gram.noise, part == k) for k in range(3)]
+    parts = [part == k for k in range(3)]
     size = np.sqrt(np.diag(gram.matrix)) + 1.0
     scale = np.outer(size, size)
-    close(joined(gram, each).matrix / scale, gram.matrix / scale, 1e-10)
+    together = gram_of(gram.design, gram.noise, parts)
+    close(together.matrix / scale, gram.matrix / scale, 1e-10)
     some = np.r_[0 : gram.design.nuisances, -150:0]
-    for one in each:
-        left = (gram.without(one).matrix / scale)[np.ix_(some, some)]
+    for one in parts:
+        others = gram.without(gram_of(gram.design, gram.noise, [one]))
+        left = (others.matrix / scale)[np.ix_(some, some)]
         assert np.linalg.eigvalsh(left).min() > -1e-9
 
 
@@ -389,7 +398,7 @@ def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case, excluded:
     if case.records.conditions.seat is not None:
         assert _torn(case.fit, part)
         torn = replace(case, parts=part).choice(only=few(case)).products_of_parts
-        assert torn.free == gram.free + gram_of(case.design, case.noise, part == 2).free
+        assert torn.free == gram.free + gram_of(case.design, case.noise, [part == 2]).free
 
 
 def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
@@ -851,7 +860,7 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
     for number in np.unique(case.parts)[:3].tolist():
         out = choice.fit.used & (case.parts == number)
         whole = choice.products_of_parts
-        others = whole.without(gram_of(case.design, case.noise, out))
+        others = whole.without(gram_of(case.design, case.noise, [out]))
         space = ModelSpace(choice.candidates, others, True, (0.0,))
         fold = gain._fold(choice, choice.fit, whole, number)
         assert fold is not None
