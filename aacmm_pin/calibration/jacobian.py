@@ -61,15 +61,17 @@ class Columns:
     Attributes:
         state: the arm in its records, as drawn.
         vector: the parameters of the effects.
+        given: effects that stay at their values, beside these.
     """
 
     state: State
     vector: ParameterVector
     same: _Same
     varying: tuple[_Varying, ...]
+    given: tuple[Effect, ...]
 
     @staticmethod
-    def of(state: State, effects: Iterable[Effect]) -> Columns:
+    def of(state: State, effects: Iterable[Effect], given: Iterable[Effect] = ()) -> Columns:
         """Work out what stays, from the arm in its records as drawn."""
         vector = ParameterVector(state.arm, tuple(effects))
         varying: list[_Varying] = []
@@ -95,7 +97,17 @@ class Columns:
             np.array(numbers, dtype=np.intp),
             np.array(of_reference, dtype=bool),
         )
-        return Columns(state, vector, same, tuple(varying))
+        acting = tuple(effect for effect in given if any(effect.values))
+        return Columns(state, vector, same, tuple(varying), acting)
+
+    @cached_property
+    def _given_twists(self) -> tuple[Twists, Twists]:
+        """Twists by the effects that stay: of the arm, and of the references."""
+        found: tuple[Twists, Twists] = ({}, {})
+        for effect in self.given:
+            for place, twist in [] if effect.elastic else effect.exact(self.state):
+                _sum(found[effect.of_reference], {place: twist})
+        return found
 
     @cached_property
     def _elastic(self) -> list[tuple[Effect, slice]]:
@@ -131,14 +143,15 @@ class Columns:
         return np.unique(self.same.number[~self.same.of_reference])
 
     def bends(self, x: Array) -> bool:
-        """Whether any effect at the values ``x`` (p,) bends under weight."""
+        """Whether any effect bends under weight, these at the values ``x`` (p,)."""
         values = [x[own] for _, own in self._elastic]
-        return any(map(np.any, values))
+        return any(effect.elastic for effect in self.given) or any(map(np.any, values))
 
     def at(self, x: Array) -> State:
-        """The arm with all effects at the values ``x`` (p,), as the references state it."""
+        """The arm with all effects, these at the values ``x`` (p,), as the references state it."""
         state = replace(self.state, twists=self._twists(x, False))
-        elastic = [effect.at(tuple(x[own])) for effect, own in self._elastic if x[own].any()]
+        elastic = [effect for effect in self.given if effect.elastic]
+        elastic += [effect.at(tuple(x[own])) for effect, own in self._elastic if x[own].any()]
         state = static_equilibrium(elastic, state) if elastic else state
         of_reference = self._twists(x, True)
         return (
@@ -176,7 +189,8 @@ class Columns:
 
     def _twists(self, x: Array, of_reference: bool) -> Twists:
         places, per_unit = self._same_twists[of_reference]
-        twists: Twists = dict(zip(places, (per_unit @ x)[:, None], strict=True))
+        twists = dict(self._given_twists[of_reference])
+        _sum(twists, dict(zip(places, (per_unit @ x)[:, None], strict=True)))
         for part in self.varying:
             if part.of_reference == of_reference and part.straight and x[part.number].any():
                 _sum(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})

@@ -209,28 +209,14 @@ class Problem:
         return Prior(rows, scales, stated)
 
     @cached_property
-    def _fixed(self) -> Array:
-        """Values of the effects that stay as they are."""
-        found: list[float] = []
-        for effect in self.model.effects:
-            found += effect.values
-        return np.array(found)
-
-    @cached_property
-    def _of_targets(self) -> Mask:
-        """Which values, those of the fixed effects first, say where a target sits."""
-        found: list[bool] = []
-        for effect in (*self.model.effects, *self.vector.effects):
-            found += len(effect.values) * [isinstance(effect, StylusOffset)]
-        return np.array(found, dtype=bool)
+    def _drawn(self) -> State:
+        """The arm as drawn in its records."""
+        arm, records = self.model.arm, self.measurements
+        return State(arm, records.q, records.conditions, arm.chain.tip, turns=self.turns)
 
     @cached_property
     def _columns(self) -> Columns:
-        records = self.measurements
-        arm = self.model.arm
-        drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=self.turns)
-        effects = (*self.model.effects, *self.vector.effects)
-        return Columns.of(drawn, effects)
+        return Columns.of(self._drawn, self.vector.effects, self.model.effects)
 
     def reading_jacobian(self, x: Array, frame: Frame) -> Array:
         """Derivative of each record's target by the readings (n, 3, nq) [m/rad], along the axes of
@@ -243,7 +229,9 @@ class Problem:
             x: values of the parameters (p,); those of targets count.
             frame: where the base is in the frame of the references.
         """
-        state = self._columns.at(np.where(self._of_targets, np.concatenate([self._fixed, x]), 0.0))
+        effects = [*self.model.effects, *(e.at(tuple(x[own])) for e, own in self.vector)]
+        of_targets = [effect for effect in effects if isinstance(effect, StylusOffset)]
+        state = Columns.of(self._drawn, (), of_targets).at(np.zeros(0))
         shifts, turns = self.model.arm.chain.jacobian(state.rotation, state.origin, state.position)
         shifts = self.model.arm.by_readings(frame.rotation @ shifts)
         if not self.turns:
@@ -261,10 +249,10 @@ class Problem:
             looked_at: take the derivative of these points of the last body (n, 3), in the frame of
                 the references, instead of that of the tips [m].
         """
-        state = self._columns.at(np.concatenate([self._fixed, x]))
+        state = self._columns.at(x)
         seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
         of_frame = len(FRAME) if self.external else 0
-        jacobian = self._columns.jacobian(seen, of_frame)[:, :, self._fixed.size :]
+        jacobian = self._columns.jacobian(seen, of_frame)
         if self.external:
             jacobian[:, :3, -6:-3] = np.eye(3)
             jacobian[:, :3, -3:] = -skew(seen.position)
@@ -281,8 +269,7 @@ class Problem:
 
     def poses(self, x: Array, frame: Frame) -> Array:
         """Poses alone of what :meth:`predict` gives (n, 3 or 6) [m, rad]."""
-        values = np.concatenate([self._fixed, x])
-        return self._poses(self._columns.at(values), frame)
+        return self._poses(self._columns.at(x), frame)
 
     def _poses(self, state: State, frame: Frame) -> Array:
         tips = frame.apply(state.position)
@@ -300,7 +287,7 @@ class Problem:
         """The frame with each target turned as the orientations that records state of it say on
         average.
         """
-        state = self._columns.at(np.concatenate([self._fixed, x]))
+        state = self._columns.at(x)
         tip = frame.rotation @ state.rotation[-1]
         turned = tip.transpose(0, 2, 1) @ self._stated
         targets = np.zeros((len(self.targets), 3, 3))
@@ -329,7 +316,7 @@ class Problem:
 
     def bends(self, x: Array) -> bool:
         """Whether the arm bends under weight with the parameters ``x`` (p,)."""
-        return self._columns.bends(np.concatenate([self._fixed, x]))
+        return self._columns.bends(x)
 
     def elastic_jacobian_correction(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
         """What the derivative of the poses leaves out: a turned arm bends otherwise (n, 3 or 6,
@@ -339,12 +326,10 @@ class Problem:
         by too little to matter.
         """
         correction = np.zeros_like(prediction.jacobian)
-        fixed = self._fixed
-        for k in self._columns.alike - fixed.size:
-            if k >= 0:
-                step = OF_WIDTH * self.widths[k] * np.eye(x.size)[k]
-                numeric = self.poses(x + step, frame) - self.poses(x - step, frame)
-                correction[:, :, k] = numeric / (2 * step[k]) - prediction.jacobian[:, :, k]
+        for k in self._columns.alike:
+            step = OF_WIDTH * self.widths[k] * np.eye(x.size)[k]
+            numeric = self.poses(x + step, frame) - self.poses(x - step, frame)
+            correction[:, :, k] = numeric / (2 * step[k]) - prediction.jacobian[:, :, k]
         return correction
 
     def of(self, measurements: Measurements) -> Problem:

@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.calibration import Fit, ParameterVector, information_of_seats, pulls_on_seats
+from aacmm_pin.calibration import Fit, information_of_seats, pulls_on_seats
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
@@ -223,18 +223,16 @@ class Design:
         found *= self.scales
         return found
 
+    def weights(self, block: int) -> Array:
+        """Weights of all columns in each parameter of a block (columns, q)."""
+        own = self.blocks[block]
+        found = np.zeros((self.width, own.size))
+        found[own.columns] = own.in_columns(np.eye(own.size))
+        return found
+
     def columns(self, block: int) -> Array:
         """Displacement of all records by each parameter of a block (n, 3 or 6, q) [m, rad]."""
-        own = self.blocks[block]
-        return self.combined(own.columns, own.in_columns(np.eye(own.size)))
-
-    def combined(self, columns: slice, weights: Array) -> Array:
-        """Displacement of all records by combinations of some columns, whose ``weights`` are
-        (columns, r) (n, 3 or 6, r) [m, rad].
-        """
-        whole = np.zeros((self.width, weights.shape[1]))
-        whole[columns] = weights
-        return self.moved(whole, np.arange(len(self.tips)))
+        return self.moved(self.weights(block), np.arange(len(self.tips)))
 
     def moved(self, weights: Array, records: Index) -> Array:
         """Displacement of some records by all columns times ``weights`` (columns, r) (n, 3 or 6, r)
@@ -443,8 +441,8 @@ class _Calibrated:
         q = records.q[chosen]
         self.chosen = chosen
         self.drawn = State(arm, q, conditions, arm.chain.tip, turns=problem.turns)
-        given = ParameterVector(arm, (*problem.model.effects, *fit.effects))
-        self.state = Columns.of(self.drawn, given.effects).at(given.values)
+        given = (*problem.model.effects, *fit.effects)
+        self.state = Columns.of(self.drawn, (), given).at(np.zeros(0))
         self.frame = point.frame.rotation if problem.external else np.eye(3)
         self._of_carriers = dict[str, Array]()
 

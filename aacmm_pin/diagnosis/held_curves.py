@@ -80,9 +80,7 @@ def _response(choice: Choice, fit: Fit, effects: Sequence[Effect]) -> Array:
     units = [design.scales[: design.nuisances]]
     for k in others:
         block, effect = design.blocks[k], choice.variant(k)
-        along = np.zeros((design.width, block.size))
-        along[block.columns] = block.in_columns(np.eye(block.size))
-        columns.append(along)
+        columns.append(design.weights(k))
         names += [parameter.name for parameter in effect.parameters()]
         typical = np.array([term.typical for term in effect.terms])
         units.append(typical)

@@ -5,7 +5,7 @@ until the set stands.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -205,7 +205,7 @@ class _Before:
     tips: Array
     dof: float
     scatter: ReadingScatter | None = None
-    shared: SharedSizes = SharedSizes()
+    shared: SharedSizes = field(default_factory=SharedSizes)
 
     @staticmethod
     def of(found: Choice) -> _Before:

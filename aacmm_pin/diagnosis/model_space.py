@@ -320,8 +320,9 @@ class ModelSpace:
         peaks = dict[int, Peak]()
         while (best := int(np.argmax(by_amplitude))) not in peaks:
             peaks[best] = self._peak(state._replace(amplitude=best))
+            if peaks[best].state.widths != state.widths:
+                by_amplitude = self._over_amplitudes(peaks[best].state)
             state = peaks[best].state
-            by_amplitude = self._over_amplitudes(state)
         counting = np.flatnonzero(by_amplitude > by_amplitude.max() - COUNTS)
         for k in counting.tolist():
             if k not in peaks:
@@ -403,8 +404,9 @@ class ModelSpace:
         """
         if blocks not in self._gains:
             near, families = self._with_one_more(blocks)
-            near = near or self._near_best(self.marginal(blocks))
-            self._keep_beside(blocks, near)
+            if not near:
+                near = self._near_best(self.marginal(blocks))
+                self._keep_beside(blocks, near)
             factors = np.max([_factors(weighted, families) for weighted in near], axis=0)
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)

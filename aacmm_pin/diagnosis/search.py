@@ -109,6 +109,8 @@ class Walk:
     Attributes:
         values: log posterior of each set visited; approximate where it is far below the best.
         expanded: sets, with the log posterior of each with one block more.
+        gains: gain in log posterior by each block more of sets whose causes differ in their
+            variants alone, such as in the order of a wave: as of the first that was expanded.
         best: largest log posterior.
         expansions: number of sets whose additions may still be ranked.
     """
@@ -116,6 +118,7 @@ class Walk:
     def __init__(self, space: ModelSpace, starts: Iterable[Blocks]) -> None:
         self.space, self.values, self.best = space, dict[Blocks, float](), -np.inf
         self.expanded, self.exchanged = dict[Blocks, Array](), set[Blocks]()
+        self.gains = dict[frozenset[tuple[int, int]], Array]()
         self.expansions = THRESHOLDS.expansions
         for start in starts:
             self._look_at(start)
@@ -125,6 +128,7 @@ class Walk:
         self.values |= other.values
         self.expanded |= other.expanded
         self.exchanged |= other.exchanged
+        self.gains |= other.gains
         self.expansions = THRESHOLDS.expansions
         self.best = max(self.best, other.best)
 
@@ -157,7 +161,11 @@ class Walk:
             open_ = [s for s, w in weights.items() if s not in self.expanded and w >= least]
             held = [s for s, w in weights.items() if w >= holds and s not in self.exchanged]
             if open_ and (not (held and exchanges) or weights[open_[0]] >= holds):
-                self._expand(open_[0])
+                gains = self.gains.get(self._regardless_of_variants(open_[0]))
+                if gains is None:
+                    self._expand(open_[0])
+                else:
+                    self.expanded[open_[0]] = self.values[open_[0]] + gains
             elif held and exchanges:
                 self._exchange(held[0])
             else:
@@ -220,8 +228,15 @@ class Walk:
     def _visit_additions(self, blocks: Blocks) -> None:
         """Visit the additions to a visited set that are within reach."""
         self.expansions -= blocks not in self.expanded
-        self.expanded[blocks] = self.values[blocks] + self.space.gains(blocks)
+        gains = self.space.gains(blocks)
+        self.gains.setdefault(self._regardless_of_variants(blocks), gains)
+        self.expanded[blocks] = self.values[blocks] + gains
         self._visit_each(blocks, self.expanded[blocks], blocks)
+
+    def _regardless_of_variants(self, blocks: Blocks) -> frozenset[tuple[int, int]]:
+        """The candidates of a set, and the variants of its covariates."""
+        candidates = self.space.candidates
+        return frozenset((candidates.owner(k), 0 if candidates.is_cause(k) else k) for k in blocks)
 
     def _exchange(self, blocks: Blocks) -> None:
         """Visit the set with one or two blocks, of whatever place, in place of each member, and of

@@ -302,12 +302,9 @@ def excess_of(extended: Fit) -> float:
 def _discrepancy(choice: Choice, block: int, name: str) -> DiscrepancySize:
     """The size of a covariate's part, at its posterior mean."""
     model = choice.posterior.median_model
-    design = choice.design
-    absorbed = design.blocks[block].of_rows(choice.posterior.space.base(0).whitened)
+    weights = choice.design.weights(block)
     entries = model.places[block]
-    estimate = model.estimate[entries]
-    covariance = model.covariance[entries, entries]
-    rms, u = _sizes(choice, design.columns(block), absorbed, estimate, covariance)
+    rms, u = _sizes(choice, weights, model.estimate[entries], model.covariance[entries, entries])
     return DiscrepancySize(name, rms, u, choice.posterior.probability(block))
 
 
@@ -319,11 +316,9 @@ def _background(choice: Choice) -> list[DiscrepancySize]:
     if not model.base.amplitude:
         return []
     directions = model.base.gram.directions
-    whole = np.zeros((choice.design.width, directions.weights.shape[1]))
-    whole[directions.columns] = directions.weights
-    columns = choice.design.moved(whole, np.arange(len(choice.tips)))
-    absorbed = choice.posterior.space.base(0).whitened[:, directions.columns] @ directions.weights
-    rms, u = _sizes(choice, columns, absorbed, *model.background)
+    weights = np.zeros((choice.design.width, directions.weights.shape[1]))
+    weights[directions.columns] = directions.weights
+    rms, u = _sizes(choice, weights, *model.background)
     noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
     probability = float(1.0 - choice.posterior.amplitudes[0])
     if probability < THRESHOLDS.settled or rms < max(THRESHOLDS.negligible * noise, u):
@@ -332,23 +327,24 @@ def _background(choice: Choice) -> list[DiscrepancySize]:
 
 
 def _sizes(
-    choice: Choice, columns: Array, absorbed: Array, estimate: Array, covariance: Array
+    choice: Choice, weights: Array, estimate: Array, covariance: Array
 ) -> tuple[float, float]:
     """Root mean square displacement of the used records' tips that recalibration leaves, and its
     standard uncertainty [m].
 
     Args:
         choice: what was found.
-        columns: displacement by one unit of each parameter (n, 3 or 6, q).
-        absorbed: products of the columns with the nuisances, divided by the factor of the
-            nuisances (nuisances, q).
+        weights: of all columns in each parameter (columns, q).
         estimate, covariance: of the parameters (q,), (q, q).
     """
     design = choice.design
-    factor = choice.posterior.space.base(0).factor
-    refitted = scipy.linalg.solve_triangular(factor, absorbed, lower=True, trans=1)
-    nuisances = slice(0, design.nuisances)
-    displacement = columns - design.combined(nuisances, refitted)
+    base = choice.posterior.space.base(0)
+    absorbed = base.whitened[:, :-1] @ weights
+    weights = weights.copy()
+    weights[: design.nuisances] -= scipy.linalg.solve_triangular(
+        base.factor, absorbed, lower=True, trans=1
+    )
+    displacement = design.moved(weights, np.arange(len(design.tips)))
     stay = design.deviations(design.tips)
     moved = []
     for k in range(len(estimate)):

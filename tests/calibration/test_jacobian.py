@@ -47,5 +47,11 @@ def test_columns_of_all_effects_are_those_of_each(n, sino6, rng):
     close(state.position, model.predict(q, known, as_referenced=True), 1e-14)
     wanted = np.concatenate([sensitivity(e, state) for e in effects], axis=2)
     np.testing.assert_allclose(columns.jacobian(state), wanted, rtol=1e-12, atol=1e-14)
+    given, estimated = model.effects[1::2], effects[::2]
+    some = Columns.of(columns.state, estimated, given)
+    at = np.concatenate([x[own] for own in columns.vector.slices[::2]])
+    close(some.at(at).position, state.position, 1e-14)
+    wanted = np.concatenate([sensitivity(e, state) for e in estimated], axis=2)
+    np.testing.assert_allclose(some.jacobian(some.at(at)), wanted, rtol=1e-9, atol=1e-12)
     assert columns.bends(x)
     assert not columns.bends(np.where(np.arange(x.size) == columns.vector.slices[6].start, 0.0, x))
