@@ -32,7 +32,7 @@ ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
 definite."""
 LARGE = 6
 """From so many columns on, a Cholesky factor for each width costs less than all eigenvalues."""
-KEPT = 30
+KEPT = 16
 """So many blocks whose products are kept."""
 LEAST_CHI2 = 1e-9
 """χ² is at least this, of data that fit without any residual."""

@@ -37,7 +37,7 @@ LEAST_WEIGHT = 1e-12
 """Least weight of an amplitude when additions are ranked."""
 LEAST_GAIN = 1e-9
 """Least gain in log posterior for which a width changes."""
-RECENT = 5
+RECENT = 2
 """Sets that are kept as they were worked out: they are needed again with other blocks."""
 REMOTE = 16.0
 """A family of blocks that all lower the log posterior of a set by more does not count beside the
