@@ -18,7 +18,7 @@ from aacmm_pin.calibration import Fit, rms
 from aacmm_pin.calibration.cross_validation import distances
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
-from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
+from aacmm_pin.diagnosis.model_space import ModelSpace, ModelState
 from aacmm_pin.diagnosis.search import explore_from, without_block
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
@@ -138,26 +138,27 @@ def _fold(choice: Choice, before: Fit, whole: Gram, number: int) -> Fold | None:
     def distances_of(poses: Array) -> Array:
         return distances(records, poses, lever=choice.fit.lever)
 
-    def predicted(blocks: Blocks, background: bool = False) -> Array:
+    def predicted(state: ModelState, background: bool = False) -> Array:
         """What is stated of known causes holds exactly where their change is not among the blocks,
         or the other records would change them all the same.
         """
         amplitude = len(others.amplitudes) - 1 if background else 0
-        state = others.marginal(blocks).best._replace(amplitude=amplitude)
-        return distances_of(others.conditional(state, as_stated=True).tips(rows))
+        alike = state._replace(amplitude=amplitude)
+        return distances_of(others.conditional(alike, as_stated=True).tips(rows))
 
-    chosen = explore_from(others, [(), median]).median
+    chosen = explore_from(others, median).median
+    of_chosen, of_median = (others.marginal(blocks).best for blocks in (chosen, median))
     candidates = others.candidates
     names = tuple(candidates.design.names[candidates.owner(k)] for k in chosen)
     return Fold(
         rows=rows,
         chosen=names,
         simulation=distances_of(before.point.prediction.poses[rows]),
-        recalibrated=predicted(()),
-        extended=predicted(tuple(filter(candidates.is_cause, chosen))),
-        with_discrepancy=predicted(chosen, background=True),
-        whole=predicted(median),
-        without={k: predicted(without_block(median, k)) for k in choice.causes},
+        recalibrated=predicted(of_chosen.of(())),
+        extended=predicted(of_chosen.of([*filter(candidates.is_cause, chosen)])),
+        with_discrepancy=predicted(of_chosen, background=True),
+        whole=predicted(of_median),
+        without={k: predicted(of_median.of(without_block(median, k))) for k in choice.causes},
     )
 
 

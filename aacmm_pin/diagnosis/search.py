@@ -51,9 +51,9 @@ def climb(space: ModelSpace, start: Blocks) -> Posterior:
     return Walk(space, [(), ascended(space, start)]).posterior()
 
 
-def explore_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
-    """The sets that hold the mass near ``starts``, for a part of the records: without exchanges."""
-    walk = Walk(space, [ascended(space, start) for start in starts])
+def explore_from(space: ModelSpace, start: Blocks) -> Posterior:
+    """The sets that hold the mass near ``start``, for a part of the records: without exchanges."""
+    walk = Walk(space, [(), ascended(space, start)])
     walk.expansions = THRESHOLDS.expansions_of_part
     walk.run(exchanges=False)
     return walk.posterior()
