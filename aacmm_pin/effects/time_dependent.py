@@ -1,28 +1,47 @@
-"""What depends on when: a zero that drifts while the arm warms up, and one that slips."""
+"""What depends on when: a zero that drifts while the arm warms up, and what steps at a time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST
+from aacmm_pin.arm import BASE, Arm
 from aacmm_pin.effects.conditions import Conditions, Records
-from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, of_encoder
+from aacmm_pin.effects.effect import (
+    Displacement,
+    Effect,
+    Term,
+    about_axis,
+    fields_of,
+    of_encoder,
+    shifts,
+    turns,
+    twist,
+)
 from aacmm_pin.effects.nonlinear import Nonlinear, TimeConstant
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
-SLIPS = 40
-"""Times of a slip that are tried, in quantiles of the records' times, besides every long pause."""
+STEPS = 40
+"""Times of a step that are tried, in quantiles of the records' times, besides every long pause."""
+STEPS_OF_SETUP = 20
+"""The same of a step of the set-up, which has several parameters."""
+STEPS_OF_SEAT = 8
+"""The same of a movement of a seat, among the times at which it is touched."""
+LEAST_SEATS = 3
+"""With fewer seats nothing tells which of them moved."""
+FARTHEST_TARGET = 10.0
+"""A target on the last body is within so much of the tip [m]."""
 AT_ENDS = 3
-"""Fewer records before or behind a slip than this may be gross errors: no slip is tried there."""
+"""Fewer records before or behind a step than this may be gross errors: no step is tried there."""
 GAPS_NEAR = 60
-"""Gaps between records around a time of a slip to which it is refined."""
+"""Gaps between records around a time of a step to which it is refined."""
 PAUSE_RATIO = 5.0
 """A pause is so many times longer than the median time between records."""
 
@@ -117,12 +136,13 @@ class _DriftExtrapolation(ZeroDrift):
 
 
 @dataclass(frozen=True)
-class _TimeOfSlip(Nonlinear["EncoderSlip"]):
-    """The time of a slip: a step, of which records determine the gap between two of them."""
+class _TimeOfStep(Nonlinear["StepInTime"]):
+    """The time of a step, of which records determine the gap between two of them."""
 
     unit: str = "s"
     above: float = -LATEST
     words: str = "at {minutes:.1f} min"
+    tried: int = STEPS
 
     def grid(self, records: Records | None) -> Sequence[float]:
         """Times between records, and in every pause, when arms are handled."""
@@ -131,13 +151,13 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
             return ()
         between = (times[1:] + times[:-1]) / 2
         gaps = np.diff(times)
-        pauses = between[gaps > PAUSE_RATIO * np.median(gaps)][:SLIPS]
+        pauses = between[gaps > PAUSE_RATIO * np.median(gaps)][: self.tried]
         first = min(AT_ENDS, (len(between) + 1) // 2) - 1
-        spread = np.linspace(first, len(between) - 1 - first, SLIPS).astype(int)
+        spread = np.linspace(first, len(between) - 1 - first, self.tried).astype(int)
         tried: list[float] = np.union1d(between[np.unique(spread)], pauses).tolist()
         return tried
 
-    def refine(self, effect: EncoderSlip, records: Records) -> list[EncoderSlip]:
+    def refine(self, effect: StepInTime, records: Records) -> list[StepInTime]:
         """In every gap between records near it, counted by records: a pause is far in time."""
         times = records.conditions.times
         between = np.concatenate([times[:1], (times[1:] + times[:-1]) / 2])
@@ -147,23 +167,23 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
         free = replace(effect, between_s=(), sessions=())
         return [self.at(free, time) for time in near.tolist()]
 
-    def gap(self, effect: EncoderSlip, records: Records) -> float:
+    def gap(self, effect: StepInTime, records: Records) -> float:
         """Width of the gap between two times of records in which it is [s]."""
         times = records.conditions.times
         behind = int(np.searchsorted(times, self.value(effect)))
         return float(times[behind] - times[behind - 1]) if 0 < behind < times.size else 0.0
 
-    def prior_probability(self, effect: EncoderSlip, records: Records) -> float:
+    def prior_probability(self, effect: StepInTime, records: Records) -> float:
         """Half by the records (knocked in use), half by the time of the gap (carried around)."""
         times = records.conditions.times
         if times.size < 2:  # of one that is known
             return 1.0
         by_time = self.gap(effect, records) / float(np.ptp(times))
-        return 1.0 / min(times.size - 1, SLIPS) + by_time
+        return 1.0 / min(times.size - 1, self.tried) + by_time
 
     def with_coverage_interval(
-        self, effect: EncoderSlip, low: float, high: float, records: Records
-    ) -> EncoderSlip:
+        self, effect: StepInTime, low: float, high: float, records: Records
+    ) -> StepInTime:
         """From the last record before the interval to the first behind it."""
         times = records.conditions.times
         labels = records.conditions.session
@@ -175,37 +195,32 @@ class _TimeOfSlip(Nonlinear["EncoderSlip"]):
         sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
         return replace(effect, between_s=(before, behind), sessions=sessions)
 
-    def extrapolation_terms(self, effect: EncoderSlip) -> tuple[Effect, ...]:
+    def extrapolation_terms(self, effect: StepInTime) -> tuple[Effect, ...]:
         """Whether a reading between the two times is of before or after."""
-        if not (effect.between_s and any(effect.values)):
+        if effect.in_gap is None or not (effect.between_s and any(effect.values)):
             return ()
-        fields = (effect.joint, effect.time_s, effect.between_s, effect.sessions)
-        return (_SlipTimeUncertainty(*fields, u=(abs(effect.values[0]) / 2.0,)),)
+        fields = {name: getattr(effect, name) for name in fields_of(type(effect))}
+        return (effect.in_gap(**fields, u=tuple(abs(value) / 2.0 for value in effect.values)),)
 
 
-@dataclass(frozen=True)
-class EncoderSlip(Effect):
-    """The disc or coupling slips once: ``δ`` from ``time_s`` on, zero before.
+class StepInTime(Effect):
+    """The base class of causes that are zero before ``time_s``, and constant from then on.
 
-    The unit is rad; the typical magnitude is 5e-5 to 5e-4. This cause needs ``time_s``. Aliases:
-    ``zero_drift``, if few records are near the slip; a reference that moved, or a session that
-    began, at the time of the slip.
-
-    The slip is between the two times ``between_s``. Between these times the model uses ``δ/2``,
-    with the standard uncertainty ``δ/2`` (JCGM 100:2008, 4.3: two equally probable values). The
-    times are by the clock of the ``sessions``. Records of other sessions count as later and have
-    all of ``δ``.
+    A subclass has the fields of its place, ``time_s``, ``between_s`` and ``sessions``. The step is
+    between the two times ``between_s``. Between these times the model uses half of the values, with
+    half of the values as standard uncertainties (JCGM 100:2008, 4.3: two equally probable values).
+    The times are by the clock of the ``sessions``. Records of other sessions count as later and
+    have the whole step.
     """
 
-    joint: int
     time_s: float
-    between_s: tuple[float, ...] = ()
-    sessions: tuple[str, ...] = ()
-    cause: ClassVar[str] = "encoder_slip"
+    between_s: tuple[float, ...]
+    sessions: tuple[str, ...]
     function_of: ClassVar[str] = "time"
     needs: ClassVar[tuple[str, ...]] = ("time",)
-    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfSlip("time_s")
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "step_rad"),)
+    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfStep("time_s")
+    in_gap: ClassVar[type[StepInTime] | None] = None
+    """The same cause between the two times alone."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -216,28 +231,28 @@ class EncoderSlip(Effect):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The name, the joint and the time."""
-        return (self.cause, self.joint, self.time_s)
+        """The name, the place and the time."""
+        return (self.cause, self.place, self.time_s)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """Return notes about records before the slip, and about records of later sessions."""
+        """Return notes about records before the step, and about records of later sessions."""
         found = []
         if self.sessions and (before := self.part(conditions) == 0.0).any():
-            slip = {"cause": self.label, "time": self.time_s}
+            step = {"cause": self.label, "time": self.time_s}
             found.append(
-                Note("before_slip", {"records": int(before.sum()), "of": conditions.n, **slip})
+                Note("before_slip", {"records": int(before.sum()), "of": conditions.n, **step})
             )
         later = self._is_of_later_session(conditions)
         if later.any():
             sessions = [*dict.fromkeys(conditions.require("session", self.label)[later])]
-            slip = {"cause": self.label, "sessions": sessions}
+            step = {"cause": self.label, "sessions": sessions}
             found.append(
-                Note("after_slip", {"records": int(later.sum()), "of": conditions.n, **slip})
+                Note("after_slip", {"records": int(later.sum()), "of": conditions.n, **step})
             )
         return found
 
     def part(self, conditions: Conditions) -> Array:
-        """Return the part of the slip in each record, ``(n,)``: 0 before, 1 after, 0.5 between the
+        """Return the part of the step in each record, ``(n,)``: 0 before, 1 after, 0.5 between the
         two times.
         """
         later = self._is_of_later_session(conditions)
@@ -257,6 +272,31 @@ class EncoderSlip(Effect):
             return np.zeros(conditions.n, dtype=bool)
         return np.asarray((labels != "") & ~np.isin(labels.astype(str), self.sessions))
 
+
+class _InGap(StepInTime):
+    """What is missing of a step, or too much, between the two times."""
+
+    def part(self, conditions: Conditions) -> Array:
+        """One between the two times."""
+        return (super().part(conditions) == 0.5).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class EncoderSlip(StepInTime):
+    """The disc or coupling slips once: ``δ`` from ``time_s`` on, zero before.
+
+    The unit is rad; the typical magnitude is 5e-5 to 5e-4. This cause needs ``time_s``. The slip is
+    between the two times ``between_s``. Aliases: ``zero_drift``, if few records are near the slip;
+    ``frame_shift`` for joint 1, and ``stylus_shift`` for the last joints.
+    """
+
+    joint: int
+    time_s: float
+    between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+    cause: ClassVar[str] = "encoder_slip"
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "step_rad"),)
+
     def displacements(self, state: State) -> list[Displacement]:
         """Return the part of the slip in each record as an error of the reading."""
         part = self.part(state.conditions)
@@ -264,12 +304,109 @@ class EncoderSlip(Effect):
 
 
 @dataclass(frozen=True)
-class _SlipTimeUncertainty(EncoderSlip):
-    """What is missing of a slip, or too much, between the two times."""
-
+class _SlipInGap(_InGap, EncoderSlip):
     terms: ClassVar[tuple[Term, ...]] = (Term("in_gap", "rad", 2e-4, "in_gap_rad"),)
 
+
+@dataclass(frozen=True)
+class FrameShift(StepInTime):
+    """The stand of the arm or the references moved once: ``p_reference = exp(v, ω) p_base`` from
+    ``time_s`` on. The arm has no error.
+
+    The units are m and rad; the typical magnitude is 2e-4 (a stand that was bumped, a tripod that
+    settled). Source: rigid registration. This cause needs ``time_s``. The movement is between the
+    two times ``between_s``. Aliases: ``encoder_slip:1``, if the stand only rotated about joint 1.
+    """
+
+    time_s: float
+    between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+    cause: ClassVar[str] = "frame_shift"
+    words: ClassVar[str] = "movement of the stand or of the references"
+    of_reference: ClassVar[bool] = True
+    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfStep("time_s", tried=STEPS_OF_SETUP)
+    terms: ClassVar[tuple[Term, ...]] = (*shifts(2e-4), *turns(2e-4))
+
     def displacements(self, state: State) -> list[Displacement]:
-        """One between the two times."""
-        between = (self.part(state.conditions) == 0.5).astype(np.float64)
-        return of_encoder(state, self.joint, between[:, None])
+        """Return the unit twists of the base in the later records."""
+        part = self.part(state.conditions)
+        return [Displacement(BASE, np.eye(6) * part[:, None, None])]
+
+
+@dataclass(frozen=True)
+class StylusShift(StepInTime):
+    """The stylus or target moved once on the last body, such as a probe that was mounted again: a
+    translation in the axes of the last frame from ``time_s`` on.
+
+    The unit is m; the typical magnitude is 5e-5. Source: probe qualification, ISO 10360-12:2016.
+    This cause needs ``time_s``. The movement is between the two times ``between_s``. Aliases:
+    ``encoder_slip`` of the last joints.
+    """
+
+    time_s: float
+    between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+    cause: ClassVar[str] = "stylus_shift"
+    words: ClassVar[str] = "movement of the stylus or target on the last body"
+    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfStep("time_s", tried=STEPS_OF_SETUP)
+    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST_TARGET)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Return the unit translations at the tip in the later records."""
+        part = self.part(state.conditions)
+        return [Displacement(state.arm.chain.tip, twist(np.eye(3) * part[:, None, None]))]
+
+
+@dataclass(frozen=True)
+class _StylusShiftInGap(_InGap, StylusShift):
+    terms: ClassVar[tuple[Term, ...]] = tuple(
+        replace(term, name=f"in_gap_{term.name}", key=f"in_gap_{term.key}")
+        for term in StylusShift.terms
+    )
+
+
+@dataclass(frozen=True)
+class SeatShift(StepInTime):
+    """One seat moved once: true position = stated position + e from ``time_s`` on. The arm has no
+    error.
+
+    The unit is m; the typical magnitude is 5e-5 (a seat that was knocked or fixed again). This
+    cause needs ``seat`` and ``time_s``. The movement is between the two times ``between_s``.
+    Aliases: every smooth error of the arm, if you touch the seat in few postures before or after.
+    """
+
+    seat: str
+    time_s: float
+    between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+    cause: ClassVar[str] = "seat_shift"
+    words: ClassVar[str] = "movement"
+    needs: ClassVar[tuple[str, ...]] = ("seat", "time")
+    of_reference: ClassVar[bool] = True
+    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5)
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Return a candidate for every seat that is touched often enough, with times of its own."""
+        if records is None:
+            return
+        labels, times = records.conditions.seat, records.conditions.time
+        if labels is None or times is None or len(np.unique(labels)) < LEAST_SEATS:
+            return
+        for seat in dict.fromkeys(labels.tolist()):
+            touched = np.unique(times[labels == seat])
+            inside = touched[AT_ENDS - 1 : 1 - AT_ENDS] if seat else touched[:0]
+            between = (inside[1:] + inside[:-1]) / 2
+            some = np.linspace(0, between.size - 1, min(between.size, STEPS_OF_SEAT)).astype(int)
+            if between.size:
+                yield tuple(cls(str(seat), time) for time in between[some].tolist())
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Return -e as a translation of the stated coordinates in the later records of the seat."""
+        touched = state.conditions.require("seat", self.label) == self.seat
+        part = self.part(state.conditions) * touched
+        return [Displacement(BASE, twist(-np.eye(3) * part[:, None, None]))]
+
+
+EncoderSlip.in_gap = _SlipInGap
+StylusShift.in_gap = _StylusShiftInGap
