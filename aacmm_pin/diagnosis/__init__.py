@@ -1,6 +1,7 @@
 """Diagnosis: what the simulation gets wrong, the cause, the extended model, and the gain."""
 
 from aacmm_pin.diagnosis.branches import Branches
+from aacmm_pin.diagnosis.budget import BudgetPart
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.check import Check, check_measurements
 from aacmm_pin.diagnosis.choice import Choice
@@ -10,6 +11,7 @@ from aacmm_pin.diagnosis.diagnose_files import diagnose_files
 from aacmm_pin.diagnosis.findings import estimated
 from aacmm_pin.diagnosis.odd_groups import OddGroup
 from aacmm_pin.diagnosis.result import Diagnosis, Finding, too_good
+from aacmm_pin.diagnosis.run_order import RunOrder
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import ScatteredReadings, SharedError, Unexplained
@@ -18,12 +20,14 @@ __all__ = [
     "THRESHOLDS",
     "Alias",
     "Branches",
+    "BudgetPart",
     "Check",
     "Choice",
     "Diagnosis",
     "Finding",
     "Gain",
     "OddGroup",
+    "RunOrder",
     "ScatteredReadings",
     "SharedError",
     "Unexplained",

@@ -67,7 +67,7 @@ def branches_of(choice: Choice) -> Branches | None:
     fit = choice.design.fit
     records = choice.fit.problem.measurements
     usable = choice.counted & fit.observations.has_target
-    if records.conditions.approach is not None or usable.sum() < FEWEST_RECORDS:
+    if usable.sum() < FEWEST_RECORDS:
         return None
     whiten = fit.noise.whitening[:, :3, :3]
     deviations = choice.design.deviations(choice.tips)

@@ -8,6 +8,7 @@ from functools import cached_property
 from itertools import filterfalse
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import Fit
@@ -91,6 +92,19 @@ class Choice:
         background [m, rad].
         """
         return self.posterior.median_model.all_tips
+
+    def displacement(self, weights: Array) -> Array:
+        """Displacement of the used records' tips by all columns times ``weights`` (columns, r) that
+        recalibration leaves, seats at their best (n, 3, r) [m].
+        """
+        design, base = self.design, self.posterior.space.base(0)
+        absorbed = base.whitened[:, :-1] @ weights
+        beside = weights.copy()
+        beside[: design.nuisances] -= solve_triangular(base.factor, absorbed, lower=True, trans=1)
+        moved = design.moved(beside, np.arange(len(design.tips)))
+        stay = design.deviations(design.tips)
+        each = [design.deviations(design.tips + one) - stay for one in np.moveaxis(moved, 2, 0)]
+        return np.stack(each, axis=2)[self.fit.used, :3]
 
     @cached_property
     def scatter_left(self) -> ReadingScatter:

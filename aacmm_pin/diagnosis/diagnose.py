@@ -31,6 +31,7 @@ from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameters import is_reestimated, length_held
 from aacmm_pin.calibration.setup import checked_input
+from aacmm_pin.diagnosis.budget import SHARED, STRUCTURE, budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, folds_of, gain_of
@@ -47,6 +48,7 @@ from aacmm_pin.effects import (
     ErrorModel,
     GivenCause,
     GivenModel,
+    JointHysteresis,
     as_causes,
     corrects_seat,
 )
@@ -115,6 +117,7 @@ def diagnose(
         length_noise,
     )
     measurements, repeated = counted_once(measurements)
+    measurements, derived = _with_approach(measurements)
     measurements, setup = in_first_frame(model, measurements, setup)
     if prior and model.arm.unexplained and model.arm.covariance is not None:
         # What was not explained then is partly in the parameters, and would be missing from the
@@ -137,6 +140,8 @@ def diagnose(
     before = fit(as_stated, used=used)
     recalibrated = fit(problem([]), used=used)
     repeated += session_notes(recalibrated)
+    if derived and any(isinstance(effect, JointHysteresis) for effect in choice.effects):
+        repeated.append(Note("approach_from_time"))
     if model.arm.masses is None:
         repeated.append(Note("masses_not_stated", {"arm": model.arm.name}))
     apart = hold_out and enough_postures(measurements)
@@ -150,6 +155,11 @@ def diagnose(
     judged = [choice.fit] if findings else [choice.fit, alone]
     contradicted = (place for one in judged for place in contradicted_places(one))
     named = [finding.label for finding in findings]
+    noise = choice.fit.distance_of(choice.fit.stated_noise)
+    budget = budget_of(choice, before, unexplained.discrepancy, unexplained.shared_by_postures)
+    nameless = sum(part.mean_square for part in budget if part.part in (STRUCTURE, SHARED))
+    if choice.fit.stated:
+        nameless += budget[-1].mean_square - noise**2
     evidence = Evidence(
         findings=tuple(findings),
         structure=unexplained.structure or excess_of(choice.fit) > 0.0,
@@ -161,12 +171,13 @@ def diagnose(
         contradicted=tuple(dict.fromkeys(contradicted)),
         agree=choice.posterior.agree,
         fits=(recalibrated, choice.fit),
+        named=sum(part.mean_square for part in budget if part.causes),
+        nameless=max(nameless, 0.0),
     )
     doubts = doubts_of(evidence)
     extended = calibrated_model(recalibrated) if evidence.no_better else extended_model(choice)
     if with_discrepancy and not evidence.no_better:
         extended = described_model(model, choice, problem, unexplained.has_background)
-    noise = choice.fit.distance_of(choice.fit.stated_noise)
     return Diagnosis(
         verdict=verdict_of(evidence, doubts),
         findings=tuple(findings),
@@ -183,7 +194,19 @@ def diagnose(
         doubts=doubts,
         otherwise=choice.otherwise,
         contradicted=evidence.contradicted,
+        budget=budget,
     )
+
+
+def _with_approach(measurements: Measurements) -> tuple[Measurements, bool]:
+    """The records with the directions of approach that follow from the order of the time, and
+    whether these were derived: not where they are stated, nor where the order is not known.
+    """
+    time = measurements.conditions.time
+    in_order = time is not None and np.ptp(time) > 0.0 and bool((np.diff(time) >= 0.0).all())
+    if measurements.conditions.approach is not None or not in_order:
+        return measurements, False
+    return measurements.with_approach_from_order(), True
 
 
 def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:

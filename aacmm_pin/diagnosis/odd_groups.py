@@ -82,8 +82,8 @@ def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddG
     used = choice.fit.used
     whole = _without_background(choice, gram, blocks)
     for name, mine in zip(grouping.names, parts, strict=True):
-        others = gram.without(gram_of(design, choice.noise, [mine]))
-        others = _without_background(choice, others, blocks)
+        without = gram.without(gram_of(design, choice.noise, [mine]))
+        others = _without_background(choice, without, blocks)
         more = whole.dof - others.dof
         if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
             continue

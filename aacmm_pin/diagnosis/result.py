@@ -17,6 +17,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Fit, geometric_parameters, rms
+from aacmm_pin.diagnosis.budget import BudgetPart
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
 from aacmm_pin.diagnosis.discrepancy import described_by, lost
@@ -28,7 +29,14 @@ from aacmm_pin.effects import Effect, ErrorModel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive"]
+Verdict = Literal[
+    "explained",
+    "partly-explained",
+    "no-discrepancy",
+    "ambiguous",
+    "unexplained",
+    "inconclusive",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +140,7 @@ class Diagnosis(Shown):
         visible: number of causes that the records would show at typical magnitude, and number of
             all causes tried.
         assumed: notes about assumptions and about changes of the records.
+        budget: parts of the mean square residual of the nominal arm, whose sum is the whole.
     """
 
     verdict: Verdict
@@ -149,6 +158,7 @@ class Diagnosis(Shown):
     doubts: tuple[str, ...]
     otherwise: tuple[str, ...]
     contradicted: tuple[Note, ...]
+    budget: tuple[BudgetPart, ...]
 
     def geometric(self, finding: Finding) -> bool:
         """Return whether a finding is a value of the geometry of the arm."""

@@ -10,7 +10,6 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-import scipy
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report, two_digits
@@ -23,9 +22,12 @@ from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.nonlinear_parameters import noise_is_known
 from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
+from aacmm_pin.diagnosis.run_order import RunOrder, run_order_of
 from aacmm_pin.diagnosis.significance import family_wise_p_value, p_value_of_structure
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
+MOST_NAMED = 2
+"""So many quantities that the residuals depend on are named in a sentence, the strongest first."""
 BACKGROUND = "background"
 """Name of the part of the discrepancy that is too diffuse to be named."""
 
@@ -119,6 +121,7 @@ class Unexplained(Shown):
         branches: the joint over which the residuals fall into two branches, or None.
         readings: other joints whose readings scatter more than stated.
         shared_by_postures: the error that records of one posture share, or None.
+        run_order: the error that consecutive records share, or None.
     """
 
     p_value: float
@@ -133,6 +136,7 @@ class Unexplained(Shown):
     branches: Branches | None = None
     readings: tuple[ScatteredReadings, ...] = ()
     shared_by_postures: SharedError | None = None
+    run_order: RunOrder | None = None
 
     @cached_property
     def shapes(self) -> dict[str, pd.DataFrame]:
@@ -155,14 +159,14 @@ class Unexplained(Shown):
     @property
     def structure(self) -> bool:
         """Whether the residuals have structure that is more probable than not."""
-        others = (self.branches, self.shared_by_postures)
-        return bool(self.depends_on or self.discrepancy or self.readings) or others != (None, None)
+        return bool(self.depends_on or self.discrepancy or self.apart)
 
     @property
     def notes(self) -> tuple[Note, ...]:
         """Notes on covariates that the residuals depend on, and on groups that do not fit in."""
         odd = {group.name: group for group in self.groups}
-        covariates = [name for name in self.depends_on if name not in odd]
+        names = ("place" if name in ("x", "y", "z") else name for name in self.depends_on)
+        covariates = [*dict.fromkeys(name for name in names if name not in odd)][:MOST_NAMED]
         depends = [Note("depends_on", {"covariates": covariates})] if covariates else []
         groups = [
             Note("group_differs", {"group": group.name, "times": group.times})
@@ -171,9 +175,9 @@ class Unexplained(Shown):
         return (*depends, *groups, *(one.note for one in self.apart))
 
     @property
-    def apart(self) -> tuple[Branches | ScatteredReadings | SharedError, ...]:
+    def apart(self) -> tuple[Branches | ScatteredReadings | SharedError | RunOrder, ...]:
         """Structure that is not over a column."""
-        each = (self.branches, *self.readings, self.shared_by_postures)
+        each = (self.branches, *self.readings, self.shared_by_postures, self.run_order)
         return tuple(one for one in each if one is not None)
 
 
@@ -213,6 +217,7 @@ def unexplained_by(
         branches=branches,
         readings=readings,
         shared_by_postures=_shared_error(choice),
+        run_order=None if {"time", "session"} & {*depends} else run_order_of(choice),
     )
 
 
@@ -337,20 +342,7 @@ def _sizes(
         weights: of all columns in each parameter (columns, q).
         estimate, covariance: of the parameters (q,), (q, q).
     """
-    design = choice.design
-    base = choice.posterior.space.base(0)
-    absorbed = base.whitened[:, :-1] @ weights
-    weights = weights.copy()
-    weights[: design.nuisances] -= scipy.linalg.solve_triangular(
-        base.factor, absorbed, lower=True, trans=1
-    )
-    displacement = design.moved(weights, np.arange(len(design.tips)))
-    stay = design.deviations(design.tips)
-    moved = []
-    for k in range(len(estimate)):
-        off = design.deviations(design.tips + displacement[:, :, k])
-        moved.append((off - stay)[choice.fit.used, :3])
-    rows = np.stack(moved, axis=2)
+    rows = choice.displacement(weights)
     square = np.square(rows @ estimate).sum()
     variance = np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True)
     rms, u = np.sqrt(np.maximum([square, variance], 0.0) / len(rows)).tolist()

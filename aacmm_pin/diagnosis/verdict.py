@@ -32,6 +32,8 @@ class Evidence:
         contradicted: stated places that the records contradict.
         agree: the searches from the two starts found the same.
         fits: the searches on which all that rests, that of the extended arm last.
+        named, nameless: mean square that the named causes displace tips by, and that of what has no
+            name [m²].
     """
 
     findings: tuple[Finding, ...]
@@ -44,12 +46,23 @@ class Evidence:
     contradicted: tuple[Note, ...]
     agree: bool
     fits: tuple[Fit, ...]
+    named: float = 0.0
+    nameless: float = 0.0
 
     @property
     def settled(self) -> bool:
         """Whether each cause of the extended arm acts without doubt, and probably no other one."""
         sure = all(finding.probability >= THRESHOLDS.settled for finding in self.findings)
         return sure and self.more < THRESHOLDS.named
+
+
+    @property
+    def mostly_named(self) -> bool:
+        """Whether each cause acts without doubt, held-out records confirm it as far as there are
+        any, and the causes displace tips by more than what has no name.
+        """
+        sure = all(f.probability >= THRESHOLDS.settled and f.borne_out for f in self.findings)
+        return sure and not self.no_better and self.named > self.nameless
 
 
 def _shows_few_causes(evidence: Evidence) -> bool:
@@ -84,7 +97,8 @@ def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:
     """The verdict.
 
     Returns:
-        ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the
+        ``unexplained``: structure is left. ``partly-explained``: structure is left, but the named
+        causes are certain and larger. ``inconclusive``: a search did not converge, or the
         noise cannot be told; so many records were excluded that they are no gross errors; or a
         doubt stands. ``ambiguous``: the mass is on several sets of causes. ``explained``,
         ``no-discrepancy``: else.
@@ -92,7 +106,8 @@ def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:
     if not all(fit.converged and fit.tells_noise for fit in evidence.fits):
         return "inconclusive"
     if evidence.structure:
-        return "unexplained"
+        doubtful = evidence.fits[-1].too_many_excluded or "below zero" in doubts
+        return "partly-explained" if evidence.mostly_named and not doubtful else "unexplained"
     if evidence.fits[-1].too_many_excluded or "below zero" in doubts:
         return "inconclusive"
     if not evidence.settled:

@@ -164,8 +164,7 @@ class _TimeOfStep(Nonlinear["StepInTime"]):
         place = int(np.searchsorted(between, effect.time_s))
         first = max(place - GAPS_NEAR // 2, 0)
         near = between[first : first + GAPS_NEAR]
-        free = replace(effect, between_s=(), sessions=())
-        return [self.at(free, time) for time in near.tolist()]
+        return [self.at(effect.with_gap((), ()), time) for time in near.tolist()]
 
     def gap(self, effect: StepInTime, records: Records) -> float:
         """Width of the gap between two times of records in which it is [s]."""
@@ -193,7 +192,7 @@ class _TimeOfStep(Nonlinear["StepInTime"]):
         before = float(times[times < low].max(initial=-LATEST))
         behind = float(times[times > high].min(initial=LATEST))
         sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
-        return replace(effect, between_s=(before, behind), sessions=sessions)
+        return effect.with_gap((before, behind), sessions)
 
     def extrapolation_terms(self, effect: StepInTime) -> tuple[Effect, ...]:
         """Whether a reading between the two times is of before or after."""
@@ -221,6 +220,11 @@ class StepInTime(Effect):
     nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfStep("time_s")
     in_gap: ClassVar[type[StepInTime] | None] = None
     """The same cause between the two times alone."""
+
+    def with_gap(self, between_s: tuple[float, ...], sessions: tuple[str, ...]) -> Self:
+        """Return the cause with another gap, by the clock of other sessions."""
+        fields: dict[str, Any] = {"between_s": between_s, "sessions": sessions}
+        return replace(self, **fields)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -278,7 +282,7 @@ class _InGap(StepInTime):
 
     def part(self, conditions: Conditions) -> Array:
         """One between the two times."""
-        return (super().part(conditions) == 0.5).astype(np.float64)
+        return np.where(super().part(conditions) == 0.5, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -380,7 +384,7 @@ class SeatShift(StepInTime):
     between_s: tuple[float, ...] = ()
     sessions: tuple[str, ...] = ()
     cause: ClassVar[str] = "seat_shift"
-    words: ClassVar[str] = "movement"
+    words: ClassVar[str] = "later displacement"
     needs: ClassVar[tuple[str, ...]] = ("seat", "time")
     of_reference: ClassVar[bool] = True
     terms: ClassVar[tuple[Term, ...]] = shifts(5e-5)

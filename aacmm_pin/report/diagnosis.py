@@ -21,11 +21,13 @@ from aacmm_pin.diagnosis import (
     Diagnosis,
     Finding,
     Gain,
+    RunOrder,
     ScatteredReadings,
     SharedError,
     Unexplained,
 )
-from aacmm_pin.diagnosis.unexplained import BACKGROUND
+from aacmm_pin.diagnosis.budget import STRUCTURE
+from aacmm_pin.diagnosis.unexplained import BACKGROUND, MOST_NAMED
 from aacmm_pin.effects import (
     Discrepancy,
     Effect,
@@ -135,6 +137,12 @@ DISCREPANCY = (
     "uncertainty. The column 'probability' states how probably the discrepancy "
     "exists."
 )
+BUDGET = "What the nominal arm gets wrong, by part"
+BUDGET_EXPLAINED = (
+    "The mean squares of all parts add up to the mean square residual of the nominal arm, and the "
+    "column 'share' states the part of each. A cause counts with the displacement that "
+    "recalibration does not absorb. The geometry is what the other parts leave."
+)
 GROUPS = "Groups of records that disagree with the other records; check their set-up"
 """Captions of tables, and how to read them."""
 
@@ -152,8 +160,10 @@ def diagnosis_document(
         when: date of the page (UTC).
     """
     planned = next_measurements(result) if summary is None else summary["next_measurements"]
-    blocks = [*_result(result, planned), *_causes(result), *_other_causes(result)]
-    blocks += [*_held_out(result), *_wrong(result), *_on_the_arm(result), *_left(result)]
+    blocks = [*_result(result, planned), *_budget(result), *_causes(result)]
+    blocks += _other_causes(result)
+    blocks += [*_held_out(result), *_wrong(result), *_on_the_arm(result)]
+    blocks += [*_left(result), residuals_by_row(result)]
     blocks.append(Notes(result.notes))
     source = ""
     if summary is not None:
@@ -172,11 +182,13 @@ def verdict_in_words(result: Diagnosis) -> str:
     """
     wrong = _wrong_in_words(result)
     doubts = ""
-    if result.verdict in ("unexplained", "ambiguous"):
+    if result.verdict in ("unexplained", "partly-explained", "ambiguous"):
         doubts = "".join(f" {capital(doubt)}." for doubt in doubts_in_words(result))
     match result.verdict:
-        case "unexplained":
-            text = _not_explained(result) + (f"; in addition, {wrong}" if result.findings else "")
+        case "unexplained" | "partly-explained":
+            text = _not_explained(result)
+            if result.findings:
+                text = ". ".join([wrong, *_worth_in_words(result), capital(text)])
         case "inconclusive":
             text = _inconclusive(result, wrong)
         case "ambiguous":
@@ -190,19 +202,14 @@ def verdict_in_words(result: Diagnosis) -> str:
 
 
 def certainty_in_words(result: Diagnosis) -> str:
-    """How probable the named causes are, each and together; nothing if none is named."""
+    """How probable the least probable of the named causes is; nothing if none is named."""
     if not result.findings:
         return ""
     least = probability(min(finding.probability for finding in result.findings))
-    cause, alone = "The least probable of the named causes", "the named causes act"
+    cause = "The least probable of the named causes"
     if len(result.findings) == 1:
         cause = capital(in_words(result.findings[0].effect, result.model.arm))
-        alone = "the named cause acts"
-    text = f"{cause} acts with probability {least}."
-    share = _shares(result).get(_labels(result))
-    if share is None:
-        return text
-    return f"{text} The probability that only {alone} is {probability(share)}."
+    return f"{cause} acts with probability {least}."
 
 
 def _labels(result: Diagnosis) -> frozenset[str]:
@@ -216,7 +223,7 @@ def _shares(result: Diagnosis) -> dict[frozenset[str], float]:
 
 def next_set_in_words(result: Diagnosis) -> str:
     """The most probable other set of causes, by what it has and lacks beside the named set; nothing
-    if the verdict names the other sets.
+    if none is probable, or if the verdict names the other sets.
     """
     found, shares = _labels(result), _shares(result)
     shares.pop(found, None)
@@ -224,7 +231,7 @@ def next_set_in_words(result: Diagnosis) -> str:
         return ""
     likely, share = next(iter(shares.items()))
     if share < THRESHOLDS.rival:
-        return f"No other set of causes has a probability above {probability(share)}."
+        return ""
     more, fewer = (
         labels_in_words(result, tuple(sorted(labels)))
         for labels in (likely - found, found - likely)
@@ -248,8 +255,10 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
         causes = labels_in_words(result, labels) or "no cause"
         named.append(f"{causes} (probability of this set {probability(share)})")
     if not found:
-        wrong = "these records do not determine whether the model lacks a cause"
+        wrong = "these records do not determine which cause the model lacks"
         wrong += f" (probability {probability(1.0 - result.more)} that none acts)"
+        if result.extended.scatters and result.extended.stated:
+            wrong = f"{_left_in_words(result)}, but {wrong}"
     if len(named) == 1:
         return f"{wrong}. Another possible set of causes is {named[0]}"
     return f"{wrong}. Other possible sets of causes are {listed(named)}"
@@ -257,7 +266,7 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
 
 def _excluded_in_words(result: Diagnosis) -> str:
     """What stays unexplained for being excluded, where these records are no gross errors."""
-    if result.verdict != "unexplained":
+    if result.verdict not in ("unexplained", "partly-explained"):
         return ""
     left = exclusions_of(result.extended)
     return f"{exclusions_in_words(left)} " if left.doubtful else ""
@@ -282,8 +291,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
 
 def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
     """Causes that the model lacks or may lack, and those whose known values are wrong."""
-    sound = [f for f in causes if f.borne_out and not (result.no_better or f.below_zero)]
-    sure = [f for f in sound if f.probability >= THRESHOLDS.settled]
+    sure = [f for f in causes if f.probability >= THRESHOLDS.settled]
     doubtful = [f for f in causes if f not in sure]
     wrong_values = "outdated values for"
     groups = [
@@ -341,20 +349,40 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
 def _not_explained(result: Diagnosis) -> str:
     unexplained = result.unexplained
     sizes, larger = _sizes_left(result)
-    names = [COVARIATES.get(name, name) for name in unexplained.depends_on]
-    depends = listed([*dict.fromkeys(names)])
-    if depends:
-        more = f"the residuals depend on {depends} in a way that no cause of the library explains"
+    names = [*dict.fromkeys(COVARIATES.get(name, name) for name in unexplained.depends_on)]
+    if len(names) > MOST_NAMED:
+        names[MOST_NAMED:] = ["other quantities"]
+    part = next((part for part in result.budget if part.part == STRUCTURE), None)
+    size = "" if part is None else f" ({length(part.rms)} RMS)"
+    if names:
+        how = f"depend on {listed(names)} in a way that no cause of the library explains{size}"
+        more = f"the residuals {how}"
         if larger:
             more = f"{sizes}; {more}"
     elif unexplained.has_background:
-        size = _background(unexplained)
-        more = f"the residuals have structure ({size}) that depends on several quantities together"
+        more = f"the residuals have structure{size} that depends on several quantities together"
     elif unexplained.apart and not larger:
         more = ""
     else:
         more = sizes
     return "; ".join(filter(None, [*map(str, unexplained.apart), more]))
+
+
+def _worth_in_words(result: Diagnosis) -> list[str]:
+    """Which part of what recalibration leaves the named causes explain; nothing if they do not."""
+    held = result.held_out
+    sizes, where = [result.rms["recalibrated"], result.rms["extended"]], "in these records"
+    if held is not None:
+        sizes, where = [rms(held.recalibrated), rms(held.extended)], "on held-out records"
+    if result.no_better or not sizes[1] < sizes[0]:
+        return []
+    explain = "This cause explains" if len(result.findings) == 1 else "These causes explain"
+    share = percent(1.0 - (sizes[1] / sizes[0]) ** 2)
+    before, after = lengths(sizes)
+    return [
+        f"{explain} {share} of the mean square residual of the recalibrated arm {where} "
+        f"(RMS {before} before, {after} after)"
+    ]
 
 
 def _sizes_left(result: Diagnosis) -> tuple[str, bool]:
@@ -487,7 +515,7 @@ def _saved_in_words(result: Diagnosis) -> str:
     return " ".join(said)
 
 
-def _with_its_chance(one: Branches | ScatteredReadings | SharedError) -> str:
+def _with_its_chance(one: Branches | ScatteredReadings | SharedError | RunOrder) -> str:
     """A statement with the number that it rests on."""
     if isinstance(one, Branches):
         return f"{one} (log likelihood ratio {one.log_ratio:.1f})"
@@ -611,6 +639,37 @@ def _result(result: Diagnosis, planned: str) -> list[Block]:
     hint = Paragraph(" ".join(hints), detail=True)
     base = Paragraph(frame_in_words(result.extended))
     return [Heading("Result"), *answers(result, planned), rms_figure(result), base, hint]
+
+
+def budget_table(result: Diagnosis) -> pd.DataFrame:
+    """The parts of the mean square residual of the nominal arm: part, RMS and its u, share."""
+    rows = []
+    for part in result.budget:
+        effects = filter(None, map(result.cause, part.causes))
+        name = listed([name_in_words(effect, result.model.arm) for effect in effects])
+        u = part.u / (2.0 * part.rms) if part.rms else float("nan")
+        sizes = {"rms_mm": part.rms / MM, "u_mm": u / MM}
+        rows.append({"part": name or part.part, **sizes, "share": percent(part.share)})
+    return pd.DataFrame(rows)
+
+
+def _budget(result: Diagnosis) -> list[Block]:
+    figure = Figure(
+        lambda: plots.plot_error_budget(result, blank_axes(6.8, 0.9 + 0.32 * len(result.budget))),
+        BUDGET,
+        "Each bar shows the RMS displacement of the tip by one part.",
+    )
+    return [figure, Table(budget_table(result), BUDGET, explained=BUDGET_EXPLAINED)]
+
+
+def residuals_by_row(result: Diagnosis) -> Figure:
+    """The signed residuals in the order of the records."""
+    return Figure(
+        lambda: plots.plot_residuals_by_row(result, blank_axes(7.4, 3.2)),
+        "Signed residuals of the extended arm in the order of the records",
+        "Each dot shows one coordinate of the residual of one record. If neighbouring dots have the "
+        "same sign, consecutive records share an error.",
+    )
 
 
 def rms_figure(result: Diagnosis) -> Figure:

@@ -13,6 +13,7 @@ from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import (
     Alias,
     Branches,
+    BudgetPart,
     Diagnosis,
     Finding,
     Gain,
@@ -45,6 +46,7 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     summary["records"] = _records(diagnosis)
     summary["rms_mm"] = {name: size / MM for name, size in diagnosis.rms.items()}
     summary["rms_rad"] = diagnosis.turns
+    summary["budget"] = [_part_of_budget(part) for part in diagnosis.budget]
     summary["findings"] = [finding_to_dict(finding) for finding in diagnosis.findings]
     summary["held_out"] = _held_out(diagnosis.held_out)
     summary |= _alternatives(diagnosis)
@@ -93,6 +95,14 @@ def _records(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def _agreement(posterior: Posterior) -> dict[str, Any]:
     return {"total_variation": posterior.disagreement, "agree": posterior.agree}
+
+
+def _part_of_budget(part: BudgetPart) -> dict[str, Any]:
+    sizes = {"rms_mm": part.rms / MM, "mean_square_mm2": part.mean_square / MM**2}
+    return {"part": part.part, "causes": list(part.causes), **sizes} | {
+        "u_mean_square_mm2": part.u / MM**2,
+        "share": part.share,
+    }
 
 
 def _held_out(gain: Gain | None) -> dict[str, Any] | None:
@@ -172,6 +182,7 @@ def _unexplained(left: Unexplained) -> dict[str, Any]:
     summary["branches"] = _branches(left.branches)
     summary["scattered_readings"] = [_scatter(readings) for readings in left.readings]
     summary["shared_by_postures"] = _shared(left.shared_by_postures)
+    summary["run_order"] = None if left.run_order is None else asdict(left.run_order)
     return summary
 
 

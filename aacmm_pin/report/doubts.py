@@ -73,7 +73,7 @@ def _no_better(result: Diagnosis) -> str:
 
 def _structure_left(result: Diagnosis) -> str:
     """The residuals have significant structure (`unexplained.p_value` is below the threshold)."""
-    if result.verdict == "unexplained" or "more causes" in result.doubts:
+    if result.verdict in ("unexplained", "partly-explained") or "more causes" in result.doubts:
         return ""
     return f"the residuals have significant structure ({beside_threshold(result.unexplained)})"
 

@@ -21,6 +21,8 @@ PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 MORE_RECORDS = "take more records, at other postures, to find which of the listed causes act"
 ORDER = ("record", "time")
 """The same, of the order in which records were taken."""
+OPEN = ("unexplained", "partly-explained")
+"""Verdicts with structure that no cause explains."""
 
 
 @one_blas_thread
@@ -31,7 +33,7 @@ def next_measurements(result: Diagnosis) -> str:
     The function needs several seconds for such a plan.
     """
     first = _first(result)
-    if result.verdict == "unexplained" and result.cannot_tell_apart:
+    if result.verdict in OPEN and result.cannot_tell_apart:
         return f"{first}. Then {_to_distinguish(result)}"
     return first
 
@@ -61,6 +63,12 @@ def _first(result: Diagnosis) -> str:
             "--approach-from-order. Otherwise repeat the records and state in the columns "
             f"approach1 … the direction of the last motion of joint {joint}"
         )
+    if unexplained.run_order is not None and unexplained.run_order.joint is not None:
+        joint = unexplained.run_order.joint
+        return (
+            f"examine encoder, cable and coupling of joint {joint}, because an intermittent error "
+            "of consecutive records is likely. Then repeat the records"
+        )
     if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint
         return (
@@ -68,7 +76,7 @@ def _first(result: Diagnosis) -> str:
             "find the error of its encoder or gear"
         )
     if (
-        verdict == "unexplained"
+        verdict in OPEN
         and unexplained.excluded is not None
         and unexplained.excluded.name in ORDER
     ):
@@ -77,7 +85,7 @@ def _first(result: Diagnosis) -> str:
             f"find what differed for the records that have {where}, such as the stand, the "
             "references or an encoder. Diagnose these records and the others separately"
         )
-    if result.contradicted and verdict != "unexplained":
+    if result.contradicted and verdict not in OPEN:
         return f"measure the references again, because {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings:
         return (
@@ -99,13 +107,13 @@ def _first(result: Diagnosis) -> str:
             "repeat the same postures on another day, with the stand or the references elsewhere, "
             "to find whether the arm, the set-up or the references cause the shared error"
         )
-    if verdict == "unexplained" and not unexplained.depends_on and unexplained.has_background:
+    if verdict in OPEN and not unexplained.depends_on and unexplained.has_background:
         return (
             "take more records, at other postures, and add columns for other changing quantities, "
             "because the remaining structure depends on several quantities together"
         )
     if (
-        verdict == "unexplained"
+        verdict in OPEN
         and not unexplained.depends_on
         and result.choice.noise.postures.repeat
     ):
@@ -113,13 +121,13 @@ def _first(result: Diagnosis) -> str:
             "check columns, units and reference frame, because the residuals exceed the scatter of "
             "the repeats. Add columns for quantities that change between postures"
         )
-    if verdict == "unexplained" and not unexplained.depends_on:
+    if verdict in OPEN and not unexplained.depends_on:
         return (
             "repeat some postures without any change, because the scatter of the repeats is the "
             "true noise. If this scatter is as stated, check columns, units and reference frame, "
             "and add columns for other quantities that change"
         )
-    if verdict == "unexplained":
+    if verdict in OPEN:
         return _otherwise(unexplained.depends_on) + _and_repeat(result)
     doubtful = [finding for finding in findings if finding.probability < THRESHOLDS.settled]
     if doubtful or verdict == "ambiguous":

@@ -8,7 +8,13 @@ from .calibration import (
 )
 from .causes import plot_cause, plot_diagnosis, plot_unexplained
 from .circle import plot_circle
-from .groups import plot_groups, plot_held_out, plot_rms
+from .groups import (
+    plot_error_budget,
+    plot_groups,
+    plot_held_out,
+    plot_residuals_by_row,
+    plot_rms,
+)
 from .history import plot_history
 from .maps import QUANTITIES, plot_map
 from .parameter_changes import plot_geometry, plot_parameter_changes
@@ -27,6 +33,7 @@ __all__ = [
     "plot_circle",
     "plot_correlation",
     "plot_diagnosis",
+    "plot_error_budget",
     "plot_geometry",
     "plot_groups",
     "plot_held_out",
@@ -36,6 +43,7 @@ __all__ = [
     "plot_parameter_changes",
     "plot_residual_vectors",
     "plot_residual_views",
+    "plot_residuals_by_row",
     "plot_residuals_by_seat",
     "plot_residuals_over_joint",
     "plot_residuals_over_joints",

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import Diagnosis
+from aacmm_pin.effects import listed, name_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import length_unit, lengths
 from aacmm_pin.report.plots.residual_vectors import MODEL_WORDS
@@ -61,6 +62,49 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     ax.set_xlabel(f"RMS residual [{unit}]")
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97))
+    return ax
+
+
+@plain
+def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
+    """Plot the parts of the residual of the nominal arm, as RMS displacements of the tip."""
+    parts = result.budget
+    unit, scale = length_unit(max(part.rms for part in parts))
+    ax = axes_of(ax, (6.8, 0.9 + 0.32 * len(parts)))
+    names = []
+    for part in parts:
+        effects = filter(None, map(result.cause, part.causes))
+        words = listed([name_in_words(effect, result.model.arm) for effect in effects])
+        names.append(words or part.part)
+    colors = [BLUE if part.causes else GREY for part in parts]
+    bars = ax.barh(range(len(parts)), [part.rms / scale for part in parts], color=colors, height=0.6)
+    ax.set_yticks(range(len(parts)), names)
+    ax.bar_label(bars, lengths([part.rms for part in parts]), padding=5, fontsize=9)
+    ax.invert_yaxis()
+    ax.margins(x=0.15)
+    ax.set_xlabel(f"RMS displacement of the tip [{unit}]")
+    ax.spines[["top", "right"]].set_visible(False)
+    return ax
+
+
+@plain
+def plot_residuals_by_row(result: Diagnosis, ax: Axes | None = None) -> Axes:
+    """Plot the signed coordinates of the residuals of the extended arm in the order of time, or of
+    the rows if no time is stated.
+    """
+    records = result.extended.problem.measurements
+    used = np.flatnonzero(result.extended.used)
+    time = records.conditions.time
+    order = used if time is None else used[np.argsort(time[used], kind="stable")]
+    residuals = result.extended.system.deviation[order, :3]
+    unit, scale = length_unit(float(np.abs(residuals).max()))
+    ax = axes_of(ax, (7.4, 3.2))
+    for axis, color in enumerate((BLUE, VERMILLION, INK)):
+        ax.plot(residuals[:, axis] / scale, ".", ms=4, color=color, label="xyz"[axis])
+    ax.axhline(0.0, color=GREY, lw=0.8)
+    ax.set_xlabel("record, in the order of " + ("the rows" if time is None else "time"))
+    ax.set_ylabel(f"tip minus reference [{unit}]")
+    ax.legend(ncols=3, fontsize=8, frameon=False)
     return ax
 
 

@@ -1,0 +1,114 @@
+"""The budget: what the nominal arm gets wrong as a sum of parts, in mean squares."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aacmm_pin._support.display import Shown
+from aacmm_pin.calibration import Fit, geometric_parameters, rms
+from aacmm_pin.diagnosis.choice import Choice
+from aacmm_pin.diagnosis.gram_matrix import numbers_of
+from aacmm_pin.diagnosis.linear_model import Members
+from aacmm_pin.diagnosis.unexplained import DiscrepancySize, SharedError
+
+GEOMETRY = "geometry"
+STRUCTURE = "structure without a name"
+SHARED = "error that records of one posture share"
+NOISE = "noise"
+
+
+@dataclass(frozen=True)
+class BudgetPart(Shown):
+    """One part of the mean square residual of the nominal arm.
+
+    Attributes:
+        part: ``geometry``; the labels of the causes of one place, joined by ``+``; ``structure
+            without a name``; ``error that records of one posture share``; ``noise``.
+        mean_square: of the residuals [m²]; the parts add up to the whole. It may be below zero for
+            geometry, which is what all other parts leave of the whole.
+        u: standard uncertainty of the mean square [m²].
+        share: part of the whole.
+        causes: labels of the causes; () for other parts.
+    """
+
+    part: str
+    mean_square: float
+    u: float
+    share: float = 0.0
+    causes: tuple[str, ...] = ()
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square [m]; 0 if that is below zero."""
+        return float(np.sqrt(max(self.mean_square, 0.0)))
+
+
+def budget_of(
+    choice: Choice, nominal: Fit, structure: Sequence[DiscrepancySize], shared: SharedError | None
+) -> tuple[BudgetPart, ...]:
+    """The parts of the mean square residual of the nominal arm: geometry, then places and structure
+    by their size, then what records share and the noise.
+
+    Of the displacement ``D`` by a place at the posterior mean, that which recalibration leaves
+    counts: ``mean(D · ΣD)``, with the sum over all places and structure. The noise is the mean
+    square that these leave, for as many free parameters as the nominal arm has. The geometry is the
+    rest of the whole.
+    """
+    used = choice.fit.used
+    whole = rms(np.linalg.norm(nominal.system.deviation[used], axis=1)) ** 2
+    dof = max(choice.posterior.median_model.dof, 1.0)
+    left = rms(np.linalg.norm(choice.design.deviations(choice.tips)[used, :3], axis=1)) ** 2
+    noise = left * max(nominal.dof, 1.0) / dof
+    parts = sorted(_displacing(choice, structure), key=lambda part: -part.mean_square)
+    if shared is not None:
+        of_posture = min(shared.rms**2, noise)
+        groups = max(choice.noise.postures.count.size, 1)
+        parts.append(BudgetPart(SHARED, of_posture, of_posture * math.sqrt(2.0 / groups)))
+        noise -= of_posture
+    parts.append(BudgetPart(NOISE, noise, noise * math.sqrt(2.0 / dof)))
+    rest = whole - sum(part.mean_square for part in parts)
+    parts.insert(0, BudgetPart(GEOMETRY, rest, math.hypot(*(part.u for part in parts))))
+    return tuple(replace(part, share=part.mean_square / whole) for part in parts)
+
+
+def _displacing(choice: Choice, structure: Sequence[DiscrepancySize]) -> Iterator[BudgetPart]:
+    """The places of the named causes, and the structure without a name."""
+    design, model = choice.design, choice.posterior.median_model
+    arm = choice.fit.problem.model.arm
+    of_causes = {k: design.weights(k) @ model.estimate[model.places[k]] for k in choice.causes}
+    members = defaultdict[int, list[int]](list)
+    for block in of_causes:
+        if not geometric_parameters(arm, choice.variant(block)):
+            members[int(choice.candidates.of_blocks[block])].append(block)
+    of_structure = model.step - sum(of_causes.values())
+    of_structure[: design.nuisances] = 0.0
+    of_places = [sum(of_causes[k] for k in blocks) for blocks in members.values()]
+    displacements = choice.displacement(np.stack([*of_places, of_structure], axis=1))
+    together = displacements.sum(axis=2)
+    products = np.einsum("nij,ni->j", displacements, together) / max(len(together), 1)
+    for blocks, mean_square in zip(members.values(), products.tolist(), strict=False):
+        labels = tuple(design.names[choice.candidates.owner(k)] for k in blocks)
+        u = abs(mean_square) * _relative_u(choice, blocks)
+        yield BudgetPart(" + ".join(labels), mean_square, u, causes=labels)
+    if structure:
+        u = 2.0 * math.sqrt(abs(products[-1])) * math.hypot(*(part.u for part in structure))
+        yield BudgetPart(STRUCTURE, float(products[-1]), u)
+
+
+def _relative_u(choice: Choice, blocks: Sequence[int]) -> float:
+    """Relative standard uncertainty of the mean square by some causes, in units of the noise:
+    ``2 √(βᵀ I Σ I β) / βᵀ I β`` with the information I beside all that is refitted.
+    """
+    model = choice.posterior.median_model
+    members = Members(choice.posterior.space.base(0), tuple(blocks))
+    own = numbers_of([model.places[k] for k in blocks])
+    estimate = model.estimate[own]
+    gradient = members.information @ estimate
+    variance = float(gradient @ model.covariance[np.ix_(own, own)] @ gradient)
+    size = float(gradient @ estimate)
+    return 2.0 * math.sqrt(variance) / size if size > 0.0 else 0.0

@@ -1,0 +1,100 @@
+"""Whether records that follow each other share an error: a run-order test of each joint and of the
+tip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown
+from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin._support.notes import Note
+from aacmm_pin.diagnosis.choice import Choice
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+
+FEWEST_RECORDS = 30
+"""With fewer records the limits of chance are too wide to be of use."""
+LEAST_LEVER = 1e-3
+"""A joint that displaces a record by less than this part of its largest displacement says nothing
+there."""
+
+
+@dataclass(frozen=True)
+class RunOrder(Shown):
+    """Records that follow each other in time share an error.
+
+    Attributes:
+        joint: row of the joint whose error they share; None for a displacement of the tip in the
+            room.
+        correlation: lag-1 autocorrelation of the whitened residuals along the displacement by the
+            joint, or along the axes of the room.
+        limit: 95 % limit of the correlation if the records share nothing.
+        p_value: chance of such a correlation at any joint or at the tip if they share nothing.
+        records: how many records have a residual along that displacement.
+    """
+
+    joint: int | None
+    correlation: float
+    limit: float
+    p_value: float
+    records: int
+
+    @property
+    def note(self) -> Note:
+        """Note that consecutive records share an error."""
+        data = {"correlation": self.correlation, "limit": self.limit}
+        if self.joint is None:
+            return Note("run_order_of_tip", data)
+        return Note("run_order_of_joint", {"joint": self.joint, **data})
+
+    def __str__(self) -> str:
+        return str(self.note)
+
+
+def run_order_of(choice: Choice) -> RunOrder | None:
+    """The joint, or the tip, with the largest autocorrelation in the order of time, or of the rows
+    if no time is stated; None without significant autocorrelation.
+
+    For independent residuals of n records, the lag-1 autocorrelation has a standard deviation of
+    ``1/√n`` (Bartlett 1946, J. R. Stat. Soc. B 8).
+    """
+    tests = [*signed_residuals(choice).items()]
+    found = []
+    for joint, along in tests:
+        known = along[np.isfinite(along).all(axis=1)]
+        if len(known) < FEWEST_RECORDS:
+            continue
+        centred = known - known.mean(axis=0)
+        correlation = float((centred[1:] * centred[:-1]).sum() / np.square(centred).sum())
+        numbers = centred.size
+        chance = float(chi2_sf(numbers * correlation**2, 1)) * len(tests)
+        limit = float(ndtri(0.975) / np.sqrt(numbers))
+        found.append(RunOrder(joint, correlation, limit, min(chance, 1.0), len(known)))
+    significant = [one for one in found if one.correlation > 0.0 and one.p_value < THRESHOLDS.left]
+    return min(significant, key=lambda one: one.p_value, default=None)
+
+
+def signed_residuals(choice: Choice) -> dict[int | None, Array]:
+    """Whitened residuals of the used records beyond all that was found, in the order of time: of
+    each joint along its displacement (n, 1), nan if it has none; of the tip (n, 3) under None.
+    """
+    at = choice.design.fit
+    records = at.problem.measurements
+    time = records.conditions.time
+    order = np.arange(records.n) if time is None else np.argsort(time, kind="stable")
+    order = order[choice.fit.used[order] & at.observations.has_target[order]]
+    whiten = choice.noise.whitening[order, :3, :3]
+    deviations = choice.noise.independent(choice.design.deviations(choice.tips))[order, :3]
+    residuals = np.einsum("nij,nj->ni", whiten, deviations)
+    columns = whiten @ choice.design.of_angles[order, :3]
+    found: dict[int | None, Array] = {None: residuals}
+    for number, row in enumerate(at.problem.model.arm.chain.moving_rows()):
+        levers = np.linalg.norm(columns[:, :, number], axis=1)
+        shows = levers > LEAST_LEVER * levers.max(initial=0.0)
+        along = np.einsum("ni,ni->n", columns[:, :, number], residuals)
+        found[int(row)] = np.where(shows, along / np.where(shows, levers, 1.0), np.nan)[:, None]
+    return found
