@@ -16,9 +16,9 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
-FEWEST_RECORDS = 30
+FEWEST_IN_ORDER = 30
 """With fewer records the limits of chance are too wide to be of use."""
-LEAST_LEVER = 1e-3
+LEAST_PART_OF_LEVER = 1e-3
 """A joint that displaces a record by less than this part of its largest displacement says nothing
 there."""
 
@@ -66,7 +66,7 @@ def run_order_of(choice: Choice) -> RunOrder | None:
     found = []
     for joint, along in tests:
         known = along[np.isfinite(along).all(axis=1)]
-        if len(known) < FEWEST_RECORDS:
+        if len(known) < FEWEST_IN_ORDER:
             continue
         centred = known - known.mean(axis=0)
         correlation = float((centred[1:] * centred[:-1]).sum() / np.square(centred).sum())
@@ -94,7 +94,7 @@ def signed_residuals(choice: Choice) -> dict[int | None, Array]:
     found: dict[int | None, Array] = {None: residuals}
     for number, row in enumerate(at.problem.model.arm.chain.moving_rows()):
         levers = np.linalg.norm(columns[:, :, number], axis=1)
-        shows = levers > LEAST_LEVER * levers.max(initial=0.0)
+        shows = levers > LEAST_PART_OF_LEVER * levers.max(initial=0.0)
         along = np.einsum("ni,ni->n", columns[:, :, number], residuals)
         found[int(row)] = np.where(shows, along / np.where(shows, levers, 1.0), np.nan)[:, None]
     return found

@@ -55,7 +55,6 @@ class Evidence:
         sure = all(finding.probability >= THRESHOLDS.settled for finding in self.findings)
         return sure and self.more < THRESHOLDS.named
 
-
     @property
     def mostly_named(self) -> bool:
         """Whether each cause acts without doubt, held-out records confirm it as far as there are

@@ -39,11 +39,14 @@ from .encoder import (
 )
 from .environment import (
     BaseCompliance,
+    FrameShift,
     ProbeBending,
     ReferenceFrame,
     SeatError,
+    SeatShift,
     StylusBending,
     StylusOffset,
+    StylusShift,
     ThermalExpansion,
 )
 from .error_model import (
@@ -111,6 +114,7 @@ __all__ = [
     "EncoderGain",
     "EncoderSlip",
     "ErrorModel",
+    "FrameShift",
     "GivenCause",
     "GivenModel",
     "GravityEffect",
@@ -137,10 +141,12 @@ __all__ = [
     "Records",
     "ReferenceFrame",
     "SeatError",
+    "SeatShift",
     "Smooth",
     "State",
     "StylusBending",
     "StylusOffset",
+    "StylusShift",
     "Term",
     "ThermalExpansion",
     "TimeConstant",

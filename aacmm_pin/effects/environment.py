@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import ClassVar, Self
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -15,11 +15,17 @@ from aacmm_pin.arm import BASE, Arm, axis, end
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.effect import Displacement, Effect, Term, shifts, turns, twist
 from aacmm_pin.effects.gravity import GravityEffect
+from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
+from aacmm_pin.effects.time_dependent import AT_ENDS, InGap, StepInTime, TimeOfStep
 from aacmm_pin.errors import UnsupportedArmError
 
 LEAST_SEATS = 3
 """With fewer seats nothing tells which of them is off."""
+STEPS_OF_SETUP = 20
+"""Times of a movement of the set-up that are tried; several parameters step there."""
+STEPS_OF_SEAT = 8
+"""The same of a seat, among the times at which it is touched."""
 FARTHEST_TARGET = 10.0
 """A target on the last body is within so much of the tip [m]."""
 ANOTHER_POINT = 5e-4
@@ -160,6 +166,109 @@ class StylusOffset(Effect):
                 * (state.conditions.require("marker", self.label) == self.marker)[:, None, None]
             )
         return [Displacement(state.arm.chain.tip, columns)]
+
+
+@dataclass(frozen=True)
+class FrameShift(StepInTime):
+    """The stand of the arm or the references moved once: ``p_reference = exp(v, ω) p_base`` from
+    ``time_s`` on. The arm has no error.
+
+    The units are m and rad; the typical magnitude is 2e-4 (a stand that was bumped, a tripod that
+    settled). Source: rigid registration. This cause needs ``time_s``. The movement is between the
+    two times ``between_s``. Aliases: ``encoder_slip:1``, if the stand only rotated about joint 1.
+    """
+
+    time_s: float
+    between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+    cause: ClassVar[str] = "frame_shift"
+    words: ClassVar[str] = "movement of the stand or of the references"
+    of_reference: ClassVar[bool] = True
+    nonlinear: ClassVar[Nonlinear[Any]] = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
+    terms: ClassVar[tuple[Term, ...]] = (*shifts(2e-4), *turns(2e-4))
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Return the unit twists of the base in the later records."""
+        part = self.part(state.conditions)
+        return [Displacement(BASE, np.eye(6) * part[:, None, None])]
+
+
+@dataclass(frozen=True)
+class StylusShift(StepInTime):
+    """The stylus or target moved once on the last body, such as a probe that was mounted again: a
+    translation in the axes of the last frame from ``time_s`` on.
+
+    The unit is m; the typical magnitude is 5e-5. Source: probe qualification, ISO 10360-12:2016.
+    This cause needs ``time_s``. The movement is between the two times ``between_s``. Aliases:
+    ``encoder_slip`` of the last joints.
+    """
+
+    time_s: float
+    between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+    cause: ClassVar[str] = "stylus_shift"
+    words: ClassVar[str] = "movement of the stylus or target on the last body"
+    nonlinear: ClassVar[Nonlinear[Any]] = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
+    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST_TARGET)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Return the unit translations at the tip in the later records."""
+        part = self.part(state.conditions)
+        return [Displacement(state.arm.chain.tip, twist(np.eye(3) * part[:, None, None]))]
+
+
+@dataclass(frozen=True)
+class _StylusShiftInGap(InGap, StylusShift):
+    terms: ClassVar[tuple[Term, ...]] = tuple(
+        replace(term, name=f"in_gap_{term.name}", key=f"in_gap_{term.key}")
+        for term in StylusShift.terms
+    )
+
+
+@dataclass(frozen=True)
+class SeatShift(StepInTime):
+    """One seat moved once: true position = stated position + e from ``time_s`` on. The arm has no
+    error.
+
+    The unit is m; the typical magnitude is 5e-5 (a seat that was knocked or fixed again). This
+    cause needs ``seat`` and ``time_s``. The movement is between the two times ``between_s``.
+    Aliases: every smooth error of the arm, if you touch the seat in few postures before or after.
+    """
+
+    seat: str
+    time_s: float
+    between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+    cause: ClassVar[str] = "seat_shift"
+    words: ClassVar[str] = "later displacement"
+    needs: ClassVar[tuple[str, ...]] = ("seat", "time")
+    of_reference: ClassVar[bool] = True
+    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5)
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Return a candidate for every seat that is touched often enough, with times of its own."""
+        if records is None:
+            return
+        labels, times = records.conditions.seat, records.conditions.time
+        if labels is None or times is None or len(np.unique(labels)) < LEAST_SEATS:
+            return
+        for seat in dict.fromkeys(labels.tolist()):
+            touched = np.unique(times[labels == seat])
+            inside = touched[AT_ENDS - 1 : 1 - AT_ENDS] if seat else touched[:0]
+            between = (inside[1:] + inside[:-1]) / 2
+            some = np.linspace(0, between.size - 1, min(between.size, STEPS_OF_SEAT)).astype(int)
+            if between.size:
+                yield tuple(cls(str(seat), time) for time in between[some].tolist())
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Return -e as a translation of the stated coordinates in the later records of the seat."""
+        touched = state.conditions.require("seat", self.label) == self.seat
+        part = self.part(state.conditions) * touched
+        return [Displacement(BASE, twist(-np.eye(3) * part[:, None, None]))]
+
+
+StylusShift.in_gap = _StylusShiftInGap
 
 
 @dataclass(frozen=True)

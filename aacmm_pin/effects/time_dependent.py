@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -11,7 +11,6 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST
-from aacmm_pin.arm import BASE, Arm
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.effect import (
     Displacement,
@@ -20,9 +19,6 @@ from aacmm_pin.effects.effect import (
     about_axis,
     fields_of,
     of_encoder,
-    shifts,
-    turns,
-    twist,
 )
 from aacmm_pin.effects.nonlinear import Nonlinear, TimeConstant
 from aacmm_pin.effects.state import State
@@ -30,14 +26,6 @@ from aacmm_pin.errors import AacmmError
 
 STEPS = 40
 """Times of a step that are tried, in quantiles of the records' times, besides every long pause."""
-STEPS_OF_SETUP = 20
-"""The same of a step of the set-up, which has several parameters."""
-STEPS_OF_SEAT = 8
-"""The same of a movement of a seat, among the times at which it is touched."""
-LEAST_SEATS = 3
-"""With fewer seats nothing tells which of them moved."""
-FARTHEST_TARGET = 10.0
-"""A target on the last body is within so much of the tip [m]."""
 AT_ENDS = 3
 """Fewer records before or behind a step than this may be gross errors: no step is tried there."""
 GAPS_NEAR = 60
@@ -136,7 +124,7 @@ class _DriftExtrapolation(ZeroDrift):
 
 
 @dataclass(frozen=True)
-class _TimeOfStep(Nonlinear["StepInTime"]):
+class TimeOfStep(Nonlinear["StepInTime"]):
     """The time of a step, of which records determine the gap between two of them."""
 
     unit: str = "s"
@@ -217,7 +205,7 @@ class StepInTime(Effect):
     sessions: tuple[str, ...]
     function_of: ClassVar[str] = "time"
     needs: ClassVar[tuple[str, ...]] = ("time",)
-    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfStep("time_s")
+    nonlinear: ClassVar[Nonlinear[Any]] = TimeOfStep("time_s")
     in_gap: ClassVar[type[StepInTime] | None] = None
     """The same cause between the two times alone."""
 
@@ -277,7 +265,7 @@ class StepInTime(Effect):
         return np.asarray((labels != "") & ~np.isin(labels.astype(str), self.sessions))
 
 
-class _InGap(StepInTime):
+class InGap(StepInTime):
     """What is missing of a step, or too much, between the two times."""
 
     def part(self, conditions: Conditions) -> Array:
@@ -308,109 +296,8 @@ class EncoderSlip(StepInTime):
 
 
 @dataclass(frozen=True)
-class _SlipInGap(_InGap, EncoderSlip):
+class _SlipInGap(InGap, EncoderSlip):
     terms: ClassVar[tuple[Term, ...]] = (Term("in_gap", "rad", 2e-4, "in_gap_rad"),)
 
 
-@dataclass(frozen=True)
-class FrameShift(StepInTime):
-    """The stand of the arm or the references moved once: ``p_reference = exp(v, ω) p_base`` from
-    ``time_s`` on. The arm has no error.
-
-    The units are m and rad; the typical magnitude is 2e-4 (a stand that was bumped, a tripod that
-    settled). Source: rigid registration. This cause needs ``time_s``. The movement is between the
-    two times ``between_s``. Aliases: ``encoder_slip:1``, if the stand only rotated about joint 1.
-    """
-
-    time_s: float
-    between_s: tuple[float, ...] = ()
-    sessions: tuple[str, ...] = ()
-    cause: ClassVar[str] = "frame_shift"
-    words: ClassVar[str] = "movement of the stand or of the references"
-    of_reference: ClassVar[bool] = True
-    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfStep("time_s", tried=STEPS_OF_SETUP)
-    terms: ClassVar[tuple[Term, ...]] = (*shifts(2e-4), *turns(2e-4))
-
-    def displacements(self, state: State) -> list[Displacement]:
-        """Return the unit twists of the base in the later records."""
-        part = self.part(state.conditions)
-        return [Displacement(BASE, np.eye(6) * part[:, None, None])]
-
-
-@dataclass(frozen=True)
-class StylusShift(StepInTime):
-    """The stylus or target moved once on the last body, such as a probe that was mounted again: a
-    translation in the axes of the last frame from ``time_s`` on.
-
-    The unit is m; the typical magnitude is 5e-5. Source: probe qualification, ISO 10360-12:2016.
-    This cause needs ``time_s``. The movement is between the two times ``between_s``. Aliases:
-    ``encoder_slip`` of the last joints.
-    """
-
-    time_s: float
-    between_s: tuple[float, ...] = ()
-    sessions: tuple[str, ...] = ()
-    cause: ClassVar[str] = "stylus_shift"
-    words: ClassVar[str] = "movement of the stylus or target on the last body"
-    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfStep("time_s", tried=STEPS_OF_SETUP)
-    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST_TARGET)
-
-    def displacements(self, state: State) -> list[Displacement]:
-        """Return the unit translations at the tip in the later records."""
-        part = self.part(state.conditions)
-        return [Displacement(state.arm.chain.tip, twist(np.eye(3) * part[:, None, None]))]
-
-
-@dataclass(frozen=True)
-class _StylusShiftInGap(_InGap, StylusShift):
-    terms: ClassVar[tuple[Term, ...]] = tuple(
-        replace(term, name=f"in_gap_{term.name}", key=f"in_gap_{term.key}")
-        for term in StylusShift.terms
-    )
-
-
-@dataclass(frozen=True)
-class SeatShift(StepInTime):
-    """One seat moved once: true position = stated position + e from ``time_s`` on. The arm has no
-    error.
-
-    The unit is m; the typical magnitude is 5e-5 (a seat that was knocked or fixed again). This
-    cause needs ``seat`` and ``time_s``. The movement is between the two times ``between_s``.
-    Aliases: every smooth error of the arm, if you touch the seat in few postures before or after.
-    """
-
-    seat: str
-    time_s: float
-    between_s: tuple[float, ...] = ()
-    sessions: tuple[str, ...] = ()
-    cause: ClassVar[str] = "seat_shift"
-    words: ClassVar[str] = "later displacement"
-    needs: ClassVar[tuple[str, ...]] = ("seat", "time")
-    of_reference: ClassVar[bool] = True
-    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5)
-
-    @classmethod
-    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every seat that is touched often enough, with times of its own."""
-        if records is None:
-            return
-        labels, times = records.conditions.seat, records.conditions.time
-        if labels is None or times is None or len(np.unique(labels)) < LEAST_SEATS:
-            return
-        for seat in dict.fromkeys(labels.tolist()):
-            touched = np.unique(times[labels == seat])
-            inside = touched[AT_ENDS - 1 : 1 - AT_ENDS] if seat else touched[:0]
-            between = (inside[1:] + inside[:-1]) / 2
-            some = np.linspace(0, between.size - 1, min(between.size, STEPS_OF_SEAT)).astype(int)
-            if between.size:
-                yield tuple(cls(str(seat), time) for time in between[some].tolist())
-
-    def displacements(self, state: State) -> list[Displacement]:
-        """Return -e as a translation of the stated coordinates in the later records of the seat."""
-        touched = state.conditions.require("seat", self.label) == self.seat
-        part = self.part(state.conditions) * touched
-        return [Displacement(BASE, twist(-np.eye(3) * part[:, None, None]))]
-
-
 EncoderSlip.in_gap = _SlipInGap
-StylusShift.in_gap = _StylusShiftInGap

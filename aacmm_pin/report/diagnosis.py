@@ -654,8 +654,9 @@ def budget_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def _budget(result: Diagnosis) -> list[Block]:
+    height = 0.9 + 0.32 * len(result.budget)
     figure = Figure(
-        lambda: plots.plot_error_budget(result, blank_axes(6.8, 0.9 + 0.32 * len(result.budget))),
+        lambda: plots.plot_error_budget(result, blank_axes(6.8, height)),
         BUDGET,
         "Each bar shows the RMS displacement of the tip by one part.",
     )

@@ -21,7 +21,7 @@ PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 MORE_RECORDS = "take more records, at other postures, to find which of the listed causes act"
 ORDER = ("record", "time")
 """The same, of the order in which records were taken."""
-OPEN = ("unexplained", "partly-explained")
+WITH_STRUCTURE = ("unexplained", "partly-explained")
 """Verdicts with structure that no cause explains."""
 
 
@@ -33,7 +33,7 @@ def next_measurements(result: Diagnosis) -> str:
     The function needs several seconds for such a plan.
     """
     first = _first(result)
-    if result.verdict in OPEN and result.cannot_tell_apart:
+    if result.verdict in WITH_STRUCTURE and result.cannot_tell_apart:
         return f"{first}. Then {_to_distinguish(result)}"
     return first
 
@@ -76,7 +76,7 @@ def _first(result: Diagnosis) -> str:
             "find the error of its encoder or gear"
         )
     if (
-        verdict in OPEN
+        verdict in WITH_STRUCTURE
         and unexplained.excluded is not None
         and unexplained.excluded.name in ORDER
     ):
@@ -85,7 +85,7 @@ def _first(result: Diagnosis) -> str:
             f"find what differed for the records that have {where}, such as the stand, the "
             "references or an encoder. Diagnose these records and the others separately"
         )
-    if result.contradicted and verdict not in OPEN:
+    if result.contradicted and verdict not in WITH_STRUCTURE:
         return f"measure the references again, because {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings:
         return (
@@ -107,13 +107,13 @@ def _first(result: Diagnosis) -> str:
             "repeat the same postures on another day, with the stand or the references elsewhere, "
             "to find whether the arm, the set-up or the references cause the shared error"
         )
-    if verdict in OPEN and not unexplained.depends_on and unexplained.has_background:
+    if verdict in WITH_STRUCTURE and not unexplained.depends_on and unexplained.has_background:
         return (
             "take more records, at other postures, and add columns for other changing quantities, "
             "because the remaining structure depends on several quantities together"
         )
     if (
-        verdict in OPEN
+        verdict in WITH_STRUCTURE
         and not unexplained.depends_on
         and result.choice.noise.postures.repeat
     ):
@@ -121,13 +121,13 @@ def _first(result: Diagnosis) -> str:
             "check columns, units and reference frame, because the residuals exceed the scatter of "
             "the repeats. Add columns for quantities that change between postures"
         )
-    if verdict in OPEN and not unexplained.depends_on:
+    if verdict in WITH_STRUCTURE and not unexplained.depends_on:
         return (
             "repeat some postures without any change, because the scatter of the repeats is the "
             "true noise. If this scatter is as stated, check columns, units and reference frame, "
             "and add columns for other quantities that change"
         )
-    if verdict in OPEN:
+    if verdict in WITH_STRUCTURE:
         return _otherwise(unexplained.depends_on) + _and_repeat(result)
     doubtful = [finding for finding in findings if finding.probability < THRESHOLDS.settled]
     if doubtful or verdict == "ambiguous":

@@ -30,7 +30,6 @@ from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report.diagnosis import (
     alias_table,
     alternatives,
-    certainty_in_words,
     diagnosis_document,
     gain_in_words,
     next_set_in_words,
@@ -73,7 +72,6 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric):
     assert summary_line(eccentric) in page.text
     (alone, share), (_, less), *_ = eccentric.alternatives.items()
     assert alone == ("encoder_eccentricity:1",)
-    assert probability(share) in certainty_in_words(eccentric)
     assert probability(less) in next_set_in_words(eccentric)
     assert all(size in summary_line(eccentric) for size in lengths(eccentric.rms.values()))
     low, high = held.interval

@@ -77,7 +77,8 @@ def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
         words = listed([name_in_words(effect, result.model.arm) for effect in effects])
         names.append(words or part.part)
     colors = [BLUE if part.causes else GREY for part in parts]
-    bars = ax.barh(range(len(parts)), [part.rms / scale for part in parts], color=colors, height=0.6)
+    sizes = [part.rms / scale for part in parts]
+    bars = ax.barh(range(len(parts)), sizes, color=colors, height=0.6)
     ax.set_yticks(range(len(parts)), names)
     ax.bar_label(bars, lengths([part.rms for part in parts]), padding=5, fontsize=9)
     ax.invert_yaxis()
