@@ -1,7 +1,7 @@
 """Diagnosis: what the simulation gets wrong, the cause, the extended model, and the gain."""
 
 from aacmm_pin.diagnosis.branches import Branches
-from aacmm_pin.diagnosis.budget import BudgetPart
+from aacmm_pin.diagnosis.budget import STRUCTURE, BudgetPart
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.check import Check, check_measurements
 from aacmm_pin.diagnosis.choice import Choice
@@ -17,6 +17,7 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import ScatteredReadings, SharedError, Unexplained
 
 __all__ = [
+    "STRUCTURE",
     "THRESHOLDS",
     "Alias",
     "Branches",

@@ -18,7 +18,7 @@ from aacmm_pin.diagnosis.unexplained import DiscrepancySize, SharedError
 
 GEOMETRY = "geometry"
 STRUCTURE = "structure without a name"
-SHARED = "error that records of one posture share"
+SHARED = "shared by postures"
 NOISE = "noise"
 
 
@@ -28,7 +28,8 @@ class BudgetPart(Shown):
 
     Attributes:
         part: ``geometry``; the labels of the causes of one place, joined by ``+``; ``structure
-            without a name``; ``error that records of one posture share``; ``noise``.
+            without a name``; ``shared by postures`` (an error that records of one posture share);
+            ``noise``.
         mean_square: of the residuals [m²]; the parts add up to the whole. It may be below zero for
             geometry, which is what all other parts leave of the whole.
         u: standard uncertainty of the mean square [m²].

@@ -30,6 +30,8 @@ TYPICAL_TURN = 2.0
 """… at a joint [rad] for each metre of that …"""
 TYPICAL_GROWTH = 1.0
 """… and of all lengths [1] for each metre of that."""
+MANY_VARIANTS = 20
+"""A candidate with more variants is asked by itself, since it may be barred as a whole."""
 MOST_FORMS = 10_000
 """So many forms are kept, for their places come back in each round."""
 ROWS_OF_A_GROUP = 1500
@@ -168,12 +170,14 @@ class Design:
     @cached_property
     def families(self) -> tuple[Family, ...]:
         """The blocks by their columns and number of parameters."""
-        alike = defaultdict[tuple[int | None, int], list[int]](list)
+        alike = defaultdict[tuple[int | None, int, int], list[int]](list)
+        variants = np.bincount([block.candidate for block in self.blocks])
         for number, block in enumerate(self.blocks):
             place = None if block.form is None else block.columns.start
-            alike[place, block.size].append(number)
+            apart = block.candidate if variants[block.candidate] > MANY_VARIANTS else -1
+            alike[place, block.size, apart].append(number)
         found = []
-        for (place, size), numbers in alike.items():
+        for (place, size, _), numbers in alike.items():
             some = [self.blocks[number] for number in numbers]
             positive = np.array([block.positive for block in some])
             own = np.array([block.columns.start for block in some])[:, None] + np.arange(size)

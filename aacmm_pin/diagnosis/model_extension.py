@@ -148,7 +148,7 @@ def _standing(
     at = first
     effects = list[Effect]()
     before = None
-    seen = {frozenset[Any]()}
+    seen, ends = {frozenset[Any]()}, set[frozenset[Any]]()
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_EXPLORATIONS):
             found = _climbed(at, library, others, parts, effects, before)
@@ -161,6 +161,9 @@ def _standing(
                 if found.top_causes == standing:
                     break
                 best = refined_causes(found, effects)
+                if _identities(best) in ends:  # the climbs lead elsewhere again and again
+                    break
+                ends.add(_identities(best))
             rivals = refined_rivals(found)
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
             if best:

@@ -56,12 +56,14 @@ class Candidates:
         log_odds: log prior odds of inclusion of each block (blocks,).
         places: number of the place of each candidate (candidates,).
         free: whether each candidate can be every function of its place (candidates,).
+        follows: the candidate without which each is not in a set, -1 for none (candidates,).
     """
 
     design: Design
     log_odds: Array
     places: Index
     free: Mask
+    follows: Index
 
     @staticmethod
     def of(design: Design, library: Sequence[Variants]) -> Candidates:
@@ -83,7 +85,10 @@ class Candidates:
         places = np.array([numbers[key] for key in keys], dtype=np.intp)
         free = [variants[0].free_form for variants in library]
         free += (len(keys) - len(library)) * [False]
-        return Candidates(design, log_odds, places, np.array(free, dtype=bool))
+        number = {variants[0].label: k for k, variants in enumerate(library)}
+        first = [f"{variants[0].follows}:{variants[0].place}" for variants in library]
+        follows = [number.get(label, -1) for label in first] + (len(keys) - len(library)) * [-1]
+        return Candidates(design, log_odds, places, np.array(free, dtype=bool), np.array(follows))
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -129,7 +134,14 @@ class Candidates:
         taken = np.isin(self.owners, owners)
         alone = np.isin(self.of_blocks, self.places[owners[self.free[owners]]])
         instead = self.free[self.owners] & np.isin(self.of_blocks, self.places[owners])
-        return np.asarray(taken | alone | instead)
+        follows = self.follows[self.owners]
+        early = (follows >= 0) & ~np.isin(follows, owners)
+        return np.asarray(taken | alone | instead | early)
+
+    def is_possible(self, blocks: Blocks) -> bool:
+        """Whether a set has what each of its blocks follows."""
+        owners = np.array([self.owner(k) for k in blocks], dtype=np.intp)
+        return bool(np.isin(self.follows[owners], [-1, *owners]).all())
 
 
 def place_of(effect: Effect) -> tuple[object, ...]:
@@ -485,12 +497,16 @@ class ModelSpace:
 
     def best_form(self, state: ModelState, place: int) -> ModelState:
         """The state with the most probable form at a place, and with its most probable width, or
-        with none there; all else as it stands.
+        with none there, if several that stand there are not more probable; all else as it stands.
         """
         candidates = self.candidates
         members = [k for k in state.blocks if candidates.of_blocks[k] == place]
         rest = state.of([k for k in state.blocks if k not in members])
-        return self._with_best(rest, self.conditional(state).without(*members), place)
+        one_form = self._with_best(rest, self.conditional(state).without(*members), place)
+        several = len(members) > 1
+        if several and self.log_posterior(one_form) < self.log_posterior(state):
+            return state
+        return one_form
 
     def best_addition(self, state: ModelState) -> ModelState:
         """The state with the most probable block more, if that makes it more probable."""

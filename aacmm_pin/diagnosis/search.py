@@ -182,6 +182,8 @@ class Walk:
         Returns:
             By how much the approximation was too low.
         """
+        if not self.space.candidates.is_possible(blocks):
+            return 0.0
         if about > self.best - THRESHOLDS.close:
             near = self.space.marginal(beside).best if self.space.is_evaluated(beside) else None
             value = self.space.marginal(blocks, near=near).log_posterior
@@ -204,6 +206,8 @@ class Walk:
         for k in order[values[order] > self.best - THRESHOLDS.reach].tolist():
             owner = self.space.candidates.owner(k)
             larger = with_block(rest, k)
+            if not self.space.candidates.is_possible(larger):
+                continue
             if owner in correction:
                 self.values.setdefault(larger, float(values[k]) + correction[owner])
             else:
@@ -253,8 +257,9 @@ class Walk:
             gone_owners = {owner(k) for k in gone}
             least = none + THRESHOLDS.imitated * (self.best - none)
             for first in leading:
-                if owner(first) not in gone_owners and values[first] > least:
-                    larger = with_block(rest, first)
+                larger = with_block(rest, first)
+                possible = self.space.candidates.is_possible(larger)
+                if possible and owner(first) not in gone_owners and values[first] > least:
                     self.values.setdefault(larger, float(values[first]))
                     self._visit_additions(larger)
             if self.best > before:

@@ -189,6 +189,7 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     names = candidates.design.names
     instead = posterior.instead(own)
     values = logsumexp(conditional.all.additions(), axis=1) + candidates.log_odds
+    values[candidates.barred(conditional.blocks)] = -np.inf
     acting = {candidates.owner(k) for k in posterior.median}
     found = []
     for other in _rivals(candidates, values, instead, own):
@@ -227,11 +228,11 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     that of the threshold; more where the noise comes from the same records and few degrees of
     freedom, so that Student's evidence is as large.
     """
-    shows = THRESHOLDS.shows
+    shows, causes = THRESHOLDS.shows, posterior.space.candidates.design.causes
     dof = posterior.space.likelihood.dof
     if not posterior.space.stated:
         shows = dof * np.expm1(shows / max(dof, 1.0))
-    found = _noncentralities(posterior.space)
+    found = _noncentralities(posterior.space)[posterior.space.candidates.follows[:causes] < 0]
     return int(np.sum(found >= shows)), found.size
 
 

@@ -26,7 +26,7 @@ from aacmm_pin.diagnosis.run_order import RunOrder, run_order_of
 from aacmm_pin.diagnosis.significance import family_wise_p_value, p_value_of_structure
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
-MOST_NAMED = 2
+NAMED_QUANTITIES = 2
 """So many quantities that the residuals depend on are named in a sentence, the strongest first."""
 BACKGROUND = "background"
 """Name of the part of the discrepancy that is too diffuse to be named."""
@@ -162,11 +162,16 @@ class Unexplained(Shown):
         return bool(self.depends_on or self.discrepancy or self.apart)
 
     @property
+    def strongest(self) -> tuple[str, ...]:
+        """The quantities that the residuals depend on most, for a sentence."""
+        names = ("place" if name in ("x", "y", "z") else name for name in self.depends_on)
+        return tuple(dict.fromkeys(names))[:NAMED_QUANTITIES]
+
+    @property
     def notes(self) -> tuple[Note, ...]:
         """Notes on covariates that the residuals depend on, and on groups that do not fit in."""
         odd = {group.name: group for group in self.groups}
-        names = ("place" if name in ("x", "y", "z") else name for name in self.depends_on)
-        covariates = [*dict.fromkeys(name for name in names if name not in odd)][:MOST_NAMED]
+        covariates = [name for name in self.strongest if name not in odd]
         depends = [Note("depends_on", {"covariates": covariates})] if covariates else []
         groups = [
             Note("group_differs", {"group": group.name, "times": group.times})

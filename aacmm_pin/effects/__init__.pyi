@@ -35,6 +35,7 @@ from .encoder import (
     JointHysteresis,
     JointPeriodicError,
     OfAngle,
+    SecondPeriodicError,
     strongest_waves,
 )
 from .environment import (
@@ -142,6 +143,7 @@ __all__ = [
     "ReferenceFrame",
     "SeatError",
     "SeatShift",
+    "SecondPeriodicError",
     "Smooth",
     "State",
     "StylusBending",

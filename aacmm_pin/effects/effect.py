@@ -170,6 +170,10 @@ class Effect(Shown, ABC):
     """
     free_form: ClassVar[bool] = False
     """True if the cause can be every function of its place, so that it acts there alone."""
+    follows: ClassVar[str] = ""
+    """The name of the cause at the same place without which this cause is not tried, such as the
+    first of several periodic errors; "" for none.
+    """
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
     """The field whose value the records determine by trial; :attr:`key` contains the value."""
     notation: ClassVar[Notation] = Notation()

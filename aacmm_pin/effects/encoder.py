@@ -335,7 +335,8 @@ class JointPeriodicError(_Periodic):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return, for every joint, the orders with at least one period in the range of the records.
+        """Return, for every joint, the orders with at least one period in the range of the records:
+        in small steps, and all whole ones, which teeth and gratings have.
 
         A longer period is similar to :class:`EncoderGain`.
         """
@@ -344,6 +345,8 @@ class JointPeriodicError(_Periodic):
             periods = np.arange(1.0, HIGHEST_ORDER * turns, ORDER_STEP)
             apart = [np.abs(periods - order * turns) >= OWN_WITHIN for order in OWN_ORDERS]
             orders = periods[np.all(apart, axis=0)] / turns
+            whole = np.arange(max(OWN_ORDERS) + 1.0, HIGHEST_ORDER)
+            orders = np.union1d(orders, whole[whole * turns >= 1.0])
             if orders.size:
                 yield tuple(cls(row, order) for order in np.round(orders, 4).tolist())
 
@@ -351,6 +354,20 @@ class JointPeriodicError(_Periodic):
     def turns(self) -> float:
         """The order."""
         return self.order
+
+
+@dataclass(frozen=True)
+class SecondPeriodicError(JointPeriodicError):
+    """A further periodic error of a joint that has one, of any order k: ``δ = A cos(kθ - φ)``.
+
+    k may be any positive number. The unit is rad; the typical magnitude is 1e-5 to 1e-4. Source:
+    harmonic analysis of circle divisions (Watanabe et al. 2001, CIRP Annals 50). Aliases: as of
+    ``joint_periodic_error``; ``joint_error_curve``, which has periodic errors of many orders.
+    """
+
+    cause: ClassVar[str] = "second_periodic_error"
+    words: ClassVar[str] = "second periodic error"
+    follows: ClassVar[str] = "joint_periodic_error"
 
 
 @dataclass(frozen=True)

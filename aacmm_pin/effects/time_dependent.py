@@ -24,7 +24,7 @@ from aacmm_pin.effects.nonlinear import Nonlinear, TimeConstant
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
-STEPS = 40
+TIMES_OF_STEP = 40
 """Times of a step that are tried, in quantiles of the records' times, besides every long pause."""
 AT_ENDS = 3
 """Fewer records before or behind a step than this may be gross errors: no step is tried there."""
@@ -130,7 +130,7 @@ class TimeOfStep(Nonlinear["StepInTime"]):
     unit: str = "s"
     above: float = -LATEST
     words: str = "at {minutes:.1f} min"
-    tried: int = STEPS
+    tried: int = TIMES_OF_STEP
 
     def grid(self, records: Records | None) -> Sequence[float]:
         """Times between records, and in every pause, when arms are handled."""

@@ -15,6 +15,7 @@ from aacmm_pin._support.units import MM, UM, count
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import NO_SCATTER, exclusions_of, residuals_by_record, rms
 from aacmm_pin.diagnosis import (
+    STRUCTURE,
     THRESHOLDS,
     Alias,
     Branches,
@@ -26,8 +27,7 @@ from aacmm_pin.diagnosis import (
     SharedError,
     Unexplained,
 )
-from aacmm_pin.diagnosis.budget import STRUCTURE
-from aacmm_pin.diagnosis.unexplained import BACKGROUND, MOST_NAMED
+from aacmm_pin.diagnosis.unexplained import BACKGROUND
 from aacmm_pin.effects import (
     Discrepancy,
     Effect,
@@ -92,9 +92,7 @@ WORST = 5
 """Groups that the table names; the figure has all."""
 COVARIATES = {
     "record": "the order of the records",
-    "x": "the place",
-    "y": "the place",
-    "z": "the place",
+    "place": "the place",
 }
 """Covariates in words, if their name is not clear by itself."""
 PREDICTED = ("predicted", "the prediction from the stated uncertainties and the noise", "dashed")
@@ -349,9 +347,9 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
 def _not_explained(result: Diagnosis) -> str:
     unexplained = result.unexplained
     sizes, larger = _sizes_left(result)
-    names = [*dict.fromkeys(COVARIATES.get(name, name) for name in unexplained.depends_on)]
-    if len(names) > MOST_NAMED:
-        names[MOST_NAMED:] = ["other quantities"]
+    names = [COVARIATES.get(name, name) for name in unexplained.strongest]
+    if {*unexplained.depends_on} > {*unexplained.strongest, *"xyz"}:
+        names.append("other quantities")
     part = next((part for part in result.budget if part.part == STRUCTURE), None)
     size = "" if part is None else f" ({length(part.rms)} RMS)"
     if names:
@@ -668,7 +666,7 @@ def residuals_by_row(result: Diagnosis) -> Figure:
     return Figure(
         lambda: plots.plot_residuals_by_row(result, blank_axes(7.4, 3.2)),
         "Signed residuals of the extended arm in the order of the records",
-        "Each dot shows one coordinate of the residual of one record. If neighbouring dots have the "
+        "Each dot shows one coordinate of one residual. If neighbouring dots have the "
         "same sign, consecutive records share an error.",
     )
 

@@ -61,7 +61,8 @@ def space_of(dense: Dense, covariate_blocks: int = 0) -> ModelSpace:
     rows = np.column_stack([dense.nuisances, *dense.columns, dense.residual])
     places = np.arange(len(names)) if dense.places is None else np.array(dense.places)
     free = np.isin(np.arange(len(names)), list(dense.alone))
-    candidates = Candidates(design, dense.log_odds, places, free)
+    follows = np.full(free.size, -1)
+    candidates = Candidates(design, dense.log_odds, places, free, follows)
     return ModelSpace(candidates, gram_of_rows(design, NOTHING, rows), dense.stated)
 
 

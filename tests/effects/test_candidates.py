@@ -130,11 +130,13 @@ def test_nonlinear_parameters(sino6, rng):
     for there in (records, many_turns):
         for variants in JointPeriodicError.candidates(sino6, there):
             turns = np.ptp(there.q[:, variants[0].joint - 1]) / (2 * np.pi)
-            # A tenth of a period over the range apart, up to 50 in a turn; once and twice per turn
-            # are causes of their own.
+            # A tenth of a period over the range apart, up to 50 in a turn, and all whole orders;
+            # once and twice per turn are causes of their own.
             tenths = np.arange(10, int(np.ceil(500 * turns)))
             own = np.min([np.abs(tenths - 10 * k * turns) for k in (1, 2)], axis=0) < 2.0
-            close([e.order for e in variants], tenths[~own] / (10 * turns), 1e-4)
+            whole = np.arange(3.0, 50.0)
+            orders = np.union1d(tenths[~own] / (10 * turns), whole[whole * turns >= 1.0])
+            close([e.order for e in variants], orders, 1e-4)
     fine = [e.order for e in refined(JointPeriodicError(1, 4), records)]
     assert [len(fine), min(fine), max(fine)] == [2 * ORDERS_NEAR + 1, 3.5, 4.5]
     assert 4 in fine

@@ -56,6 +56,7 @@ from aacmm_pin.effects import (
     ReferenceFrame,
     SeatError,
     SeatShift,
+    SecondPeriodicError,
     StylusBending,
     StylusOffset,
     StylusShift,
@@ -86,6 +87,7 @@ EXAMPLES: list[Effect] = [
     EncoderEccentricity(joint=3),
     EncoderEllipticity(joint=4),
     JointPeriodicError(joint=2, order=16.5),
+    SecondPeriodicError(joint=2, order=4.5),
     JointErrorCurve(joint=3, lower_rad=-7.0, upper_rad=7.0, coefficients=8),
     EncoderGain(joint=5),
     JointCoupling(joint=3, of=1),
@@ -320,7 +322,7 @@ def test_missing_condition_names_the_column(arms, rng):
         if not effect.needs:
             assert model.predict(q, as_referenced=True).shape == (5, 3)
             continue
-        (needed,) = effect.needs
+        needed, *_ = effect.needs
         for ask in (
             partial(model.predict, q, nothing, as_referenced=True),
             partial(model.sensitivity, q),

@@ -1,0 +1,193 @@
+"""What changes during a session, what the order of the records tells, and the budget: on a plant
+that shares no code with the package.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from aacmm_pin import Diagnosis, diagnose
+
+ROWS = (
+    (0.0, 280.0, 90.0),
+    (30.0, 0.0, -90.0),
+    (-35.0, 920.0, 90.0),
+    (25.0, 0.0, -90.0),
+    (0.0, 640.0, 90.0),
+    (120.0, 60.0, -90.0),
+)
+"""a [mm], d [mm], α [°]."""
+ON_TIP = np.zeros(3)
+RECORDS, AT = 200, 90
+ENCODER, NOISE = 1e-5, 0.015
+Array = NDArray[np.float64]
+
+
+def arm_file(folder: Path) -> Path:
+    lines = ['schema = "aacmm-pin/arm/1"', 'name = "OWN"', 'convention = "standard-dh"']
+    for a, d, alpha in ROWS:
+        lines += ["[[joints]]", f"a_mm = {a}", f"d_mm = {d}", f"alpha_deg = {alpha}"]
+        lines += ["theta_offset_rad = 0.0", "limits_deg = [-170.0, 170.0]"]
+        lines += [f"encoder_noise_rad = {ENCODER}"]
+        lines += [
+            "uncertainty = { a_mm = 0.03, d_mm = 0.05, alpha_rad = 8e-5, theta_offset_rad = 1e-4 }"
+        ]
+    path = folder / "arm.toml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def tips(q: Array, off: Array, tip: Array) -> Array:
+    """Positions of the tip by homogeneous matrices (n, 3) [mm]; ``off`` are errors of a, d, α."""
+    pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    for j, (a, d, alpha) in enumerate(ROWS):
+        a, d, alpha = a + off[j, 0], d + off[j, 1], np.deg2rad(alpha) + off[j, 2]
+        c, s = np.cos(q[:, j]), np.sin(q[:, j])
+        ca, sa, o = np.cos(alpha), np.sin(alpha), np.zeros(len(q))
+        rows = [c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s]
+        rows += [o, o + sa, o + ca, o + d, o, o, o, o + 1.0]
+        pose = pose @ np.stack(rows, axis=1).reshape(-1, 4, 4)
+    return pose[:, :3, :3] @ tip + pose[:, :3, 3]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Postures and errors of an arm, drawn from a seed."""
+
+    rng: np.random.Generator
+    q: Array
+    off: Array
+    time: Array
+
+    @staticmethod
+    def of(seed: int) -> Plant:
+        rng = np.random.default_rng(seed)
+        q = rng.uniform(-2.9, 2.9, (RECORDS, 6))
+        off = rng.uniform(-1.0, 1.0, (6, 3)) * [0.03, 0.05, 8e-5]
+        return Plant(rng, q, off, np.cumsum(rng.uniform(4.0, 12.0, RECORDS)))
+
+    def places(self, angle: Array | float = 0.0, tip: Array = ON_TIP) -> Array:
+        """Tips with errors of the joint angles and of the tip, without noise of the references."""
+        noise = ENCODER * self.rng.normal(size=self.q.shape)
+        return tips(self.q + angle + noise, self.off, tip)
+
+    def diagnosed(self, folder: Path, places: Array, **columns: Any) -> Diagnosis:
+        places = places + NOISE * self.rng.normal(size=places.shape)
+        names = [f"theta{j}_deg" for j in range(1, 7)]
+        table = pd.DataFrame(np.rad2deg(self.q), columns=names)
+        table[["x_mm", "y_mm", "z_mm"]] = places
+        table.assign(**columns).to_csv(folder / "records.csv", index=False)
+        return diagnose(
+            arm_file(folder),
+            folder / "records.csv",
+            reference_noise=NOISE * 1e-3,
+            hold_out=False,
+            progress=False,
+        )
+
+
+def moved(places: Array, rng: np.random.Generator) -> Array:
+    """Places after the stand was bumped at the record AT."""
+    turn, shift = rng.normal(size=3) * 8e-5, rng.normal(size=3) * 0.12
+    after = places.copy()
+    after[AT:] += np.cross(turn, places[AT:]) + shift
+    return after
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_stand_that_moved_is_no_encoder_fault(seed: int, tmp_path: Path) -> None:
+    plant = Plant.of(seed)
+    found = plant.diagnosed(tmp_path, moved(plant.places(), plant.rng), time_s=plant.time)
+    (finding,) = found.findings
+    assert (found.verdict, finding.label) == ("explained", "frame_shift")
+    assert abs(np.searchsorted(plant.time, finding.effect.time_s) - AT) <= 3  # type: ignore[attr-defined]
+
+
+def test_a_stylus_that_was_mounted_again_is_no_encoder_fault(tmp_path: Path) -> None:
+    plant = Plant.of(3)
+    shift = np.array([0.08, -0.06, 0.07])
+    places = plant.places()
+    places[AT:] = plant.places(tip=shift)[AT:]
+    (finding,) = plant.diagnosed(tmp_path, places, time_s=plant.time).findings
+    assert finding.label == "stylus_shift"
+    off = np.array(finding.effect.values) * 1e3 - shift
+    assert np.all(np.abs(off) < 3.0 * np.array(finding.effect.u) * 1e3)
+
+
+def test_backlash_in_the_order_of_time(tmp_path: Path) -> None:
+    plant = Plant.of(4)
+    side = np.sign(np.diff(plant.q[:, 2], prepend=plant.q[0, 2] - 1.0))
+    angle = np.zeros(plant.q.shape)
+    angle[:, 2] = 7e-5 * side
+    (finding,) = plant.diagnosed(tmp_path, plant.places(angle), time_s=plant.time).findings
+    assert finding.label == "joint_hysteresis:3"
+
+
+def test_bursts_of_an_encoder_are_in_the_order_of_the_records(tmp_path: Path) -> None:
+    plant = Plant.of(5)
+    angle = np.zeros(plant.q.shape)
+    for first in (20, 75, 130, 160):
+        angle[first : first + 11, 4] = -3.5e-4
+    order = plant.diagnosed(tmp_path, plant.places(angle)).unexplained.run_order
+    assert order is not None
+    assert order.joint == 5
+    assert order.correlation > 2.0 * order.limit
+
+
+def test_two_waves_of_one_joint(tmp_path: Path) -> None:
+    """Neither a single wave, nor a dependence on two joints."""
+    plant = Plant.of(6)
+    angle = np.zeros(plant.q.shape)
+    angle[:, 2] = 9e-5 * np.cos(4 * plant.q[:, 2]) + 7e-5 * np.cos(25 * plant.q[:, 2] + 1.0)
+    found = plant.diagnosed(tmp_path, plant.places(angle))
+    labels = {finding.label for finding in found.findings}
+    assert labels == {"joint_periodic_error:3", "second_periodic_error:3"}
+    orders = {round(f.effect.order, 1) for f in found.findings}  # type: ignore[attr-defined]
+    assert orders == {4.0, 25.0}
+
+
+def test_the_budget_is_that_of_the_plant(tmp_path: Path) -> None:
+    """Of each part, within three standard uncertainties; and it adds up."""
+    plant = Plant.of(7)
+    angle = np.zeros(plant.q.shape)
+    angle[:, 2] = 1.2e-4 * np.cos(plant.q[:, 2] - 0.4)
+    exact = tips(plant.q + angle, plant.off, ON_TIP) - tips(plant.q, plant.off, ON_TIP)
+    places = plant.places(angle)
+    scatter = places - tips(plant.q + angle, plant.off, ON_TIP)
+    found = plant.diagnosed(tmp_path, places)
+    parts = {part.part: part for part in found.budget}
+    assert list(parts) == ["geometry", "encoder_eccentricity:3", "noise"]
+    whole = found.rms["simulation"] ** 2
+    assert sum(part.mean_square for part in found.budget) == pytest.approx(whole, rel=1e-9)
+    by_geometry = geometry_columns(plant)
+    left = exact.ravel() - by_geometry @ np.linalg.lstsq(by_geometry, exact.ravel())[0]
+    wanted = {
+        "encoder_eccentricity:3": np.square(left).sum() / RECORDS,
+        "noise": np.square(scatter).sum(axis=1).mean() + 3 * NOISE**2,
+    }
+    for name, size in wanted.items():
+        assert abs(parts[name].mean_square * 1e6 - size) < 3.0 * parts[name].u * 1e6
+
+
+def geometry_columns(plant: Plant) -> Array:
+    """Displacement by each geometric value and zero, by differences (3 n, 24)."""
+    columns = []
+    for j in range(6):
+        for kind, step in enumerate((1e-3, 1e-3, 1e-6)):
+            off = np.zeros((6, 3))
+            off[j, kind] = step
+            columns.append((tips(plant.q, off, ON_TIP) - tips(plant.q, -off, ON_TIP)) / (2 * step))
+        turn = np.zeros(6)
+        turn[j] = 1e-6
+        none = np.zeros((6, 3))
+        columns.append(
+            (tips(plant.q + turn, none, ON_TIP) - tips(plant.q - turn, none, ON_TIP)) / 2e-6
+        )
+    return np.stack([column.ravel() for column in columns], axis=1)
