@@ -170,6 +170,10 @@ class Effect(Shown, ABC):
     """
     free_form: ClassVar[bool] = False
     """True if the cause can be every function of its place, so that it acts there alone."""
+    remedy: ClassVar[str] = ""
+    """What to do with the records, if not the arm but its set-up has the error; "" for an error of
+    the arm.
+    """
     follows: ClassVar[str] = ""
     """The name of the cause at the same place without which this cause is not tried, such as the
     first of several periodic errors; "" for none.

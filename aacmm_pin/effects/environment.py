@@ -183,6 +183,10 @@ class FrameShift(StepInTime):
     sessions: tuple[str, ...] = ()
     cause: ClassVar[str] = "frame_shift"
     words: ClassVar[str] = "movement of the stand or of the references"
+    remedy: ClassVar[str] = (
+        "label the records before and after the movement in the column session, and use "
+        "--reference-frame session"
+    )
     of_reference: ClassVar[bool] = True
     nonlinear: ClassVar[Nonlinear[Any]] = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
     terms: ClassVar[tuple[Term, ...]] = (*shifts(2e-4), *turns(2e-4))
@@ -208,6 +212,10 @@ class StylusShift(StepInTime):
     sessions: tuple[str, ...] = ()
     cause: ClassVar[str] = "stylus_shift"
     words: ClassVar[str] = "movement of the stylus or target on the last body"
+    remedy: ClassVar[str] = (
+        "qualify the stylus again, and label the records before and after the movement in the "
+        "column marker"
+    )
     nonlinear: ClassVar[Nonlinear[Any]] = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
     terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST_TARGET)
 
@@ -241,6 +249,7 @@ class SeatShift(StepInTime):
     sessions: tuple[str, ...] = ()
     cause: ClassVar[str] = "seat_shift"
     words: ClassVar[str] = "later displacement"
+    remedy: ClassVar[str] = "give the seat another label in the records after the movement"
     needs: ClassVar[tuple[str, ...]] = ("seat", "time")
     of_reference: ClassVar[bool] = True
     terms: ClassVar[tuple[Term, ...]] = shifts(5e-5)

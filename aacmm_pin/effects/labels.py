@@ -11,6 +11,8 @@ from aacmm_pin._support.units import DEG, LARGE_IN_MICRO, MM
 from aacmm_pin.arm import COVERAGE_FACTOR, Arm, axis
 from aacmm_pin.effects.effect import Effect, Reading
 
+FREE_PHASE = 90.0
+"""A phase with a larger U may be nearly any [°]."""
 PLACE_WORDS = {
     "marker": "target",
     "link": "body",
@@ -66,7 +68,8 @@ def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
                 for place in sorted(effect.place for effect in alike if effect.place is not None)
             ]
             words = cause_in_words(type(one))
-            found.append(f"{words} of {_place_words(one, arm)}s {listed(places)}")
+            several = f"{_place_words(one, arm)}s".replace("bodys", "bodies")
+            found.append(f"{words} of {several} {listed(places)}")
     return listed(found)
 
 
@@ -145,9 +148,16 @@ def values_in_words(
 
 
 def _value(reading: Reading, value: float, expanded: float) -> str:
-    """Two digits of U, and the value to the same decimals."""
+    """Two digits of U, and the value to the same decimals; a bound, if U exceeds the value; no
+    phase that may be any.
+    """
     value = value * reading.factor
     expanded = expanded * reading.factor
+    if reading.unit == "°" and expanded > FREE_PHASE:
+        return f"{reading.name} not determined"
+    if np.isfinite(expanded) and expanded > abs(value) and reading.unit != "°":
+        bound = float(f"{abs(value) + expanded:.2g}")
+        return f"{reading.name} below {bound:g} {reading.unit.lstrip('·')} (95 %)".strip()
     if not np.isfinite(expanded) or expanded <= 0:
         text = f"{value:.4g}"
     else:

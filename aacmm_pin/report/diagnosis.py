@@ -158,8 +158,7 @@ def diagnosis_document(
         when: date of the page (UTC).
     """
     planned = next_measurements(result) if summary is None else summary["next_measurements"]
-    blocks = [*_result(result, planned), *_budget(result), *_causes(result)]
-    blocks += _other_causes(result)
+    blocks = [*_result(result, planned), *_causes(result), *_other_causes(result)]
     blocks += [*_held_out(result), *_wrong(result), *_on_the_arm(result)]
     blocks += [*_left(result), residuals_by_row(result)]
     blocks.append(Notes(result.notes))
@@ -274,9 +273,16 @@ def _wrong_in_words(result: Diagnosis) -> str:
     """What the model lacks, or may lack, and which of its values are wrong: of the geometry,
     of the places of seats.
     """
-    values = [f for f in result.findings if result.geometric(f) or corrects_seat(f.effect)]
-    causes = [f for f in result.findings if f not in values]
-    text = _causes_in_words(result, causes)
+    moved = [f for f in result.findings if f.effect.remedy]
+    others = [f for f in result.findings if f not in moved]
+    values = [f for f in others if result.geometric(f) or corrects_seat(f.effect)]
+    causes = [f for f in others if f not in values]
+    text = _causes_in_words(result, causes) if causes or not moved else ""
+    if moved:
+        sizes = lengths([motion_of(result, f.effect) for f in moved])
+        named = zip((in_words(f.effect, result.model.arm) for f in moved), sizes, strict=True)
+        changed = listed([f"{words}, {size} RMS" for words, size in named])
+        text = "; ".join(filter(None, [f"the set-up changed: {changed}", text]))
     if result.no_better:
         text += ", but the extended arm does not predict held-out records better"
     if not values:
@@ -432,6 +438,8 @@ def gain_in_words(result: Diagnosis) -> str:
     if held is None:
         return "No records were held out, so the gain on new records is unknown."
     if np.array_equal(held.extended, held.recalibrated, equal_nan=True):
+        if result.findings:
+            return "Without the held-out records, diagnose would name no cause."
         return "The extended arm has no new cause, and therefore no gain on held-out records."
     low, high = held.interval
     significant = held.beyond_doubt or high < -THRESHOLDS.least_gain
@@ -636,7 +644,8 @@ def _result(result: Diagnosis, planned: str) -> list[Block]:
         hints.append(SEAT_ERRORS)
     hint = Paragraph(" ".join(hints), detail=True)
     base = Paragraph(frame_in_words(result.extended))
-    return [Heading("Result"), *answers(result, planned), rms_figure(result), base, hint]
+    blocks = [Heading("Result"), *answers(result, planned), *_budget(result)]
+    return [*blocks, rms_figure(result), base, hint]
 
 
 def budget_table(result: Diagnosis) -> pd.DataFrame:

@@ -56,6 +56,9 @@ def _first(result: Diagnosis) -> str:
             "find what the excluded records have in common, repeat some excluded records, and "
             "state time_s and session of all records"
         )
+    of_set_up = [finding.effect for finding in findings if finding.effect.remedy]
+    if of_set_up:
+        return f"{of_set_up[0].remedy}. Then diagnose the records again"
     if unexplained.branches is not None:
         joint = unexplained.branches.joint
         return (

@@ -154,6 +154,7 @@ def test_values_have_two_digits_of_their_uncertainty():
     for effect, key, value, u, said in (
         (wave, "amplitude_rad", 1.846e-4, 1.8e-6, "amplitude 184.6 ± 3.6 µrad"),
         (wave, "phase_rad", -0.9687, 0.0096, "phase -55.5 ± 1.1°"),
+        (wave, "phase_rad", -0.9687, 7.6, "phase not determined"),
         (
             JointCompliance(2),
             "compliance_rad_per_nm",
@@ -170,6 +171,6 @@ def test_values_have_two_digits_of_their_uncertainty():
     target = {"x_mm": (29.7748, 0.01), "y_mm": (0.373, 0.01), "z_mm": (-0.1, 0.1)}
     assert (
         values_in_words(StylusOffset(), target)
-        == "x 29.775 ± 0.020 mm, y 0.373 ± 0.020 mm, z -0.10 ± 0.20 mm"
+        == "x 29.775 ± 0.020 mm, y 0.373 ± 0.020 mm, z below 0.3 mm (95 %)"
     )
     assert "24 values" in values_in_words(curve, {f"c{k}_rad": (0.0, 1e-5) for k in range(1, 25)})

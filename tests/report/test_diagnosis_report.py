@@ -76,7 +76,7 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric):
         values_in_words(eccentric.findings[0].effect, eccentric.findings[0].parameters) in page.text
     )
     assert [image["alt"] for image in page.all("img")] == pictures(eccentric)
-    assert len(pictures(eccentric)) == 5
+    assert len(pictures(eccentric)) == 7
     assert "Encoder eccentricity of joint 1, from the records" in pictures(eccentric)
     assert len(eccentric.excluded) == 3
     for row in eccentric.excluded.to_dict("records"):

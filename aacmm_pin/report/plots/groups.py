@@ -83,6 +83,7 @@ def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
     ax.bar_label(bars, lengths([part.rms for part in parts]), padding=5, fontsize=9)
     ax.invert_yaxis()
     ax.margins(x=0.15)
+    ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel(f"RMS displacement of the tip [{unit}]")
     ax.spines[["top", "right"]].set_visible(False)
     return ax
