@@ -10,7 +10,7 @@ import numpy as np
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, too_good
-from aacmm_pin.effects import Effect, corrects_seat, listed
+from aacmm_pin.effects import Effect, corrects_seat, in_words, listed
 from aacmm_pin.measurements import LABELS
 from aacmm_pin.report.doubts import doubts_in_words
 from aacmm_pin.report.numbers import lengths
@@ -58,7 +58,8 @@ def _first(result: Diagnosis) -> str:
         )
     of_set_up = [finding.effect for finding in findings if finding.effect.remedy]
     if of_set_up:
-        return f"{of_set_up[0].remedy}. Then diagnose the records again"
+        moved = in_words(of_set_up[0], result.model.arm)
+        return f"{of_set_up[0].remedy} ({moved}). Then diagnose the records again"
     if unexplained.branches is not None:
         joint = unexplained.branches.joint
         return (

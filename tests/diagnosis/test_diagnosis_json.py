@@ -124,6 +124,16 @@ FINDING = fields(
     INNER,
 )
 RMS = dict.fromkeys(("simulation", "recalibrated", "extended"), SIZE)
+PART_OF_BUDGET = fields(
+    {
+        "part": text,
+        "causes": several(text),
+        "rms_mm": SIZE,
+        "mean_square_mm2": lambda v: isinstance(v, float),
+        "u_mean_square_mm2": SIZE,
+        "share": lambda v: v <= 1.0 + 1e-9,
+    }
+)
 SUMMARY = fields(
     {
         "schema": lambda v: v == "aacmm-pin/diagnosis/1",
@@ -141,6 +151,10 @@ SUMMARY = fields(
             }
         ),
         "rms_mm": fields(RMS | {"noise": SIZE}),
+        "budget": lambda parts: (
+            several(PART_OF_BUDGET)(parts)
+            and sum(part["share"] for part in parts) == pytest.approx(1.0)
+        ),
         "rms_rad": none_or(fields(RMS)),
         "findings": several(FINDING),
         "held_out": none_or(
@@ -193,6 +207,17 @@ SUMMARY = fields(
                 ),
                 "shared_by_postures": none_or(
                     fields({"rms_mm": SIZE, "times_a_record": SIZE, "p_value": SHARE})
+                ),
+                "run_order": none_or(
+                    fields(
+                        {
+                            "joint": none_or(count),
+                            "correlation": SIZE,
+                            "limit": SIZE,
+                            "p_value": SHARE,
+                            "records": count,
+                        }
+                    )
                 ),
             }
         ),

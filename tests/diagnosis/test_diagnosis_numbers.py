@@ -442,6 +442,7 @@ def test_prior_of_the_candidates(free_case: Case) -> None:
     words = {"joint_error_curve": "angle", "encoder_slip": "time", "zero_drift": "time"}
     words |= dict.fromkeys(["encoder_eccentricity", "encoder_ellipticity", "encoder_gain"], "angle")
     words |= {"joint_periodic_error": "angle", "counterbalance": "load"}
+    words |= {"second_periodic_error": "angle"}
     words |= {"joint_compliance": "load", "bearing_tilt": "load"}
     for one, owner in enumerate(library):
         same = {
