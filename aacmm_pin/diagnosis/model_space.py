@@ -33,6 +33,8 @@ FIRST_WIDTH = 2
 """Number of the width with which the search for a block's best width begins."""
 COUNTS = 6.0
 """Amplitudes whose log posterior is below the largest by more are not optimised over the widths."""
+APART = 1.5
+"""The orders of two waves of one joint differ by more; each is refined by up to 0.5."""
 LEAST_WEIGHT = 1e-12
 """Least weight of an amplitude when additions are ranked."""
 LEAST_GAIN = 1e-9
@@ -57,6 +59,7 @@ class Candidates:
         places: number of the place of each candidate (candidates,).
         free: whether each candidate can be every function of its place (candidates,).
         follows: the candidate without which each is not in a set, -1 for none (candidates,).
+        values: nonlinear parameter of each block, nan for none (blocks,).
     """
 
     design: Design
@@ -64,6 +67,7 @@ class Candidates:
     places: Index
     free: Mask
     follows: Index
+    values: Array
 
     @staticmethod
     def of(design: Design, library: Sequence[Variants]) -> Candidates:
@@ -88,7 +92,13 @@ class Candidates:
         number = {variants[0].label: k for k, variants in enumerate(library)}
         first = [f"{variants[0].follows}:{variants[0].place}" for variants in library]
         follows = [number.get(label, -1) for label in first] + (len(keys) - len(library)) * [-1]
-        return Candidates(design, log_odds, places, np.array(free, dtype=bool), np.array(follows))
+        values = np.full(len(design.blocks), np.nan)
+        for k, block in enumerate(design.blocks):
+            if block.candidate < len(library):
+                effect = library[block.candidate][block.variant]
+                values[k] = effect.nonlinear.value(effect) if effect.nonlinear.field else np.nan
+        alone = np.array(free, dtype=bool)
+        return Candidates(design, log_odds, places, alone, np.array(follows), values)
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -136,12 +146,21 @@ class Candidates:
         instead = self.free[self.owners] & np.isin(self.of_blocks, self.places[owners])
         follows = self.follows[self.owners]
         early = (follows >= 0) & ~np.isin(follows, owners)
+        for k in blocks:
+            near = np.abs(self.values - self.values[k]) < APART
+            early |= near & (follows == self.owner(k))
         return np.asarray(taken | alone | instead | early)
 
     def is_possible(self, blocks: Blocks) -> bool:
-        """Whether a set has what each of its blocks follows."""
-        owners = np.array([self.owner(k) for k in blocks], dtype=np.intp)
-        return bool(np.isin(self.follows[owners], [-1, *owners]).all())
+        """Whether a set has what each of its blocks follows, with another value."""
+        of_owner = {self.owner(k): k for k in blocks}
+        for owner, k in of_owner.items():
+            first = int(self.follows[owner])
+            if first >= 0 and first not in of_owner:
+                return False
+            if first >= 0 and abs(self.values[k] - self.values[of_owner[first]]) < APART:
+                return False
+        return True
 
 
 def place_of(effect: Effect) -> tuple[object, ...]:

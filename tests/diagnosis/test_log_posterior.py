@@ -62,7 +62,8 @@ def space_of(dense: Dense, covariate_blocks: int = 0) -> ModelSpace:
     places = np.arange(len(names)) if dense.places is None else np.array(dense.places)
     free = np.isin(np.arange(len(names)), list(dense.alone))
     follows = np.full(free.size, -1)
-    candidates = Candidates(design, dense.log_odds, places, free, follows)
+    none_of_blocks = np.full(len(blocks), np.nan)
+    candidates = Candidates(design, dense.log_odds, places, free, follows, none_of_blocks)
     return ModelSpace(candidates, gram_of_rows(design, NOTHING, rows), dense.stated)
 
 
