@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -51,32 +52,26 @@ class Posterior:
 
     @cached_property
     def median(self) -> Blocks:
-        """The median probability model: the candidates more probable than not, each by its most
-        probable variant (Barbieri, Berger 2004, Ann. Stat. 32); of the candidates of one place
-        those alone that act there together most probably.
+        """The median probability model: the candidates more probable than not (Barbieri,
+        Berger 2004, Ann. Stat. 32); of the candidates of one place those alone that act there
+        together most probably, by their most probable variants together.
         """
         candidates = self.space.candidates
-        of_blocks = defaultdict[int, float](float)
         of_forms = defaultdict[frozenset[int], float](float)
+        of_blocks = defaultdict[frozenset[int], float](float)
         for blocks, weight in self.weights.items():
-            for k in blocks:
-                of_blocks[k] += weight
             for place in {int(candidates.of_blocks[k]) for k in blocks}:
-                inside = (k for k in blocks if candidates.of_blocks[k] == place)
+                inside = frozenset(k for k in blocks if candidates.of_blocks[k] == place)
+                of_blocks[inside] += weight
                 of_forms[frozenset(map(candidates.owner, inside))] += weight
         together: dict[int, frozenset[int]] = {}
         for owners in sorted(of_forms, key=lambda owners: (-of_forms[owners], sorted(owners))):
             together.setdefault(int(candidates.places[min(owners)]), owners)
-        best: dict[int, int] = {}
-        for k in sorted(of_blocks, key=lambda k: (-of_blocks[k], k)):
-            best.setdefault(candidates.owner(k), k)
-        named = (
-            k
-            for owner, k in best.items()
-            if self.probability(k) >= THRESHOLDS.named
-            and owner in together[int(candidates.places[owner])]
-        )
-        return tuple(sorted(named))
+        best: dict[frozenset[int], frozenset[int]] = {}
+        for inside in sorted(of_blocks, key=lambda blocks: (-of_blocks[blocks], sorted(blocks))):
+            best.setdefault(frozenset(map(candidates.owner, inside)), inside)
+        acting = itertools.chain.from_iterable(best[owners] for owners in together.values())
+        return tuple(sorted(k for k in acting if self.probability(k) >= THRESHOLDS.named))
 
     def beside(self, blocks: Blocks) -> Conditional:
         """What is left beside a set, at its best widths and amplitude."""
