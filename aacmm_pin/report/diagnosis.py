@@ -64,7 +64,12 @@ from aacmm_pin.report.document import (
     blank_axes,
     document_of,
 )
-from aacmm_pin.report.doubts import beside_threshold, doubts_in_words, labels_in_words
+from aacmm_pin.report.doubts import (
+    WITH_STRUCTURE,
+    beside_threshold,
+    doubts_in_words,
+    labels_in_words,
+)
 from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import (
     capital,
@@ -75,7 +80,7 @@ from aacmm_pin.report.numbers import (
     p_value,
     percent,
 )
-from aacmm_pin.report.plots.groups import held_out_parts, place_in_words
+from aacmm_pin.report.plots.groups import held_out_parts, part_in_words, place_in_words
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
 from aacmm_pin.report.plots.residual_vectors import MODEL_WORDS, models, two_models
 
@@ -179,7 +184,7 @@ def verdict_in_words(result: Diagnosis) -> str:
     """
     wrong = _wrong_in_words(result)
     doubts = ""
-    if result.verdict in ("unexplained", "partly-explained", "ambiguous"):
+    if result.verdict in (*WITH_STRUCTURE, "ambiguous"):
         doubts = "".join(f" {capital(doubt)}." for doubt in doubts_in_words(result))
     match result.verdict:
         case "unexplained" | "partly-explained":
@@ -263,7 +268,7 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
 
 def _excluded_in_words(result: Diagnosis) -> str:
     """What stays unexplained for being excluded, where these records are no gross errors."""
-    if result.verdict not in ("unexplained", "partly-explained"):
+    if result.verdict not in WITH_STRUCTURE:
         return ""
     left = exclusions_of(result.extended)
     return f"{exclusions_in_words(left)} " if left.doubtful else ""
@@ -652,11 +657,9 @@ def budget_table(result: Diagnosis) -> pd.DataFrame:
     """The parts of the mean square residual of the nominal arm: part, RMS and its u, share."""
     rows = []
     for part in result.budget:
-        effects = filter(None, map(result.cause, part.causes))
-        name = listed([name_in_words(effect, result.model.arm) for effect in effects])
         u = part.u / (2.0 * part.rms) if part.rms else float("nan")
         sizes = {"rms_mm": part.rms / MM, "u_mm": u / MM}
-        rows.append({"part": name or part.part, **sizes, "share": percent(part.share)})
+        rows.append({"part": part_in_words(result, part), **sizes, "share": percent(part.share)})
     return pd.DataFrame(rows)
 
 

@@ -14,6 +14,9 @@ from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Unexplained
 from aacmm_pin.effects import listed, name_in_words, probability, several_in_words
 from aacmm_pin.report.numbers import p_equals
 
+WITH_STRUCTURE = ("unexplained", "partly-explained")
+"""Verdicts with structure that no cause explains."""
+
 
 def doubts_in_words(result: Diagnosis) -> list[str]:
     """What stands against the verdict, without what the verdict itself states of the causes.
@@ -73,7 +76,7 @@ def _no_better(result: Diagnosis) -> str:
 
 def _structure_left(result: Diagnosis) -> str:
     """The residuals have significant structure (`unexplained.p_value` is below the threshold)."""
-    if result.verdict in ("unexplained", "partly-explained") or "more causes" in result.doubts:
+    if result.verdict in WITH_STRUCTURE or "more causes" in result.doubts:
         return ""
     return f"the residuals have significant structure ({beside_threshold(result.unexplained)})"
 

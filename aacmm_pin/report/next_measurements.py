@@ -12,7 +12,7 @@ from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, in_words, listed
 from aacmm_pin.measurements import LABELS
-from aacmm_pin.report.doubts import doubts_in_words
+from aacmm_pin.report.doubts import WITH_STRUCTURE, doubts_in_words
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plan import advice, mostly_seats
 
@@ -21,8 +21,6 @@ PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 MORE_RECORDS = "take more records, at other postures, to find which of the listed causes act"
 ORDER = ("record", "time")
 """The same, of the order in which records were taken."""
-WITH_STRUCTURE = ("unexplained", "partly-explained")
-"""Verdicts with structure that no cause explains."""
 
 
 @one_blas_thread

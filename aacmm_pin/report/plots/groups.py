@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.diagnosis import Diagnosis
+from aacmm_pin.diagnosis import BudgetPart, Diagnosis
 from aacmm_pin.effects import listed, name_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import length_unit, lengths
@@ -65,17 +65,19 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def part_in_words(result: Diagnosis, part: BudgetPart) -> str:
+    """A part of the budget: its causes and their places, or its name."""
+    effects = filter(None, map(result.cause, part.causes))
+    return listed([name_in_words(effect, result.model.arm) for effect in effects]) or part.part
+
+
 @plain
 def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """Plot the parts of the residual of the nominal arm, as RMS displacements of the tip."""
     parts = result.budget
     unit, scale = length_unit(max(part.rms for part in parts))
     ax = axes_of(ax, (6.8, 0.9 + 0.32 * len(parts)))
-    names = []
-    for part in parts:
-        effects = filter(None, map(result.cause, part.causes))
-        words = listed([name_in_words(effect, result.model.arm) for effect in effects])
-        names.append(words or part.part)
+    names = [part_in_words(result, part) for part in parts]
     colors = [BLUE if part.causes else GREY for part in parts]
     sizes = [part.rms / scale for part in parts]
     bars = ax.barh(range(len(parts)), sizes, color=colors, height=0.6)
