@@ -394,7 +394,8 @@ class _ColumnsOf:
                 columns = self._new((effect, first) if both else (effect,))
                 form = None
             single = len(effect.terms) == 1 and not is_change(effect)
-            positive = single and effect.terms[0].positive
+            # Files give torques of the drive, or of the load, which have the opposite sign.
+            positive = single and effect.terms[0].positive and "torque" not in effect.needs
             self.blocks.append(Block(number, which, columns, form, positive))
 
     def _basis(self, basis: Effect) -> slice:

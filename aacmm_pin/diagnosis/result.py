@@ -29,6 +29,9 @@ from aacmm_pin.effects import Effect, ErrorModel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+SEVERAL_JOINTS = 2
+"""At so many joints it is the columns, and not another cause, that have the wrong sign."""
+
 Verdict = Literal[
     "explained",
     "partly-explained",
@@ -159,6 +162,19 @@ class Diagnosis(Shown):
     otherwise: tuple[str, ...]
     contradicted: tuple[Note, ...]
     budget: tuple[BudgetPart, ...]
+
+    @property
+    def below_zero(self) -> list[Effect]:
+        """The causes with a negative value that is physically impossible."""
+        return [finding.effect for finding in self.findings if finding.below_zero]
+
+    @property
+    def reversed_torques(self) -> bool:
+        """True if the torque columns of the file have the opposite sign: several joints yield to
+        measured torques in the impossible direction, and no joint in the possible one.
+        """
+        effects = [f.effect for f in self.findings if "torque" in f.effect.needs]
+        return len(effects) >= SEVERAL_JOINTS and all(e in self.below_zero for e in effects)
 
     def geometric(self, finding: Finding) -> bool:
         """Return whether a finding is a value of the geometry of the arm."""

@@ -200,7 +200,8 @@ def verdict_in_words(result: Diagnosis) -> str:
             if result.findings:
                 after += f" with {'this cause' if len(result.findings) == 1 else 'these causes'}"
             text = f"{wrong}. After {after}, {_left_in_words(result)}"
-    return f"{_excluded_in_words(result)}{capital(text)}.{doubts}"
+    mistake = "The torque columns have the wrong sign. " if result.reversed_torques else ""
+    return f"{mistake}{_excluded_in_words(result)}{capital(text)}.{doubts}"
 
 
 def certainty_in_words(result: Diagnosis) -> str:

@@ -56,8 +56,7 @@ def _cause_not_named(result: Diagnosis) -> str:
 
 def _below_zero(result: Diagnosis) -> str:
     """The estimate of a cause is negative by more than U, which is physically impossible."""
-    negative = [finding.effect for finding in result.findings if finding.below_zero]
-    causes = several_in_words(negative, result.model.arm)
+    causes = several_in_words(result.below_zero, result.model.arm)
     return f"the estimate of {causes} is negative, which is physically impossible"
 
 

@@ -54,6 +54,12 @@ def _first(result: Diagnosis) -> str:
             "find what the excluded records have in common, repeat some excluded records, and "
             "state time_s and session of all records"
         )
+    if result.reversed_torques:
+        return (
+            "reverse the sign of all columns torque1_nm …, because they have to be the torques with "
+            "which the drives hold the load, not the moments of the load. Then diagnose the "
+            "records again"
+        )
     of_set_up = [finding.effect for finding in findings if finding.effect.remedy]
     if of_set_up:
         moved = in_words(of_set_up[0], result.model.arm)
@@ -145,7 +151,7 @@ def _first(result: Diagnosis) -> str:
             "take more records, at other postures, because the extended arm does not predict "
             "held-out records better than the recalibrated arm"
         )
-    if negative := [finding.label for finding in findings if finding.below_zero]:
+    if negative := [effect.label for effect in result.below_zero]:
         return (
             "check the signs of gravity, torques and temperatures, because the value of "
             f"{' and '.join(negative)} is negative. If the signs are right, take more records, at "

@@ -141,6 +141,17 @@ def test_bursts_of_an_encoder_are_in_the_order_of_the_records(tmp_path: Path) ->
     assert order.correlation > 2.0 * order.limit
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_torques_of_the_load_instead_of_the_drive(sign: float, tmp_path: Path) -> None:
+    plant = Plant.of(8)
+    load = plant.rng.uniform(-60.0, 60.0, plant.q.shape)
+    angle = load * [0.0, 6e-6, 9e-6, 0.0, 0.0, 0.0]
+    columns = {f"torque{j}_nm": sign * load[:, j - 1] for j in range(1, 7)}
+    found = plant.diagnosed(tmp_path, plant.places(angle), **columns)
+    assert {f.label for f in found.findings} == {"joint_compliance:2", "joint_compliance:3"}
+    assert found.reversed_torques == (sign > 0.0)
+
+
 def test_two_waves_of_one_joint(tmp_path: Path) -> None:
     """Neither a single wave, nor a dependence on two joints."""
     plant = Plant.of(6)
