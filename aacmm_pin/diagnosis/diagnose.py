@@ -23,6 +23,7 @@ from aacmm_pin.calibration import (
     geometric_parameters,
     in_first_frame,
     problem_of,
+    rms,
     session_notes,
 )
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
@@ -55,6 +56,10 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import GivenRecords, Measurements
 
+FEWEST_OF_A_FRAME = 6
+"""A frame is tried for each session if each has so many records with references."""
+AS_WELL = 1.1
+"""Residuals larger by this factor are explained as well."""
 NOTHING = 1e-12
 """Residuals smaller than this were never measured [m]."""
 
@@ -118,6 +123,7 @@ def diagnose(
     )
     measurements, repeated = counted_once(measurements)
     measurements, derived = _with_approach(measurements)
+    as_given, stated_setup = measurements, setup
     measurements, setup = in_first_frame(model, measurements, setup)
     if prior and model.arm.unexplained and model.arm.covariance is not None:
         # What was not explained then is partly in the parameters, and would be missing from the
@@ -140,6 +146,7 @@ def diagnose(
     before = fit(as_stated, used=used)
     recalibrated = fit(problem([]), used=used)
     repeated += session_notes(recalibrated)
+    repeated += _better_frames(model, as_given, stated_setup, recalibrated, choice.fit)
     if derived and any(isinstance(effect, JointHysteresis) for effect in choice.effects):
         repeated.append(Note("approach_from_time"))
     if model.arm.masses is None:
@@ -207,6 +214,33 @@ def _with_approach(measurements: Measurements) -> tuple[Measurements, bool]:
     if measurements.conditions.approach is not None or not in_order:
         return measurements, False
     return measurements.with_approach_from_order(), True
+
+
+def _better_frames(
+    model: ErrorModel, records: Measurements, setup: Setup, recalibrated: Fit, extended: Fit
+) -> list[Note]:
+    """A note if a frame for each session of the file explains the residuals of the recalibrated arm
+    as well as the causes that were found: by the Bayesian information criterion (Schwarz 1978, Ann.
+    Stat. 6).
+    """
+    session = records.conditions.session
+    if session is None or setup.frame_of_session:
+        return []
+    labels, counts = np.unique(session[records.placed].astype(str), return_counts=True)
+    if len(labels) < 2 or labels[0] == "" or counts.min() < FEWEST_OF_A_FRAME:
+        return []
+    of_sessions = in_first_frame(model, records, replace(setup, reference_frame="session"))
+    framed = fit(_with_causes(model, *of_sessions)([]))
+    used = framed.used & recalibrated.used & extended.used
+    was, size, named = (
+        rms(np.linalg.norm(one.system.deviation[used], axis=1))
+        for one in (recalibrated, framed, extended)
+    )
+    rows = 3 * int(used.sum())
+    more = framed.point.x.size - recalibrated.point.x.size
+    if 2.0 * rows * np.log(was / size) <= more * np.log(rows) or size > AS_WELL * named:
+        return []
+    return [Note("session_frames_fit", {"sessions": len(labels), "rms": size, "was": was})]
 
 
 def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:

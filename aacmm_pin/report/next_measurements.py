@@ -13,7 +13,7 @@ from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, in_words, listed
 from aacmm_pin.measurements import LABELS
 from aacmm_pin.report.doubts import WITH_STRUCTURE, doubts_in_words
-from aacmm_pin.report.numbers import lengths
+from aacmm_pin.report.numbers import capital, lengths
 from aacmm_pin.report.plan import advice, mostly_seats
 
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
@@ -60,6 +60,9 @@ def _first(result: Diagnosis) -> str:
             "which the drives hold the load, not the moments of the load. Then diagnose the "
             "records again"
         )
+    better = [note for note in result.assumed if note.code == "session_frames_fit"]
+    if better:
+        return f"diagnose the records again. {capital(str(better[0]))}"
     of_set_up = [finding.effect for finding in findings if finding.effect.remedy]
     if of_set_up:
         moved = in_words(of_set_up[0], result.model.arm)

@@ -110,6 +110,15 @@ def test_a_stand_that_moved_is_no_encoder_fault(seed: int, tmp_path: Path) -> No
     assert abs(np.searchsorted(plant.time, finding.effect.time_s) - AT) <= 3  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_frame_for_each_session_is_tried(moves: bool, tmp_path: Path) -> None:
+    plant = Plant.of(9)
+    places = moved(plant.places(), plant.rng) if moves else plant.places()
+    session = np.where(np.arange(RECORDS) < AT, "first", "second")
+    found = plant.diagnosed(tmp_path, places, session=session)
+    assert ("session_frames_fit" in [note.code for note in found.notes]) == moves
+
+
 def test_a_stylus_that_was_mounted_again_is_no_encoder_fault(tmp_path: Path) -> None:
     plant = Plant.of(3)
     shift = np.array([0.08, -0.06, 0.07])
