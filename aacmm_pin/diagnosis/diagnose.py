@@ -206,12 +206,10 @@ def diagnose(
 
 
 def _with_approach(measurements: Measurements) -> tuple[Measurements, bool]:
-    """The records with the directions of approach that follow from the order of the time, and
+    """The records with the directions of approach that follow from the order of the rows, and
     whether these were derived: not where they are stated, nor where the order is not known.
     """
-    time = measurements.conditions.time
-    in_order = time is not None and np.ptp(time) > 0.0 and bool((np.diff(time) >= 0.0).all())
-    if measurements.conditions.approach is not None or not in_order:
+    if measurements.conditions.approach is not None or not measurements.in_order:
         return measurements, False
     return measurements.with_approach_from_order(), True
 

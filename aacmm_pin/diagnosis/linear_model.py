@@ -399,9 +399,11 @@ class Conditional:
     def _inside(self) -> dict[object, Array]:
         return {}
 
-    @cached_property
+    @property
     def all(self) -> Beside:
-        """What is left beside the set."""
+        """What is left beside the set; not kept, as it refers to this, and the memory of a circle
+        is freed late.
+        """
         return Beside.of(self)
 
     def without(self, *members: int) -> Beside:

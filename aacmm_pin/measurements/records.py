@@ -395,6 +395,17 @@ class Measurements(Shown):
         approach = sign.ffill().to_numpy()
         return replace(self, conditions=replace(self.conditions, approach=approach))
 
+    @property
+    def in_order(self) -> bool:
+        """Return whether the rows are in the order of measurement: ``time_s`` or, without it,
+        numbers in ``record`` increase from row to row.
+        """
+        clock: ArrayLike | None = self.conditions.time
+        if clock is None and self.record is not None:
+            clock = pd.to_numeric(pd.Series(self.record), errors="coerce")
+        steps = np.diff(np.asarray([] if clock is None else clock, dtype=np.float64))
+        return bool(steps.size) and bool((steps >= 0.0).all() and steps.any())
+
     @cached_property
     def postures(self) -> Index:
         """Return the number of the held posture of each record, ``(n,)``.

@@ -130,12 +130,14 @@ def test_a_stylus_that_was_mounted_again_is_no_encoder_fault(tmp_path: Path) -> 
     assert np.all(np.abs(off) < 3.0 * np.array(finding.effect.u) * 1e3)
 
 
-def test_backlash_in_the_order_of_time(tmp_path: Path) -> None:
+@pytest.mark.parametrize("column", ["time_s", "record"])
+def test_backlash_in_the_order_of_the_rows(column: str, tmp_path: Path) -> None:
     plant = Plant.of(4)
     side = np.sign(np.diff(plant.q[:, 2], prepend=plant.q[0, 2] - 1.0))
     angle = np.zeros(plant.q.shape)
     angle[:, 2] = 7e-5 * side
-    (finding,) = plant.diagnosed(tmp_path, plant.places(angle), time_s=plant.time).findings
+    order = {column: plant.time}
+    (finding,) = plant.diagnosed(tmp_path, plant.places(angle), **order).findings
     assert finding.label == "joint_hysteresis:3"
 
 
