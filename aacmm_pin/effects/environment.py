@@ -188,6 +188,7 @@ class FrameShift(StepInTime):
         "--reference-frame session"
     )
     of_reference: ClassVar[bool] = True
+    prior_weight: ClassVar[float] = 0.2
     nonlinear: ClassVar[Nonlinear[Any]] = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
     terms: ClassVar[tuple[Term, ...]] = (*shifts(2e-4), *turns(2e-4))
 
