@@ -84,8 +84,7 @@ def signed_residuals(choice: Choice) -> dict[int | None, Array]:
     """
     at = choice.design.fit
     records = at.problem.measurements
-    time = records.conditions.time
-    order = np.arange(records.n) if time is None else np.argsort(time, kind="stable")
+    order = records.order_in_time
     order = order[choice.fit.used[order] & at.observations.has_target[order]]
     whiten = choice.noise.whitening[order, :3, :3]
     deviations = choice.noise.independent(choice.design.deviations(choice.tips))[order, :3]

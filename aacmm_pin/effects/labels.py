@@ -20,6 +20,8 @@ PLACE_WORDS = {
     "torsional_windup": "tube",
 }
 """What people call a place, by the cause or else by the field; without either as the field."""
+PLURAL = {"body": "bodies"}
+"""Plurals that do not only add an s."""
 WHOLE_ARM = {"thermal_expansion": "the arm"}
 """Causes that may be of a place, and what people call the whole arm there."""
 FEW_VALUES = 8
@@ -68,8 +70,8 @@ def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
                 for place in sorted(effect.place for effect in alike if effect.place is not None)
             ]
             words = cause_in_words(type(one))
-            several = f"{_place_words(one, arm)}s".replace("bodys", "bodies")
-            found.append(f"{words} of {several} {listed(places)}")
+            place = _place_words(one, arm)
+            found.append(f"{words} of {PLURAL.get(place, f'{place}s')} {listed(places)}")
     return listed(found)
 
 

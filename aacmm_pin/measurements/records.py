@@ -396,6 +396,14 @@ class Measurements(Shown):
         return replace(self, conditions=replace(self.conditions, approach=approach))
 
     @property
+    def order_in_time(self) -> Index:
+        """Return the numbers of the records in the order of ``time_s``, ``(n,)``; of the rows if
+        the file states no time.
+        """
+        time = self.conditions.time
+        return np.arange(self.n) if time is None else np.argsort(time, kind="stable")
+
+    @property
     def in_order(self) -> bool:
         """Return whether the rows are in the order of measurement: ``time_s`` or, without it,
         numbers in ``record`` increase from row to row.

@@ -189,7 +189,9 @@ def verdict_in_words(result: Diagnosis) -> str:
     match result.verdict:
         case "unexplained" | "partly-explained":
             text = _not_explained(result)
-            if result.findings:
+            if result.no_better:  # what held-out records do not confirm comes last
+                text = f"{text}. {capital(wrong)}"
+            elif result.findings:
                 text = ". ".join([wrong, *_worth_in_words(result), capital(text)])
         case "inconclusive":
             text = _inconclusive(result, wrong)

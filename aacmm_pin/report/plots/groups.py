@@ -97,16 +97,16 @@ def plot_residuals_by_row(result: Diagnosis, ax: Axes | None = None) -> Axes:
     the rows if no time is stated.
     """
     records = result.extended.problem.measurements
-    used = np.flatnonzero(result.extended.used)
-    time = records.conditions.time
-    order = used if time is None else used[np.argsort(time[used], kind="stable")]
+    order = records.order_in_time
+    order = order[result.extended.used[order]]
     residuals = result.extended.system.deviation[order, :3]
     unit, scale = length_unit(float(np.abs(residuals).max()))
     ax = axes_of(ax, (7.4, 3.2))
     for axis, color in enumerate((BLUE, VERMILLION, INK)):
         ax.plot(residuals[:, axis] / scale, ".", ms=4, color=color, label="xyz"[axis])
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set_xlabel("record, in the order of " + ("the rows" if time is None else "time"))
+    by = "the rows" if records.conditions.time is None else "time"
+    ax.set_xlabel(f"record, in the order of {by}")
     ax.set_ylabel(f"tip minus reference [{unit}]")
     ax.legend(ncols=3, fontsize=8, frameon=False)
     return ax
