@@ -35,6 +35,7 @@ from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
+from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.effects import (
     CAUSES,
     TEMPERATURE_TOLERANCE,
@@ -208,6 +209,8 @@ def calibrate(
         )
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
+    if (wrong := wrong_value(after)) is not None:
+        repeated.insert(0, wrong.note)
     found = Calibration(
         after,
         problem_of(model, measurements, [], setup),

@@ -12,7 +12,7 @@ fewest, with the fewest free numbers. Nothing is repaired.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations, permutations, product
@@ -34,6 +34,7 @@ from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import FEWEST_PLACED, initial_point, solve
+from aacmm_pin.calibration.wrong_values import WrongValue, wrong_value
 from aacmm_pin.effects import (
     ErrorModel,
     JointPlacement,
@@ -68,6 +69,15 @@ than four.
 """
 TURN = 2 * np.pi
 """An angle beyond this was hardly in radians [rad]."""
+SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
+"""Factors by which a length is mistyped: another sign, a decimal place."""
+LEAST_SINE = 0.01
+"""A twist with a smaller sine has no sign."""
+MOST_IN_RADIANS = 0.06
+"""Twists that are all below this were hardly in degrees: a right angle in radians under such a key
+[rad]."""
+SMALL = 0.1
+"""The lengths of an arm hardly add up to less [m]."""
 FEWEST_FOR_MISTAKES = 10
 """With fewer records some mistake fits anything."""
 RECORDS_TO_DISTINGUISH = 80
@@ -190,11 +200,9 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     unlike = after.unmodelled > UNLIKE * travel
     fitted = _median(after.system.deviation)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
-        _require_no_mistake(
-            problem, fitted, thorough=unlike, options=fitted >= FAR or _absorbs(after)
-        )
+        options = fitted >= FAR or _absorbs(after)
+        _require_no_mistake(problem, fitted, thorough=unlike, options=options, after=after)
     if unlike:
-        _require_no_wrong_value(problem, fitted)
         advice = Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
         raise AacmmError(
             f"{problem.measurements.source}: {advice}. (With the best parameters, the records "
@@ -296,7 +304,9 @@ def _require_orientations(after: Fit) -> None:
     )
 
 
-def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, options: bool) -> None:
+def _require_no_mistake(
+    problem: Problem, fitted: float, *, thorough: bool, options: bool, after: Fit | None = None
+) -> None:
     """Refuse records that one mistake explains.
 
     Args:
@@ -305,6 +315,7 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
         thorough: look for two mistakes, and several signs, too.
         options: look for options that were left out. They leave numbers open that geometry may as
             well take up: a tip that is off by a length of the last row is no mistake.
+        after: a fit of these, by which one wrong value of the arm is looked for before options.
 
     Raises:
         MistakenFileError: the mistake.
@@ -329,7 +340,10 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
         of_touches = (mistake for mistake in several if not mistake.changes_tips)
         # Two together are computed only once, and would fill the cache.
         tips_of = cached_tips if len(of_tips) < 2 else cached_tips.__wrapped__
-        return _misfit(tips_of(*of_tips), cached_touches(*of_touches))[1]
+        try:
+            return _misfit(tips_of(*of_tips), cached_touches(*of_touches))[1]
+        except AacmmError:  # an arm so changed has no tips, as where it finds no equilibrium
+            return np.inf
 
     described_distance, described_misfit = _misfit(cached_tips(), cached_touches())
     if described_distance == np.inf:
@@ -340,12 +354,16 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
     taken_up = fitted < FAR or fitted == np.inf
     as_is = described_distance if taken_up else fitted
     single = [(mistake,) for mistake in _mistakes(problem) if options or not mistake.free]
+    of_columns = [mistakes for mistakes in single if not mistakes[0].free]
     tiers = [
+        of_columns,
         single,
         _options(single),
         *((_several_signs(records.nq), _pairs(single)) if thorough else ()),
     ]
-    for mistakes in tiers:
+    for number, mistakes in enumerate(tiers):
+        if number == 1 and after is not None and options:
+            _require_no_wrong_value(after, as_is)
         misfits = np.array([misfit(several) for several in mistakes])
         limit = (EXPLAINS if taken_up else 1.0) * described_misfit
         nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
@@ -375,29 +393,31 @@ def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, opti
             )
 
 
-def _require_no_wrong_value(problem: Problem, as_is: float) -> None:
+def _require_no_wrong_value(after: Fit, as_is: float) -> None:
     """Refuse records that the arm explains if one value of its file is another, and only then.
 
     Raises:
         MistakenFileError: the value.
     """
-    setup = replace(problem.setup, prior=False)
-    free = problem_of(problem.model, problem.measurements, ["geometry"], setup)
-    try:
-        after = fit(free)
-    except AacmmError:
+    wrong = wrong_value(after)
+    if wrong is None or wrong.fit.unmodelled >= FAR:
         return
-    distance = _median(after.system.deviation)
-    wrong = _moved_far(after, 1.0)
-    if after.unmodelled < FAR and distance < EXPLAINS * as_is and len(wrong) == 1:
-        ((entry, change),) = wrong.items()
-        parameter = free.vector.arm_parameters[entry]
-        if parameter is not None:
-            data = {"parameter": parameter.name, "stated": parameter.value}
-            data |= {"found": parameter.value + change}
-            data |= {"unit": "mm" if parameter.unit == "m" else "°"}
-            name = str(Note("wrong_value", data))
-            raise MistakenFileError(problem.measurements.source, name, as_is, distance)
+    distance = _median(wrong.fit.system.deviation)
+    if distance < EXPLAINS * as_is:
+        source = after.problem.measurements.source
+        first, *others = [*_aliases(wrong, after), str(wrong.note)]
+        raise MistakenFileError(source, first, as_is, distance, tuple(others))
+
+
+def _aliases(wrong: WrongValue, after: Fit) -> list[str]:
+    """Options that explain records as well as a value of the first or last row."""
+    chain = after.problem.model.arm.chain
+    found = []
+    if wrong.row == 1 and not after.problem.external:
+        found.append(Note("other_frame"))
+    if wrong.row == chain.rows and after.problem.setup.target == "tip":
+        found.append(Note("target_off_tip"))
+    return [*map(str, found)]
 
 
 def _distance_without(without: Problem, as_is: float) -> float:
@@ -610,6 +630,52 @@ def _thinned(records: Measurements) -> Index:
 # --- mistakes
 
 
+def _of_table(arm: Arm) -> Iterator[_Mistake]:
+    """A twist with the opposite sign, or all angles or lengths in other units."""
+    if not isinstance(arm.file, ArmFile):
+        return
+    rows = arm.file.joints
+    for number, row in enumerate(rows):
+        if abs(np.sin(row.alpha_rad)) > LEAST_SINE:
+            name = Note("twist_reversed", {"row": number + 1, "alpha": row.alpha_rad})
+            changed = _with_values(arm.file, {number: {"alpha_rad": -row.alpha_rad}})
+            yield _Mistake(name, f"alpha {number}", arm=changed)
+        for key in ("a_mm", "d_mm"):
+            stated = getattr(row, key)
+            for factor in SLIPS_OF_LENGTHS if abs(stated) * MM > FAR else ():
+                data = {"parameter": f"{key[0]}{number + 1}", "stated": stated * MM}
+                name = Note("length_mistyped", data | {"likely": factor * stated * MM})
+                changed = _with_values(arm.file, {number: {key: factor * stated}})
+                yield _Mistake(name, f"{key} {number}", arm=changed)
+    if 0.0 < max(abs(row.alpha_rad) for row in rows) < MOST_IN_RADIANS:
+        changed = _scaled(arm.file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
+        yield _Mistake(Note("table_in_radians"), "table", arm=changed)
+    if _is_small(arm.file):
+        for unit, factor in (("metres", 1e3), ("inches", 25.4)):
+            changed = _scaled(arm.file, ("a_mm", "d_mm"), factor)
+            yield _Mistake(Note("table_unit", {"unit": unit}), "table", arm=changed)
+
+
+def _scaled(file: ArmFile, keys: Sequence[str], factor: float) -> Arm:
+    """The arm with some values of every row times a factor."""
+    rows = enumerate(file.joints)
+    return _with_values(
+        file, {k: {key: factor * getattr(row, key) for key in keys} for k, row in rows}
+    )
+
+
+def _with_values(file: ArmFile, values: Mapping[int, Mapping[str, float]]) -> Arm:
+    """The arm with other values in some rows (from 0)."""
+    rows = [row.model_copy(update=values.get(k, {})) for k, row in enumerate(file.joints)]
+    return Arm.from_file(file.model_copy(update={"joints": rows}))
+
+
+def _is_small(file: ArmFile) -> bool:
+    """Whether the lengths of an arm are hardly in the unit that their keys state."""
+    size = sum(abs(row.a_mm) + abs(row.d_mm) for row in file.joints)
+    return size * MM < SMALL
+
+
 def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     """Every single mistake."""
     records = problem.measurements
@@ -647,13 +713,15 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
         name = Note("angles_unit", {"unit": unit, "taken": taken})
         yield _Mistake(name, "angles", angle_matrix=factor * identity)
     yield from _of_convention(problem.model.arm)
+    yield from _of_table(problem.model.arm)
     if records.known.any():
         yield from _of_frame(problem.external)
         if problem.setup.target != "unknown" and not any(
             isinstance(effect, StylusOffset) for effect in problem.vector.effects
         ):
             yield _Mistake(Note("target_off_tip"), "target", target_off_tip=True)
-        for (unit, taken), factor in LENGTH_UNITS.items():
+        small = isinstance(arm.file, ArmFile) and _is_small(arm.file)
+        for (unit, taken), factor in () if small else LENGTH_UNITS.items():
             yield _Mistake(
                 Note("coordinates_unit", {"unit": unit, "taken": taken}), "unit", scale=factor
             )

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Mask
 from aacmm_pin._support.display import Shown
@@ -25,8 +26,11 @@ from aacmm_pin.calibration import (
     session_notes,
 )
 from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
+from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.input_mistakes import first_fit
+from aacmm_pin.calibration.predicted_residuals import predicted_rms
 from aacmm_pin.calibration.setup import checked_input
+from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, all_candidates
 from aacmm_pin.measurements import GivenRecords, Measurements
@@ -45,8 +49,10 @@ class Check(Shown):
         used: (n,) False for records that are too far off to belong.
         rms: RMS distance of tip and target, set-up fitted and geometry as stated [m]; nan if no
             record has a target.
-        predicted_rms: the same by the uncertainties that arm and records state (JCGM 100:2008, eq.
-            13), before any set-up is fitted [m]; nan if the arm states none.
+        calibrated_rms: the same with fitted geometry.
+        predicted_rms: what ``rms`` should be by the uncertainties that arm and records state, see
+            :func:`~aacmm_pin.calibration.predicted_residuals.predicted_rms` [m]; nan if the arm
+            states none.
         missing: condition that the records do not state, and the causes that cannot be tried
             without it.
         notes: what was assumed, and what looks unusual.
@@ -56,6 +62,7 @@ class Check(Shown):
     measurements: Measurements
     used: Mask
     rms: float
+    calibrated_rms: float
     predicted_rms: float
     missing: Mapping[str, tuple[type[Effect], ...]]
     notes: tuple[Note, ...]
@@ -72,16 +79,22 @@ def check_measurements(
     *,
     reference_frame: ReferenceFrame = "base",
     target: Target = "tip",
+    encoder_noise: ArrayLike | None = None,
+    reference_noise: float | None = None,
+    probe_noise: float | None = None,
+    length_noise: float | None = None,
 ) -> Check:
-    """Read an arm and its records, fit the set-up alone, and say what the records lack.
+    """Read an arm and its records, fit the geometry as :func:`aacmm_pin.calibration.calibrate`
+    does and the set-up alone, and say what the records lack.
 
     The set-up is what no file states: the place of an external frame, of an unknown target and of
-    seats without coordinates. No parameter of the arm is estimated.
+    seats without coordinates.
 
     Args:
         model: the arm, or its name or file.
         measurements: the records, a table of them, or their file.
-        reference_frame, target: see :func:`aacmm_pin.calibration.calibrate`.
+        reference_frame, target, encoder_noise, reference_noise, probe_noise, length_noise: see
+            :func:`aacmm_pin.calibration.calibrate`.
 
     Raises:
         MistakenFileError: one mistake in the file, or two, explain the records.
@@ -89,22 +102,33 @@ def check_measurements(
     """
     model, records = checked_input(model, measurements)
     records, notes = counted_once(records)
-    setup = Setup.of(model.arm, reference_frame, target, True)
+    setup = Setup.of(
+        model.arm,
+        reference_frame,
+        target,
+        True,
+        encoder_noise,
+        reference_noise,
+        probe_noise,
+        length_noise,
+    )
     records, setup = in_first_frame(model, records, setup)
-    found = first_fit(problem_of(model, records, [], setup))
-    deviation = found.system.deviation[found.used]
-    distance = rms(np.linalg.norm(deviation, axis=1))
+    calibrated = first_fit(problem_of(model, records, ["geometry"], setup))
+    found = fit(problem_of(model, records, [], setup), used=calibrated.used)
+    distance, after = (_rms_distance(one) for one in (found, calibrated))
     missing = not_tried(model.arm, list(all_candidates(model.arm, records)), records)
-    notes = [*exclusions_of(found).notes, *notes_of_records(found), *session_notes(found), *notes]
+    if (wrong := wrong_value(calibrated)) is not None:
+        notes.insert(0, wrong.note)
+    notes += [*exclusions_of(calibrated).notes, *notes_of_records(found), *session_notes(found)]
     notes += _limit_notes(model.arm, records)
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
-    predicted = _predicted_rms(found)
+    predicted = predicted_rms(found)
     if unknown := _noise_not_stated(model, records):
         notes.append(Note("prediction_without_noise", {"of": unknown}))
     if distance > FAR_BEYOND * predicted:
         notes.append(Note("beyond_prediction", {"times": distance / predicted}))
-    return Check(model, records, found.used, distance, predicted, missing, tuple(notes))
+    return Check(model, records, found.used, distance, after, predicted, missing, tuple(notes))
 
 
 def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
@@ -130,9 +154,6 @@ def _noise_not_stated(model: ErrorModel, records: Measurements) -> list[str]:
     return found
 
 
-def _predicted_rms(found: Fit) -> float:
-    """RMS distance of tip and target that the stated uncertainties predict [m]."""
-    if not found.problem.model.covariance().any():
-        return float("nan")
-    noise = np.trace(found.noise.without_scatter[:, :3, :3], axis1=1, axis2=2)
-    return float(np.sqrt((noise + found.stated_variance)[found.used].mean()))
+def _rms_distance(fit: Fit) -> float:
+    """RMS distance of tip and target over the used records [m]."""
+    return rms(np.linalg.norm(fit.system.deviation[fit.used], axis=1))

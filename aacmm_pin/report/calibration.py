@@ -49,7 +49,16 @@ from aacmm_pin.report.document import (
     blank_axes,
     document_of,
 )
-from aacmm_pin.report.numbers import length, lengths, p_equals, percent, vector
+from aacmm_pin.report.numbers import (
+    capital,
+    length,
+    lengths,
+    not_of_arm_file,
+    of_arm_file,
+    p_equals,
+    percent,
+    vector,
+)
 from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters
 from aacmm_pin.report.plots.calibration import LEAST_IN_BIN
 
@@ -135,9 +144,9 @@ def verdict(result: Calibration) -> str:
     so, that it rests on a part of the records, because what was excluded are no gross errors.
     """
     left, name = result.exclusions, result.model.arm.name
-    doubts = rest = ""
+    doubts, rest = capital(of_arm_file(result.notes)), ""
     if left.doubtful:
-        doubts = f"{exclusions_in_words(left)} Run aacmm-pin diagnose to find the cause. "
+        doubts += f"{exclusions_in_words(left)} Run aacmm-pin diagnose to find the cause. "
         rest = f" on the other {count(left.used, 'record')}"
     sizes = [result.rms_before, result.rms]
     for held in result.held_out[-1:]:
@@ -355,7 +364,7 @@ def _result(result: Calibration) -> list[Block]:
     ]
     if result.turns is not None:
         blocks.append(_turns(result, result.turns, noise))
-    return [*blocks, Notes(result.notes)]
+    return [*blocks, Notes(not_of_arm_file(result.notes))]
 
 
 def _distances(result: Calibration, noise: str) -> Table:

@@ -15,7 +15,7 @@ from aacmm_pin.diagnosis import Check
 from aacmm_pin.effects import CONDITION_COLUMNS, Effect, cause_in_words, listed
 from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.measurements import measurements_document
-from aacmm_pin.report.numbers import lengths
+from aacmm_pin.report.numbers import capital, lengths, not_of_arm_file, of_arm_file
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
 MISSING = "Causes of error that diagnose cannot try, because the file lacks a column"
@@ -27,12 +27,15 @@ def check_document(check: Check) -> Document:
     name, used = check.model.arm.name, int(check.used.sum())
     fits = f"{used} of {count(check.measurements.n, 'record')} fit {name}"
     known = not np.isnan(check.predicted_rms)
-    found, *expected = lengths([check.rms, check.predicted_rms] if known else [check.rms])
+    sizes = [check.rms, check.calibrated_rms, *([check.predicted_rms] if known else [])]
+    found, calibrated, *expected = lengths(sizes)
     distance = f"With the stated geometry, the RMS distance between tip and target is {found}"
     predicted = "The arm file states no uncertainties, which would predict this distance"
     if known:
         predicted = f"The stated uncertainties predict a distance of {expected[0]}"
-    finding = Paragraph(f"{fits}. {distance}. {predicted}.", finding=True)
+    wrong = capital(of_arm_file(check.notes))
+    after = f"With calibrated geometry, this distance is {calibrated}"
+    finding = Paragraph(f"{wrong}{fits}. {distance}. {predicted}. {after}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
     left_out = check.measurements.row[~check.used]
     rows = f"{name} does not fit the records in {rows_in_words(left_out)}." if left_out.size else ""
@@ -41,7 +44,7 @@ def check_document(check: Check) -> Document:
         Paragraph(rows, finding=True),
         *columns,
         Table(_missing(check), MISSING),
-        Notes(check.notes),
+        Notes(not_of_arm_file(check.notes)),
     ]
     return Document(f"{name} and {check.measurements.source}", blocks)
 
@@ -62,6 +65,7 @@ def check_summary(check: Check) -> dict[str, Any]:
     summary |= {"with_reference": int(records.known.sum()), "seats": len(records.seats())}
     summary |= {"bars": len(records.bars()), "rms_mm": check.rms / MM}
     summary["other_rows"] = check.measurements.row[~check.used].tolist()
+    summary["calibrated_rms_mm"] = check.calibrated_rms / MM
     summary["predicted_rms_mm"] = check.predicted_rms / MM
     summary["columns"] = [str(name) for name in records.to_frame().columns]
     summary["not_tried"] = not_tried_in_json(check.missing)

@@ -56,8 +56,8 @@ def _first(result: Diagnosis) -> str:
         )
     if result.reversed_torques:
         return (
-            "reverse the sign of all columns torque1_nm …, because they have to be the torques with "
-            "which the drives hold the load, not the moments of the load. Then diagnose the "
+            "reverse the sign of all columns torque1_nm …, because they have to be the torques "
+            "with which the drives hold the load, not the moments of the load. Then diagnose the "
             "records again"
         )
     better = [note for note in result.assumed if note.code == "session_frames_fit"]

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import LARGE_IN_MICRO, MM, UM
 
 IN_MM = 1e-4
@@ -20,6 +21,8 @@ VALUE_FORMATS = {"mm": "z.5f", "rad": "z.7f"}
 """Formats of the values of parameters by their unit."""
 WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")
 """A word of a sentence; names of causes, parameters, columns and files have other characters."""
+OF_ARM_FILE = ("wrong_value", "wrong_sign", "zeros_off")
+"""Notes on wrong values of the arm file."""
 UNIT = re.compile(r"_(mm3|mm|deg)$")
 """The unit at the end of the name of a column."""
 UNIT_SYMBOLS = {"mm3": "mm³", "mm": "mm", "deg": "°"}
@@ -91,6 +94,16 @@ def spread(frame: pd.DataFrame, over: str) -> pd.DataFrame:
 def percent(share: float, digits: int = 0) -> str:
     """A share: ``29 %``."""
     return f"{100 * share:z.{digits}f} %"
+
+
+def not_of_arm_file(notes: Iterable[Note]) -> list[Note]:
+    """The other notes."""
+    return [note for note in notes if note.code not in OF_ARM_FILE]
+
+
+def of_arm_file(notes: Iterable[Note]) -> str:
+    """Sentences on wrong values of the arm file, which come before all others, or nothing."""
+    return "".join(f"{note}. " for note in notes if note.code in OF_ARM_FILE)
 
 
 def capital(text: str) -> str:

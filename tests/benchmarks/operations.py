@@ -37,6 +37,7 @@ from tests.benchmarks.environments import (
     install,
 )
 from tests.benchmarks.real_like import OPTIONS, real_like, with_errors
+from tests.benchmarks.robots.robot import Robot
 
 OURS = "aacmm_pin"
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -58,11 +59,10 @@ TARGETS = {
     ("diagnosis", "3000 records", CALIBRATE): 6.0,
     ("diagnosis", "12000 records, 0% gross errors, own process", OURS): 1e9,
     ("diagnosis", "12000 records, 2% gross errors, own process", OURS): 1e9,
-    ("real-like", "180 postures × 1 markers", CALIBRATE): 8.0,
     ("real-like", "60 postures × 3 markers", CALIBRATE): 8.0,
     ("real-like", "200 postures × 3 markers", CALIBRATE): 8.0,
-    ("real-like", "2500 postures × 1 markers", CALIBRATE): 6.0,
-    ("real-like", "12000 postures × 1 markers, own process", OURS): 1e9,
+    ("real-like", "12000 records of a robot with error curves, own process", OURS): 1.2e9,
+    ("real-like", "100000 records of a robot with error curves, own process", OURS): 2e9,
     ("start-up", "--help", "python -c 'import typer'"): 3.0,
     ("start-up", "accuracy", "python -c 'import pinocchio, scipy.spatial'"): 2.5,
 }
@@ -354,7 +354,7 @@ def diagnosis(table: Table) -> None:
 
 def diagnosis_of_real_like(table: Table) -> None:
     """Diagnosis of files like those of robots, compared with the calibration of the same file."""
-    files = ((60, 3), (180, 1), (200, 3), (2500, 1))
+    files = ((60, 3), (200, 3))
     for postures, markers in files[:1] if table.quick else files:
         arm, data = real_like(postures, markers)
         ways: dict[str, Callable[[], object]] = {
@@ -362,11 +362,18 @@ def diagnosis_of_real_like(table: Table) -> None:
             for who, work in ((f"{OURS} diagnose", diagnose), (CALIBRATE, calibrate))
         }
         table.beside(f"{postures} postures × {markers} markers", ways, turns=3)
-    most = 60 if table.quick else 12_000
-    what = f"{most} postures × 1 markers, own process"
-    table.by_itself(
-        what, f"given = real_like({most})", "diagnose(*given, **OPTIONS, progress=False)"
-    )
+    lengths = (60,) if table.quick else (300, 2800, 12_000, *((100_000,) if table.long else ()))
+    for records in lengths:
+        what = f"{records} records of a robot with error curves, own process"
+        work = "diagnose(*given, **OPTIONS, hold_out=False, progress=False)"
+        table.by_itself(what, f"given = of_robot({records})", work)
+
+
+def of_robot(records: int) -> tuple[Arm, Measurements]:
+    """A robot whose joints have error curves of five waves, and its records."""
+    with tempfile.TemporaryDirectory() as name:
+        data = Robot.of(4).measured(records).write(Path(name))
+        return Arm.load(data.with_name("robot.toml")), Measurements.read(data)
 
 
 def volume_of_work(table: Table) -> None:

@@ -1,0 +1,79 @@
+"""The residuals that the stated uncertainties of arm and records predict, after the set-up is
+fitted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.linear_model import seat_columns
+
+ENOUGH = 1500
+"""So many records tell the mean square."""
+
+
+def predicted_rms(at: Fit) -> float:
+    """RMS distance of tip and target that the stated uncertainties predict, after a fit of what it
+    estimates [m]; nan if the arm states no uncertainty.
+
+    The fit takes a part of the errors: with the columns A of parameters and seats, weights W and
+    ``C = (Aᵀ W A + P)⁻¹`` of ISO/IEC Guide 98-3 (JCGM 100:2008, eq. 13) for ``e - A C Aᵀ W e``, e
+    the errors by geometry and noise.
+    """
+    covariance = at.problem.model.covariance()
+    if not covariance.any():
+        return float("nan")
+    used = np.flatnonzero(at.used & at.observations.has_target)
+    used = used[:: -(-used.size // ENOUGH)]
+    noise = at.noise.without_scatter[used, :3, :3]
+    whitening = at.noise.whitening[:, :3, :3]
+    columns, ties = _columns(at, whitening)
+    columns = columns[used]
+    whiten = whitening[used]
+    times = at.used.sum() / used.size
+    flat = columns.reshape(3 * used.size, columns.shape[2])
+    precision = times * flat.T @ flat + ties
+    inverse = np.linalg.pinv(precision, hermitian=True)
+    by_geometry = whiten @ _displacements(at, covariance)[used]
+    taken = inverse @ (flat.T @ by_geometry.reshape(3 * used.size, by_geometry.shape[2]))
+    left = by_geometry - times * columns @ taken
+    white = whiten @ noise @ whiten.transpose(0, 2, 1)
+    pulled = columns.transpose(0, 2, 1) @ white  # (n, k, 3)
+    scatter = times * np.einsum("nki,nil->kl", pulled, columns) + ties
+    along = columns @ inverse
+    variance = white - 2.0 * along @ pulled + along @ scatter @ along.transpose(0, 2, 1)
+    variance = variance + left @ left.transpose(0, 2, 1)
+    back = np.linalg.pinv(whiten)
+    covariances = back @ variance @ back.transpose(0, 2, 1)
+    return float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean()))
+
+
+def _columns(at: Fit, whitening: Array) -> tuple[Array, Array]:
+    """Whitened columns of parameters and seats (n, 3, k), and what is known of these beforehand
+    (k, k).
+    """
+    observations = at.observations
+    of_parameters = whitening @ at.point.prediction.jacobian[:, :3]
+    by_seat = observations.by_seats(whitening)
+    of_records, of_seats, of_bars = seat_columns(observations, at.point.seats, by_seat)
+    count = 3 * len(observations.labels)
+    columns = np.concatenate([of_parameters, of_records.reshape(len(by_seat), 3, count)], axis=2)
+    ties = np.zeros((columns.shape[2],) * 2)
+    first = of_parameters.shape[2]
+    of_bars = of_bars.reshape(len(of_bars), count)
+    rows = np.concatenate([of_seats.reshape(count, count), of_bars])
+    ties[first:, first:] = rows.T @ rows
+    return columns, ties
+
+
+def _displacements(at: Fit, covariance: Array) -> Array:
+    """Displacement of each record's tip, in the frame of the references, by independent errors of
+    the geometry of unit variance (n, 3, p) [m].
+    """
+    model, records = at.problem.model, at.problem.measurements
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    moved = at.point.frame.rotation @ model.sensitivity(records.q, records.conditions) @ root
+    return at.observations.along_normals(moved.transpose(0, 2, 1)).transpose(0, 2, 1)
