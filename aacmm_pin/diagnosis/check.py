@@ -79,6 +79,7 @@ def check_measurements(
     *,
     reference_frame: ReferenceFrame = "base",
     target: Target = "tip",
+    prior: bool = True,
     encoder_noise: ArrayLike | None = None,
     reference_noise: float | None = None,
     probe_noise: float | None = None,
@@ -93,8 +94,8 @@ def check_measurements(
     Args:
         model: the arm, or its name or file.
         measurements: the records, a table of them, or their file.
-        reference_frame, target, encoder_noise, reference_noise, probe_noise, length_noise: see
-            :func:`aacmm_pin.calibration.calibrate`.
+        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise,
+            length_noise: see :func:`aacmm_pin.calibration.calibrate`.
 
     Raises:
         MistakenFileError: one mistake in the file, or two, explain the records.
@@ -106,7 +107,7 @@ def check_measurements(
         model.arm,
         reference_frame,
         target,
-        True,
+        prior,
         encoder_noise,
         reference_noise,
         probe_noise,
