@@ -22,11 +22,12 @@ from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit, redundant
-from aacmm_pin.calibration.input_mistakes import FAR, first_fit
+from aacmm_pin.calibration.input_mistakes import FAR, first_fit, mistakes_of
 from aacmm_pin.calibration.noise_model import BAR_NOISE, contradictions, reference_u
 from aacmm_pin.calibration.parameters import (
     ASSEMBLED,
     ParameterSet,
+    named_parameters,
     problem_of,
     scale_is_unidentifiable,
     unstated,
@@ -35,7 +36,6 @@ from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
-from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.effects import (
     CAUSES,
     TEMPERATURE_TOLERANCE,
@@ -113,7 +113,7 @@ def calibrate(
     *,
     reference_frame: ReferenceFrame = "base",
     target: Target = "tip",
-    prior: bool | None = None,
+    prior: bool = True,
     encoder_noise: ArrayLike | None = None,
     reference_noise: float | None = None,
     probe_noise: float | None = None,
@@ -136,7 +136,9 @@ def calibrate(
             excludes the record and a note lists it.
         measurements: the records.
         parameters: ``zero-offsets`` of all joints (the method of the 2010 paper); ``geometry`` (all
-            lengths and axes); a cause, or its text such as ``encoder_gain:5``; or a list of these.
+            lengths and axes); ``tool`` (place of the target on the last body); names of parameters
+            such as ``d3``, or patterns such as ``theta_offset*``; a cause, or its text such as
+            ``encoder_gain:5``; or a list of these. Other parameters keep their values.
         reference_frame: ``base`` if the reference coordinates are in the base of the arm;
             ``external`` if the relation of their frame to the base is unknown. ``session`` if this
             relation is unknown and differs between sessions; results are then in the frame of the
@@ -146,8 +148,7 @@ def calibrate(
             always unknown. ``frame`` if the target has the position and the axes of the tip frame.
             For ``tip`` and ``unknown``, the fit also estimates one constant rotation for each
             marker if the records state orientations.
-        prior: use the stated uncertainties of the arm as information; default True, except for
-            ``zero-offsets`` alone.
+        prior: use the stated uncertainties of the arm as information.
         encoder_noise: standard uncertainty of one reading, one number or ``(nq,)`` [rad]; default
             from the arm file.
         reference_noise: standard uncertainty of each reference coordinate [m], for records without
@@ -179,8 +180,6 @@ def calibrate(
             require_shown(
                 effect, model.arm, measurements.q, measurements.conditions, measurements.source
             )
-    if prior is None:
-        prior = chosen != ["zero-offsets"]
     setup = Setup.of(
         model.arm,
         reference_frame,
@@ -209,8 +208,7 @@ def calibrate(
         )
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
-    if (wrong := wrong_value(after)) is not None:
-        repeated.insert(0, wrong.note)
+    repeated = [*mistakes_of(after), *repeated]
     found = Calibration(
         after,
         problem_of(model, measurements, [], setup),
@@ -234,10 +232,13 @@ def _chosen(
     items = [parameters] if isinstance(parameters, Effect | str) else list(parameters)
     sets = get_args(ParameterSet)
     present = measurements.conditions.present
+    named = named_parameters(model.arm, items)
+    kept = {*sets, *named}
     for item in items:
-        if isinstance(item, str) and item not in sets and re.split("[:,]", item)[0] not in CAUSES:
-            raise UnknownNameError("set of parameters", item, [*sets, *CAUSES])
-    return [item if item in sets else as_causes([item], model, present)[0] for item in items]
+        if isinstance(item, str) and item not in kept and re.split("[:,]", item)[0] not in CAUSES:
+            names = [parameter.name for parameter in model.arm.parameters]
+            raise UnknownNameError("set of parameters", item, [*sets, *names, *CAUSES])
+    return [item if item in kept else as_causes([item], model, present)[0] for item in items]
 
 
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:

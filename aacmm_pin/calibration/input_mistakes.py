@@ -32,6 +32,7 @@ from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations
 from aacmm_pin.calibration.parameter_vector import DH_KIND_OF_EFFECT
 from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
+from aacmm_pin.calibration.session_frames import another_frame
 from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import FEWEST_PLACED, initial_point, solve
 from aacmm_pin.calibration.wrong_values import WrongValue, wrong_value
@@ -201,6 +202,8 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     fitted = _median(after.system.deviation)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
         options = fitted >= FAR or _absorbs(after)
+        if fitted >= FAR:
+            _require_rows_together(problem, fitted)
         _require_no_mistake(problem, fitted, thorough=unlike, options=options, after=after)
     if unlike:
         advice = Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
@@ -211,6 +214,15 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         )
     _require_orientations(after)
     return after
+
+
+def mistakes_of(after: Fit) -> list[Note]:
+    """Notes on mistakes in the files that do not keep the records from being fitted: a wrong value
+    of the arm, rows in another frame.
+    """
+    wrong = wrong_value(after)
+    found = [None if wrong is None else wrong.note, another_frame(after)]
+    return [note for note in found if note is not None]
 
 
 def _far_in_a_session(after: Fit) -> bool:
@@ -391,6 +403,28 @@ def _require_no_mistake(
             raise MistakenFileError(
                 records.source, words[0], as_is, distances[named[0]], tuple(words[1:])
             )
+
+
+def _require_rows_together(problem: Problem, as_is: float) -> None:
+    """Refuse records whose coordinates are those of the row before or behind.
+
+    Raises:
+        MistakenFileError: they are.
+    """
+    records = problem.measurements
+    if records.n < FEWEST_FOR_MISTAKES or not records.placed.all():
+        return
+    for where, step in (("before", 1), ("after", -1)):
+        kept = slice(max(-step, 0), records.n - max(step, 0))
+        touched = slice(max(step, 0), records.n - max(-step, 0))
+        reference, u = records.reference[touched], records.reference_u[touched]
+        shifted = replace(records.take(np.arange(records.n)[kept]), reference=reference)
+        shifted = replace(shifted, reference_u=u)
+        thinned = problem.of(shifted.take(_thinned(shifted)))
+        distance = _distance_without(thinned, as_is)
+        if distance < np.inf:
+            name = str(Note("rows_shifted", {"where": where}))
+            raise MistakenFileError(records.source, name, as_is, distance)
 
 
 def _require_no_wrong_value(after: Fit, as_is: float) -> None:

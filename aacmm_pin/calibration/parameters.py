@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import fnmatch
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -31,7 +32,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 
-ParameterSet = Literal["zero-offsets", "geometry"]
+ParameterSet = Literal["zero-offsets", "geometry", "tool"]
 
 ASSEMBLED = {"m": 0.01, "rad": 0.1}
 """How far off a geometric value may be where nobody stated it: as assembled, 10 mm and 6° [m,
@@ -74,9 +75,13 @@ def problem_of(
     ]
     if setup.frame_of_session:
         chosen += _of_sessions(measurements)
+    named = named_parameters(model.arm, items)
     for item in items:
         if isinstance(item, Effect):
             chosen.append(_of_effect(item))
+        elif item == "tool":
+            if setup.target != "unknown":
+                chosen += _of_target(measurements, "unknown")
         elif item == "zero-offsets":
             chosen += [
                 _geometric(model.arm, JointZeroOffset(row), setup.prior)
@@ -86,10 +91,11 @@ def problem_of(
             chosen += [
                 unknown for unknown in _geometry(model.arm, setup) if unknown[0].label not in asked
             ]
-        else:
+        elif item not in named:
             raise UnknownNameError(
                 "set of parameters", str(item), [*get_args(ParameterSet), "an Effect"]
             )
+    chosen += _of_names(model.arm, {name for names in named.values() for name in names}, setup)
     labels = [effect.label for effect, _, _ in chosen]
     keys = [effect.key for effect, _, _ in chosen]
     for key in keys:
@@ -118,6 +124,29 @@ def problem_of(
         tuple(known_from.split()),
         targets,
     )
+
+
+def named_parameters(arm: Arm, items: Iterable[str | Effect]) -> dict[str, list[str]]:
+    """Names of geometric parameters that each name or pattern, such as ``theta_offset*``, stands
+    for; only of items that stand for any.
+    """
+    names = [parameter.name for parameter in arm.parameters]
+    found = {item: fnmatch.filter(names, item) for item in items if isinstance(item, str)}
+    return {item: those for item, those in found.items() if those}
+
+
+def _of_names(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
+    """Some geometric parameters; of the placements of a URDF, the other parameters stay."""
+    parameters = [parameter for parameter in arm.parameters if parameter.name in names]
+    if arm.dh is not None:
+        effects = [EFFECT_OF_KIND[p.kind](joint=p.joint) for p in parameters]  # type: ignore[call-arg]
+        return [_geometric(arm, effect, setup.prior) for effect in effects]
+    found = []
+    for row in sorted({parameter.joint for parameter in parameters if parameter.joint}):
+        effect, widths, stated = _geometric(arm, JointPlacement(row), setup.prior)
+        stays = np.array([p.name not in names for p in geometric_parameters(arm, effect)])
+        found.append((effect, np.where(stays, HELD_WIDTH, widths), stated | stays))
+    return found
 
 
 def unstated(problem: Problem, mine: Mask) -> Problem:

@@ -12,6 +12,8 @@ import scipy
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
+from aacmm_pin.calibration.calibrated_arm import calibrated_model
+from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.calibration.parameters import problem_of
@@ -19,8 +21,17 @@ from aacmm_pin.calibration.problem import Frame
 from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import initial_point
 from aacmm_pin.effects import ErrorModel
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 
+FEWEST_OF_A_FRAME = 8
+"""Fewer excluded records than this fit many frames."""
+MOST_OF_THEM = 0.8
+"""This part of the excluded records at least has to fit their frame …"""
+AS_CLOSE = 2.0
+"""… with residuals that are at most so many times those of the other records …"""
+EXPLAINS = 0.1
+"""… and at most this part of what they are in the frame of the others."""
 ONE_FRAME = 0.01
 """Frames whose coordinates differ by less than this are one, up to what is estimated [m]."""
 AGREES = 0.01
@@ -104,6 +115,39 @@ def session_notes(fit: Fit) -> list[Note]:
         code = "sessions_agree" if p_value > AGREES else "sessions_differ"
         notes.append(Note(code, data | {"p_value": p_value, "shift": shift, "turn": turn}))
     return notes
+
+
+def another_frame(after: Fit) -> Note | None:
+    """A note if the excluded records fit the calibrated arm in a reference frame of their own; None
+    if they do not, or are few.
+    """
+    problem = after.problem
+    out = after.excluded & problem.measurements.placed
+    if out.sum() < FEWEST_OF_A_FRAME or problem.setup.frame_of_session:
+        return None
+    records = problem.measurements.take(out)
+    setup = replace(problem.setup, reference_frame="external")
+    try:
+        alone = fit(problem_of(calibrated_model(after), records, [], setup))
+    except AacmmError:
+        return None
+    own, others, before = (
+        float(np.nanmedian(np.linalg.norm(deviation, axis=1)))
+        for deviation in (
+            alone.system.deviation[alone.used],
+            after.system.deviation[after.used],
+            after.system.deviation[out],
+        )
+    )
+    fits = alone.used.sum() >= MOST_OF_THEM * out.sum() and own < AS_CLOSE * others
+    if not fits or own > EXPLAINS * before:
+        return None
+    turn = alone.point.frame.rotation @ after.point.frame.rotation.T
+    centre = records.reference.mean(axis=0)
+    there = turn @ (centre - after.point.frame.shift) + alone.point.frame.shift
+    data = {"rows": records.row.tolist(), "shift": float(np.linalg.norm(there - centre))}
+    angle = scipy.spatial.transform.Rotation.from_matrix(turn).magnitude()
+    return Note("rows_in_another_frame", data | {"turn": float(angle)})
 
 
 def _frame_of_session(model: ErrorModel, records: Measurements, setup: Setup, label: str) -> Frame:

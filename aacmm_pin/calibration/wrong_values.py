@@ -22,7 +22,9 @@ from aacmm_pin.errors import AacmmError
 USUAL = {"m": 3e-4, "rad": 2e-3}
 """How far off a value usually is where nobody stated it: as manufactured [m, rad]."""
 LEAST_CHANGE = {"m": 4e-4, "rad": 4e-3}
-"""A smaller error of a value is none of the file [m, rad]."""
+"""A smaller error of a value is none of the file [m, rad] …"""
+LEAST_OF_STATED = 0.2
+"""… of which the uncertainty is not stated; where it is, so many times that."""
 ZERO_KINDS = ("theta_offset", "rz")
 """Kinds of the zero of a joint, in DH rows and in placements of a URDF."""
 SURE = 30.0
@@ -75,7 +77,10 @@ def wrong_value(after: Fit) -> WrongValue | None:
         free = fit(unstated(problem, mine))
     except AacmmError:
         return None
-    said = _said(_Values.of(free, geometric, usual))
+    values = _Values.of(free, geometric, usual)
+    if values.zeros.size == geometric.size and not problem.stated[geometric].any():
+        return None  # they were looked for, and nothing is known of them
+    said = _said(values)
     return None if said is None else WrongValue(*said, free)
 
 
@@ -139,8 +144,6 @@ def _said(values: _Values) -> tuple[Note, int] | None:
     freed = [values.with_free(np.array([k])) for k in every]
     gains = np.array([gain for gain, _ in freed])
     best = int(np.argmax(gains))
-    if values.zeros.size == every.size:  # nothing else was asked about
-        return None
     if values.zeros.size > 1:
         with_zeros, errors = values.with_free(values.zeros)
         if with_zeros - gains[best] > SURE + PER_PARAMETER * values.zeros.size:
@@ -153,7 +156,8 @@ def _said(values: _Values) -> tuple[Note, int] | None:
         return None
     alike = np.flatnonzero(gains > gains[best] - ALIKE)
     parameter, error = values.parameters[best], float(freed[best][1][best])
-    if alike.size > MOST_ALIKE or abs(error) < LEAST_CHANGE[parameter.unit]:
+    least_change = LEAST_CHANGE[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
+    if alike.size > MOST_ALIKE or abs(error) < least_change:
         return None
     by_records = parameter.value + error
     if parameter.unit == "rad":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -37,7 +37,13 @@ def run(
     arm: ArmAndData,
     how: MeasuredHow,
     parameters: Annotated[
-        Literal["zero-offsets", "geometry"], typer.Option(help="Parameters to estimate.")
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="Parameters to estimate: geometry, zero-offsets, tool (place of the target on the "
+            "last body), names such as d3 or patterns such as theta_offset*, with commas between. "
+            "Other parameters keep their values.",
+        ),
     ] = "geometry",
     effect: EffectTexts = None,
     no_cross_validation: Annotated[
@@ -82,12 +88,9 @@ def run(
         if output is not None:
             model.file()  # or refused before the work
         effects = [stated_cause(text, model) for text in effect or []]
-        stated = how.keywords() | {
-            "prior": False if how.no_prior else None,
-            "hold_out": not no_cross_validation,
-        }
+        stated = how.keywords() | {"hold_out": not no_cross_validation}
         records, rng = arm.records(model, path), np.random.default_rng(seed)
-        result = calibrate(model, records, [parameters, *effects], rng=rng, **stated)
+        result = calibrate(model, records, [*parameters.split(","), *effects], rng=rng, **stated)
         when, summary = f"{datetime.now(UTC):%Y-%m-%d}", calibration_summary(result, path, seed)
         if output is not None:
             results.arm(result.model, output, comment(result, path, when))

@@ -27,10 +27,9 @@ from aacmm_pin.calibration import (
 )
 from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.input_mistakes import first_fit
+from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
 from aacmm_pin.calibration.predicted_residuals import predicted_rms
 from aacmm_pin.calibration.setup import checked_input
-from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, all_candidates
 from aacmm_pin.measurements import GivenRecords, Measurements
@@ -46,7 +45,8 @@ class Check(Shown):
     Attributes:
         model: the arm.
         measurements: the records, without copies of others.
-        used: (n,) False for records that are too far off to belong.
+        used: (n,) False for records that are too far off to belong, or that have no reference.
+        excluded: (n,) True for records that are too far off.
         rms: RMS distance of tip and target, set-up fitted and geometry as stated [m]; nan if no
             record has a target.
         calibrated_rms: the same with fitted geometry.
@@ -61,6 +61,7 @@ class Check(Shown):
     model: ErrorModel
     measurements: Measurements
     used: Mask
+    excluded: Mask
     rms: float
     calibrated_rms: float
     predicted_rms: float
@@ -118,9 +119,10 @@ def check_measurements(
     found = fit(problem_of(model, records, [], setup), used=calibrated.used)
     distance, after = (_rms_distance(one) for one in (found, calibrated))
     missing = not_tried(model.arm, list(all_candidates(model.arm, records)), records)
-    if (wrong := wrong_value(calibrated)) is not None:
-        notes.insert(0, wrong.note)
+    notes = [*mistakes_of(calibrated), *notes]
     notes += [*exclusions_of(calibrated).notes, *notes_of_records(found), *session_notes(found)]
+    if silent := int((~calibrated.used & ~calibrated.excluded).sum()):
+        notes.append(Note("records_silent", {"records": silent}))
     notes += _limit_notes(model.arm, records)
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
@@ -129,7 +131,17 @@ def check_measurements(
         notes.append(Note("prediction_without_noise", {"of": unknown}))
     if distance > FAR_BEYOND * predicted:
         notes.append(Note("beyond_prediction", {"times": distance / predicted}))
-    return Check(model, records, found.used, distance, after, predicted, missing, tuple(notes))
+    return Check(
+        model,
+        records,
+        found.used,
+        calibrated.excluded,
+        distance,
+        after,
+        predicted,
+        missing,
+        tuple(notes),
+    )
 
 
 def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:

@@ -29,10 +29,9 @@ from aacmm_pin.calibration import (
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.input_mistakes import first_fit
+from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
 from aacmm_pin.calibration.parameters import is_reestimated, length_held
 from aacmm_pin.calibration.setup import checked_input
-from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.diagnosis.budget import SHARED, STRUCTURE, budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
@@ -137,8 +136,7 @@ def diagnose(
     problem = _with_causes(model, measurements, setup)
     recalibrated = first_fit(problem([]))
     _require_residuals(measurements, recalibrated)
-    if (wrong := wrong_value(recalibrated)) is not None:
-        repeated.append(wrong.note)
+    repeated += mistakes_of(recalibrated)
     kind, parts = parts_of(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem, extra)
     others = covariates(model.arm, measurements)

@@ -53,8 +53,8 @@ from aacmm_pin.report.numbers import (
     capital,
     length,
     lengths,
-    not_of_arm_file,
-    of_arm_file,
+    mistakes_in_words,
+    other_notes,
     p_equals,
     percent,
     vector,
@@ -144,7 +144,7 @@ def verdict(result: Calibration) -> str:
     so, that it rests on a part of the records, because what was excluded are no gross errors.
     """
     left, name = result.exclusions, result.model.arm.name
-    doubts, rest = capital(of_arm_file(result.notes)), ""
+    doubts, rest = capital(mistakes_in_words(result.notes)), ""
     if left.doubtful:
         doubts += f"{exclusions_in_words(left)} Run aacmm-pin diagnose to find the cause. "
         rest = f" on the other {count(left.used, 'record')}"
@@ -364,7 +364,7 @@ def _result(result: Calibration) -> list[Block]:
     ]
     if result.turns is not None:
         blocks.append(_turns(result, result.turns, noise))
-    return [*blocks, Notes(not_of_arm_file(result.notes))]
+    return [*blocks, Notes(other_notes(result.notes))]
 
 
 def _distances(result: Calibration, noise: str) -> Table:

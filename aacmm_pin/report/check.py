@@ -15,7 +15,7 @@ from aacmm_pin.diagnosis import Check
 from aacmm_pin.effects import CONDITION_COLUMNS, Effect, cause_in_words, listed
 from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.measurements import measurements_document
-from aacmm_pin.report.numbers import capital, lengths, not_of_arm_file, of_arm_file
+from aacmm_pin.report.numbers import capital, lengths, mistakes_in_words, other_notes
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
 MISSING = "Causes of error that diagnose cannot try, because the file lacks a column"
@@ -33,18 +33,18 @@ def check_document(check: Check) -> Document:
     predicted = "The arm file states no uncertainties, which would predict this distance"
     if known:
         predicted = f"The stated uncertainties predict a distance of {expected[0]}"
-    wrong = capital(of_arm_file(check.notes))
+    wrong = capital(mistakes_in_words(check.notes))
     after = f"With calibrated geometry, this distance is {calibrated}"
     finding = Paragraph(f"{wrong}{fits}. {distance}. {predicted}. {after}.", finding=True)
     columns = measurements_document(check.measurements).blocks[1:]
-    left_out = check.measurements.row[~check.used]
+    left_out = check.measurements.row[check.excluded]
     rows = f"{name} does not fit the records in {rows_in_words(left_out)}." if left_out.size else ""
     blocks = [
         finding,
         Paragraph(rows, finding=True),
         *columns,
         Table(_missing(check), MISSING),
-        Notes(not_of_arm_file(check.notes)),
+        Notes(other_notes(check.notes)),
     ]
     return Document(f"{name} and {check.measurements.source}", blocks)
 
@@ -64,7 +64,7 @@ def check_summary(check: Check) -> dict[str, Any]:
     summary |= {"source": records.source, "records": records.n, "used": int(check.used.sum())}
     summary |= {"with_reference": int(records.known.sum()), "seats": len(records.seats())}
     summary |= {"bars": len(records.bars()), "rms_mm": check.rms / MM}
-    summary["other_rows"] = check.measurements.row[~check.used].tolist()
+    summary["other_rows"] = check.measurements.row[check.excluded].tolist()
     summary["calibrated_rms_mm"] = check.calibrated_rms / MM
     summary["predicted_rms_mm"] = check.predicted_rms / MM
     summary["columns"] = [str(name) for name in records.to_frame().columns]

@@ -76,8 +76,8 @@ from aacmm_pin.report.numbers import (
     length,
     length_unit,
     lengths,
-    not_of_arm_file,
-    of_arm_file,
+    mistakes_in_words,
+    other_notes,
     p_equals,
     p_value,
     percent,
@@ -168,7 +168,7 @@ def diagnosis_document(
     blocks = [*_result(result, planned), *_causes(result), *_other_causes(result)]
     blocks += [*_held_out(result), *_wrong(result), *_on_the_arm(result)]
     blocks += [*_left(result), residuals_by_row(result)]
-    blocks.append(Notes(not_of_arm_file(result.notes)))
+    blocks.append(Notes(other_notes(result.notes)))
     source = ""
     if summary is not None:
         source = f" of {summary['source']}, {when} (UTC)"
@@ -204,7 +204,7 @@ def verdict_in_words(result: Diagnosis) -> str:
             if result.findings:
                 after += f" with {'this cause' if len(result.findings) == 1 else 'these causes'}"
             text = f"{wrong}. After {after}, {_left_in_words(result)}"
-    mistake = capital(of_arm_file(result.assumed))
+    mistake = capital(mistakes_in_words(result.assumed))
     mistake += "The torque columns have the wrong sign. " if result.reversed_torques else ""
     return f"{mistake}{_excluded_in_words(result)}{capital(text)}.{doubts}"
 

@@ -21,8 +21,8 @@ VALUE_FORMATS = {"mm": "z.5f", "rad": "z.7f"}
 """Formats of the values of parameters by their unit."""
 WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")
 """A word of a sentence; names of causes, parameters, columns and files have other characters."""
-OF_ARM_FILE = ("wrong_value", "wrong_sign", "zeros_off")
-"""Notes on wrong values of the arm file."""
+OF_FILES = ("wrong_value", "wrong_sign", "zeros_off", "rows_in_another_frame")
+"""Notes on mistakes in the files, which are named before all else."""
 UNIT = re.compile(r"_(mm3|mm|deg)$")
 """The unit at the end of the name of a column."""
 UNIT_SYMBOLS = {"mm3": "mm³", "mm": "mm", "deg": "°"}
@@ -96,14 +96,14 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:z.{digits}f} %"
 
 
-def not_of_arm_file(notes: Iterable[Note]) -> list[Note]:
-    """The other notes."""
-    return [note for note in notes if note.code not in OF_ARM_FILE]
+def other_notes(notes: Iterable[Note]) -> list[Note]:
+    """Notes on anything but mistakes in the files."""
+    return [note for note in notes if note.code not in OF_FILES]
 
 
-def of_arm_file(notes: Iterable[Note]) -> str:
-    """Sentences on wrong values of the arm file, which come before all others, or nothing."""
-    return "".join(f"{note}. " for note in notes if note.code in OF_ARM_FILE)
+def mistakes_in_words(notes: Iterable[Note]) -> str:
+    """Sentences on mistakes in the files, which come before all others, or nothing."""
+    return "".join(f"{note}. " for note in notes if note.code in OF_FILES)
 
 
 def capital(text: str) -> str:

@@ -501,11 +501,11 @@ def test_records_used_before(sino6, rng, tmp_path):
         pd.concat([second.take(range(20)).to_frame(), first.take(range(5)).to_frame()])
     )
     for model, data, prior, counts in (
-        (calibrated, first, None, [(40, 40)]),
-        (both, first, None, [(40, 40)]),
-        (calibrated, mixed, None, [(5, 25)]),
+        (calibrated, first, True, [(40, 40)]),
+        (both, first, True, [(40, 40)]),
+        (calibrated, mixed, True, [(5, 25)]),
         (calibrated, first, False, []),
-        (calibrated, second, None, []),
+        (calibrated, second, True, []),
     ):
         told = data_of(quick(model, data, "geometry", prior=prior).notes, "records_used_before")
         assert [(one["again"], one["records"]) for one in told] == counts
@@ -518,7 +518,7 @@ def test_standards_used_before(sino6, plan, count, tmp_path):
     first, second = (data.take(slice(start, None, 2)) for start in (0, 1))
     quick(sino6, first).model.save(tmp_path / "once.toml")
     once = ErrorModel.load(tmp_path / "once.toml")
-    for prior, said in ((None, True), (False, False)):
+    for prior, said in ((True, True), (False, False)):
         notes = quick(once, second, "geometry", prior=prior).notes
         assert [one["standards"] for one in data_of(notes, "standards_used_before")] == [
             count

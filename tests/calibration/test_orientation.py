@@ -91,6 +91,7 @@ def test_parameters_scatter_as_stated(sino6, rng):
             "zero-offsets",
             target="frame",
             reference_frame="external",
+            prior=False,
             hold_out=False,
             **NOISE,
         )
@@ -132,7 +133,8 @@ def test_turns_tell_the_roll_of_the_wrist(straight, rng):
         (data, "tip", 1),  # it turns the target too
         (data, "frame", 0),
     ):
-        found = calibrate(straight, records, "zero-offsets", target=target, hold_out=False, **NOISE)
+        options = {"target": target, "prior": False, "hold_out": False} | NOISE
+        found = calibrate(straight, records, "zero-offsets", **options)
         assert len(found.undetermined) == untold
     assert found.parameters["u"].iloc[-1] == pytest.approx(
         np.hypot(TURN, 2e-5) / np.sqrt(20), rel=0.5
