@@ -208,12 +208,11 @@ def calibrate(
         )
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
-    repeated = [*mistakes_of(after), *repeated]
     found = Calibration(
         after,
         problem_of(model, measurements, [], setup),
         (),
-        (*notes_of(after), *session_notes(after), *repeated),
+        (*mistakes_of(after), *notes_of(after), *session_notes(after), *repeated),
     )
     held = (
         left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()

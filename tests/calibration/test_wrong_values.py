@@ -1,0 +1,221 @@
+"""Mistakes in an arm file, and rows that do not belong together: on a plant that shares no code
+with the package.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from aacmm_pin import Measurements, calibrate
+from aacmm_pin.calibration import Calibration
+from aacmm_pin.diagnosis import check_measurements, diagnose
+from aacmm_pin.effects import Conditions
+from aacmm_pin.errors import MistakenFileError
+from tests.notes import data_of
+
+Array = NDArray[np.float64]
+Rows = tuple[tuple[float, float, float, float], ...]
+AACMM: Rows = (
+    (0, 280, 90, 0),
+    (30, 0, -90, 0),
+    (-35, 920, 90, 0),
+    (25, 0, -90, 0),
+    (0, 640, 90, 0),
+    (120, 60, -90, 0),
+)
+UR: Rows = (
+    (0, 127.3, 90, 0),
+    (-612, 0, 0, 0),
+    (-572.3, 0, 0, 0),
+    (0, 163.9, 90, 0),
+    (0, 115.7, -90, 0),
+    (0, 92.2, 0, 0),
+)
+HOBBY: Rows = ((0, 60, 90, 0), (115, 0, 0, 90), (135, 0, 0, -90), (0, 0, -90, -90), (12, 160, 0, 0))
+"""a [mm], d [mm], α [°], zero offset [°]."""
+BOUNDS = "uncertainty = { a_mm = 0.03, d_mm = 0.05, alpha_rad = 8e-5, theta_offset_rad = 1e-4 }\n"
+
+
+def tips(rows: Rows, q: Array) -> Array:
+    pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    for j, (a, d, alpha, zero) in enumerate(rows):
+        c, s = np.cos(q[:, j] + np.deg2rad(zero)), np.sin(q[:, j] + np.deg2rad(zero))
+        ca, sa, o = np.cos(np.deg2rad(alpha)), np.sin(np.deg2rad(alpha)), np.zeros(len(q))
+        step = [c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s]
+        step += [o, o + sa, o + ca, o + d, o, o, o, o + 1.0]
+        pose = pose @ np.stack(step, axis=1).reshape(-1, 4, 4)
+    return np.asarray(pose[:, :3, 3])
+
+
+@dataclass(frozen=True)
+class Plant:
+    """An arm whose values are about those of its drawing, and its records."""
+
+    q: Array
+    places: Array
+
+    @staticmethod
+    def of(drawn: Rows, seed: int, zeros: Array | float = 0.0) -> Plant:
+        rng = np.random.default_rng(seed)
+        off = rng.normal(size=(len(drawn), 4)) * [0.01, 0.015, 2e-3, 2e-3]
+        off[:, 3] += zeros
+        q = rng.uniform(-2.5, 2.5, (100, len(drawn)))
+        places = tips(tuple(map(tuple, np.array(drawn) + off)), q)
+        return Plant(q, places + 0.02 * rng.normal(size=places.shape))
+
+    @property
+    def records(self) -> Measurements:
+        return Measurements.of(self.q, self.places * 1e-3)
+
+
+def arm_file(folder: Path, rows: Rows, bounds: bool) -> Path:
+    text = 'schema = "aacmm-pin/arm/1"\nname = "OWN"\nconvention = "standard-dh"\n'
+    for a, d, alpha, zero in rows:
+        text += f"[[joints]]\na_mm = {a}\nd_mm = {d}\nalpha_deg = {alpha}\n"
+        text += f"theta_offset_deg = {zero}\nlimits_deg = [-170.0, 170.0]\n"
+        text += BOUNDS if bounds else ""
+    path = folder / "arm.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def with_value(rows: Rows, row: int, column: int, value: float) -> Rows:
+    table = np.array(rows, dtype=np.float64)
+    table[row - 1, column] = value
+    return tuple(map(tuple, table.tolist()))
+
+
+@pytest.mark.parametrize(
+    ("drawn", "row", "column", "value", "words"),
+    [
+        (AACMM, 3, 1, 902.0, ("d3 is 902 mm", "give 920")),
+        (AACMM, 3, 1, 919.3, ("d3 is 919.3 mm", "give 9")),
+        (AACMM, 5, 2, -90.0, ("alpha5 has the opposite sign",)),
+        (AACMM, 3, 1, 9200.0, ("d3 is 9200 mm", "fit 920 mm")),
+        (UR, 2, 0, -608.5, ("a2 is -608.5 mm", "give -61")),
+        (UR, 3, 0, 572.3, ("a3 is 572.3 mm", "fit -572.3 mm")),
+        (HOBBY, 4, 3, -84.0, ("theta_offset4 is -84°", "give -")),
+        (HOBBY, 3, 0, 141.0, ("a3 is 141 mm", "give 13")),
+    ],
+)
+def test_one_wrong_value_is_named(
+    drawn: Rows, row: int, column: int, value: float, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Whether it keeps the records from being fitted or not."""
+    given = arm_file(tmp_path, with_value(drawn, row, column, value), drawn is AACMM)
+    try:
+        found = calibrate(given, Plant.of(drawn, 1).records, hold_out=False)
+        said = str(found.notes[0])
+    except MistakenFileError as error:
+        said = error.mistake
+    for word in words:
+        assert word in said
+
+
+def test_nothing_is_named_where_nothing_is_wrong(tmp_path: Path) -> None:
+    for drawn in (AACMM, UR, HOBBY):
+        given = arm_file(tmp_path, drawn, drawn is AACMM)
+        found = calibrate(given, Plant.of(drawn, 2).records, hold_out=False)
+        for code in ("wrong_value", "wrong_sign", "zeros_off", "rows_in_another_frame"):
+            assert not data_of(found.notes, code)
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        ((1e-3, 1e-3, 1.0, 1.0), "lengths of the arm file are in metres"),
+        ((1.0, 1.0, np.pi / 180.0, np.pi / 180.0), "angles of the arm file are in radians"),
+    ],
+)
+def test_a_table_in_other_units(factor: tuple[float, ...], words: str, tmp_path: Path) -> None:
+    table = np.array(AACMM) * factor
+    given = arm_file(tmp_path, tuple(map(tuple, table.tolist())), False)
+    with pytest.raises(MistakenFileError, match=words):
+        check_measurements(given, Plant.of(AACMM, 3).records)
+
+
+def test_zeros_of_servos_are_all_off(tmp_path: Path) -> None:
+    """``check`` does not refuse what ``calibrate`` fits."""
+    given = arm_file(tmp_path, HOBBY, False)
+    records = Plant.of(HOBBY, 4, np.array([2.1, -3.4, 4.0, -1.7, 0.9])).records
+    check = check_measurements(given, records)
+    (told,) = data_of(check.notes, "zeros_off")
+    assert told["joints"] == 5
+    assert np.degrees(told["largest"]) == pytest.approx(4.0, abs=0.4)
+    fitted = calibrate(given, records, "zero-offsets", hold_out=False)
+    assert check.rms == pytest.approx(fitted.rms_before)
+    assert fitted.rms < 2e-4
+
+
+def test_rows_in_another_frame_and_rows_shifted_by_one(tmp_path: Path) -> None:
+    given = arm_file(tmp_path, AACMM, True)
+    plant = Plant.of(AACMM, 5)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    places = plant.places.copy()
+    places[60:] = places[60:] @ turn.T + [100.0, 0.0, 0.0]
+    mixed = Plant(plant.q, places).records
+    for notes in (
+        check_measurements(given, mixed).notes,
+        calibrate(given, mixed, hold_out=False).notes,
+        diagnose(given, mixed, hold_out=False, progress=False).notes,
+    ):
+        (told,) = data_of(notes, "rows_in_another_frame")
+        assert told["rows"] == mixed.row[60:].tolist()
+        assert told["turn"] == pytest.approx(np.pi / 2, abs=1e-3)
+    shifted = Plant(plant.q[1:], plant.places[:-1]).records
+    with pytest.raises(MistakenFileError, match="row before"):
+        check_measurements(given, shifted)
+
+
+def fitted(given: Path, records: Measurements, names: str, **options: object) -> Calibration:
+    return calibrate(given, records, names.split(","), hold_out=False, **options)
+
+
+def test_parameters_by_name_and_pattern(tmp_path: Path) -> None:
+    given = arm_file(tmp_path, AACMM, True)
+    records = Plant.of(AACMM, 6).records
+    for names, wanted in (
+        ("d3,a2", {"a2", "d3"}),
+        ("theta_offset*", {f"theta_offset{j}" for j in range(1, 7)}),
+    ):
+        assert {*fitted(given, records, names).parameters["parameter"]} == wanted
+    held = fitted(given, records, "theta_offset*").parameters
+    free = fitted(given, records, "theta_offset*", prior=False).parameters
+    assert (held["u"] < free["u"]).any()
+
+
+def last_axes(rows: Rows, q: Array) -> Array:
+    """Axes of the last frame (n, 3, 3), by tips that lie along them."""
+    still = np.c_[q, np.zeros(len(q))]
+    origin = tips(rows, q)
+    x = tips((*rows, (1.0, 0.0, 0.0, 0.0)), still) - origin
+    z = tips((*rows, (0.0, 1.0, 0.0, 0.0)), still) - origin
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def test_the_tool_by_touches_of_one_seat(tmp_path: Path) -> None:
+    """As linear least squares gives it: ``R t + p = s`` for each touch."""
+    given = arm_file(tmp_path, UR, False)
+    rng = np.random.default_rng(7)
+    tool, spike = np.array([30.0, -12.0, 80.0]), np.array([300.0, 200.0, 100.0])
+
+    def off(angles: Array) -> Array:
+        q = angles.reshape(1, 6)
+        return (tips(UR, q) + last_axes(UR, q) @ tool - spike)[0]
+
+    starts = rng.uniform(-1.5, 1.5, (5, 6))
+    q = np.array([least_squares(off, start).x for start in starts])
+    q += 5e-4 * rng.normal(size=q.shape)
+    columns = np.concatenate([last_axes(UR, q), -np.broadcast_to(np.eye(3), (5, 3, 3))], axis=2)
+    wanted = np.linalg.lstsq(columns.reshape(15, 6), -tips(UR, q).ravel())[0][:3]
+    seats = Conditions(len(q), seat=np.full(len(q), "spike", dtype=object))
+    records = Measurements.of(q, conditions=seats)
+    (effect,) = fitted(given, records, "tool").fit.effects
+    assert effect.label == "stylus_offset"
+    assert np.array(effect.values) * 1e3 == pytest.approx(wanted, abs=0.02)
