@@ -10,6 +10,7 @@ from aacmm_pin.calibration.comparison import Comparison, compare
 from aacmm_pin.calibration.cross_validation import HeldOut, rms
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import Observability
+from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
 from aacmm_pin.calibration.linear_model import (
     RowBlock,
     SeatElimination,
@@ -19,15 +20,17 @@ from aacmm_pin.calibration.linear_model import (
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import ParameterVector, geometric_parameters
 from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.predicted_residuals import predicted_rms
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.result import Calibration, residuals_by_record
-from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
+from aacmm_pin.calibration.session_frames import FEWEST_OF_A_FRAME, in_first_frame, session_notes
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.solver import MISFIT
 from aacmm_pin.calibration.variance_components import information_of_seats, pulls_on_seats
 
 __all__ = [
+    "FEWEST_OF_A_FRAME",
     "MISFIT",
     "NO_SCATTER",
     "BasePlacement",
@@ -54,11 +57,14 @@ __all__ = [
     "calibrated_model",
     "compare",
     "exclusions_of",
+    "first_fit",
     "geometric_parameters",
     "in_first_frame",
     "information_of_seats",
     "is_of_setup",
+    "mistakes_of",
     "observations_of",
+    "predicted_rms",
     "problem_of",
     "pulls_on_seats",
     "registered",

@@ -10,7 +10,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.linear_model import seat_columns
 
-ENOUGH = 1500
+RECORDS_FOR_MEAN = 1500
 """So many records tell the mean square."""
 
 
@@ -26,7 +26,7 @@ def predicted_rms(at: Fit) -> float:
     if not covariance.any():
         return float("nan")
     used = np.flatnonzero(at.used & at.observations.has_target)
-    used = used[:: -(-used.size // ENOUGH)]
+    used = used[:: -(-used.size // RECORDS_FOR_MEAN)]
     noise = at.noise.without_scatter[used, :3, :3]
     whitening = at.noise.whitening[:, :3, :3]
     columns, ties = _columns(at, whitening)

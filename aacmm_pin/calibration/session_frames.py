@@ -30,7 +30,7 @@ MOST_OF_THEM = 0.8
 """This part of the excluded records at least has to fit their frame …"""
 AS_CLOSE = 2.0
 """… with residuals that are at most so many times those of the other records …"""
-EXPLAINS = 0.1
+REMAINS = 0.1
 """… and at most this part of what they are in the frame of the others."""
 ONE_FRAME = 0.01
 """Frames whose coordinates differ by less than this are one, up to what is estimated [m]."""
@@ -140,7 +140,7 @@ def another_frame(after: Fit) -> Note | None:
         )
     )
     fits = alone.used.sum() >= MOST_OF_THEM * out.sum() and own < AS_CLOSE * others
-    if not fits or own > EXPLAINS * before:
+    if not fits or own > REMAINS * before:
         return None
     turn = alone.point.frame.rotation @ after.point.frame.rotation.T
     centre = records.reference.mean(axis=0)

@@ -21,7 +21,7 @@ from aacmm_pin.errors import AacmmError
 
 USUAL = {"m": 3e-4, "rad": 2e-3}
 """How far off a value usually is where nobody stated it: as manufactured [m, rad]."""
-LEAST_CHANGE = {"m": 4e-4, "rad": 4e-3}
+LEAST_WRONG = {"m": 4e-4, "rad": 4e-3}
 """A smaller error of a value is none of the file [m, rad] …"""
 LEAST_OF_STATED = 0.2
 """… of which the uncertainty is not stated; where it is, so many times that."""
@@ -133,7 +133,7 @@ class _Values(NamedTuple):
         widths = self.usual.copy()
         widths[wrong] = 1e3 * np.array([USUAL[self.parameters[k].unit] for k in wrong])
         errors = np.linalg.solve(self.information + np.diag(widths**-2.0), self.vector)
-        return float(self.vector @ errors), errors
+        return float(self.vector @ errors), np.asarray(errors, np.float64)
 
 
 def _said(values: _Values) -> tuple[Note, int] | None:
@@ -149,14 +149,14 @@ def _said(values: _Values) -> tuple[Note, int] | None:
         if with_zeros - gains[best] > SURE + PER_PARAMETER * values.zeros.size:
             largest = float(np.abs(errors[values.zeros]).max())
             sure = with_zeros - least > DOMINATES * (most - with_zeros)
-            if not sure or not LEAST_CHANGE["rad"] < largest < MOST_OF_ZEROS:
+            if not sure or not LEAST_WRONG["rad"] < largest < MOST_OF_ZEROS:
                 return None
             return Note("zeros_off", {"joints": values.zeros.size, "largest": largest}), 0
     if gains[best] - least < max(SURE, DOMINATES * (most - gains[best])):
         return None
     alike = np.flatnonzero(gains > gains[best] - ALIKE)
     parameter, error = values.parameters[best], float(freed[best][1][best])
-    least_change = LEAST_CHANGE[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
+    least_change = LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
     if alike.size > MOST_ALIKE or abs(error) < least_change:
         return None
     by_records = parameter.value + error

@@ -20,15 +20,16 @@ from aacmm_pin.calibration import (
     Setup,
     Target,
     exclusions_of,
+    first_fit,
     in_first_frame,
+    mistakes_of,
+    predicted_rms,
     problem_of,
     rms,
     session_notes,
 )
 from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
-from aacmm_pin.calibration.predicted_residuals import predicted_rms
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, all_candidates

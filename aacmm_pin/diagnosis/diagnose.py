@@ -14,14 +14,17 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import (
+    FEWEST_OF_A_FRAME,
     Fit,
     Problem,
     ReferenceFrame,
     Setup,
     Target,
     calibrated_model,
+    first_fit,
     geometric_parameters,
     in_first_frame,
+    mistakes_of,
     problem_of,
     rms,
     session_notes,
@@ -29,7 +32,6 @@ from aacmm_pin.calibration import (
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
 from aacmm_pin.calibration.parameters import is_reestimated, length_held
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.budget import SHARED, STRUCTURE, budget_of
@@ -56,8 +58,6 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import GivenRecords, Measurements
 
-FEWEST_OF_A_FRAME = 6
-"""A frame is tried for each session if each has so many records with references."""
 AS_WELL = 1.1
 """Residuals larger by this factor are explained as well."""
 NOTHING = 1e-12
