@@ -81,7 +81,8 @@ class Mimic(NamedTuple):
     ``offset``.
 
     Attributes:
-        joint, of: numbers of both joints, from 1; the other follows none.
+        joint, of: numbers of both joints, from 1; the other follows none. They are the same for
+            the first joint that follows an encoder of no joint of the arm.
         ratio: [rad/rad; with m where a joint slides].
         offset: [rad; m where the joint slides].
     """
@@ -113,13 +114,14 @@ class Drive:
         for mimic in mimics:
             matrix[mimic.joint - 1] = mimic.ratio * np.eye(joints)[mimic.of - 1]
             offset[mimic.joint - 1] = mimic.offset
-        own = np.delete(np.arange(joints), [mimic.joint - 1 for mimic in mimics])
+        followers = [mimic.joint - 1 for mimic in mimics if mimic.joint != mimic.of]
+        own = np.delete(np.arange(joints), followers)
         return Drive(matrix[:, own], offset, own)
 
     @property
     def is_identity(self) -> bool:
-        """Whether no joint follows another."""
-        return len(self.own) == len(self.offset)
+        """Whether no joint follows another, or an encoder of its own."""
+        return np.array_equal(self.matrix, np.eye(len(self.matrix))) and not self.offset.any()
 
     @property
     def leader(self) -> Index:
@@ -143,7 +145,8 @@ class Drive:
         Raises:
             UnsupportedArmError: there are none.
         """
-        found = of_all[self.own]
+        scale = self.matrix[self.own, np.arange(len(self.own))][:, None]
+        found = np.sort((of_all[self.own] - self.offset[self.own, None]) / scale, axis=1)
         for joint, leader in enumerate(self.leader):
             ratio = self.matrix[joint, leader]
             if ratio and np.ptp(of_all[joint]) < 4.0 * np.pi:

@@ -4,7 +4,7 @@ axes, its chain.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -72,7 +72,8 @@ def serial_part(
             f"{model.name}: {len(chain)} joints move the frame {frame!r}; expected at most "
             f"{MOST_JOINTS}"
         )
-    mimics = _mimics([model.names[joint] for joint in reversed(chain)], frame, followers)
+    names = [model.names[joint] for joint in reversed(chain)]
+    mimics = _mimics(names, {*model.names}, followers)
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()
     if others:
@@ -105,19 +106,26 @@ def serial_part(
     return model, mimics
 
 
-def _mimics(names: list[str], frame: str, followers: Mapping[str, Follower]) -> tuple[Mimic, ...]:
-    """Those of the named joints of a chain that follow others of it, counted along it."""
+def _mimics(
+    names: list[str], joints: Collection[str], followers: Mapping[str, Follower]
+) -> tuple[Mimic, ...]:
+    """Those of the named joints of a chain that follow others, counted along it.
+
+    A joint beside the chain that some follow has the encoder: the first of these has its reading.
+    """
     found = []
+    first_of: dict[str, int] = {}
     for number, name in enumerate(names, start=1):
         if name not in followers:
             continue
         leader, ratio, offset, place = followers[name]
-        if leader not in names:
+        if leader not in joints or not ratio:
             raise UnsupportedArmError(
-                f"{place}; expected a joint that moves the frame {frame!r}; if this joint has its "
-                "own encoder, delete <mimic>"
+                f"{place}; expected a joint of the robot, and a multiplier other than 0; if this "
+                "joint has its own encoder, delete <mimic>"
             )
-        found.append(Mimic(number, names.index(leader) + 1, ratio, offset))
+        of = names.index(leader) + 1 if leader in names else first_of.setdefault(leader, number)
+        found.append(Mimic(number, of, ratio, offset))
     return tuple(found)
 
 

@@ -43,6 +43,7 @@ from aacmm_pin.diagnosis.findings import findings_of
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import visible
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import Unexplained, excess_of, unexplained_by
 from aacmm_pin.diagnosis.verdict import Evidence, doubts_of, verdict_of
 from aacmm_pin.effects import (
@@ -168,6 +169,7 @@ def diagnose(
     nameless = sum(part.mean_square for part in budget if part.part in (STRUCTURE, SHARED))
     if choice.fit.stated:
         nameless += budget[-1].mean_square - noise**2
+    sure = {f.label for f in findings if f.probability >= THRESHOLDS.settled and f.borne_out}
     evidence = Evidence(
         findings=tuple(findings),
         structure=unexplained.structure or excess_of(choice.fit) > 0.0,
@@ -179,7 +181,7 @@ def diagnose(
         contradicted=tuple(dict.fromkeys(contradicted)),
         agree=choice.posterior.agree,
         fits=(recalibrated, choice.fit),
-        named=sum(part.mean_square for part in budget if part.causes),
+        named=sum(part.mean_square for part in budget if sure.intersection(part.causes)),
         nameless=max(nameless, 0.0),
     )
     doubts = doubts_of(evidence)

@@ -32,8 +32,8 @@ class Evidence:
         contradicted: stated places that the records contradict.
         agree: the searches from the two starts found the same.
         fits: the searches on which all that rests, that of the extended arm last.
-        named, nameless: mean square that the named causes displace tips by, and that of what has no
-            name [m²].
+        named, nameless: mean square that the causes which act without doubt displace tips by, and
+            that of what has no name [m²].
     """
 
     findings: tuple[Finding, ...]
@@ -57,11 +57,10 @@ class Evidence:
 
     @property
     def mostly_named(self) -> bool:
-        """Whether each cause acts without doubt, held-out records confirm it as far as there are
-        any, and the causes displace tips by more than what has no name.
+        """Whether held-out records confirm the causes as far as there are any, and those that act
+        without doubt displace tips by more than what has no name.
         """
-        sure = all(f.probability >= THRESHOLDS.settled and f.borne_out for f in self.findings)
-        return sure and not self.no_better and self.named > self.nameless
+        return not self.no_better and self.named > self.nameless
 
 
 def _shows_few_causes(evidence: Evidence) -> bool:
@@ -96,8 +95,8 @@ def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:
     """The verdict.
 
     Returns:
-        ``unexplained``: structure is left. ``partly-explained``: structure is left, but the named
-        causes are certain and larger. ``inconclusive``: a search did not converge, or the
+        ``unexplained``: structure is left. ``partly-explained``: structure is left, but causes
+        that are certain are larger. ``inconclusive``: a search did not converge, or the
         noise cannot be told; so many records were excluded that they are no gross errors; or a
         doubt stands. ``ambiguous``: the mass is on several sets of causes. ``explained``,
         ``no-discrepancy``: else.

@@ -530,7 +530,7 @@ class JointCoupling(Effect):
         The other joint must rotate far enough to show the cause.
         """
         rows = arm.chain.moving_rows()
-        mimicked = [(mimic.of, mimic.joint) for mimic in arm.mimics]
+        mimicked = [(m.of, m.joint) for m in arm.mimics if m.of != m.joint]
         sliding = np.array(arm.chain.joint_rows())[arm.chain.slides]
         shown = [row for row, _ in _turning(arm, records)]
         for of, joint in (*pairwise(rows), *mimicked):

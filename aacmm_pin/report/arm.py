@@ -101,7 +101,8 @@ def _joints(arm: Arm) -> pd.DataFrame:
     own = arm.chain.drive.own
     table.loc[own, "limits [°, or mm]"] = [_limits(arm, j) for j in range(arm.nq)]
     for mimic in arm.mimics:
-        follows = f"{mimic.ratio:.5g} × joint {mimic.of}"
+        of = "reading" if mimic.of == mimic.joint else f"joint {mimic.of}"
+        follows = f"{mimic.ratio:.5g} × {of}"
         table.loc[mimic.joint - 1, "limits [°, or mm]"] = follows
     table["placement ± [mm]"] = [*map(tuple, half[:, :3] / MM)]
     table["placement ± [µrad]"] = [*map(tuple, half[:, 3:] / UM)]

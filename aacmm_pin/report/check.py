@@ -36,7 +36,8 @@ def check_document(check: Check) -> Document:
     wrong = capital(mistakes_in_words(check.notes))
     after = f"With calibrated geometry, this distance is {calibrated}"
     finding = Paragraph(f"{wrong}{fits}. {distance}. {predicted}. {after}.", finding=True)
-    columns = measurements_document(check.measurements).blocks[1:]
+    prismatic = check.model.arm.chain.prismatic
+    columns = measurements_document(check.measurements, prismatic).blocks[1:]
     left_out = check.measurements.row[check.excluded]
     rows = f"{name} does not fit the records in {rows_in_words(left_out)}." if left_out.size else ""
     blocks = [

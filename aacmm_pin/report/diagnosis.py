@@ -95,6 +95,8 @@ SETS, LEAST_SET = 6, 0.01
 """Sets of causes that are listed: so many, of at least this probability."""
 ALTERNATIVES = 3
 """So many other sets of causes are named where the mass is on several."""
+LEAST_WORTH = 0.005
+"""Residuals that fall by a smaller part are about the same."""
 WORST = 5
 """Groups that the table names; the figure has all."""
 COVARIATES = {
@@ -389,7 +391,7 @@ def _worth_in_words(result: Diagnosis) -> list[str]:
     sizes, where = [result.rms["recalibrated"], result.rms["extended"]], "in these records"
     if held is not None:
         sizes, where = [rms(held.recalibrated), rms(held.extended)], "on held-out records"
-    if result.no_better or not sizes[1] < sizes[0]:
+    if result.no_better or sizes[1] > (1.0 - LEAST_WORTH) * sizes[0]:
         return []
     explain = "This cause explains" if len(result.findings) == 1 else "These causes explain"
     share = percent(1.0 - (sizes[1] / sizes[0]) ** 2)

@@ -18,8 +18,16 @@ VALUES_LISTED = 8
 
 
 @document_of.register
-def measurements_document(records: Measurements) -> Document:
-    """What a measurement file holds, column by column."""
+def measurements_document(
+    records: Measurements, prismatic: NDArray[np.bool_] | None = None
+) -> Document:
+    """What a measurement file holds, column by column.
+
+    Args:
+        records: the records.
+        prismatic: (nq,) True for joints that slide, whose readings are lengths; None if no arm is
+            known.
+    """
     table, seats, bars = records.to_frame(), records.seats(), records.bars()
     shown = {"records": str(records.n), "joints": str(records.nq)}
     shown |= {"with reference": str(records.known.sum()), "seats": "none", "bars": "none"}
@@ -32,6 +40,9 @@ def measurements_document(records: Measurements) -> Document:
     others = [*records.extra.columns]
     for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
+    for j in [] if prismatic is None else np.flatnonzero(prismatic):
+        del shown[f"theta{j + 1}_deg"]
+        shown[f"theta{j + 1} [m]"] = _range(records.readings[:, j])
     if others:
         shown["other columns"] = f"{', '.join(others)} (diagnose compares these with residuals)"
     summary = pd.DataFrame({"item or column": list(shown), "number or range": [*shown.values()]})

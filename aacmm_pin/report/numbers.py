@@ -21,8 +21,14 @@ VALUE_FORMATS = {"mm": "z.5f", "rad": "z.7f"}
 """Formats of the values of parameters by their unit."""
 WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")
 """A word of a sentence; names of causes, parameters, columns and files have other characters."""
-OF_FILES = ("wrong_value", "wrong_sign", "zeros_off", "rows_in_another_frame")
-"""Notes on mistakes in the files, which are named before all else."""
+OF_FILES = (
+    "wrong_value",
+    "wrong_sign",
+    "zeros_off",
+    "rows_in_another_frame",
+    "session_frames_fit",
+)
+"""Notes on mistakes in the files and options, which are named before all else."""
 UNIT = re.compile(r"_(mm3|mm|deg)$")
 """The unit at the end of the name of a column."""
 UNIT_SYMBOLS = {"mm3": "mm³", "mm": "mm", "deg": "°"}

@@ -148,14 +148,29 @@ def test_noise_and_errors_of_an_encoder_act_on_each_joint_that_it_moves(crane, r
 
 @pytest.mark.parametrize(
     ("leader", "words"),
-    [("wrist", "is 'wrist'"), ("end", "is 'end'"), ("none", "there is no joint 'none'")],
+    [("end", "is 'end'"), ("none", "there is no joint 'none'")],
 )
-def test_a_leader_that_does_not_move_the_frame_is_refused(tmp_path, leader, words):
+def test_a_leader_that_does_not_move_is_refused(tmp_path, leader, words):
     path = tmp_path / "crane.urdf"
     path.write_text(urdf().replace('joint="shoulder"', f'joint="{leader}"'), encoding="utf-8")
-    frame = "of_rack" if leader == "wrist" else "tip"
     with pytest.raises(UnsupportedArmError, match=rf"line \d+: joint 'rod': mimic: .*{words}"):
-        Arm.from_urdf(path, frame)
+        Arm.from_urdf(path, "tip")
+
+
+def test_a_leader_beside_the_chain_is_an_encoder(tmp_path, rng):
+    """As of a lift whose stages follow the reading of a virtual joint."""
+    q = rng.uniform(-1, 1, (20, 3))
+    arms = []
+    for name, text in (
+        ("follows", urdf().replace('joint="shoulder"', 'joint="wrist"')),
+        ("free", urdf(tuple((*j[:4], "" if j[0] == "rod" else j[4]) for j in JOINTS))),
+    ):
+        path = tmp_path / f"{name}.urdf"
+        path.write_text(text, encoding="utf-8")
+        arms.append(Arm.from_urdf(path, "of_rack"))
+    follows, free = arms
+    close(follows.positions(q), free.positions(q * [1, 1, RATIO] + [0, 0, OFFSET]), 1e-12)
+    assert follows.limits[2] == pytest.approx(np.sort((free.limits[2] - OFFSET) / RATIO))
 
 
 def test_limits_are_those_in_which_all_joints_are_inside_theirs(crane, tmp_path, rng):
