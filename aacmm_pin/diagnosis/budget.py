@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin.calibration import Fit, geometric_parameters, rms
 from aacmm_pin.diagnosis.choice import Choice
@@ -20,6 +21,8 @@ GEOMETRY = "geometry"
 STRUCTURE = "structure without a name"
 SHARED = "shared by postures"
 NOISE = "noise"
+UNDONE = 0.05
+"""A displacement of which less than this part of its square counts is undone by others."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +30,10 @@ class BudgetPart(Shown):
     """One part of the mean square residual of the nominal arm.
 
     Attributes:
-        part: ``geometry``; the labels of the causes of one place, joined by ``+``; ``structure
-            without a name``; ``shared by postures`` (an error that records of one posture share);
+        part: ``geometry``; the labels of the causes of one place, or of places whose displacements
+            oppose one another, joined by ``+``;
+            ``structure without a name``;
+            ``shared by postures`` (an error that records of one posture share);
             ``noise``.
         mean_square: of the residuals [m²]; the parts add up to the whole. It may be below zero for
             geometry, which is what all other parts leave of the whole.
@@ -90,15 +95,36 @@ def _displacing(choice: Choice, structure: Sequence[DiscrepancySize]) -> Iterato
     of_structure[: design.nuisances] = 0.0
     of_places = [sum(of_causes[k] for k in blocks) for blocks in members.values()]
     displacements = choice.displacement(np.stack([*of_places, of_structure], axis=1))
-    together = displacements.sum(axis=2)
-    products = np.einsum("nij,ni->j", displacements, together) / max(len(together), 1)
-    for blocks, mean_square in zip(members.values(), products.tolist(), strict=False):
+    products = np.einsum("nij,nik->jk", displacements, displacements) / len(displacements)
+    shares = products.sum(axis=1)
+    blocks_of = [*members.values()]
+    for places in _not_opposed(products):
+        blocks = [k for place in places for k in blocks_of[place]]
         labels = tuple(design.names[choice.candidates.owner(k)] for k in blocks)
+        mean_square = float(shares[places].sum())
         u = abs(mean_square) * _relative_u(choice, blocks)
         yield BudgetPart(" + ".join(labels), mean_square, u, causes=labels)
-    if structure:
-        u = 2.0 * math.sqrt(abs(products[-1])) * math.hypot(*(part.u for part in structure))
-        yield BudgetPart(STRUCTURE, float(products[-1]), u)
+    if structure and shares[-1] > 0.0:
+        u = 2.0 * math.sqrt(shares[-1]) * math.hypot(*(part.u for part in structure))
+        yield BudgetPart(STRUCTURE, float(shares[-1]), u)
+
+
+def _not_opposed(products: Array) -> list[list[int]]:
+    """Places in groups, by the mean products of their displacements, with those of the structure
+    last (p + 1, p + 1): a place whose displacement others nearly undo is together with the one that
+    undoes most of it.
+    """
+    groups = [[place] for place in range(len(products) - 1)]
+    while len(groups) > 1:
+        shares = [products[group].sum() for group in groups]
+        own = [products[np.ix_(group, group)].sum() for group in groups]
+        least = min(range(len(groups)), key=lambda k: shares[k] / own[k] if own[k] else 1.0)
+        if shares[least] > UNDONE * own[least]:
+            break
+        group = groups.pop(least)
+        partner = min(groups, key=lambda other: products[np.ix_(group, other)].sum())
+        partner += group
+    return groups
 
 
 def _relative_u(choice: Choice, blocks: Sequence[int]) -> float:

@@ -50,6 +50,7 @@ from aacmm_pin.effects import (
     Discrepancy,
     Effect,
     ErrorModel,
+    FrameShift,
     GivenCause,
     GivenModel,
     JointHysteresis,
@@ -59,8 +60,6 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import GivenRecords, Measurements
 
-AS_WELL = 1.1
-"""Residuals larger by this factor are explained as well."""
 NOTHING = 1e-12
 """Residuals smaller than this were never measured [m]."""
 
@@ -220,9 +219,9 @@ def _with_approach(measurements: Measurements) -> tuple[Measurements, bool]:
 def _better_frames(
     model: ErrorModel, records: Measurements, setup: Setup, recalibrated: Fit, extended: Fit
 ) -> list[Note]:
-    """A note if a frame for each session of the file explains the residuals of the recalibrated arm
-    as well as the causes that were found: by the Bayesian information criterion (Schwarz 1978, Ann.
-    Stat. 6).
+    """A note if a frame for each session of the file explains the residuals better than the
+    recalibrated arm and than the causes that were found: by the Bayesian information criterion
+    (Schwarz 1978, Ann. Stat. 6). A movement of the set-up counts as such frames.
     """
     session = records.conditions.session
     if session is None or setup.frame_of_session:
@@ -233,15 +232,19 @@ def _better_frames(
     of_sessions = in_first_frame(model, records, replace(setup, reference_frame="session"))
     framed = fit(_with_causes(model, *of_sessions)([]))
     used = framed.used & recalibrated.used & extended.used
-    was, size, named = (
-        rms(np.linalg.norm(one.system.deviation[used], axis=1))
-        for one in (recalibrated, framed, extended)
-    )
+    fits = (recalibrated, framed, extended)
+    sizes = [rms(np.linalg.norm(one.system.deviation[used], axis=1)) for one in fits]
     rows = 3 * int(used.sum())
-    more = framed.point.x.size - recalibrated.point.x.size
-    if 2.0 * rows * np.log(was / size) <= more * np.log(rows) or size > AS_WELL * named:
+    was, size, named = (
+        2.0 * rows * np.log(rms_of) + one.point.x.size * np.log(rows)
+        for rms_of, one in zip(sizes, fits, strict=True)
+    )
+    if any(isinstance(effect, FrameShift) for effect in extended.effects):
+        named = np.inf
+    if size >= min(was, named):
         return []
-    return [Note("session_frames_fit", {"sessions": len(labels), "rms": size, "was": was})]
+    data = {"sessions": len(labels), "rms": sizes[1], "was": sizes[0]}
+    return [Note("session_frames_fit", data)]
 
 
 def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:

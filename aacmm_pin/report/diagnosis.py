@@ -19,6 +19,7 @@ from aacmm_pin.diagnosis import (
     THRESHOLDS,
     Alias,
     Branches,
+    BudgetPart,
     Diagnosis,
     Finding,
     Gain,
@@ -95,6 +96,8 @@ SETS, LEAST_SET = 6, 0.01
 """Sets of causes that are listed: so many, of at least this probability."""
 ALTERNATIVES = 3
 """So many other sets of causes are named where the mass is on several."""
+LEAST_PART = 0.1
+"""Structure that is smaller than this part of the noise has no size worth a word."""
 LEAST_WORTH = 0.005
 """Residuals that fall by a smaller part are about the same."""
 WORST = 5
@@ -292,7 +295,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
     causes = [f for f in others if f not in values]
     text = _causes_in_words(result, causes) if causes or not moved else ""
     if moved:
-        sizes = lengths([motion_of(result, f.effect) for f in moved])
+        sizes = lengths([_part_of(result, f).rms for f in moved])
         named = zip((in_words(f.effect, result.model.arm) for f in moved), sizes, strict=True)
         changed = listed([f"{words}, {size} RMS" for words, size in named])
         text = "; ".join(filter(None, [f"the set-up changed: {changed}", text]))
@@ -304,6 +307,11 @@ def _wrong_in_words(result: Diagnosis) -> str:
     if result.verdict == "unexplained" and not causes:
         return off
     return f"{text}; {off}"
+
+
+def _part_of(result: Diagnosis, finding: Finding) -> BudgetPart:
+    """The part of the budget with a cause."""
+    return next(part for part in result.budget if finding.label in part.causes)
 
 
 def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
@@ -370,7 +378,8 @@ def _not_explained(result: Diagnosis) -> str:
     if {*unexplained.depends_on} > {*unexplained.strongest, *"xyz"}:
         names.append("other quantities")
     part = next((part for part in result.budget if part.part == STRUCTURE), None)
-    size = "" if part is None else f" ({length(part.rms)} RMS)"
+    counts = part is not None and LEAST_PART * result.noise < part.rms < result.rms["recalibrated"]
+    size = f" ({length(part.rms)} RMS)" if part is not None and counts else ""
     if names:
         how = f"depend on {listed(names)} in a way that no cause of the library explains{size}"
         more = f"the residuals {how}"
@@ -442,7 +451,9 @@ def summary_line(result: Diagnosis) -> str:
         f"The RMS residual is {stated} for the nominal arm, {recalibrated} for the recalibrated "
         f"arm and {extended} for the extended arm. {alone} would give {noise}."
     )
-    return f"{sizes} {gain_in_words(result)}"
+    out = int(result.extended.excluded.sum())
+    excluded = f" The fit excluded {count(out, 'record')} as gross errors." if out else ""
+    return f"{sizes}{excluded} {gain_in_words(result)}"
 
 
 def gain_in_words(result: Diagnosis) -> str:

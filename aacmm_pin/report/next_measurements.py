@@ -16,6 +16,8 @@ from aacmm_pin.report.doubts import WITH_STRUCTURE, doubts_in_words
 from aacmm_pin.report.numbers import capital, lengths
 from aacmm_pin.report.plan import advice, mostly_seats
 
+LEAST_GAIN = 0.7
+"""Calibration that reduces the residuals to less than this part is worth it."""
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
 MORE_RECORDS = "take more records, at other postures, to find which of the listed causes act"
@@ -104,8 +106,15 @@ def _first(result: Diagnosis) -> str:
             f"of {of} causes of typical magnitude"
         )
     if verdict == "no-discrepancy":
+        before, after = result.rms["simulation"], result.rms["recalibrated"]
+        calibrate = ""
+        if after < LEAST_GAIN * before:
+            calibrate = (
+                "calibrate the arm, because recalibration alone reduces the RMS residual from "
+                f"{' to '.join(lengths([before, after]))}. Then "
+            )
         return (
-            "keep these records for the next check. These records would show "
+            f"{calibrate}keep these records for the next check. These records would show "
             f"{seen} of {of} causes of typical magnitude"
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
