@@ -36,6 +36,7 @@ ENCODER = {
     "encoder_ellipticity",
     "encoder_gain",
     "joint_periodic_error",
+    "second_periodic_error",
     "joint_error_curve",
 }
 LOAD = {"joint_compliance", "counterbalance", "bearing_tilt"}
