@@ -132,7 +132,9 @@ class AnyArm(UrdfArm):
         if (self.arm is None) == (self.urdf is None):
             raise typer.BadParameter("state ARM, or --urdf FILE and --frame NAME")
         model = self.of_urdf(**half_widths) or ErrorModel.load(str(self.arm))
-        for line in wide_half_width_notes(model.arm.parameters):
+        # What a calibration left open has wide half-widths.
+        own = [] if model.arm.covariance is not None else model.arm.parameters
+        for line in wide_half_width_notes(own):
             warn(line)
         return model
 
