@@ -16,7 +16,7 @@ RECORDS_FOR_MEAN = 1500
 
 def predicted_rms(at: Fit) -> float:
     """RMS distance of tip and target that the stated uncertainties predict, after a fit of what it
-    estimates [m]; nan if the arm states no uncertainty.
+    estimates [m]; nan if the arm states no uncertainty, or no record has a target.
 
     The fit takes a part of the errors: with the columns A of parameters and seats, weights W and
     ``C = (Aᵀ W A + P)⁻¹`` of ISO/IEC Guide 98-3 (JCGM 100:2008, eq. 13) for ``e - A C Aᵀ W e``, e
@@ -26,6 +26,8 @@ def predicted_rms(at: Fit) -> float:
     if not covariance.any():
         return float("nan")
     used = np.flatnonzero(at.used & at.observations.has_target)
+    if not used.size:
+        return float("nan")
     used = used[:: -(-used.size // RECORDS_FOR_MEAN)]
     noise = at.noise.without_scatter[used, :3, :3]
     whitening = at.noise.whitening[:, :3, :3]
