@@ -77,7 +77,7 @@ LEAST_SINE = 0.01
 MOST_IN_RADIANS = 0.06
 """Twists that are all below this were hardly in degrees: a right angle in radians under such a key
 [rad]."""
-SMALL = 0.1
+SMALL = 0.25
 """The lengths of an arm hardly add up to less [m]."""
 FEWEST_FOR_MISTAKES = 10
 """With fewer records some mistake fits anything."""
@@ -87,6 +87,7 @@ GON = 0.9
 """One gon [°]."""
 LENGTH_UNITS = {
     ("metres", "mm"): 1e3,
+    ("centimetres", "mm"): 10.0,
     ("inches", "mm"): 25.4,
     ("micrometres", "mm"): 1e-3,
     ("mm", "metres"): MM,
@@ -685,7 +686,7 @@ def _of_table(arm: Arm) -> Iterator[_Mistake]:
         changed = _scaled(arm.file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
         yield _Mistake(Note("table_in_radians"), "table", arm=changed)
     if _is_small(arm.file):
-        for unit, factor in (("metres", 1e3), ("inches", 25.4)):
+        for unit, factor in (("metres", 1e3), ("inches", 25.4), ("centimetres", 10.0)):
             changed = _scaled(arm.file, ("a_mm", "d_mm"), factor)
             yield _Mistake(Note("table_unit", {"unit": unit}), "table", arm=changed)
 

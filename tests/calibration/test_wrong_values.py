@@ -130,6 +130,7 @@ def test_nothing_is_named_where_nothing_is_wrong(tmp_path: Path) -> None:
     ("factor", "words"),
     [
         ((1e-3, 1e-3, 1.0, 1.0), "lengths of the arm file are in metres"),
+        ((0.1, 0.1, 1.0, 1.0), "lengths of the arm file are in centimetres"),
         ((1.0, 1.0, np.pi / 180.0, np.pi / 180.0), "angles of the arm file are in radians"),
     ],
 )
