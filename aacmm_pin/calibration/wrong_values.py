@@ -81,7 +81,7 @@ def wrong_value(after: Fit) -> WrongValue | None:
         free = fit(unstated(problem.of(some), mine))
     except AacmmError:
         return None
-    values = _Values.of(free, geometric, usual)
+    values = _Geometry.of(free, geometric, usual)
     if values.zeros.size == geometric.size and not problem.stated[geometric].any():
         return None  # they were looked for, and nothing is known of them
     said = _said(values)
@@ -95,7 +95,7 @@ def _usual(problem: Problem, geometric: Index) -> Array:
     return np.where(problem.stated[geometric], problem.widths[geometric], usual)
 
 
-class _Values(NamedTuple):
+class _Geometry(NamedTuple):
     """Geometric values by the records alone: ``xᵀ A x - 2 bᵀ x`` of their errors x.
 
     Attributes:
@@ -113,7 +113,7 @@ class _Values(NamedTuple):
     usual: Array
 
     @staticmethod
-    def of(free: Fit, geometric: Index, usual: Array) -> _Values:
+    def of(free: Fit, geometric: Index, usual: Array) -> _Geometry:
         problem = free.problem
         own = np.ix_(geometric, geometric)
         precision = np.linalg.pinv(free.covariance[own], hermitian=True)
@@ -130,7 +130,7 @@ class _Values(NamedTuple):
         }
         zeros = [p.kind in ZERO_KINDS and p.joint in turning for p in parameters]
         numbers = np.flatnonzero(zeros)
-        return _Values(parameters, numbers, information, precision @ change, usual)
+        return _Geometry(parameters, numbers, information, precision @ change, usual)
 
     def with_free(self, wrong: Index) -> tuple[float, Array]:
         """How much less χ² is than with no error, and the errors, with some values free."""
@@ -140,7 +140,7 @@ class _Values(NamedTuple):
         return float(self.vector @ errors), np.asarray(errors, np.float64)
 
 
-def _said(values: _Values) -> tuple[Note, int] | None:
+def _said(values: _Geometry) -> tuple[Note, int] | None:
     """The note on the wrong value, and its row."""
     every = np.arange(len(values.parameters))
     least, _ = values.with_free(every[:0])

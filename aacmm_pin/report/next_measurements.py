@@ -16,7 +16,7 @@ from aacmm_pin.report.doubts import WITH_STRUCTURE, doubts_in_words
 from aacmm_pin.report.numbers import capital, lengths
 from aacmm_pin.report.plan import advice, mostly_seats
 
-LEAST_GAIN = 0.7
+WORTH_CALIBRATION = 0.7
 """Calibration that reduces the residuals to less than this part is worth it."""
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
@@ -108,7 +108,7 @@ def _first(result: Diagnosis) -> str:
     if verdict == "no-discrepancy":
         before, after = result.rms["simulation"], result.rms["recalibrated"]
         calibrate = ""
-        if after < LEAST_GAIN * before:
+        if after < WORTH_CALIBRATION * before:
             calibrate = (
                 "calibrate the arm, because recalibration alone reduces the RMS residual from "
                 f"{' to '.join(lengths([before, after]))}. Then "
