@@ -109,7 +109,8 @@ def test_two_branches_are_recognised_and_ask_for_the_approach(sino6):
     rng = np.random.default_rng(7)
     hidden = ErrorModel(sino6, (JointHysteresis(2, values=(5e-5,)),))
     stated = simulate_measurements(hidden, "seats", 200, rng=rng)
-    records = replace(stated, conditions=replace(stated.conditions, approach=None, time=None))
+    conditions = replace(stated.conditions, approach=None, time=None)
+    records = replace(stated, conditions=conditions, record=None)  # in no order that is known
     found = diagnose(sino6, records, hold_out=False, encoder_noise=8e-6)
     branches = found.unexplained.branches
     assert (found.verdict, branches.joint) == ("unexplained", 2)
