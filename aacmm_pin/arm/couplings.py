@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -118,7 +119,7 @@ class Drive:
         own = np.delete(np.arange(joints), followers)
         return Drive(matrix[:, own], offset, own)
 
-    @property
+    @cached_property
     def is_identity(self) -> bool:
         """Whether no joint follows another, or an encoder of its own."""
         return np.array_equal(self.matrix, np.eye(len(self.matrix))) and not self.offset.any()

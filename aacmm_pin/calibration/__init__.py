@@ -7,7 +7,7 @@ from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import calibrated_model, is_of_setup
 from aacmm_pin.calibration.common_readings import Correlation
 from aacmm_pin.calibration.comparison import Comparison, compare
-from aacmm_pin.calibration.cross_validation import HeldOut, rms
+from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
@@ -71,6 +71,7 @@ __all__ = [
     "remaining_triangle",
     "residuals_by_record",
     "rms",
+    "rms_residual",
     "seat_columns",
     "session_notes",
 ]

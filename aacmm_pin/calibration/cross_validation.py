@@ -51,6 +51,11 @@ def rms(distance: Array) -> float:
     return float(np.sqrt(np.nanmean(np.square(distance))))
 
 
+def rms_residual(fit: Fit, used: Mask) -> float:
+    """RMS distance of tip and target over the ``used`` records (n,) [m]."""
+    return rms(np.linalg.norm(fit.system.deviation[used], axis=1))
+
+
 @dataclass(frozen=True, eq=False)
 class HeldOut(Shown):
     """Residuals of records left out of the fit in turn.

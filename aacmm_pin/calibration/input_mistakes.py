@@ -483,27 +483,18 @@ def _travel(problem: Problem) -> float:
 
 def _absorbs(after: Fit) -> bool:
     """Whether the fit moved a geometric value, and thereby the tips, farther than the geometry of
-    any arm is off.
-    """
-    return bool(_moved_far(after, MOVED))
-
-
-def _moved_far(after: Fit, times: float) -> dict[int, float]:
-    """Entries of geometric values that the fit moved by more than ``times`` what assembly leaves
-    (:data:`ASSEMBLED`), and the tips thereby by more than such a length; their changes [unit].
+    any arm is off: by more than so many times what assembly leaves (:data:`ASSEMBLED`).
     """
     point = after.point
-    changes = point.x - after.problem.start
+    changes = np.abs(point.x - after.problem.start)
     squares = np.square(point.prediction.jacobian[:, :3, : changes.size])
-    tips = np.abs(changes) * np.sqrt(squares.sum(axis=1).mean(axis=0))
-    found = {}
+    tips = changes * np.sqrt(squares.sum(axis=1).mean(axis=0))
     for effect, entries in after.problem.vector:
         if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT)):
-            for entry, term in enumerate(effect.terms, start=entries.start):
-                far = abs(changes[entry]) > times * ASSEMBLED[term.unit]
-                if far and tips[entry] > times * ASSEMBLED["m"]:
-                    found[entry] = float(changes[entry])
-    return found
+            most = MOVED * np.array([ASSEMBLED[term.unit] for term in effect.terms])
+            if ((changes[entries] > most) & (tips[entries] > MOVED * ASSEMBLED["m"])).any():
+                return True
+    return False
 
 
 def _as_described(after: Fit) -> float:
@@ -685,8 +676,9 @@ def _of_table(arm: Arm) -> Iterator[_Mistake]:
     if 0.0 < max(abs(row.alpha_rad) for row in rows) < MOST_IN_RADIANS:
         changed = _scaled(arm.file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
         yield _Mistake(Note("table_in_radians"), "table", arm=changed)
-    if _is_small(arm.file):
-        for unit, factor in (("metres", 1e3), ("inches", 25.4), ("centimetres", 10.0)):
+    if _is_small(arm):
+        larger = {unit: factor for (unit, _), factor in LENGTH_UNITS.items() if factor > 1.0}
+        for unit, factor in larger.items():
             changed = _scaled(arm.file, ("a_mm", "d_mm"), factor)
             yield _Mistake(Note("table_unit", {"unit": unit}), "table", arm=changed)
 
@@ -705,9 +697,11 @@ def _with_values(file: ArmFile, values: Mapping[int, Mapping[str, float]]) -> Ar
     return Arm.from_file(file.model_copy(update={"joints": rows}))
 
 
-def _is_small(file: ArmFile) -> bool:
-    """Whether the lengths of an arm are hardly in the unit that their keys state."""
-    size = sum(abs(row.a_mm) + abs(row.d_mm) for row in file.joints)
+def _is_small(arm: Arm) -> bool:
+    """Whether the lengths of a DH table are hardly in the unit that their keys state."""
+    if not isinstance(arm.file, ArmFile):
+        return False
+    size = sum(abs(row.a_mm) + abs(row.d_mm) for row in arm.file.joints)
     return size * MM < SMALL
 
 
@@ -755,8 +749,7 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
             isinstance(effect, StylusOffset) for effect in problem.vector.effects
         ):
             yield _Mistake(Note("target_off_tip"), "target", target_off_tip=True)
-        small = isinstance(arm.file, ArmFile) and _is_small(arm.file)
-        for (unit, taken), factor in () if small else LENGTH_UNITS.items():
+        for (unit, taken), factor in () if _is_small(arm) else LENGTH_UNITS.items():
             yield _Mistake(
                 Note("coordinates_unit", {"unit": unit, "taken": taken}), "unit", scale=factor
             )

@@ -11,7 +11,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin.calibration import Fit, geometric_parameters, rms
+from aacmm_pin.calibration import Fit, geometric_parameters, rms, rms_residual
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.gram_matrix import numbers_of
 from aacmm_pin.diagnosis.linear_model import Members
@@ -30,11 +30,9 @@ class BudgetPart(Shown):
     """One part of the mean square residual of the nominal arm.
 
     Attributes:
-        part: ``geometry``; the labels of the causes of one place, or of places whose displacements
-            oppose one another, joined by ``+``;
-            ``structure without a name``;
-            ``shared by postures`` (an error that records of one posture share);
-            ``noise``.
+        part: ``geometry``, ``structure without a name``, ``noise``, or ``shared by postures`` (an
+            error that records of one posture share); or the labels of the causes of one place, or
+            of places whose displacements oppose one another, joined by ``+``.
         mean_square: of the residuals [m²]; the parts add up to the whole. It may be below zero for
             geometry, which is what all other parts leave of the whole.
         u: standard uncertainty of the mean square [m²].
@@ -66,7 +64,7 @@ def budget_of(
     rest of the whole.
     """
     used = choice.fit.used
-    whole = rms(np.linalg.norm(nominal.system.deviation[used], axis=1)) ** 2
+    whole = rms_residual(nominal, used) ** 2
     dof = max(choice.posterior.median_model.dof, 1.0)
     left = rms(np.linalg.norm(choice.design.deviations(choice.tips)[used, :3], axis=1)) ** 2
     noise = left * max(nominal.dof, 1.0) / dof

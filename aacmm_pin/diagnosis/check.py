@@ -15,7 +15,6 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin.arm import Arm, outside_limits
 from aacmm_pin.calibration import (
-    Fit,
     ReferenceFrame,
     Setup,
     Target,
@@ -25,7 +24,7 @@ from aacmm_pin.calibration import (
     mistakes_of,
     predicted_rms,
     problem_of,
-    rms,
+    rms_residual,
     session_notes,
 )
 from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
@@ -118,7 +117,7 @@ def check_measurements(
     records, setup = in_first_frame(model, records, setup)
     calibrated = first_fit(problem_of(model, records, ["geometry"], setup))
     found = fit(problem_of(model, records, [], setup), used=calibrated.used)
-    distance, after = (_rms_distance(one) for one in (found, calibrated))
+    distance, after = (rms_residual(one, one.used) for one in (found, calibrated))
     missing = not_tried(model.arm, list(all_candidates(model.arm, records)), records)
     notes = [*mistakes_of(calibrated), *notes]
     notes += [*exclusions_of(calibrated).notes, *notes_of_records(found), *session_notes(found)]
@@ -166,8 +165,3 @@ def _noise_not_stated(model: ErrorModel, records: Measurements) -> list[str]:
     if not np.isfinite(records.reference_u[records.known]).all():
         found.append("references")
     return found
-
-
-def _rms_distance(fit: Fit) -> float:
-    """RMS distance of tip and target over the used records [m]."""
-    return rms(np.linalg.norm(fit.system.deviation[fit.used], axis=1))

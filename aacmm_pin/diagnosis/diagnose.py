@@ -26,7 +26,7 @@ from aacmm_pin.calibration import (
     in_first_frame,
     mistakes_of,
     problem_of,
-    rms,
+    rms_residual,
     session_notes,
 )
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
@@ -233,7 +233,7 @@ def _better_frames(
     framed = fit(_with_causes(model, *of_sessions)([]))
     used = framed.used & recalibrated.used & extended.used
     fits = (recalibrated, framed, extended)
-    sizes = [rms(np.linalg.norm(one.system.deviation[used], axis=1)) for one in fits]
+    sizes = [rms_residual(one, used) for one in fits]
     rows = 3 * int(used.sum())
     was, size, named = (
         2.0 * rows * np.log(rms_of) + one.point.x.size * np.log(rows)

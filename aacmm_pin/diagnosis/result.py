@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Mask
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import COVERAGE_FACTOR
-from aacmm_pin.calibration import Fit, geometric_parameters, rms
+from aacmm_pin.calibration import Fit, geometric_parameters, rms, rms_residual
 from aacmm_pin.diagnosis.budget import BudgetPart
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
@@ -265,7 +264,7 @@ class Diagnosis(Shown):
         ``noise`` (expected from noise alone).
         """
         used = self.extended.used
-        sizes = {name: _rms_residual(fit, used) for name, fit in self._fits.items()}
+        sizes = {name: rms_residual(fit, used) for name, fit in self._fits.items()}
         return sizes | {"noise": self.noise}
 
     @property
@@ -315,9 +314,3 @@ class Diagnosis(Shown):
 def too_good(extended: Fit) -> bool:
     """Whether the residuals are far smaller than the noise, though no scatter was added to it."""
     return bool(chi2_cdf(*extended.chi2) <= THRESHOLDS.too_good)
-
-
-def _rms_residual(fit: Fit, used: Mask) -> float:
-    """RMS distance of tip and target over the ``used`` records (n,) [m]."""
-    deviation = fit.system.deviation[used]
-    return rms(np.linalg.norm(deviation, axis=1))

@@ -116,12 +116,13 @@ def _largest_odds(
     design = conditional.base.gram.design
     others = slice(design.nuisances, design.width)
     sizes = np.diag(conditional.base.gram.matrix)[others]
-    root = _root(conditional.all.inside(others), sizes)
+    beside = conditional.all
+    root = _root(beside.inside(others), sizes)
     left = np.zeros((design.width, DRAWS))
     left[others] = root @ rng.standard_normal((root.shape[1], DRAWS))
     best = np.full(DRAWS, -np.inf)
     for family in design.families:
-        information, _ = conditional.all.of_family(family)
+        information, _ = beside.of_family(family)
         gain, volume = gains(information, family.gradient(left))
         size = information.shape[1]
         rest = rng.chisquare(max(conditional.likelihood.dof - size, 1.0), DRAWS)
@@ -156,11 +157,12 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
     nothing would explain everything: an arm that shrinks to a point meets every unknown seat.
     """
     chances = list[float]()
+    beside = conditional.all
     for family in conditional.base.gram.design.families:
         of_covariates = np.array([not candidates.is_cause(k) for k in family.blocks.tolist()])
         if not of_covariates.any():
             continue
-        information, gradient = conditional.all.of_family(family)
+        information, gradient = beside.of_family(family)
         gain, _ = gains(information[of_covariates], gradient[of_covariates][:, :, None])
         squares = 2.0 * gain[:, np.argmax(WIDTHS), 0]
         chances += _tail(conditional, squares, information.shape[1]).tolist()
@@ -170,8 +172,9 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
 def retained(conditional: Conditional, block: int) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β, where M takes out what all else can explain."""
     own = conditional.design_blocks[block]
-    information = conditional.all.information(block)
-    step = np.linalg.lstsq(information, conditional.all.gradient(block), rcond=1e-10)[0]
+    beside = conditional.all
+    information = beside.information(block)
+    step = np.linalg.lstsq(information, beside.gradient(block), rcond=1e-10)[0]
     kept = max(float(step @ information @ step), 0.0)
     along = own.in_columns(np.asarray(step, np.float64))
     products = conditional.base.gram.matrix[own.columns, own.columns]
@@ -188,13 +191,14 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     own = candidates.owner(block)
     names = candidates.design.names
     instead = posterior.instead(own)
-    values = logsumexp(conditional.all.additions(), axis=1) + candidates.log_odds
+    beside = conditional.all
+    values = logsumexp(beside.additions(), axis=1) + candidates.log_odds
     values[candidates.barred(conditional.blocks)] = -np.inf
     acting = {candidates.owner(k) for k in posterior.median}
     found = []
     for other in _rivals(candidates, values, instead, own):
         owner = candidates.owner(other)
-        correlation = canonical(conditional.all, block, other)
+        correlation = canonical(beside, block, other)
         if owner in acting or correlation < THRESHOLDS.unlike:
             continue
         alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
@@ -242,10 +246,10 @@ def _noncentralities(space: ModelSpace) -> Array:
     """
     candidates = space.candidates
     design = candidates.design
-    alone = space.conditional(ModelState((), (), 0))
+    alone = space.conditional(ModelState((), (), 0)).all
     of_blocks = np.empty(len(candidates.blocks))
     for family in design.families:
-        information, _ = alone.all.of_family(family)
+        information, _ = alone.of_family(family)
         each = np.diagonal(information, axis1=1, axis2=2)
         of_blocks[family.blocks] = each.max(axis=1)
     found = np.zeros(design.causes)

@@ -50,7 +50,6 @@ from aacmm_pin.report.document import (
     document_of,
 )
 from aacmm_pin.report.numbers import (
-    capital,
     length,
     lengths,
     mistakes_in_words,
@@ -144,7 +143,7 @@ def verdict(result: Calibration) -> str:
     so, that it rests on a part of the records, because what was excluded are no gross errors.
     """
     left, name = result.exclusions, result.model.arm.name
-    doubts, rest = capital(mistakes_in_words(result.notes)), ""
+    doubts, rest = mistakes_in_words(result.notes), ""
     if left.doubtful:
         doubts += f"{exclusions_in_words(left)} Run aacmm-pin diagnose to find the cause. "
         rest = f" on the other {count(left.used, 'record')}"

@@ -15,7 +15,7 @@ from aacmm_pin.diagnosis import Check
 from aacmm_pin.effects import CONDITION_COLUMNS, Effect, cause_in_words, listed
 from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.measurements import measurements_document
-from aacmm_pin.report.numbers import capital, lengths, mistakes_in_words, other_notes
+from aacmm_pin.report.numbers import lengths, mistakes_in_words, other_notes
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
 MISSING = "Causes of error that diagnose cannot try, because the file lacks a column"
@@ -33,7 +33,7 @@ def check_document(check: Check) -> Document:
     predicted = "The arm file states no uncertainties, which would predict this distance"
     if known:
         predicted = f"The stated uncertainties predict a distance of {expected[0]}"
-    wrong = capital(mistakes_in_words(check.notes))
+    wrong = mistakes_in_words(check.notes)
     after = f"With calibrated geometry, this distance is {calibrated}"
     finding = Paragraph(f"{wrong}{fits}. {distance}. {predicted}. {after}.", finding=True)
     prismatic = check.model.arm.chain.prismatic

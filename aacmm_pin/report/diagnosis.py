@@ -209,7 +209,7 @@ def verdict_in_words(result: Diagnosis) -> str:
             if result.findings:
                 after += f" with {'this cause' if len(result.findings) == 1 else 'these causes'}"
             text = f"{wrong}. After {after}, {_left_in_words(result)}"
-    mistake = capital(mistakes_in_words(result.assumed))
+    mistake = mistakes_in_words(result.assumed)
     mistake += "The torque columns have the wrong sign. " if result.reversed_torques else ""
     return f"{mistake}{_excluded_in_words(result)}{capital(text)}.{doubts}"
 
