@@ -10,6 +10,13 @@ from aacmm_pin.arm import Arm, ArmFile, load_arm_file
 
 RIGID: dict[str, object] = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
 
+PRISMATIC: dict[str, object] = {
+    "kind": "prismatic",
+    "limits_rad": None,
+    "limits_mm": (-100.0, 400.0),
+    "encoder_noise_rad": None,
+}
+
 
 def changed(
     file: ArmFile | str, rows: Mapping[int, Mapping[str, object]] | None = None, **fields: object

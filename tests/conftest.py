@@ -21,17 +21,20 @@ import pytest
 
 from aacmm_pin.arm import Arm, ArmFile, load_arm_file
 from aacmm_pin.effects import CAUSES
+from tests.arm_files import PRISMATIC, RIGID
 from tests.browser import Page
 
 # Started in the background of a shell the tests would ignore interrupts, and so would what they
 # start to interrupt it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# bundled arm, convention, rows (from 1) that are made rigid
+# bundled arm, convention, rows (from 1) that are made rigid, or (negative) prismatic
 VARIANTS = [
     ("sino6", "standard-dh", ()),
     ("sino6", "modified-dh", ()),
     ("sino6", "standard-dh", (1, 4)),
+    ("sino6", "standard-dh", (-3,)),
+    ("sino6", "modified-dh", (-1, 5)),
     ("sino6", "modified-dh", (1, 4)),
     ("zero6", "standard-dh", ()),
     ("zero6", "modified-dh", ()),
@@ -107,18 +110,20 @@ def zero6() -> Arm:
     return Arm.load("zero6")
 
 
-@pytest.fixture(params=VARIANTS, ids=lambda v: f"{v[0]}-{v[1]}" + "-rigid" * bool(v[2]))
+@pytest.fixture(params=VARIANTS, ids=lambda v: "-".join(map(str, (*v[:2], *v[2]))))
 def arm_file(request: pytest.FixtureRequest) -> ArmFile:
-    """The bundled arms as they are, read in the other convention, and with rows that do not
-    move.
+    """The bundled arms as they are, read in the other convention, with rows that do not move and
+    with prismatic joints.
     """
-    name, convention, rigid = request.param
+    name, convention, other = request.param
     arm = load_arm_file(name)
-    no_joint = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
-    rows = [
-        row.model_copy(update=no_joint) if n in rigid else row
-        for n, row in enumerate(arm.joints, start=1)
-    ]
+    rows = []
+    for number, row in enumerate(arm.joints, start=1):
+        if number in other:
+            row = row.model_copy(update=RIGID)
+        if -number in other:
+            row = row.model_copy(update=PRISMATIC)
+        rows.append(row)
     return arm.model_copy(update={"convention": convention, "joints": rows})
 
 

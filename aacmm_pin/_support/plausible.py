@@ -241,6 +241,10 @@ AngleHalfWidth = Annotated[FiniteFloat, Field(ge=0.0, le=TURN_HALF_WIDTH.most)]
 """Bound of the error of an angle [rad]: half a turn says that nothing is known."""
 EncoderNoise = Annotated[FiniteFloat, Field(ge=ENCODER_NOISE.least, le=ENCODER_NOISE.most)]
 """Standard uncertainty of one reading [rad; m where a joint slides]."""
+EncoderNoiseMm = Annotated[
+    FiniteFloat, Field(ge=ENCODER_NOISE.least / MM, le=ENCODER_NOISE.most / MM)
+]
+"""Standard uncertainty of one reading of a prismatic joint [mm]."""
 StandardUncertainty = Annotated[FiniteFloat, Field(ge=0.0, le=1e100)]
 """In SI, of whatever it is; a fit may hardly know a parameter, but its variance is a number."""
 Mass = Annotated[FiniteFloat, Field(ge=0.0, le=1e5)]

@@ -412,7 +412,7 @@ def _smallest(groups: Index, values: Array) -> Index:
 
 def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Array:
     """The stated box, or one around the reach (4,) [m]."""
-    wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP))
+    wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP, revolute=True))
     if extent is None:
         beyond = 0.0 if axis is None else _tip_beyond_wrist(arm, wrist)
         around = box_of_wrist(wrist) + np.array([-1.0, 1.0, -1.0, 1.0]) * beyond
@@ -482,7 +482,7 @@ def map_caveats(
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
         found.append(Note("first_joint_limited"))
-    first = arm.require_dh(MAP, WRIST_ROW).links()[0]
+    first = arm.require_dh(MAP, WRIST_ROW, revolute=True).links()[0]
     if np.abs(first[:2, 2:]).max() > SMALLEST_ARM:
         found.append(Note("first_axis_off_z"))
     if abs(arm.up[2]) < 1 - 1e-12:

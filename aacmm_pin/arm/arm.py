@@ -319,9 +319,7 @@ class Arm(Shown):
         rows = []
         for row in self.file.joints:
             moves = not getattr(row, "fixed", False)
-            rows.append(
-                row.model_copy(update={"encoder_noise_rad": next(of_joint)}) if moves else row
-            )
+            rows.append(row.with_encoder_noise(next(of_joint)) if moves else row)
         return replace(
             self, encoder_noise=noise, file=self.file.model_copy(update={"joints": rows})
         )
@@ -425,15 +423,17 @@ class Arm(Shown):
         length = float(np.linalg.norm(self.gravity))
         return -self.gravity / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
-    def require_dh(self, purpose: str, joints: int = 0) -> DHTable:
+    def require_dh(self, purpose: str, joints: int = 0, *, revolute: bool = False) -> DHTable:
         """Return the DH table.
 
         Args:
             purpose: operation that needs the DH table, for the error message.
             joints: number of first rows that must have joints.
+            revolute: all joints must be revolute.
 
         Raises:
-            UnsupportedArmError: the arm has no DH table, or a required row is missing or rigid.
+            UnsupportedArmError: the arm has no DH table, a required row is missing or rigid, or a
+                joint is prismatic.
         """
         if self.dh is None:
             first = f" whose first {joints} rows are joints" if joints else ""
@@ -445,6 +445,11 @@ class Arm(Shown):
             raise UnsupportedArmError(
                 f"{self.name}: this arm has {self.nq} joints in {self.dh.rows} DH rows; {purpose} "
                 f"needs a joint in each of the first {joints} rows"
+            )
+        if revolute and self.dh.slides.any():
+            row = int(np.argmax(self.dh.slides)) + 1
+            raise UnsupportedArmError(
+                f"{self.name}: joint {row} is prismatic; {purpose} needs revolute joints"
             )
         return self.dh
 

@@ -5,7 +5,8 @@ A row is a transform from frame i-1 to frame i:
 - ``standard-dh``: ``T_i = Rz(θ_i + θ0_i) Tz(d_i) Tx(a_i) Rx(α_i)``
 - ``modified-dh`` (Craig): ``T_i = Rx(α_i) Tx(a_i) Rz(θ_i + θ0_i) Tz(d_i)``
 
-A row that does not move (``moving[i] = False``: a stylus) has θ_i = 0. As a chain, standard DH puts
+A prismatic joint (``slides[i] = True``) has its reading in d_i + q_i, and θ_i = 0. A row that does
+not move (``moving[i] = False``: a stylus) has θ_i = 0. As a chain, standard DH puts
 (d, θ) of row i at ``axis i`` and (a, α) at ``end i``; modified DH puts (a, α) at ``end i-1``. Two
 screws about one axis commute, so displacing a place by (δa, δα) is exactly the arm with a + δa,
 α + δα.
@@ -39,6 +40,7 @@ class DHTable(Shown):
         alpha: link twists, (rows,) [rad].
         theta_offset: joint zero offsets, (rows,) [rad].
         moving: (rows,) True where the row has a joint.
+        slides: (rows,) True where this joint is prismatic.
         convention: ``standard-dh`` or ``modified-dh``.
     """
 
@@ -47,6 +49,7 @@ class DHTable(Shown):
     alpha: Array
     theta_offset: Array
     moving: Mask
+    slides: Mask
     convention: Convention = "standard-dh"
 
     @property
@@ -93,11 +96,11 @@ class DHTable(Shown):
             link = end(row + 1 if self.standard else row)
             parameters += [(link, V_X), (joint, V_Z), (link, OMEGA_X), (joint, OMEGA_Z)]
         numbers = np.where(self.moving, np.cumsum(self.moving) - 1, -1)
-        turning = np.zeros(self.nq, dtype=bool)
-        return Chain.of_pieces(axes, ends, numbers, turning, parameters)
+        return Chain.of_pieces(axes, ends, numbers, self.slides[self.moving], parameters)
 
     def links(self) -> Array:
-        """Constant transforms L of ``L_0 Rz(q_1) L_1 … Rz(q_nq) L_nq``: (nq + 1, 4, 4) [m].
+        """Constant transforms L of ``L_0 Rz(q_1) L_1 … Rz(q_nq) L_nq`` (Tz for a prismatic joint):
+        (nq + 1, 4, 4) [m].
 
         What is on the axis of a row commutes with its joint, and is put behind it.
         """
@@ -119,7 +122,10 @@ class DHTable(Shown):
 
 
 def table(
-    rows: Array, convention: Convention = "standard-dh", moving: list[bool] | None = None
+    rows: Array,
+    convention: Convention = "standard-dh",
+    moving: list[bool] | None = None,
+    slides: list[bool] | None = None,
 ) -> DHTable:
     """Make a table from ``rows`` (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad].
 
@@ -129,7 +135,12 @@ def table(
     if convention not in get_args(Convention):
         raise UnknownNameError("convention", convention, list(get_args(Convention)))
     rows = batch(rows, 4, "rows", "m, m, rad, rad")
-    flags = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
-    if flags.shape != (len(rows),):
-        raise ShapeError(f"moving has {flags.size} entries; expected {len(rows)}, one for each row")
-    return DHTable(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], flags, convention)
+    a, d, alpha, theta_offset = rows.T
+    moves = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
+    along = np.zeros(len(rows), dtype=bool) if slides is None else np.array(slides, dtype=bool)
+    for name, flags in ("moving", moves), ("slides", along):
+        if flags.shape != (len(rows),):
+            raise ShapeError(
+                f"{name} has {flags.size} entries; expected {len(rows)}, one for each row"
+            )
+    return DHTable(a, d, alpha, theta_offset, moves, along, convention)

@@ -45,6 +45,7 @@ from aacmm_pin._support.plausible import (
     Angle,
     AngleHalfWidth,
     EncoderNoise,
+    EncoderNoiseMm,
     LengthMm,
     Mass,
     Name,
@@ -148,6 +149,10 @@ class Uncertainty(_WithAngles):
     theta_offset_rad: AngleHalfWidth
 
 
+JOINT_KEYS = ("limits_rad", "encoder_noise_rad", "limits_mm", "encoder_noise_mm")
+"""Keys of a row that only a joint has, each in the unit of its readings."""
+
+
 class Row(_WithAngles):
     """One DH row: a joint, or with ``fixed = true`` a rigid piece such as a stylus."""
 
@@ -155,10 +160,13 @@ class Row(_WithAngles):
     d_mm: PlaceMm
     alpha_rad: FiniteFloat
     theta_offset_rad: FiniteFloat
+    kind: Literal["revolute", "prismatic"] = "revolute"
     fixed: bool = False
     limits_rad: Pair | None = None
+    limits_mm: Pair | None = None
     uncertainty: Uncertainty | None = None
     encoder_noise_rad: EncoderNoise | None = None
+    encoder_noise_mm: EncoderNoiseMm | None = None
     mass_kg: Mass | None = None
     com_mm: Annotated[tuple[PlaceMm, PlaceMm, PlaceMm], _FROM_ARRAY] | None = None
 
@@ -172,20 +180,56 @@ class Row(_WithAngles):
         for key, angle, most in angles:
             if refused := like_degrees(angle, most):
                 raise ValueError(f"{key} {refused}, or a key that ends in _deg")
-        if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
-            raise ValueError(
-                "a fixed row has limits_rad or encoder_noise_rad; expected neither for a row that "
-                "is no joint"
-            )
-        if not self.fixed and self.limits_rad is None:
-            raise ValueError("limits_rad is missing; expected [lower, upper] for each joint")
-        if self.limits_rad is not None and not self.limits_rad[0] < self.limits_rad[1]:
-            raise ValueError(
-                f"limits_rad is {list(self.limits_rad)}; expected the lower limit first"
-            )
+        if self.fixed and self.slides:
+            raise ValueError('kind is "prismatic" and fixed is true; expected one of them')
+        limits = f"limits_{self.unit}"
+        allowed = () if self.fixed else (limits, f"encoder_noise_{self.unit}")
+        for key in JOINT_KEYS:
+            if key not in allowed and getattr(self, key) is not None:
+                kind = "fixed" if self.fixed else self.kind
+                raise ValueError(f"a {kind} row has {key}; expected a row without this key")
+        if not self.fixed and self._limits is None:
+            raise ValueError(f"{limits} is missing; expected [lower, upper] for each joint")
+        if self._limits is not None and not self._limits[0] < self._limits[1]:
+            raise ValueError(f"{limits} is {list(self._limits)}; expected the lower limit first")
         if self.com_mm is not None and self.mass_kg is None:
             raise ValueError("com_mm is stated without mass_kg; expected both")
         return self
+
+    @property
+    def slides(self) -> bool:
+        """Whether the joint is prismatic."""
+        return self.kind == "prismatic"
+
+    @property
+    def unit(self) -> str:
+        """In which the file states readings of the joint."""
+        return "mm" if self.slides else "rad"
+
+    @property
+    def _limits(self) -> Pair | None:
+        return self.limits_mm if self.slides else self.limits_rad
+
+    @property
+    def limits(self) -> Pair | None:
+        """Of the reading [rad; m for a prismatic joint]; None of a fixed row."""
+        if self._limits is None:
+            return None
+        lower, upper = self._limits
+        scale = MM if self.slides else 1.0
+        return lower * scale, upper * scale
+
+    @property
+    def encoder_noise(self) -> float | None:
+        """Standard uncertainty of a reading [rad; m for a prismatic joint]; None if not stated."""
+        if self.slides:
+            return None if self.encoder_noise_mm is None else self.encoder_noise_mm * MM
+        return self.encoder_noise_rad
+
+    def with_encoder_noise(self, noise: float) -> Row:
+        """The row with this standard uncertainty of one reading [rad; m for a prismatic joint]."""
+        scale = MM if self.slides else 1.0
+        return self.model_copy(update={f"encoder_noise_{self.unit}": noise / scale})
 
 
 class Stylus(_Part):
@@ -374,6 +418,15 @@ class UrdfJoint(_WithAngles):
     turn_rad: Annotated[tuple[Angle, Angle, Angle], _FROM_ARRAY] = (0.0, 0.0, 0.0)
     encoder_noise_rad: EncoderNoise | None = None
 
+    @property
+    def encoder_noise(self) -> float | None:
+        """Standard uncertainty of a reading [rad; m for a prismatic joint]; None if not stated."""
+        return self.encoder_noise_rad
+
+    def with_encoder_noise(self, noise: float) -> UrdfJoint:
+        """The joint with this standard uncertainty of a reading [rad; m for a prismatic joint]."""
+        return self.model_copy(update={"encoder_noise_rad": noise})
+
 
 class UrdfArmFile(AnyArmFile):
     """A validated file of an arm that came as URDF."""
@@ -388,9 +441,10 @@ class UrdfArmFile(AnyArmFile):
                 "urdf.sha256 is missing; expected the SHA-256 of the URDF to which joints and "
                 "covariance belong"
             )
-        _check_noise(
-            {number: joint.encoder_noise_rad for number, joint in enumerate(self.joints, start=1)}
-        )
+        noise = {}
+        for number, joint in enumerate(self.joints, start=1):
+            noise[f"joints[{number}].encoder_noise_rad"] = joint.encoder_noise
+        _check_noise(noise)
         return self
 
     @property
@@ -421,13 +475,10 @@ class ArmFile(AnyArmFile):
             raise ValueError(
                 f"{len(self.moving_rows)} rows have a joint; expected at most {MOST_JOINTS}"
             )
-        _check_noise(
-            {
-                number: row.encoder_noise_rad
-                for number, row in enumerate(self.joints, start=1)
-                if not row.fixed
-            }
-        )
+        noise = {}
+        for number, row in zip(self.moving_numbers, self.moving_rows, strict=True):
+            noise[f"joints[{number}].encoder_noise_{row.unit}"] = row.encoder_noise
+        _check_noise(noise)
         coupling_matrix(self.couplings, self.moving_numbers)
         return self
 
@@ -460,12 +511,13 @@ class ArmFile(AnyArmFile):
     @property
     def dh(self) -> DHTable:
         """The DH table in SI."""
-        rows = []
-        moving = []
-        for row in self.joints:
-            rows.append([row.a_mm * MM, row.d_mm * MM, row.alpha_rad, row.theta_offset_rad])
-            moving.append(not row.fixed)
-        return table(np.array(rows), self.convention, moving)
+        rows = [
+            [row.a_mm * MM, row.d_mm * MM, row.alpha_rad, row.theta_offset_rad]
+            for row in self.joints
+        ]
+        moving = [not row.fixed for row in self.joints]
+        slides = [row.slides for row in self.joints]
+        return table(np.array(rows), self.convention, moving, slides)
 
     @property
     def moving_numbers(self) -> list[int]:
@@ -480,13 +532,13 @@ class ArmFile(AnyArmFile):
 
     @property
     def limits(self) -> Array:
-        """Joint limits, (nq, 2) [rad]."""
-        return np.array([row.limits_rad for row in self.moving_rows], dtype=np.float64)
+        """Joint limits, (nq, 2) [rad; m for a prismatic joint]."""
+        return np.array([row.limits for row in self.moving_rows], dtype=np.float64)
 
     @property
     def encoder_noise(self) -> Array | None:
-        """Standard uncertainty of one reading, (nq,) [rad]; None where the file states it for no
-        joint.
+        """Standard uncertainty of one reading, (nq,) [rad; m for a prismatic joint]; None where the
+        file states it for no joint.
         """
         return _noise(self.moving_rows)
 
@@ -507,18 +559,17 @@ class ArmFile(AnyArmFile):
 
 
 def _noise(joints: Iterable[Row | UrdfJoint]) -> Array | None:
-    noise = [joint.encoder_noise_rad for joint in joints]
+    noise = [joint.encoder_noise for joint in joints]
     return np.array(noise, dtype=np.float64) if noise and None not in noise else None
 
 
-def _check_noise(noise: Mapping[int, float | None]) -> None:
-    """Refuse joints, by their number, of which only some state the noise of their encoder."""
-    missing = [number for number, u in noise.items() if u is None]
+def _check_noise(noise: Mapping[str, float | None]) -> None:
+    """Refuse joints, by the key of their noise, of which only some state the noise of their
+    encoder.
+    """
+    missing = [key for key, u in noise.items() if u is None]
     if 0 < len(missing) < len(noise):
-        raise ValueError(
-            f"joints[{missing[0]}].encoder_noise_rad is missing; expected a value for all joints "
-            "or for none"
-        )
+        raise ValueError(f"{missing[0]} is missing; expected a value for all joints or for none")
 
 
 def calibrated(

@@ -93,13 +93,13 @@ def _add_row(
         if abs(a) > SHORTEST_DRAWN:
             _draw(parent, "tube", TUBE_RADIUS, abs(a), (-a / 2, 0.0, 0.0), _ALONG_X)
     link = ET.SubElement(robot, "link", name=f"link{number}")
-    kind = "fixed" if row.fixed else "revolute"
+    kind = "fixed" if row.fixed else row.kind
     joint = _joint(
         robot, f"joint{number}", kind, parent, link, rpy=(0.0, 0.0, row.theta_offset_rad)
     )
-    if row.limits_rad is not None:
+    if row.limits is not None:
         ET.SubElement(joint, "axis", xyz="0 0 1")
-        lower, upper = row.limits_rad
+        lower, upper = row.limits
         ET.SubElement(
             joint, "limit", lower=_text(lower), upper=_text(upper), effort="0", velocity="10"
         )

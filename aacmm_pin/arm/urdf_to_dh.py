@@ -56,7 +56,7 @@ def dh_file(arm: Arm) -> ArmFile:
     half-widths cannot.
 
     Raises:
-        UnsupportedArmError: a joint slides or follows another, or the arm has a DH table.
+        UnsupportedArmError: a joint follows another, or the arm has a DH table.
         ArmFileError: what the URDF states cannot stand in an arm file, such as equal limits.
     """
     file = arm.urdf_file
@@ -66,13 +66,6 @@ def dh_file(arm: Arm) -> ArmFile:
         raise UnsupportedArmError(
             f"{arm.name}: joint {followers} mimics another joint; expected independent joints for "
             "a DH table"
-        )
-    if chain.prismatic.any():
-        slides = ", ".join(
-            name for name, slide in zip(arm.joint_names, chain.prismatic, strict=True) if slide
-        )
-        raise UnsupportedArmError(
-            f"{arm.name}: joint {slides} is prismatic; expected revolute joints for a DH table"
         )
     rotation, origin = (part[:, 0] for part in chain.walk(np.zeros((1, arm.nq))))
     rows: list[tuple[Row, int | None]] = []  # with the number of the joint, from 0
@@ -118,9 +111,12 @@ def _file(
         if joint is None:
             entry["fixed"] = True
         else:
-            entry["limits_rad"] = arm.limits[joint].tolist()
-            entry["encoder_noise_rad"] = (
-                None if arm.encoder_noise is None else float(arm.encoder_noise[joint])
+            slides = bool(arm.chain.prismatic[joint])
+            unit, scale = ("mm", MM) if slides else ("rad", 1.0)
+            entry["kind"] = "prismatic" if slides else "revolute"
+            entry[f"limits_{unit}"] = (arm.limits[joint] / scale).tolist()
+            entry[f"encoder_noise_{unit}"] = (
+                None if arm.encoder_noise is None else float(arm.encoder_noise[joint] / scale)
             )
             if arm.masses is not None and arm.masses[joint]:
                 centre = rotation[joint] @ arm.centres_of_mass[joint] + origin[joint]

@@ -18,16 +18,16 @@ from aacmm_pin.effects import (
     LinkLength,
     LinkTwist,
     ReferenceFrame,
+    SlideAngle,
 )
 
-EFFECT_OF_KIND: dict[str, type[Effect]] = {
-    "a": LinkLength,
-    "d": JointDistance,
-    "alpha": LinkTwist,
-    "theta_offset": JointZeroOffset,
+DH_KIND_OF_EFFECT: dict[type[Effect], str] = {
+    LinkLength: "a",
+    JointDistance: "d",
+    LinkTwist: "alpha",
+    JointZeroOffset: "theta_offset",
+    SlideAngle: "theta_offset",
 }
-"""Effect that changes each kind of DH value."""
-DH_KIND_OF_EFFECT = {cause: kind for kind, cause in EFFECT_OF_KIND.items()}
 """Kind of DH value that each geometric effect changes."""
 
 

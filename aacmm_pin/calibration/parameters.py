@@ -12,7 +12,6 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm import Arm, end
 from aacmm_pin.calibration.parameter_vector import (
-    EFFECT_OF_KIND,
     ParameterVector,
     geometric_parameters,
 )
@@ -23,11 +22,12 @@ from aacmm_pin.effects import (
     ErrorModel,
     JointDistance,
     JointPlacement,
-    JointZeroOffset,
     LinkLength,
     LinkTilt,
     ReferenceFrame,
     StylusOffset,
+    joint_zeros,
+    of_parameter,
 )
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
@@ -83,10 +83,7 @@ def problem_of(
             if setup.target != "unknown":
                 chosen += _of_target(measurements, "unknown")
         elif item == "zero-offsets":
-            chosen += [
-                _geometric(model.arm, JointZeroOffset(row), setup.prior)
-                for row in model.arm.chain.joint_rows()
-            ]
+            chosen += [_geometric(model.arm, zero, setup.prior) for zero in joint_zeros(model.arm)]
         elif item == "geometry":
             chosen += [
                 unknown for unknown in _geometry(model.arm, setup) if unknown[0].label not in asked
@@ -139,7 +136,7 @@ def _of_names(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
     """Some geometric parameters; of the placements of a URDF, the other parameters stay."""
     parameters = [parameter for parameter in arm.parameters if parameter.name in names]
     if arm.dh is not None:
-        effects = [EFFECT_OF_KIND[p.kind](joint=p.joint) for p in parameters]  # type: ignore[call-arg]
+        effects = [of_parameter(arm, parameter) for parameter in parameters]
         return [_geometric(arm, effect, setup.prior) for effect in effects]
     found = []
     for row in sorted({parameter.joint for parameter in parameters if parameter.joint}):
@@ -218,7 +215,7 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
         effects: list[Effect] = [JointPlacement(row) for row in range(1, arm.chain.rows + 1)]
     else:
         parameters = [p for p in arm.parameters if not (setup.prior and p.half_width == 0.0)]
-        effects = [EFFECT_OF_KIND[p.kind](joint=p.joint) for p in parameters]  # type: ignore[call-arg]
+        effects = [of_parameter(arm, parameter) for parameter in parameters]
         effects += [LinkTilt(row) for row in _before_parallel_axes(arm)]
     held = "" if setup.held is None else setup.held.label
     return [

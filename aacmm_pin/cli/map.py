@@ -73,7 +73,7 @@ def run(
         raise typer.BadParameter("--quantity requires --plot")
     with Results(force, output, plot=plot, json_=json_) as results:
         model = restrict_to_known_range(arm.model())
-        model.arm.require_dh("a map of the workspace")
+        model.arm.require_dh("a map of the workspace", revolute=True)
         extent = None if extent_mm is None else np.array(extent_mm) * MM
         for caveat in map_caveats(model.arm, extent, axis):
             note(caveat)

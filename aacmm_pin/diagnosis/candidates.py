@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Problem, Setup
-from aacmm_pin.calibration.parameter_vector import EFFECT_OF_KIND
 from aacmm_pin.calibration.parameters import is_reestimated
 from aacmm_pin.effects import (
     CAUSES,
@@ -19,6 +18,7 @@ from aacmm_pin.effects import (
     StylusOffset,
     all_candidates,
     load_variants,
+    of_geometry,
     require_row,
 )
 from aacmm_pin.errors import UnknownNameError
@@ -148,8 +148,7 @@ def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterat
         if problem.stated[own].all() and vector.arm_parameters[own.start] is not None:
             yield effect.at(())
     if arm.dh is not None:
-        exact = [EFFECT_OF_KIND[p.kind](joint=p.joint) for p in arm.parameters]  # type: ignore[call-arg]
-        yield from (effect for effect in exact if effect.label not in estimated)
+        yield from (effect for effect in of_geometry(arm) if effect.label not in estimated)
     if not any(isinstance(effect, StylusOffset) for effect in vector.effects):
         yield StylusOffset()
     if measurements.known.any() and not problem.external:

@@ -67,7 +67,10 @@ from .geometry import (
     LinkLength,
     LinkTilt,
     LinkTwist,
+    SlideAngle,
+    joint_zeros,
     of_geometry,
+    of_parameter,
 )
 from .gravity import GravityEffect, load_variants
 from .joint_commands import joint_commands
@@ -144,6 +147,7 @@ __all__ = [
     "SeatError",
     "SeatShift",
     "SecondPeriodicError",
+    "SlideAngle",
     "Smooth",
     "State",
     "StylusBending",
@@ -172,6 +176,7 @@ __all__ = [
     "fields_of",
     "in_words",
     "joint_commands",
+    "joint_zeros",
     "known_range_in_words",
     "labels_of",
     "listed",
@@ -179,6 +184,7 @@ __all__ = [
     "loaded",
     "name_in_words",
     "of_geometry",
+    "of_parameter",
     "point_sensitivity",
     "probability",
     "product_of",

@@ -162,6 +162,8 @@ class Effect(Shown, ABC):
     """True for parameters that every calibration fits (geometry, tip, frame); only a change beyond
     the stated uncertainty counts as a cause.
     """
+    along_slide: ClassVar[bool] = True
+    """True if rad in the units of the parameters means m at a prismatic joint."""
     prior_weight: ClassVar[float] = 1.0
     """The prior weight of the cause relative to other causes."""
     function_of: ClassVar[str] = ""

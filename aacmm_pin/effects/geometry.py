@@ -8,9 +8,10 @@ from typing import ClassVar
 import numpy as np
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm import Arm, axis, end
+from aacmm_pin.arm import Arm, Parameter, axis, end
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, shifts, turns
 from aacmm_pin.effects.state import State
+from aacmm_pin.errors import UnsupportedArmError
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class _RowValue(Effect):
 
     joint: int
     refitted: ClassVar[bool] = True
+    along_slide: ClassVar[bool] = False
     component: ClassVar[int]
     """The component of the displacement that the parameter changes.
 
@@ -57,6 +59,7 @@ class JointZeroOffset(_RowValue):
 
     cause: ClassVar[str] = "joint_zero_offset"
     words: ClassVar[str] = "zero offset"
+    along_slide: ClassVar[bool] = True
     component: ClassVar[int] = 5
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 3e-4, "offset_rad"),)
 
@@ -115,6 +118,23 @@ class LinkTwist(_RowValue):
 
 
 @dataclass(frozen=True)
+class SlideAngle(_RowValue):
+    """The angle theta of a row with a prismatic joint has an error: the rest of the arm is rotated
+    about the axis of the joint.
+
+    The zero of such a joint is in the distance d of the row. The unit is rad; the typical magnitude
+    is 5e-5. Source: Denavit–Hartenberg. Aliases: ``joint_zero_offset`` of a neighbouring row with a
+    parallel axis.
+    """
+
+    cause: ClassVar[str] = "slide_angle"
+    words: ClassVar[str] = "angle θ"
+    prior_weight: ClassVar[float] = 0.2
+    component: ClassVar[int] = 5
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "theta_rad"),)
+
+
+@dataclass(frozen=True)
 class LinkTilt(_RowValue):
     """The next axis is tilted about y of the row. DH parameters cannot state this tilt of nearly
     parallel axes.
@@ -156,11 +176,34 @@ def of_geometry(arm: Arm) -> list[Effect]:
     """Return the causes for all geometric parameters of the arm, in the order of
     :meth:`Arm.sensitivity`.
     """
-    rows = range(1, arm.chain.rows + 1)
     if arm.dh is None:
-        return [JointPlacement(joint=row) for row in rows]
-    return [
-        cause(joint=row)
-        for row in rows
-        for cause in (LinkLength, JointDistance, LinkTwist, JointZeroOffset)
-    ]
+        return [JointPlacement(joint=row) for row in range(1, arm.chain.rows + 1)]
+    return [of_parameter(arm, parameter) for parameter in arm.parameters]
+
+
+def of_parameter(arm: Arm, parameter: Parameter) -> Effect:
+    """Return the cause that changes one value of a DH table."""
+    row = parameter.joint
+    if row is None or arm.dh is None:
+        raise UnsupportedArmError(
+            f"{arm.name}: {parameter.name} is in no DH table; expected a value of one"
+        )
+    match parameter.kind:
+        case "a":
+            return LinkLength(row)
+        case "d":
+            return JointDistance(row)
+        case "alpha":
+            return LinkTwist(row)
+    return SlideAngle(row) if arm.dh.slides[row - 1] else JointZeroOffset(row)
+
+
+def joint_zeros(arm: Arm) -> list[Effect]:
+    """Return the causes for the zeros of all joints: for a prismatic joint in a DH table the
+    distance d.
+    """
+    zeros: list[Effect] = []
+    for row in arm.chain.joint_rows():
+        in_distance = arm.dh is not None and arm.dh.slides[row - 1]
+        zeros.append(JointDistance(row) if in_distance else JointZeroOffset(row))
+    return zeros

@@ -98,8 +98,8 @@ def slides(effect: Effect, arm: Arm) -> bool:
     if effect.location_field() != "joint" or effect.row is None:
         return False
     number = int(arm.chain.joint[axis(effect.row)])
-    of_angle = all(term.unit == "rad" for term in effect.terms)
-    return of_angle and number >= 0 and bool(arm.chain.prismatic[number])
+    of_reading = effect.along_slide and all(term.unit == "rad" for term in effect.terms)
+    return of_reading and number >= 0 and bool(arm.chain.prismatic[number])
 
 
 def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:

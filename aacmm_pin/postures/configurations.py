@@ -204,7 +204,7 @@ def configuration_circles(
         ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.
     """
     arm = as_arm(arm)
-    dh = arm.require_dh("a configuration circle", WRIST_ROW + tip)
+    dh = arm.require_dh("a configuration circle", WRIST_ROW + tip, revolute=True)
     points = batch(points, 3, "points", "m")
     COORDINATE.check(points, "points")
     count = whole(count, 3, "count")
@@ -252,7 +252,7 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
         ShapeError, AacmmError: ``axis`` is no direction (3,).
         UnsupportedArmError: no DH table with exactly six joints, or no stylus axis.
     """
-    dh = arm.require_dh("a circle of the tip", TIP_JOINTS)
+    dh = arm.require_dh("a circle of the tip", TIP_JOINTS, revolute=True)
     if dh.nq != TIP_JOINTS:
         raise UnsupportedArmError(
             f"{arm.name}: the arm has {dh.nq} joints; expected {TIP_JOINTS} for a circle of the "
@@ -344,7 +344,7 @@ def reach_of_points(
         UnsupportedArmError: no DH table, or one without the joints that this needs; with ``axis``
             see :func:`directed_stylus`.
     """
-    dh = arm.require_dh(purpose)
+    dh = arm.require_dh(purpose, revolute=True)
     swivel = Swivel(dh, arm.up)
     if axis is None:
         wrist = Wrist.of_arm(arm, purpose)

@@ -21,7 +21,7 @@ from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, screws
+from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, screws, table
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate
@@ -77,7 +77,7 @@ class Wrist:
             UnsupportedArmError: no DH table whose first five rows are joints; or joint 5, of which
                 no angle was stated, moves the wrist by more than :data:`MOST_LEVER`.
         """
-        wrist = Wrist.of(arm.require_dh(purpose, WRIST_ROW), rest, arm.limits)
+        wrist = Wrist.of(arm.require_dh(purpose, WRIST_ROW, revolute=True), rest, arm.limits)
         if rest is None and wrist.lever > MOST_LEVER:
             pose = ", or --rpy-deg" if arm.nq >= OF_A_POSE else ""
             raise UnsupportedArmError(
@@ -108,11 +108,10 @@ class Wrist:
             held = np.clip(nearest, *limits[POSITIONING:].T) - nearest
         offsets = dh.theta_offset[:WRIST_ROW].copy()
         offsets[-1] += held[0]
-        moving = np.array([True] * POSITIONING + [False])
-        first = slice(0, WRIST_ROW)
-        return Wrist(
-            DHTable(dh.a[first], dh.d[first], dh.alpha[first], offsets, moving, dh.convention), held
-        )
+        moving = [True] * POSITIONING + [False]
+        rows = dh.values()[:WRIST_ROW]
+        rows[:, -1] = offsets
+        return Wrist(table(rows, dh.convention, moving), held)
 
     @property
     def lever(self) -> float:

@@ -124,7 +124,15 @@ MISTAKES = [
     ("d_mm = 20.0", "", "joints[1].d_mm", "missing"),
     ("limits_rad = [-1.0, 2]", "", "joints[1]", "limits_rad is missing"),
     ("d_mm = 20.0", 'd_mm = "20"', "joints[1].d_mm", "'20'"),
-    ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", "joints[2]", "expected neither"),
+    ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", "joints[2]", "without this key"),
+    (
+        "fixed = true",
+        'kind = "prismatic"\nlimits_rad = [0, 1]',
+        "joints[2]",
+        "a prismatic row has limits_rad",
+    ),
+    ("fixed = true", 'kind = "prismatic"', "joints[2]", "limits_mm is missing"),
+    ("fixed = true", 'kind = "prismatic"\nfixed = true', "joints[2]", "expected one of them"),
     (
         GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],
         "fixed = true\n",

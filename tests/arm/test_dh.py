@@ -27,8 +27,10 @@ def random_q(dh: DHTable, rng: np.random.Generator, n: int) -> Array:
 
 def test_links_between_joints_make_the_arm(dh, rng):
     (q,), (first, *links) = random_q(dh, rng, 1), dh.links()
-    for turn, link in zip(screws(q, 0.0, 2), links, strict=True):
-        first = first @ turn @ link
+    slides = dh.chain.prismatic
+    motions = screws(np.where(slides, 0.0, q), np.where(slides, q, 0.0), 2)
+    for motion, link in zip(motions, links, strict=True):
+        first = first @ motion @ link
     close(first[:3, 3], dh.chain.positions(q[None])[0], 1e-14)
 
 

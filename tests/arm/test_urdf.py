@@ -23,7 +23,7 @@ KEPT = Path(__file__).parents[2] / "urdf"
 
 
 def limits(arm: ArmFile) -> Array:
-    return np.array([row.limits_rad for row in arm.joints if not row.fixed])
+    return np.array([row.limits for row in arm.joints if not row.fixed])
 
 
 def configurations(arm: ArmFile, rng: np.random.Generator, n: int) -> Array:

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from aacmm_pin import accuracy_volume, perturbed_model
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm, axis, load_arm_file
+from aacmm_pin.arm.file import Uncertainty
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import Calibration, calibrate, solver
 from aacmm_pin.calibration.calibrate import notes_of
@@ -43,7 +44,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.again import again
-from tests.arm_files import by_table, changed
+from tests.arm_files import PRISMATIC, by_table, changed
 from tests.notes import data_of
 from tests.oracle import close
 
@@ -70,6 +71,22 @@ def quick(
 ) -> Calibration:
     known = {"encoder_noise": READING, "reference_noise": REFERENCE, "hold_out": False}
     return calibrate(arm, data, *args, **(known | options))
+
+
+def test_values_of_a_row_with_a_prismatic_joint(rng):
+    """The zero of the joint is in d; theta of its row is an angle as alpha is."""
+    wide = dict.fromkeys(("a_mm", "d_mm"), 5.0) | {"alpha_rad": 0.02, "theta_offset_rad": 0.02}
+    arm = changed("sino6", {0: {"uncertainty": Uncertainty(**wide)}, 3: PRISMATIC})
+    data, errors = free_points(arm, rng)
+    result = quick(arm, data)
+    measured = {"d3", "theta_offset3"} & {*result.parameters.query("known == 'measured'").parameter}
+    assert measured
+    assert np.abs(normalised(arm, result, errors)).max() < 4.5
+    q = within(arm, rng, 50)
+    tips = arm.perturbed_positions(q, np.tile(errors, (len(q), 1)))
+    close(result.model.predict(q), tips, 2e-5)
+    zeros = quick(arm, data, "zero-offsets")
+    assert "d3" in [*zeros.parameters.parameter]
 
 
 def normalised(arm: Arm, result: Calibration, errors: Array) -> Array:

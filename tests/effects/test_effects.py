@@ -57,6 +57,7 @@ from aacmm_pin.effects import (
     SeatError,
     SeatShift,
     SecondPeriodicError,
+    SlideAngle,
     StylusBending,
     StylusOffset,
     StylusShift,
@@ -65,6 +66,7 @@ from aacmm_pin.effects import (
     ZeroDrift,
     effect_from,
     fields_of,
+    of_geometry,
     strongest_waves,
 )
 from aacmm_pin.effects.causes import all_candidates
@@ -83,6 +85,7 @@ EXAMPLES: list[Effect] = [
     JointDistance(joint=5),
     LinkTwist(joint=2),
     LinkTilt(joint=2),
+    SlideAngle(joint=2),
     JointPlacement(joint=3),
     EncoderEccentricity(joint=3),
     EncoderEllipticity(joint=4),
@@ -451,20 +454,11 @@ def bodies(sino6: Arm, q: Array) -> Bodies:
     return Bodies(sino6.file, placements(sino6, q))
 
 
-GEOMETRY = {
-    "a": LinkLength,
-    "d": JointDistance,
-    "alpha": LinkTwist,
-    "theta_offset": JointZeroOffset,
-}
-
-
 def test_geometry_is_the_arm_with_other_values(arm_file, rng):
     arm = Arm.from_file(arm_file)
     q, errors = postures(arm, rng, 1), rng.normal(scale=0.05, size=(1, len(arm.parameters)))
     effects = [
-        GEOMETRY[p.kind](joint=p.joint, values=(e,))
-        for p, e in zip(arm.parameters, errors[0], strict=True)
+        effect.at((error,)) for effect, error in zip(of_geometry(arm), errors[0], strict=True)
     ]
     close(ErrorModel(arm, tuple(effects)).predict(q), arm.perturbed_positions(q, errors))
 
