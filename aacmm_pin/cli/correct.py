@@ -336,7 +336,10 @@ def _u_of_commands(
     accuracy = _accuracy(model, commands[there], known.conditions.take(there), encoder_noise)
     if accuracy is not None and len(there):
         u[there, 0] = accuracy.u
-        status(f"{path}: position of the tip in the base frame: {expanded(accuracy.u)}")
+        frame = (
+            "a base frame without uncertainty" if _base_is_exact(model.arm) else "the base frame"
+        )
+        status(f"{path}: position of the tip in {frame}: {expanded(accuracy.u)}")
         if len(there) < FEWEST_ALIGNED:
             note(f"u_aligned_mm is empty, because it needs {FEWEST_ALIGNED} commands or more")
             return u
@@ -369,10 +372,15 @@ def _accuracy(
     )
     for caveat in found.sources.caveats:
         note(caveat)
-    first = [p.u for p in model.arm.parameters if p.joint == 1]
-    if model.arm.covariance is not None and model.arm.dh is None and not any(first):
+    if _base_is_exact(model.arm):
         note(
             "u_mm does not include the uncertainty of the base, because the arm file states no "
             "half-widths; with --commands, use u_aligned_mm"
         )
     return found
+
+
+def _base_is_exact(arm: Arm) -> bool:
+    """Whether a calibrated arm from a URDF states no uncertainty of its base."""
+    of_base = [p.u for p in arm.parameters if p.joint == 1]
+    return arm.covariance is not None and arm.dh is None and not any(of_base)

@@ -66,10 +66,10 @@ def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
     """One row a DH row: its values ± half-widths, limits, noise, mass."""
     table = _dh_cells(dh, {p.name: p.half_width for p in arm.parameters})
     moving = np.flatnonzero(dh.moving)
-    table["limits [°]"] = "fixed"
-    table.loc[moving, "limits [°]"] = [_limits(arm, j) for j in range(arm.nq)]
+    table[_limits_head(arm)] = "fixed"
+    table.loc[moving, _limits_head(arm)] = [_limits(arm, j) for j in range(arm.nq)]
     if arm.encoder_noise is not None:
-        table.loc[moving, "encoder u [µrad]"] = arm.encoder_noise / UM
+        table.loc[moving, _noise_head(arm)] = arm.encoder_noise / UM
     if isinstance(arm.file, ArmFile) and any(row.mass_kg for row in arm.file.joints):
         table["mass [kg]"] = [row.mass_kg for row in arm.file.joints]
     return table
@@ -97,18 +97,26 @@ def _joints(arm: Arm) -> pd.DataFrame:
     table.insert(0, "joint", table.index + 1)
     table["moves"] = np.where(arm.chain.slides, "along", "about")
     table["axis"] = [vector(axis) for axis in arm.joint_axes]
-    table["limits [°, or mm]"] = ""
+    table[_limits_head(arm)] = ""
     own = arm.chain.drive.own
-    table.loc[own, "limits [°, or mm]"] = [_limits(arm, j) for j in range(arm.nq)]
+    table.loc[own, _limits_head(arm)] = [_limits(arm, j) for j in range(arm.nq)]
     for mimic in arm.mimics:
         of = "reading" if mimic.of == mimic.joint else f"joint {mimic.of}"
         follows = f"{mimic.ratio:.5g} × {of}"
-        table.loc[mimic.joint - 1, "limits [°, or mm]"] = follows
+        table.loc[mimic.joint - 1, _limits_head(arm)] = follows
     table["placement ± [mm]"] = [*map(tuple, half[:, :3] / MM)]
     table["placement ± [µrad]"] = [*map(tuple, half[:, 3:] / UM)]
     if arm.encoder_noise is not None:
-        table.loc[own, "encoder u [µrad]"] = arm.encoder_noise / UM
+        table.loc[own, _noise_head(arm)] = arm.encoder_noise / UM
     return table
+
+
+def _limits_head(arm: Arm) -> str:
+    return "limits [°, or mm]" if arm.chain.slides.any() else "limits [°]"
+
+
+def _noise_head(arm: Arm) -> str:
+    return "encoder u [µrad, or µm]" if arm.chain.slides.any() else "encoder u [µrad]"
 
 
 def _limits(arm: Arm, joint: int) -> str:
