@@ -93,8 +93,7 @@ def calibrated_model(fit: Fit) -> ErrorModel:
         **entries_of(every),
     }
     if arm.dh is None:
-        twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
-        moved = arm.with_placements(twists, known)
+        moved = moved_arm(arm, steps, known)
         moved = replace(
             moved, reference_temperature=warm, file=moved.urdf_file.model_copy(update=update)
         )
@@ -166,6 +165,17 @@ def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covarianc
         correlation=tuple(tuple(row[:i]) for i, row in enumerate(correlation.tolist())),
         records=records,
     )
+
+
+def moved_arm(arm: Arm, steps: Mapping[str, float], covariance: Covariance | None) -> Arm:
+    """The arm with the values of ``steps``, by name, added to those of its parameters [m, rad]; for
+    an arm from a URDF, a step is in the axes of its placement.
+    """
+    if arm.dh is None:
+        twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
+        return arm.with_placements(twists, covariance)
+    file = moved_file(arm, steps).model_copy(update={"covariance": covariance})
+    return Arm.from_file(file)
 
 
 def moved_file(arm: Arm, steps: Mapping[str, float]) -> ArmFile:

@@ -25,7 +25,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm, ArmFile
-from aacmm_pin.calibration.calibrated_arm import is_of_setup
+from aacmm_pin.calibration.calibrated_arm import is_of_setup, moved_arm
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
@@ -35,7 +35,15 @@ from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.session_frames import another_frame
 from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import FEWEST_PLACED, initial_point, solve
-from aacmm_pin.calibration.wrong_values import WrongValue, wrong_value
+from aacmm_pin.calibration.wrong_columns import (
+    QUARTERS,
+    SIMILAR_RATIO,
+    likely_columns,
+    likely_ratios,
+    likely_scales,
+)
+from aacmm_pin.calibration.wrong_rows import mistaken_rows
+from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.effects import (
     ErrorModel,
     JointPlacement,
@@ -60,8 +68,6 @@ may be anything.
 """
 EXPLAINS = 0.2
 """A mistake is named if without it the median distance falls to less than this part."""
-SIMILAR_RATIO = 1.5
-"""Mistakes that leave less than so many times the least are not told apart."""
 TRIED = 3
 """So many of the best are fitted, the best first, until one explains the file."""
 FITTED = 8
@@ -72,6 +78,8 @@ TURN = 2 * np.pi
 """An angle beyond this was hardly in radians [rad]."""
 SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
 """Factors by which a length is mistyped: another sign, a decimal place."""
+DH_KEYS = {"a_mm", "d_mm", "alpha_rad", "theta_offset_rad"}
+"""Values of a row of an arm file."""
 LEAST_SINE = 0.01
 """A twist with a smaller sine has no sign."""
 MOST_IN_RADIANS = 0.06
@@ -125,6 +133,7 @@ class _Mistake:
         external_frame: the coordinates are in another frame than the base's.
         target_off_tip: the coordinates are of another point of the last body than the tip.
         arm: the arm that the records are of; None for the arm as it is described.
+        chosen: it is one of many that the records choose among: a value, a ratio.
     """
 
     name: Note | None
@@ -137,6 +146,7 @@ class _Mistake:
     external_frame: bool = False
     target_off_tip: bool = False
     arm: Arm | None = None
+    chosen: bool = False
 
     @property
     def changes_tips(self) -> bool:
@@ -146,8 +156,10 @@ class _Mistake:
 
     @property
     def free(self) -> int:
-        """How many numbers it leaves open, which may take up other mistakes."""
-        return 6 * self.external_frame + 3 * self.target_off_tip
+        """How many numbers it leaves open, which may take up other mistakes; more than an option if
+        it is chosen among many.
+        """
+        return 6 * self.external_frame + 3 * self.target_off_tip + 10 * self.chosen
 
     def undone(self, problem: Problem) -> Problem:
         """The problem without the mistake."""
@@ -202,12 +214,18 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     unlike = after.unmodelled > UNLIKE * travel
     fitted = _median(after.system.deviation)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
-        options = fitted >= FAR or _absorbs(after)
+        absorbs = _absorbs(after)
         if fitted >= FAR:
             _require_rows_together(problem, fitted)
-        _require_no_mistake(problem, fitted, thorough=unlike, options=options, after=after)
+        _require_no_mistake(
+            problem,
+            fitted,
+            thorough=unlike or (absorbs and not _zeros_alone(problem)),
+            options=fitted >= FAR or absorbs,
+            after=after,
+        )
     if unlike:
-        advice = Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
+        advice = _advice(problem)
         raise AacmmError(
             f"{problem.measurements.source}: {advice}. (With the best parameters, the records "
             f"scatter by {after.unmodelled / MM:.0f} mm in each coordinate. The tips of the arm at "
@@ -217,13 +235,35 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     return after
 
 
+def _zeros_alone(problem: Problem) -> bool:
+    """Whether zeros of joints are the only geometric values that are estimated: then they may be
+    off by any angle.
+    """
+    geometric = (JointPlacement, *DH_KIND_OF_EFFECT)
+    effects = [effect for effect in problem.vector.effects if isinstance(effect, geometric)]
+    return all(isinstance(effect, JointZeroOffset) for effect in effects)
+
+
+def _advice(problem: Problem) -> Note:
+    """What to look at where no mistake explains records that do not fit."""
+    still = np.flatnonzero(np.ptp(problem.measurements.readings, axis=0) == 0.0)
+    if still.size:
+        return Note("unlike_arm_one_reading", {"joints": (still + 1).tolist()})
+    return Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
+
+
 def mistakes_of(after: Fit) -> list[Note]:
     """Notes on mistakes in the files that do not keep the records from being fitted: a wrong value
-    of the arm, rows in another frame.
+    of the arm, rows in another frame, readings that stand still, rows that are shifted.
     """
+    notes = mistaken_rows(after)
     wrong = wrong_value(after)
-    found = [None if wrong is None else wrong.note, another_frame(after)]
-    return [note for note in found if note is not None]
+    if wrong is not None:
+        notes.append(wrong.note)
+    in_another_frame = another_frame(after)
+    if in_another_frame is not None:
+        notes.append(in_another_frame)
+    return notes
 
 
 def _far_in_a_session(after: Fit) -> bool:
@@ -325,7 +365,7 @@ def _require_no_mistake(
     Args:
         problem: the records as they are.
         fitted: median distance after a fit of these, infinite where there is no such fit [m].
-        thorough: look for two mistakes, and several signs, too.
+        thorough: look for two mistakes, and several signs and zeros, too.
         options: look for options that were left out. They leave numbers open that geometry may as
             well take up: a tip that is off by a length of the last row is no mistake.
         after: a fit of these, by which one wrong value of the arm is looked for before options.
@@ -367,16 +407,15 @@ def _require_no_mistake(
     taken_up = fitted < FAR or fitted == np.inf
     as_is = described_distance if taken_up else fitted
     single = [(mistake,) for mistake in _mistakes(problem) if options or not mistake.free]
-    of_columns = [mistakes for mistakes in single if not mistakes[0].free]
-    tiers = [
-        of_columns,
-        single,
-        _options(single),
-        *((_several_signs(records.nq), _pairs(single)) if thorough else ()),
+    free = [mistakes for mistakes in single if mistakes[0].free]
+    tiers: list[list[tuple[_Mistake, ...]]] = [
+        [mistakes for mistakes in single if not mistakes[0].free],
+        _several_columns(thinned) if thorough else [],
+        [*free, *_of_numbers(thinned, after)] if options else [],
+        [(*free[0], *free[1])] if len(free) == 2 else [],
+        _pairs(single) if thorough else [],
     ]
-    for number, mistakes in enumerate(tiers):
-        if number == 1 and after is not None and options:
-            _require_no_wrong_value(after, as_is)
+    for mistakes in tiers:
         misfits = np.array([misfit(several) for several in mistakes])
         limit = (EXPLAINS if taken_up else 1.0) * described_misfit
         nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
@@ -400,7 +439,7 @@ def _require_no_mistake(
                 for larger in named
                 if not any(set(smaller) < set(larger) for smaller in named)
             ]
-            words = [", and ".join(str(one.name) for one in several) for several in named]
+            words = [_in_words(several) for several in named]
             raise MistakenFileError(
                 records.source, words[0], as_is, distances[named[0]], tuple(words[1:])
             )
@@ -426,33 +465,6 @@ def _require_rows_together(problem: Problem, as_is: float) -> None:
         if distance < np.inf:
             name = str(Note("rows_shifted", {"where": where}))
             raise MistakenFileError(records.source, name, as_is, distance)
-
-
-def _require_no_wrong_value(after: Fit, as_is: float) -> None:
-    """Refuse records that the arm explains if one value of its file is another, and only then.
-
-    Raises:
-        MistakenFileError: the value.
-    """
-    wrong = wrong_value(after)
-    if wrong is None or wrong.fit.unmodelled >= FAR:
-        return
-    distance = _median(wrong.fit.system.deviation)
-    if distance < EXPLAINS * as_is:
-        source = after.problem.measurements.source
-        first, *others = [*_aliases(wrong, after), str(wrong.note)]
-        raise MistakenFileError(source, first, as_is, distance, tuple(others))
-
-
-def _aliases(wrong: WrongValue, after: Fit) -> list[str]:
-    """Options that explain records as well as a value of the first or last row."""
-    chain = after.problem.model.arm.chain
-    found = []
-    if wrong.row == 1 and not after.problem.external:
-        found.append(Note("other_frame"))
-    if wrong.row == chain.rows and after.problem.setup.target == "tip":
-        found.append(Note("target_off_tip"))
-    return [*map(str, found)]
 
 
 def _distance_without(without: Problem, as_is: float) -> float:
@@ -673,6 +685,10 @@ def _of_table(arm: Arm) -> Iterator[_Mistake]:
                 name = Note("length_mistyped", data | {"likely": factor * stated * MM})
                 changed = _with_values(arm.file, {number: {key: factor * stated}})
                 yield _Mistake(name, f"{key} {number}", arm=changed)
+    for j, k in combinations(range(len(rows)), 2):
+        exchanged = {row: rows[j + k - row].model_dump(include=DH_KEYS) for row in (j, k)}
+        name = Note("rows_exchanged", {"rows": (j + 1, k + 1)})
+        yield _Mistake(name, "table", arm=_with_values(arm.file, exchanged))
     if 0.0 < max(abs(row.alpha_rad) for row in rows) < MOST_IN_RADIANS:
         changed = _scaled(arm.file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
         yield _Mistake(Note("table_in_radians"), "table", arm=changed)
@@ -710,7 +726,7 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     records = problem.measurements
     identity = np.eye(problem.measurements.nq)
     for j, largest in enumerate(np.abs(records.readings).max(axis=0)):
-        yield _reversed(j, nq=records.nq)
+        yield _reversed(j, records.nq)
         units = [(GON, "gon", "deg")]
         if largest > TURN or largest <= TURN * DEG:
             units.append((DEG, "degrees", "rad") if largest > TURN else (1 / DEG, "radians", "deg"))
@@ -718,9 +734,8 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
             name = Note("joint_angles_unit", {"joint": j + 1, "unit": unit, "column": column})
             factors = np.where(identity[j] > 0, factor, 1.0)
             yield _Mistake(name, f"unit {j}", angle_matrix=np.diag(factors))
-    for j, degrees in product(range(records.nq), (90, -90, 180)):
-        name = Note("zero_turned", {"joint": j + 1, "degrees": degrees})
-        yield _Mistake(name, f"zero {j}", angle_offset=degrees * DEG * identity[j])
+    for j, degrees in product(range(records.nq), QUARTERS[1:]):
+        yield _turned(j, degrees, records.nq)
     for j, k in combinations(range(records.nq), 2):
         order = np.arange(records.nq)
         order[[j, k]] = k, j
@@ -808,32 +823,80 @@ def _of_convention(arm: Arm) -> Iterator[_Mistake]:
     )
 
 
-def _options(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
-    """Frame and target together, where both are options."""
-    options = tuple(one for (one,) in single if one.free)
-    return [options] if len(options) > 1 else []
+def _of_numbers(problem: Problem, after: Fit | None) -> Iterator[tuple[_Mistake, ...]]:
+    """A wrong value of the arm file, the ratio of a joint, the scale of the coordinates."""
+    arm = problem.model.arm
+    wrong = None if after is None else wrong_value(after)
+    if wrong is not None:
+        changed = moved_arm(arm, wrong.errors, arm.covariance)
+        yield (_Mistake(wrong.note, "value", arm=changed, chosen=True),)
+    rows = arm.chain.moving_rows()
+    records = problem.measurements
+    for joint, ratio in enumerate(likely_ratios(arm, records, problem.external)):
+        ratio_of_joint = float(arm.coupling_matrix[joint, joint]) * ratio
+        data = {"joint": joint + 1, "row": rows[joint], "ratio": ratio_of_joint}
+        factors = np.ones(arm.nq)
+        factors[joint] = ratio
+        name = Note("joint_ratio", data)
+        yield (_Mistake(name, "ratio", angle_matrix=np.diag(factors), chosen=True),)
+    scales = likely_scales(arm, records)
+    if scales is not None:
+        for axes, several in (("xyz", [0, 1, 2]), ("x", [0]), ("y", [1]), ("z", [2])):
+            factors = np.ones(3)
+            factors[several] = np.mean(scales[several])
+            name = Note("coordinates_scaled", {"axes": [*axes], "factor": 1 / factors[several[0]]})
+            yield (_Mistake(name, "unit", scale=factors, chosen=True),)
 
 
-def _reversed(*joints: int, nq: int) -> _Mistake:
-    """Joint angles of reversed sign, of ``joints`` (from 0)."""
-    code = "joint_reversed" if len(joints) == 1 else "joints_reversed"
-    note = Note(code, {"joints": [j + 1 for j in joints]})
+@cache
+def _reversed(joint: int, nq: int) -> _Mistake:
+    """Angles of a joint (from 0) with the opposite sign."""
     signs = np.ones(nq)
-    signs[list(joints)] = -1.0
-    return _Mistake(note, "sign", angle_matrix=np.diag(signs))
+    signs[joint] = -1.0
+    name = Note("joint_reversed", {"joint": joint + 1})
+    return _Mistake(name, f"sign {joint}", angle_matrix=np.diag(signs))
 
 
-def _several_signs(nq: int) -> list[tuple[_Mistake, ...]]:
-    """Reversed signs of every two joints or more."""
-    found: list[tuple[_Mistake, ...]] = []
-    for count in range(2, nq + 1):
-        for joints in combinations(range(nq), count):
-            found.append((_reversed(*joints, nq=nq),))
-    return found
+@cache
+def _turned(joint: int, degrees: int, nq: int) -> _Mistake:
+    """Angles of a joint (from 0) that are off by quarter turns."""
+    name = Note("zero_turned", {"joint": joint + 1, "degrees": degrees})
+    offset = degrees * DEG * np.eye(nq)[joint]
+    return _Mistake(name, f"zero {joint}", angle_offset=offset)
+
+
+def _several_columns(problem: Problem) -> list[tuple[_Mistake, ...]]:
+    """Signs and quarter turns of two joints or more, the signs first."""
+    records = problem.measurements
+    several_columns: list[tuple[_Mistake, ...]] = []
+    for several in likely_columns(problem.model.arm, records, problem.external):
+        signs = [_reversed(one.joint, records.nq) for one in several if one.sign < 0]
+        turns = [_turned(one.joint, one.degrees, records.nq) for one in several if one.degrees]
+        several_columns.append((*signs, *turns))
+    return several_columns
+
+
+def _in_words(several: tuple[_Mistake, ...]) -> str:
+    """Several mistakes in one sentence, joints with the opposite sign together."""
+    notes = [one.name for one in several if one.name is not None]
+    signs = [note for note in notes if note.code == "joint_reversed"]
+    if len(signs) > 1:
+        joints = [note.data["joint"] for note in signs]
+        others = [note for note in notes if note not in signs]
+        notes = [Note("joints_reversed", {"joints": joints}), *others]
+    return ", and ".join(map(str, notes))
 
 
 def _pairs(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
-    """Every two mistakes of different kinds; zeros of two joints are two kinds."""
+    """Every two mistakes of different kinds, but those of :func:`_several_columns`, and of a table
+    and a column.
+    """
     mistakes = [one for (one,) in single]
-    pairs = combinations(mistakes, 2)
-    return [(one, other) for one, other in pairs if one.kind != other.kind]
+    tried = {*combinations([m for m in mistakes if m.kind.startswith(("sign", "zero"))], 2)}
+    pairs: list[tuple[_Mistake, ...]] = []
+    for pair in combinations(mistakes, 2):
+        one, other = pair
+        of_table = one.changes_tips and other.changes_tips and (one.arm or other.arm)
+        if one.kind != other.kind and not of_table and pair not in tried:
+            pairs.append(pair)
+    return pairs

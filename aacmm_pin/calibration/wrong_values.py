@@ -6,6 +6,7 @@ others to be within what is stated of them: of a linear model these are formulas
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -35,14 +36,19 @@ DOMINATES = 3.0
 """… and over what the other values, within what is stated of them, leave."""
 ALIKE = 12.0
 """Values whose gain is less by no more than this may be the wrong one too."""
+ONE_EFFECT = 0.9999
+"""Two values have one effect if the cosine between their effects is larger: distances along
+parallel axes."""
 MOST_ALIKE = 3
-"""More values than this that may be wrong are no finding."""
+"""So many values with other effects that may be wrong are no finding."""
 FAR_OFF = 4.0
 """A value that the fit moves by fewer standard uncertainties is not asked about."""
 MOST_OF_ZEROS = 0.6
 """Zeros are not all off by more: a joint is seen to be a quarter turn off [rad]."""
 PER_PARAMETER = 6.0
 """Gain in χ² for each further value, with which all zeros are more probable than one value."""
+LEAST_NOISE = 1e-6
+"""Records are taken to be no better than this, for arithmetic has no more digits [m]."""
 SAME_SIZE = 0.02
 """Values of opposite sign whose sizes differ by a smaller part are those of a wrong sign."""
 
@@ -52,13 +58,12 @@ class WrongValue(NamedTuple):
 
     Attributes:
         note: parameter, stated value and value by the records.
-        row: of the parameter; 0 for the zeros of all joints.
-        fit: with all geometric values free.
+        errors: what is to be added to values of the arm file, by the name of the parameter
+            [m, rad].
     """
 
     note: Note
-    row: int
-    fit: Fit
+    errors: Mapping[str, float]
 
 
 def wrong_value(after: Fit) -> WrongValue | None:
@@ -84,8 +89,7 @@ def wrong_value(after: Fit) -> WrongValue | None:
     values = _Geometry.of(free, geometric, usual)
     if values.zeros.size == geometric.size and not problem.stated[geometric].any():
         return None  # they were looked for, and nothing is known of them
-    said = _said(values)
-    return None if said is None else WrongValue(*said, free)
+    return _wrong_value(values)
 
 
 def _usual(problem: Problem, geometric: Index) -> Array:
@@ -96,30 +100,27 @@ def _usual(problem: Problem, geometric: Index) -> Array:
 
 
 class _Geometry(NamedTuple):
-    """Geometric values by the records alone: ``xᵀ A x - 2 bᵀ x`` of their errors x.
+    """Geometric values by the records alone: ``|R x - y|²`` of their errors x.
 
     Attributes:
         parameters: of the arm file.
         zeros: numbers of those that are zeros of joints.
-        information: A (p, p).
-        vector: b (p,).
+        rows: R (k, p) [1/unit].
+        measured: y (k,).
         usual: standard uncertainties (p,).
     """
 
     parameters: tuple[Parameter, ...]
     zeros: Index
-    information: Array
-    vector: Array
+    rows: Array
+    measured: Array
     usual: Array
 
     @staticmethod
     def of(free: Fit, geometric: Index, usual: Array) -> _Geometry:
         problem = free.problem
-        own = np.ix_(geometric, geometric)
-        precision = np.linalg.pinv(free.covariance[own], hermitian=True)
-        change = (free.point.x - problem.start)[geometric]
-        values, vectors = np.linalg.eigh(precision - np.diag(problem.widths[geometric] ** -2.0))
-        information = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        rows, residual = _rows_of(free, geometric)
+        measured = rows @ (free.point.x - problem.start)[geometric] - residual
         every = problem.vector.arm_parameters
         parameters = tuple(p for k in geometric if (p := every[k]) is not None)
         chain = problem.model.arm.chain
@@ -130,18 +131,48 @@ class _Geometry(NamedTuple):
         }
         zeros = [p.kind in ZERO_KINDS and p.joint in turning for p in parameters]
         numbers = np.flatnonzero(zeros)
-        return _Geometry(parameters, numbers, information, precision @ change, usual)
+        return _Geometry(parameters, numbers, rows, measured, usual)
 
     def with_free(self, wrong: Index) -> tuple[float, Array]:
         """How much less χ² is than with no error, and the errors, with some values free."""
         widths = self.usual.copy()
         widths[wrong] = 1e3 * np.array([USUAL[self.parameters[k].unit] for k in wrong])
-        errors = np.linalg.solve(self.information + np.diag(widths**-2.0), self.vector)
-        return float(self.vector @ errors), np.asarray(errors, np.float64)
+        rows = np.concatenate([self.rows, np.diag(1 / widths)])
+        measured = np.append(self.measured, np.zeros(widths.size))
+        errors = np.linalg.lstsq(rows, measured)[0]
+        explained = rows @ errors
+        return float(explained @ explained), np.asarray(errors, np.float64)
+
+    def cosines(self, number: int) -> Array:
+        """Of the angles between the effect of each value on the records and that of one of them
+        (p,); 0 for a value without effect.
+        """
+        lengths = np.linalg.norm(self.rows, axis=0)
+        products = np.abs(self.rows.T @ self.rows[:, number])
+        cosines = np.zeros_like(products)
+        np.divide(products, lengths * lengths[number], out=cosines, where=lengths > 0.0)
+        return cosines
 
 
-def _said(values: _Geometry) -> tuple[Note, int] | None:
-    """The note on the wrong value, and its row."""
+def _rows_of(free: Fit, geometric: Index) -> tuple[Array, Array]:
+    """Whitened rows of the geometric values (k, p) [1/unit], the rest of the set-up eliminated, and
+    the residual (k,) after the fit.
+    """
+    system = free.system
+    prior = system.prior.rows
+    of_others = prior[(prior[:, geometric] == 0.0).all(axis=1)]
+    together = np.concatenate([of_others, system.measured_triangle])
+    others = np.setdiff1d(np.arange(system.prior.scales.size), geometric)
+    triangle = np.linalg.qr(together[:, [*others, *geometric, -1]], mode="r")
+    mine = np.asarray(triangle)[others.size :, others.size :]
+    rows = mine[:, :-1] / system.prior.scales[geometric]
+    largest = np.abs(rows).max()
+    scale = min(1.0, np.sqrt(free.problem.measurements.n) / (LEAST_NOISE * largest))
+    return scale * rows, scale * mine[:, -1]
+
+
+def _wrong_value(values: _Geometry) -> WrongValue | None:
+    """Zeros that are all off, or the value that explains more than all others together."""
     every = np.arange(len(values.parameters))
     least, _ = values.with_free(every[:0])
     most, _ = values.with_free(every)
@@ -155,13 +186,16 @@ def _said(values: _Geometry) -> tuple[Note, int] | None:
             sure = with_zeros - least > DOMINATES * (most - with_zeros)
             if not sure or not LEAST_WRONG["rad"] < largest < MOST_OF_ZEROS:
                 return None
-            return Note("zeros_off", {"joints": values.zeros.size, "largest": largest}), 0
+            note = Note("zeros_off", {"joints": values.zeros.size, "largest": largest})
+            of_zeros = {values.parameters[k].name: float(errors[k]) for k in values.zeros}
+            return WrongValue(note, of_zeros)
     if gains[best] - least < max(SURE, DOMINATES * (most - gains[best])):
         return None
-    alike = np.flatnonzero(gains > gains[best] - ALIKE)
+    along_best = values.cosines(best)
+    alike = np.flatnonzero((gains > gains[best] - ALIKE) & (along_best < ONE_EFFECT))
     parameter, error = values.parameters[best], float(freed[best][1][best])
     least_change = LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
-    if alike.size > MOST_ALIKE or abs(error) < least_change:
+    if alike.size >= MOST_ALIKE or abs(error) < least_change:
         return None
     by_records = parameter.value + error
     if parameter.unit == "rad":
@@ -169,4 +203,8 @@ def _said(values: _Geometry) -> tuple[Note, int] | None:
     opposite = abs(by_records + parameter.value) < SAME_SIZE * abs(parameter.value)
     data = {"parameter": parameter.name, "stated": parameter.value, "found": by_records}
     data["unit"] = "mm" if parameter.unit == "m" else "°"
-    return Note("wrong_sign" if opposite else "wrong_value", data), parameter.joint or 0
+    same = [k for k in np.flatnonzero(along_best >= ONE_EFFECT) if k != best]
+    if same:
+        data["same"] = [values.parameters[k].name for k in same]
+    code = "wrong_sign" if opposite else "wrong_value_or" if same else "wrong_value"
+    return WrongValue(Note(code, data), {parameter.name: error})

@@ -23,9 +23,12 @@ WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")
 """A word of a sentence; names of causes, parameters, columns and files have other characters."""
 OF_FILES = (
     "wrong_value",
+    "wrong_value_or",
     "wrong_sign",
     "zeros_off",
     "rows_in_another_frame",
+    "reading_frozen",
+    "some_rows_shifted",
     "session_frames_fit",
 )
 """Notes on mistakes in the files and options, which are named before all else."""

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from aacmm_pin import Measurements, calibrate
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.diagnosis import check_measurements, diagnose
 from aacmm_pin.effects import Conditions
-from aacmm_pin.errors import MistakenFileError
+from aacmm_pin.errors import AacmmError, MistakenFileError
 from tests.notes import data_of
 
 Array = NDArray[np.float64]
@@ -220,3 +221,75 @@ def test_the_tool_by_touches_of_one_seat(tmp_path: Path) -> None:
     (effect,) = fitted(given, records, "tool").fit.effects
     assert effect.label == "stylus_offset"
     assert np.array(effect.values) * 1e3 == pytest.approx(wanted, abs=0.02)
+
+
+def turned(q: Array) -> Array:
+    """Readings of a controller that counts three joints in its own way."""
+    readings = q.copy()
+    readings[:, 1] = np.pi / 2 - q[:, 1]
+    readings[:, 2] = q[:, 2] + np.pi / 2
+    readings[:, 3] = -q[:, 3]
+    return readings
+
+
+@pytest.mark.parametrize("external", [False, True])
+@pytest.mark.parametrize("drawn", [AACMM, UR])
+def test_several_columns_a_ratio_exchanged_rows_and_a_scale(
+    drawn: Rows, external: bool, tmp_path: Path
+) -> None:
+    plant = Plant.of(drawn, 4)
+    q, places = plant.q, plant.places * 1e-3
+    frame = "external" if external else "base"
+    if external:
+        places = places @ np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]).T
+    given = arm_file(tmp_path, drawn, drawn is AACMM)
+    for changed, words in (
+        ((turned(q), places), "joints 2 and 4 have the opposite sign, and the zero of joint 2"),
+        ((q * [1.0, 1.0, 0.93, 1.0, 1.0, 1.0], places), "joint = 3, of = 3, ratio = 1.07"),
+        ((q, places * [1.0, 1.0, 0.98]), "z coordinates are 0.98 times"),
+    ):
+        with pytest.raises(MistakenFileError) as caught:
+            calibrate(given, Measurements.of(*changed), reference_frame=frame, hold_out=False)
+        assert words in caught.value.mistake
+    if drawn is UR:
+        return  # its rows 2 and 3 differ by 40 mm only
+    exchanged = arm_file(tmp_path, (drawn[0], drawn[2], drawn[1], *drawn[3:]), True)
+    with pytest.raises(MistakenFileError, match="rows 2 and 3 of the arm file are exchanged"):
+        calibrate(exchanged, Measurements.of(q, places), reference_frame=frame, hold_out=False)
+
+
+def test_rows_that_share_a_mistake(tmp_path: Path) -> None:
+    plant = Plant.of(AACMM, 5)
+    given = arm_file(tmp_path, AACMM, True)
+    stuck = plant.q.copy()
+    stuck[40:60, 3] = stuck[40, 3]
+    found = calibrate(given, Measurements.of(stuck, plant.places * 1e-3), hold_out=False)
+    assert found.notes[0].code == "reading_frozen"
+    assert found.notes[0].data["rows"][0] == 42  # of the file, with its header
+    shifted = plant.places.copy()
+    shifted[60:-1] = plant.places[61:]
+    found = calibrate(given, Measurements.of(plant.q, shifted * 1e-3), hold_out=False)
+    assert found.notes[0].code == "some_rows_shifted"
+    assert found.notes[0].data["where"] == "after"
+    one = plant.q.copy()
+    one[:, 2] = one[0, 2]
+    with pytest.raises(AacmmError, match="angle of joint 3 is the same in all records"):
+        calibrate(given, Measurements.of(one, plant.places * 1e-3), hold_out=False)
+
+
+def test_values_that_hardly_move_the_tip_are_not_wrong(rng: np.random.Generator) -> None:
+    """Placements of a URDF have many combinations that no record determines."""
+    ur5 = Arm.from_urdf("ur5", translation_half_width=3e-4, rotation_half_width=1e-3)
+    q = rng.uniform(-2.5, 2.5, (100, 6))
+    names = [parameter.name for parameter in ur5.parameters]
+    for name, error in (("x3", 1e-3), ("y5", 1e-3), ("y3", 0.02)):
+        errors = rng.normal(size=len(names)) * np.array([p.u for p in ur5.parameters])
+        errors[names.index(name)] += error
+        places = ur5.perturbed_positions(q, np.tile(errors, (100, 1)))
+        records = Measurements.of(q, places[:, [1, 2, 0]])
+        try:
+            found = calibrate(ur5, records, reference_frame="external", hold_out=False)
+            named = [str(note) for note in found.notes if note.code.startswith("wrong_value")]
+        except MistakenFileError as error:
+            named = [error.mistake]
+        assert all(name in said for said in named)

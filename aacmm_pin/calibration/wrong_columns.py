@@ -1,0 +1,181 @@
+"""Which signs and quarter turns of several joint angles at once, or which ratio of one, bring tips
+and targets together.
+
+A controller and a DH table often count several joints from other zeros, or in other directions.
+These are too many for a fit of each, so that a few records judge all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.units import DEG
+from aacmm_pin.arm import Arm
+from aacmm_pin.measurements import Measurements
+
+QUARTERS = (0, 90, -90, 180)
+"""What may be added to an angle [°]."""
+MOST_TURNED = 4
+"""So many joints at most are turned; any number is reversed."""
+KNOWN_RECORDS = 12
+"""So many records with references judge …"""
+SEATS, PER_SEAT = 5, 4
+"""… or so many of each of so many seats."""
+SIMILAR_RATIO = 1.5
+"""Combinations that leave less than so many times the least are alike."""
+NEAREST = 40
+"""So many of the best combinations are returned."""
+LARGEST_RATIO = 3.0
+"""A joint moves at most so many times as far as its readings, or as little."""
+RATIOS, REFINEMENTS = 41, 4
+"""So many ratios are tried at a time, each time between the neighbours of the best."""
+REWEIGHTED = 10
+"""So many times a linear fit is weighted again, so that gross errors do not count."""
+SMALLEST_TRAVEL = 1e-9
+"""Nothing is divided by less [m]."""
+
+
+class Turned(NamedTuple):
+    """What undoes a wrong column: the sign of the angles of a joint (from 0), then an angle that is
+    added [°].
+    """
+
+    joint: int
+    sign: int
+    degrees: int
+
+
+def likely_columns(arm: Arm, records: Measurements, external: bool) -> list[tuple[Turned, ...]]:
+    """Combinations of two joints or more that bring tips and targets nearest together, of those
+    that are alike the simplest first; none of records without references and seats.
+
+    Args:
+        arm: as it is described.
+        records: their readings are to be changed.
+        external: the references are in an unknown frame.
+    """
+    every = [*_combinations(arm.chain.prismatic)]
+    signs = np.ones((len(every), arm.nq))
+    offsets = np.zeros((len(every), arm.nq))
+    for number, several in enumerate(every):
+        for joint, sign, degrees in several:
+            signs[number, joint] = sign
+            offsets[number, joint] = degrees * DEG
+    misfit = _misfits(arm, records, external, signs, offsets)
+    if not misfit.size:
+        return []
+    alike = misfit <= SIMILAR_RATIO * misfit.min()
+    joints = np.array([len(several) for several in every])
+    simplest = np.lexsort((misfit, np.where(alike, joints, MOST_TURNED + 1)))
+    return [every[number] for number in simplest[:NEAREST]]
+
+
+def likely_ratios(arm: Arm, records: Measurements, external: bool) -> list[float]:
+    """For each joint the factor of its readings, other than 1, that brings tips and targets nearest
+    together; none of records without references and seats.
+    """
+    ratios = []
+    for joint in range(arm.nq):
+        grid = np.geomspace(1 / LARGEST_RATIO, LARGEST_RATIO, 2 * RATIOS)
+        for _ in range(REFINEMENTS):
+            factors = np.ones((grid.size, arm.nq))
+            factors[:, joint] = grid
+            misfit = _misfits(arm, records, external, factors, np.zeros_like(factors))
+            if not misfit.size:
+                return []
+            best = int(np.argmin(misfit))
+            ends = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+            grid = np.linspace(*ends, RATIOS)
+        ratios.append(float(grid[RATIOS // 2]))
+    return ratios
+
+
+def likely_scales(arm: Arm, records: Measurements) -> Array | None:
+    """Factors of the x, y and z coordinates (3,) that bring tips and references together best,
+    whatever their frame; None with too few references.
+
+    The tips are an affine function of the references, a rotation of scaled coordinates: its columns
+    are as long as the scales.
+    """
+    known = np.flatnonzero(records.known)
+    if known.size < KNOWN_RECORDS:
+        return None
+    tips = arm.chain.positions(records.q[known])
+    references = np.column_stack([records.reference[known], np.ones(known.size)])
+    weights = np.ones(known.size)
+    for _ in range(REWEIGHTED):
+        root = np.sqrt(weights)[:, None]
+        affine = np.linalg.lstsq(root * references, root * tips)[0]
+        distance = np.linalg.norm(tips - references @ affine, axis=1)
+        weights = 1 / (1 + np.square(distance / max(np.median(distance), SMALLEST_TRAVEL)))
+    return np.asarray(np.linalg.norm(affine[:3], axis=1))
+
+
+def _misfits(
+    arm: Arm, records: Measurements, external: bool, factors: Array, offsets: Array
+) -> Array:
+    """Median distance of tips and targets, over what the tips travel, with readings times factors
+    plus offsets (m, nq) [rad]: (m,), or none without references and seats.
+    """
+    rows, groups = _judges(records)
+    if not rows.size:
+        return np.empty(0)
+    readings = factors[:, None] * records.readings[rows] + offsets[:, None]
+    tips = arm.chain.positions(arm.joint_angles(readings.reshape(-1, arm.nq)))
+    tips = tips.reshape(len(factors), rows.size, 3)
+    centred = tips - np.median(tips, axis=1, keepdims=True)
+    travel = np.median(np.linalg.norm(centred, axis=2), axis=1)
+    if groups is None:
+        deviations = _from_references(tips, records.reference[rows], external)
+    else:
+        means = [tips[:, groups == group].mean(axis=1) for group in np.unique(groups)]
+        deviations = tips - np.stack(means, axis=1)[:, groups]
+    distance = np.median(np.linalg.norm(deviations, axis=2), axis=1)
+    return np.asarray(distance / np.maximum(travel, SMALLEST_TRAVEL))
+
+
+def _judges(records: Measurements) -> tuple[Index, Index | None]:
+    """Records with references, or else records of seats with the number of the seat of each."""
+    known = np.flatnonzero(records.known)
+    if known.size:
+        spread = np.linspace(0, known.size - 1, min(KNOWN_RECORDS, known.size))
+        return known[np.round(spread).astype(np.intp)], None
+    seats = sorted(records.seats().values(), key=len, reverse=True)[:SEATS]
+    of_seats = [members[:PER_SEAT] for members in seats if len(members) > 1]
+    rows = np.concatenate([np.empty(0, dtype=np.intp), *of_seats])
+    return rows, np.repeat(np.arange(len(of_seats)), [len(members) for members in of_seats])
+
+
+def _combinations(prismatic: Mask) -> Iterator[tuple[Turned, ...]]:
+    """All combinations of two joints or more; a joint that slides has a sign only."""
+    joints = range(len(prismatic))
+    changes = {}
+    for joint in joints:
+        degrees = QUARTERS[:1] if prismatic[joint] else QUARTERS
+        every = [Turned(joint, *change) for change in product((1, -1), degrees)]
+        changes[joint] = every[1:]  # the first changes nothing
+    for count in range(2, min(MOST_TURNED, len(prismatic)) + 1):
+        for several in combinations(joints, count):
+            yield from product(*(changes[joint] for joint in several))
+    for count in range(MOST_TURNED + 1, len(prismatic) + 1):
+        for several in combinations(joints, count):
+            yield tuple(Turned(joint, -1, 0) for joint in several)
+
+
+def _from_references(tips: Array, reference: Array, external: bool) -> Array:
+    """Tips (m, n, 3) minus references (n, 3), each set of tips moved onto the references by a
+    rotation and a translation if their frame is unknown: (m, n, 3) [m].
+    """
+    if not external:
+        return tips - reference
+    centred = tips - tips.mean(axis=1, keepdims=True)
+    target = reference - reference.mean(axis=0)
+    u, _, v = np.linalg.svd(centred.transpose(0, 2, 1) @ target)
+    proper = np.sign(np.linalg.det(u @ v))
+    u[:, :, 2] *= proper[:, None]
+    return np.asarray(centred @ (u @ v) - target)
