@@ -51,6 +51,14 @@ class BudgetPart(Shown):
         """Root of the mean square [m]; 0 if that is below zero."""
         return float(np.sqrt(max(self.mean_square, 0.0)))
 
+    @property
+    def u_rms(self) -> float:
+        """Standard uncertainty of this root [m], by the law of propagation; at most the root of u,
+        which holds near zero.
+        """
+        by_slope = self.u / (2.0 * self.rms) if self.rms else math.inf
+        return min(by_slope, math.sqrt(self.u))
+
 
 def budget_of(
     choice: Choice, nominal: Fit, structure: Sequence[DiscrepancySize], shared: SharedError | None

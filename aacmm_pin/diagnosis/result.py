@@ -257,6 +257,11 @@ class Diagnosis(Shown):
         }
 
     @property
+    def is_extended(self) -> bool:
+        """True if the extended arm has causes that the recalibrated arm lacks."""
+        return self.extended.problem.vector.size > self.recalibrated.problem.vector.size
+
+    @property
     def rms(self) -> dict[str, float]:
         """The RMS residual of the used records [m].
 

@@ -447,10 +447,13 @@ def summary_line(result: Diagnosis) -> str:
     """Sizes of residuals by the three models, the noise, and the gain on held-out records."""
     stated, recalibrated, extended, noise = lengths(result.rms.values())
     alone = "Noise alone" if result.extended.stated else "The estimated scatter"
-    sizes = (
-        f"The RMS residual is {stated} for the nominal arm, {recalibrated} for the recalibrated "
-        f"arm and {extended} for the extended arm. {alone} would give {noise}."
+    of_arms = (
+        f"{stated} for the nominal arm, {recalibrated} for the recalibrated arm and {extended} for "
+        "the extended arm"
+        if result.is_extended
+        else f"{stated} for the nominal arm and {recalibrated} for the recalibrated arm"
     )
+    sizes = f"The RMS residual is {of_arms}. {alone} would give {noise}."
     out = int(result.extended.excluded.sum())
     excluded = f" The fit excluded {count(out, 'record')} as gross errors." if out else ""
     return f"{sizes}{excluded} {gain_in_words(result)}"
@@ -598,7 +601,8 @@ def alternatives(result: Diagnosis) -> pd.DataFrame:
     likely = [each for each in result.alternatives.items() if each[1] >= LEAST_SET][:SETS]
     rows, rest = [], 1.0
     for labels, share in likely:
-        rows.append((labels_in_words(result, labels) or "none", probability(share)))
+        words = labels_in_words(result, labels) or "none of the known causes"
+        rows.append((words, probability(share)))
     others = len(result.alternatives) - len(likely)
     if others:
         rest = 1.0 - sum(share for _, share in likely)
@@ -676,8 +680,7 @@ def budget_table(result: Diagnosis) -> pd.DataFrame:
     """The parts of the mean square residual of the nominal arm: part, RMS and its u, share."""
     rows = []
     for part in result.budget:
-        u = part.u / (2.0 * part.rms) if part.rms else float("nan")
-        sizes = {"rms_mm": part.rms / MM, "u_mm": u / MM}
+        sizes = {"rms_mm": part.rms / MM, "u_mm": part.u_rms / MM}
         rows.append({"part": part_in_words(result, part), **sizes, "share": percent(part.share)})
     return pd.DataFrame(rows)
 
@@ -707,9 +710,9 @@ def rms_figure(result: Diagnosis) -> Figure:
     return Figure(
         lambda: plots.plot_rms(result, blank_axes(6.8, 2.0)),
         "RMS residuals of the three models",
-        "The bars show the RMS residuals of the nominal, the recalibrated and the extended arm. "
-        "The fit estimates an unknown frame or target for each arm. The dashed line shows the RMS "
-        "residual that noise alone would give.",
+        "The bars show the RMS residuals of the nominal arm, of the recalibrated arm, and of an "
+        "arm that causes extend. The fit estimates an unknown frame or target for each arm. The "
+        "dashed line shows the RMS residual that noise alone would give.",
     )
 
 

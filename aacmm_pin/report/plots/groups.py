@@ -40,16 +40,16 @@ named.
 
 @plain
 def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Plot the RMS residual of the three models, and the value expected from noise alone."""
+    """Plot the RMS residual of the models, and the value expected from noise alone."""
     unit, scale = length_unit(max(result.rms.values()))
     words = dict(zip(result.rms, lengths(result.rms.values()), strict=True))
     ax = axes_of(ax, (6.8, 2.2))
-    sizes = [result.rms[name] / scale for name in MODELS]
-    bars = ax.barh(
-        ["nominal", "recalibrated", "extended"], sizes, color=list(MODELS.values()), height=0.6
-    )
+    models = [*MODELS] if result.is_extended else ["simulation", "recalibrated"]
+    sizes = [result.rms[name] / scale for name in models]
+    arms = ["nominal", *models[1:]]
+    bars = ax.barh(arms, sizes, color=[MODELS[name] for name in models], height=0.6)
     box = {"fc": "white", "ec": "none", "pad": 1}
-    ax.bar_label(bars, [words[name] for name in MODELS], padding=5, fontsize=9, bbox=box)
+    ax.bar_label(bars, [words[name] for name in models], padding=5, fontsize=9, bbox=box)
     ax.axvline(
         result.rms["noise"] / scale,
         color=VERMILLION,

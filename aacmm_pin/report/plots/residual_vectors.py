@@ -83,8 +83,7 @@ def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
     """
     if isinstance(result, Calibration):
         return "before", "after"
-    more = result.extended.problem.vector.size > result.recalibrated.problem.vector.size
-    return ("recalibrated", "extended") if more else ("simulation", "recalibrated")
+    return ("recalibrated", "extended") if result.is_extended else ("simulation", "recalibrated")
 
 
 @plain
