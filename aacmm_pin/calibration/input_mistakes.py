@@ -239,9 +239,11 @@ def _zeros_alone(problem: Problem) -> bool:
     """Whether zeros of joints are the only geometric values that are estimated: then they may be
     off by any angle.
     """
-    geometric = (JointPlacement, *DH_KIND_OF_EFFECT)
-    effects = [effect for effect in problem.vector.effects if isinstance(effect, geometric)]
-    return all(isinstance(effect, JointZeroOffset) for effect in effects)
+    return all(
+        isinstance(effect, JointZeroOffset)
+        for effect in problem.vector.effects
+        if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT))
+    )
 
 
 def _advice(problem: Problem) -> Note:

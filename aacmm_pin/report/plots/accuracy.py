@@ -34,6 +34,8 @@ NOT_THERE = "no mark: no posture within limits"
 GAP, MISSED = 6.0, 3.0
 """A gap is seen in the curves where no posture is for so many degrees, and for so many usual steps.
 """
+ABOVE = 1.15
+"""The axes end at so many times the largest value."""
 MARKERS = 18
 """Number of these markers along a component."""
 
@@ -121,8 +123,9 @@ def _draw_over(
         right.plot(place[some], accuracy.u[some] / UM, color=VERMILLION, mfc="none", **style)
     ax.set_ylabel(VOLUME_LABEL, color=BLUE)
     right.set_ylabel(f"{U_NAME} [µm]", color=VERMILLION)
-    ax.margins(y=0.12)
-    right.margins(y=0.12)
+    # From zero, so that a change by two per cent looks like one.
+    ax.set_ylim(0.0, ABOVE * accuracy.volume.max(initial=0.0) / MM3 or None)
+    right.set_ylim(0.0, ABOVE * accuracy.u.max(initial=0.0) / UM or None)
     ax.grid(alpha=0.3)
     legend_below(ax, handles=handles, title=NOT_THERE if left_out else None, title_fontsize=8)
 

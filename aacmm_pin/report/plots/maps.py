@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.accuracy import Quantity, WorkspaceMap
 from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.postures import WRIST
 from aacmm_pin.report.plots.style import U_NAME, VOLUME_COLOURS, axes_of, legend_below, plain
 
 UNREACHABLE, OUTSIDE_LIMITS = "#d9d9d9", "#cc79a7"
@@ -105,5 +106,6 @@ def plot_map(
     if legend:
         legend_below(ax, handles=legend)
     title = how.title.format(method=data.attrs["method"], sectors=map_.sectors)
-    ax.set_title(f"{data.attrs['arm']}: {title}", fontsize=10)
+    at = "wrist" if data.attrs["working_point"] == WRIST else "tip"
+    ax.set_title(f"{data.attrs['arm']}, {at} in each cell:\n{title}", fontsize=10)
     return ax
