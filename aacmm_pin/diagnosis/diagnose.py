@@ -91,7 +91,7 @@ def diagnose(
 
     Args:
         model: the arm, with the known causes of error if any.
-        measurements: the records.
+        measurements: the records; of more than 8000, so many are used, and a note states it.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
             see :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain on held-out records.
@@ -123,6 +123,10 @@ def diagnose(
     )
     measurements, repeated = counted_once(measurements)
     measurements, derived = _with_approach(measurements)
+    if measurements.n > THRESHOLDS.most_records:
+        data = {"used": THRESHOLDS.most_records, "of": measurements.n}
+        repeated.append(Note("records_spread", data))
+        measurements = _spread(measurements, THRESHOLDS.most_records)
     as_given, stated_setup = measurements, setup
     measurements, setup = in_first_frame(model, measurements, setup)
     if prior and model.arm.unexplained and model.arm.covariance is not None:
@@ -205,6 +209,12 @@ def diagnose(
         contradicted=evidence.contradicted,
         budget=budget,
     )
+
+
+def _spread(measurements: Measurements, count: int) -> Measurements:
+    """So many of the records, evenly spread."""
+    rows = np.linspace(0, measurements.n - 1, count)
+    return measurements.take(np.round(rows).astype(np.intp))
 
 
 def _with_approach(measurements: Measurements) -> tuple[Measurements, bool]:

@@ -4,6 +4,7 @@ nothing.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import pytest
 from aacmm_pin import next_measurements
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
-from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.diagnosis import diagnose, thresholds
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.effects import (
     Conditions,
@@ -285,3 +286,16 @@ def test_an_arm_with_a_joint_that_slides(tmp_path, slide, masses):
     found = shell.found(f"diagnose {arm} {data} {NOISE} --no-cross-validation")
     assert found["findings"][0]["joint"] == turning
     assert not any(f["joint"] == slide for f in found["findings"])
+
+
+def test_long_files_are_thinned_evenly(sino6, rng, monkeypatch):
+    hidden = EncoderEccentricity(joint=3, values=(1e-4, 0.0))
+    data = simulate_measurements(ErrorModel(sino6, (hidden,)), "free", 300, rng=rng)
+    few = replace(thresholds.THRESHOLDS, most_records=100)
+    monkeypatch.setattr(sys.modules[diagnose.__module__], "THRESHOLDS", few)
+    found = diagnose(sino6, data, encoder_noise=8e-6, hold_out=False)
+    assert [finding.label for finding in found.findings] == ["encoder_eccentricity:3"]
+    rows = found.extended.problem.measurements.row
+    assert rows.size == 100
+    assert np.diff(rows).tolist().count(3) > 90
+    assert data_of(found.notes, "records_spread") == [{"used": 100, "of": 300}]
