@@ -26,11 +26,9 @@ from .postures.general_ik import ReachingPostures, reaching_postures
 from .report.next_measurements import next_measurements
 from .verification import (
     AcceptanceResult,
-    PredictedAcceptance,
     Procedure,
     accept,
     acceptance_procedure,
-    predict_acceptance,
 )
 
 __version__: str
@@ -53,7 +51,6 @@ __all__ = [
     "Measurements",
     "Parameter",
     "Poses",
-    "PredictedAcceptance",
     "Procedure",
     "ReachingPostures",
     "SinglePoint",
@@ -75,7 +72,6 @@ __all__ = [
     "perturbed_model",
     "plan_calibration",
     "plan_measurements",
-    "predict_acceptance",
     "reaching_postures",
     "simulate_measurements",
     "single_point_statistics",

@@ -79,7 +79,6 @@ MORE = [
     "plan acceptance sino6 --measuring-range-mm 1000 -o procedure.csv",
     f"simulate sino6 --procedure procedure.csv {TOUCHED} --seed 5 -o touches.csv",
     "accept sino6 touches.csv --mpe SPAT.Max=0.15 --json accept.json",
-    "predict-acceptance sino6 procedure.csv --runs 20 --json predict.json",
     f"{BARS} --cause joint_compliance:3,compliance_rad_per_nm=2e-5 --seed 6 -o bars.csv",
     f"calibrate sino6 bars.csv {AT_BARS} --target unknown --json bars-calibrate.json",
     f"diagnose sino6 bars.csv {AT_BARS} --target unknown --json bars-diagnose.json",

@@ -42,7 +42,6 @@ COMMANDS = (
     "plan acceptance",
     "plan calibration",
     "plan distinguish",
-    "predict-acceptance",
     "show",
     "simulate",
     "urdf",

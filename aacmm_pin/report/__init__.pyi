@@ -1,5 +1,4 @@
 from .acceptance import CheckDetails, acceptance_document, history_blocks
-from .acceptance_prediction import prediction_document
 from .accuracy import accuracy_document, length_document, map_document
 from .calibration import calibration_document, calibration_summary, comment
 from .calibration_plan import calibration_plan_document
@@ -43,7 +42,6 @@ __all__ = [
     "map_document",
     "map_summary",
     "plan_document",
-    "prediction_document",
     "procedure_document",
     "require_format",
     "run_demo",

@@ -13,7 +13,6 @@ from pathlib import Path
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin.report import (
     acceptance,
-    acceptance_prediction,
     accuracy,
     arm,
     calibration,
@@ -35,7 +34,6 @@ from aacmm_pin.report.formats.html import fragment
 
 __all__ = [
     "acceptance",
-    "acceptance_prediction",
     "accuracy",
     "arm",
     "calibration",

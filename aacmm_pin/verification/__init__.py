@@ -17,7 +17,6 @@ from aacmm_pin.verification.history import (
     History,
     in_utc,
 )
-from aacmm_pin.verification.prediction import RUNS, PredictedAcceptance, predict_acceptance
 from aacmm_pin.verification.probed_points import AS_GIVEN, brief
 from aacmm_pin.verification.procedure import (
     PROBE_DIAMETER_MM,
@@ -36,18 +35,15 @@ __all__ = [
     "PER_MOVING_RANGE",
     "PROBE_DIAMETER_MM",
     "RULE_OF",
-    "RUNS",
     "SPHERE_DIAMETER_MM",
     "AcceptanceResult",
     "ControlChart",
     "History",
-    "PredictedAcceptance",
     "Procedure",
     "StandardName",
     "accept",
     "acceptance_procedure",
     "brief",
     "in_utc",
-    "predict_acceptance",
     "shown_verdict",
 ]

@@ -43,7 +43,7 @@ def command(words: str) -> str:
     ("code", "most", "without"),
     [
         ("import aacmm_pin", 3, ("numpy", *HEAVY)),
-        ("import aacmm_pin.diagnosis.diagnose", 121, HEAVY),
+        ("import aacmm_pin.diagnosis.diagnose", 123, HEAVY),
         (command("--help"), 12, ("numpy", "rich", "pandas", *HEAVY)),
         ("import aacmm_pin.accuracy.volume", 35, ("pandas", "scipy.special", "tqdm", *HEAVY)),
         (command(f"accuracy sino6 {POINT}"), 73, HEAVY_BUT_LOOPS),

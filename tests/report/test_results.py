@@ -38,7 +38,6 @@ from aacmm_pin import (
     single_point_statistics,
 )
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note
 from aacmm_pin.accuracy.length import length_uncertainty_between
 from aacmm_pin.arm import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
@@ -47,11 +46,10 @@ from aacmm_pin.measurements import PROBED_POINT_COLUMNS
 from aacmm_pin.measurements.csv_columns import single_names
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
-from aacmm_pin.verification import AcceptanceResult, PredictedAcceptance, Procedure
+from aacmm_pin.verification import AcceptanceResult, Procedure
 from aacmm_pin.verification.accept import CharacteristicValue
 from aacmm_pin.verification.characteristics import DEFINITIONS
 from aacmm_pin.verification.evaluators import Evaluated
-from aacmm_pin.verification.prediction import PredictedFigure
 from tests.arm_files import changed
 from tests.pages import Page
 
@@ -97,7 +95,6 @@ def values(
     figure = CharacteristicValue(
         NASTY, DEFINITIONS[0], Evaluated(1e-5, np.nan, 50, 0, "", np.array([[1e-5, np.nan]])), 2e-5
     )
-    predicted = PredictedFigure(NASTY, DEFINITIONS[0], (figure,) * 3, pd.Series({NASTY: 1e-5}))
     touches = pd.DataFrame(
         {
             "test": "single-point",
@@ -145,9 +142,6 @@ def values(
         "AcceptanceResult": AcceptanceResult(NASTY, (figure,), (NASTY,)),
         "CalibrationPlan": plan_calibration(arm, 4, postures=60),
         "Procedure": Procedure(arm, touches, q[:2], arm.positions(q[:2]), 1),
-        "PredictedAcceptance": PredictedAcceptance(
-            NASTY, (predicted,), 3, 1, (Note("test_small", {"test": NASTY, "extent": 1e-3}),)
-        ),
     }
 
 
