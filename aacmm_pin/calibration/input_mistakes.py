@@ -25,12 +25,12 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm, ArmFile
-from aacmm_pin.calibration.calibrated_arm import is_of_setup, moved_arm
+from aacmm_pin.calibration.calibrated_arm import moved_arm
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import DH_KIND_OF_EFFECT
-from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
+from aacmm_pin.calibration.parameters import ASSEMBLED, asked_again
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.session_frames import another_frame
 from aacmm_pin.calibration.setup import Setup, sessions_of
@@ -39,16 +39,15 @@ from aacmm_pin.calibration.wrong_columns import (
     QUARTERS,
     SIMILAR_RATIO,
     likely_columns,
+    likely_orders,
     likely_ratios,
     likely_scales,
 )
 from aacmm_pin.calibration.wrong_rows import mistaken_rows
 from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.effects import (
-    ErrorModel,
     JointPlacement,
     JointZeroOffset,
-    LinkLength,
     LinkTilt,
     StylusOffset,
 )
@@ -78,10 +77,20 @@ TURN = 2 * np.pi
 """An angle beyond this was hardly in radians [rad]."""
 SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
 """Factors by which a length is mistyped: another sign, a decimal place."""
-DH_KEYS = {"a_mm", "d_mm", "alpha_rad", "theta_offset_rad"}
-"""Values of a row of an arm file."""
+EXCHANGED = {
+    ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"): "rows_exchanged",
+    ("a_mm",): "values_exchanged",
+    ("d_mm",): "values_exchanged",
+}
+"""Values of two rows of an arm file that may be exchanged, and the codes of the notes."""
+NOT_REVOLUTE = {"limits_rad": None, "encoder_noise_rad": None}
+"""Keys that a prismatic joint lacks."""
+SLIDE_UNITS = {"mm": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
+"""Units that the readings of a prismatic joint may have come in, in metres."""
 LEAST_SINE = 0.01
 """A twist with a smaller sine has no sign."""
+MOST_GROSS = 0.15
+"""Gross errors are not a larger part of the records."""
 MOST_IN_RADIANS = 0.06
 """Twists that are all below this were hardly in degrees: a right angle in radians under such a key
 [rad]."""
@@ -188,7 +197,7 @@ class _Mistake:
             setup = replace(setup, target="unknown")
         if self.target_off_tip or self.arm:
             model = problem.model if self.arm is None else replace(problem.model, arm=self.arm)
-            problem = _asked_again(problem, model, setup)
+            problem = asked_again(problem, model, setup)
         return replace(problem, measurements=changed, setup=setup, targets=())
 
 
@@ -248,9 +257,15 @@ def _zeros_alone(problem: Problem) -> bool:
 
 def _advice(problem: Problem) -> Note:
     """What to look at where no mistake explains records that do not fit."""
-    still = np.flatnonzero(np.ptp(problem.measurements.readings, axis=0) == 0.0)
+    readings = problem.measurements.readings
+    still = np.flatnonzero(np.ptp(readings, axis=0) == 0.0)
     if still.size:
         return Note("unlike_arm_one_reading", {"joints": (still + 1).tolist()})
+    for j, k in combinations(range(readings.shape[1]), 2):
+        if np.array_equal(readings[:, j], readings[:, k]):
+            return Note("unlike_arm_copy", {"joints": [j + 1, k + 1]})
+    if _ends_fit_alone(problem):
+        return Note("ends_fit_alone")
     return Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
 
 
@@ -298,6 +313,21 @@ def _sessions_fit_alone(problem: Problem) -> bool:
     except AacmmError:
         return False
     return len(fits) > 1 and all(after.unmodelled < FAR for after in fits)
+
+
+def _ends_fit_alone(problem: Problem) -> bool:
+    """Whether the first and the last third of the records each fit the arm in some frame."""
+    records = problem.measurements
+    third = records.n // 3
+    if third < FEWEST_FOR_MISTAKES or records.conditions.session is not None:
+        return False
+    own_frame = _Mistake(None, "", external_frame=True)
+    ends = [np.arange(third), np.arange(records.n - third, records.n)]
+    try:
+        fits = [fit(own_frame.undone(problem.of(records.take(rows)))) for rows in ends]
+    except AacmmError:
+        return False
+    return all(after.unmodelled < FAR for after in fits)
 
 
 def _require_no_mistake_in_a_session(problem: Problem) -> None:
@@ -462,11 +492,14 @@ def _require_rows_together(problem: Problem, as_is: float) -> None:
         reference, u = records.reference[touched], records.reference_u[touched]
         shifted = replace(records.take(np.arange(records.n)[kept]), reference=reference)
         shifted = replace(shifted, reference_u=u)
-        thinned = problem.of(shifted.take(_thinned(shifted)))
-        distance = _distance_without(thinned, as_is)
+        distance = _distance_without(problem.of(shifted), as_is)
         if distance < np.inf:
-            name = str(Note("rows_shifted", {"where": where}))
-            raise MistakenFileError(records.source, name, as_is, distance)
+            name = Note("rows_shifted", {"where": where})
+            apart = fit(problem.of(shifted)).excluded
+            if apart.mean() > MOST_GROSS:
+                rows = shifted.row[~apart].tolist()
+                name = Note("some_rows_shifted", {"rows": rows, "where": where})
+            raise MistakenFileError(records.source, str(name), as_is, distance)
 
 
 def _distance_without(without: Problem, as_is: float) -> float:
@@ -475,7 +508,7 @@ def _distance_without(without: Problem, as_is: float) -> float:
     """
     try:
         after = fit(without)
-    except AacmmError:
+    except (AacmmError, np.linalg.LinAlgError):  # a hypothesis that is far off has no fit
         return np.inf
     distance = _median(after.system.deviation)
     limit = min(EXPLAINS * as_is, UNLIKE * _travel(after.problem))
@@ -504,7 +537,7 @@ def _absorbs(after: Fit) -> bool:
     squares = np.square(point.prediction.jacobian[:, :3, : changes.size])
     tips = changes * np.sqrt(squares.sum(axis=1).mean(axis=0))
     for effect, entries in after.problem.vector:
-        if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT)):
+        if isinstance(effect, (JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT)):
             most = MOVED * np.array([ASSEMBLED[term.unit] for term in effect.terms])
             if ((changes[entries] > most) & (tips[entries] > MOVED * ASSEMBLED["m"])).any():
                 return True
@@ -611,28 +644,13 @@ def _fitted_tips(arm: _Described, touches: _Touches) -> tuple[Array, Array]:
     return point.prediction.tips, point.seats
 
 
-def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
-    """The problem with its unknowns, of another model or with another set-up."""
-    effects = problem.vector.effects
-    named = [
-        effect
-        for effect in effects
-        if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT))
-        and not is_of_setup(effect)
-    ]
-    whole = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
-    zeros = any(isinstance(effect, JointZeroOffset) for effect in effects)
-    sets = ["geometry"] if whole else ["zero-offsets"] if zeros else []
-    return problem_of(model, problem.measurements, [*sets, *named], setup)
-
-
 def _of_first_session(problem: Problem) -> Problem:
     """The same unknowns with the records of the first session, whose frame is one."""
     records = problem.measurements
     session = records.conditions.require("session", "reference frame")
     alone = problem.of(records.take(session == sessions_of(records)[0]))
     setup = replace(problem.setup, reference_frame="external")
-    return _asked_again(alone, problem.model, setup)
+    return asked_again(alone, problem.model, setup)
 
 
 def _of_targets(problem: Problem) -> Problem:
@@ -687,10 +705,25 @@ def _of_table(arm: Arm) -> Iterator[_Mistake]:
                 name = Note("length_mistyped", data | {"likely": factor * stated * MM})
                 changed = _with_values(arm.file, {number: {key: factor * stated}})
                 yield _Mistake(name, f"{key} {number}", arm=changed)
+        for turn in QUARTERS[1:]:
+            alpha = float(np.remainder(row.alpha_rad + turn * DEG + np.pi, TURN) - np.pi)
+            data = {"row": number + 1, "alpha": row.alpha_rad, "likely": alpha}
+            changed = _with_values(arm.file, {number: {"alpha_rad": alpha}})
+            yield _Mistake(Note("twist_mistyped", data), f"alpha {number}", arm=changed)
+        if not row.fixed and not row.slides:
+            prismatic = {"kind": "prismatic", "limits_mm": (-1e4, 1e4), **NOT_REVOLUTE}
+            changed = _with_values(arm.file, {number: prismatic})
+            name = Note("kind_of_joint", {"row": number + 1})
+            yield _Mistake(name, f"kind {number}", arm=changed)
+    for number, row in enumerate(rows):
+        name = Note("row_exchanged", {"row": number + 1})
+        changed = _with_values(arm.file, {number: {"a_mm": row.d_mm, "d_mm": row.a_mm}})
+        yield _Mistake(name, "table", arm=changed)
     for j, k in combinations(range(len(rows)), 2):
-        exchanged = {row: rows[j + k - row].model_dump(include=DH_KEYS) for row in (j, k)}
-        name = Note("rows_exchanged", {"rows": (j + 1, k + 1)})
-        yield _Mistake(name, "table", arm=_with_values(arm.file, exchanged))
+        for keys, code in EXCHANGED.items():
+            exchanged = {row: rows[j + k - row].model_dump(include={*keys}) for row in (j, k)}
+            name = Note(code, {"rows": (j + 1, k + 1), "value": keys[0][0]})
+            yield _Mistake(name, "table", arm=_with_values(arm.file, exchanged))
     if 0.0 < max(abs(row.alpha_rad) for row in rows) < MOST_IN_RADIANS:
         changed = _scaled(arm.file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
         yield _Mistake(Note("table_in_radians"), "table", arm=changed)
@@ -701,6 +734,21 @@ def _of_table(arm: Arm) -> Iterator[_Mistake]:
             yield _Mistake(Note("table_unit", {"unit": unit}), "table", arm=changed)
 
 
+def _of_placements(arm: Arm) -> Iterator[_Mistake]:
+    """A placement in a URDF that is turned by quarter turns, or the axis of a joint that is another
+    one.
+    """
+    if arm.dh is not None:
+        return
+    names = [parameter.name for parameter in arm.parameters]
+    for joint in range(arm.nq if not arm.mimics else 0):
+        of_joint = names[6 * joint + 3 : 6 * joint + 6]
+        for name, degrees in product(of_joint, QUARTERS[1:]):
+            data = {"joint": joint + 1, "axis": name[1], "degrees": degrees}
+            changed = moved_arm(arm, {name: degrees * DEG}, None)
+            yield _Mistake(Note("placement_turned", data), f"placement {joint}", arm=changed)
+
+
 def _scaled(file: ArmFile, keys: Sequence[str], factor: float) -> Arm:
     """The arm with some values of every row times a factor."""
     rows = enumerate(file.joints)
@@ -709,7 +757,7 @@ def _scaled(file: ArmFile, keys: Sequence[str], factor: float) -> Arm:
     )
 
 
-def _with_values(file: ArmFile, values: Mapping[int, Mapping[str, float]]) -> Arm:
+def _with_values(file: ArmFile, values: Mapping[int, Mapping[str, object]]) -> Arm:
     """The arm with other values in some rows (from 0)."""
     rows = [row.model_copy(update=values.get(k, {})) for k, row in enumerate(file.joints)]
     return Arm.from_file(file.model_copy(update={"joints": rows}))
@@ -729,6 +777,12 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     identity = np.eye(problem.measurements.nq)
     for j, largest in enumerate(np.abs(records.readings).max(axis=0)):
         yield _reversed(j, records.nq)
+        if problem.model.arm.chain.prismatic[j]:
+            for unit, factor in SLIDE_UNITS.items():
+                name = Note("slide_unit", {"joint": j + 1, "unit": unit})
+                factors = np.where(identity[j] > 0, factor, 1.0)
+                yield _Mistake(name, f"unit {j}", angle_matrix=np.diag(factors))
+            continue
         units = [(GON, "gon", "deg")]
         if largest > TURN or largest <= TURN * DEG:
             units.append((DEG, "degrees", "rad") if largest > TURN else (1 / DEG, "radians", "deg"))
@@ -746,20 +800,23 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     arm = problem.model.arm
     rows = arm.chain.moving_rows()
     yield from _of_couplings(arm)
-    for j, sign in product(range(1, records.nq), (1.0, -1.0)):
-        if arm.coupling_matrix[j, j - 1]:
+    neighbours = [*zip(range(1, arm.nq), range(arm.nq - 1), strict=True)]
+    neighbours += [(other, joint) for joint, other in neighbours]
+    for (j, of), sign in product(neighbours, (1.0, -1.0)):
+        if arm.coupling_matrix[j, of]:
             continue
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
-        angle_matrix = identity + sign * np.outer(identity[j - 1], identity[j])
-        ratio = (arm.coupling_matrix @ angle_matrix.T)[j, j - 1]
-        coupling = {"row": rows[j], "of": rows[j - 1], "ratio": float(ratio)}
-        name = Note(code, {"joint": j + 1, "before": j, **coupling})
+        angle_matrix = identity + sign * np.outer(identity[of], identity[j])
+        ratio = (arm.coupling_matrix @ angle_matrix.T)[j, of]
+        coupling = {"row": rows[j], "of": rows[of], "ratio": float(ratio)}
+        name = Note(code, {"joint": j + 1, "other": of + 1, **coupling})
         yield _Mistake(name, "sum", angle_matrix=angle_matrix)
     for (unit, taken), factor in ANGLE_UNITS.items():
         name = Note("angles_unit", {"unit": unit, "taken": taken})
         yield _Mistake(name, "angles", angle_matrix=factor * identity)
     yield from _of_convention(problem.model.arm)
-    yield from _of_table(problem.model.arm)
+    yield from _of_table(arm)
+    yield from _of_placements(arm)
     if records.known.any():
         yield from _of_frame(problem.external)
         if problem.setup.target != "unknown" and not any(
@@ -868,9 +925,13 @@ def _turned(joint: int, degrees: int, nq: int) -> _Mistake:
 
 
 def _several_columns(problem: Problem) -> list[tuple[_Mistake, ...]]:
-    """Signs and quarter turns of two joints or more, the signs first."""
+    """Columns in another order; signs and quarter turns of two joints or more, the signs first."""
     records = problem.measurements
     several_columns: list[tuple[_Mistake, ...]] = []
+    for order in likely_orders(problem.model.arm, records, problem.external):
+        name = Note("columns_in_order", {"joints": [joint + 1 for joint in order]})
+        of_joints = np.eye(records.nq)[:, np.argsort(order)]
+        several_columns.append((_Mistake(name, "columns", angle_matrix=of_joints),))
     for several in likely_columns(problem.model.arm, records, problem.external):
         signs = [_reversed(one.joint, records.nq) for one in several if one.sign < 0]
         turns = [_turned(one.joint, one.degrees, records.nq) for one in several if one.degrees]

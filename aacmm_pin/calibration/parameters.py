@@ -11,7 +11,9 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm import Arm, end
+from aacmm_pin.calibration.calibrated_arm import is_of_setup
 from aacmm_pin.calibration.parameter_vector import (
+    DH_KIND_OF_EFFECT,
     ParameterVector,
     geometric_parameters,
 )
@@ -22,6 +24,7 @@ from aacmm_pin.effects import (
     ErrorModel,
     JointDistance,
     JointPlacement,
+    JointZeroOffset,
     LinkLength,
     LinkTilt,
     ReferenceFrame,
@@ -144,6 +147,21 @@ def _of_names(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
         stays = np.array([p.name not in names for p in geometric_parameters(arm, effect)])
         found.append((effect, np.where(stays, HELD_WIDTH, widths), stated | stays))
     return found
+
+
+def asked_again(problem: Problem, model: ErrorModel, setup: Setup, *others: Effect) -> Problem:
+    """The problem with its unknowns and ``others``, of another model or with another set-up."""
+    effects = problem.vector.effects
+    named = [
+        effect
+        for effect in effects
+        if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT))
+        and not is_of_setup(effect)
+    ]
+    whole = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
+    zeros = any(isinstance(effect, JointZeroOffset) for effect in effects)
+    sets = ["geometry"] if whole else ["zero-offsets"] if zeros else []
+    return problem_of(model, problem.measurements, [*sets, *named, *others], setup)
 
 
 def unstated(problem: Problem, mine: Mask) -> Problem:

@@ -7,8 +7,9 @@ These are too many for a fit of each, so that a few records judge all of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import combinations, product
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import combinations, permutations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ QUARTERS = (0, 90, -90, 180)
 """What may be added to an angle [°]."""
 MOST_TURNED = 4
 """So many joints at most are turned; any number is reversed."""
-KNOWN_RECORDS = 12
+KNOWN_RECORDS = 16
 """So many records with references judge …"""
 SEATS, PER_SEAT = 5, 4
 """… or so many of each of so many seats."""
@@ -30,12 +31,16 @@ SIMILAR_RATIO = 1.5
 """Combinations that leave less than so many times the least are alike."""
 NEAREST = 40
 """So many of the best combinations are returned."""
+MOST_ORDERED, FEW_ORDERS = 7, 5
+"""All orders of so many columns are tried, and so many of the best are returned."""
 LARGEST_RATIO = 3.0
 """A joint moves at most so many times as far as its readings, or as little."""
 RATIOS, REFINEMENTS = 41, 4
 """So many ratios are tried at a time, each time between the neighbours of the best."""
 REWEIGHTED = 10
 """So many times a linear fit is weighted again, so that gross errors do not count."""
+SMALLEST_SINGULAR = 1e-6
+"""Singular values below this part of the largest are not used."""
 SMALLEST_TRAVEL = 1e-9
 """Nothing is divided by less [m]."""
 
@@ -66,18 +71,34 @@ def likely_columns(arm: Arm, records: Measurements, external: bool) -> list[tupl
         for joint, sign, degrees in several:
             signs[number, joint] = sign
             offsets[number, joint] = degrees * DEG
-    misfit = _misfits(arm, records, external, signs, offsets)
+    misfit = _misfits(
+        arm, records, external, lambda readings: signs[:, None] * readings + offsets[:, None]
+    )
     if not misfit.size:
         return []
     alike = misfit <= SIMILAR_RATIO * misfit.min()
     joints = np.array([len(several) for several in every])
-    simplest = np.lexsort((misfit, np.where(alike, joints, MOST_TURNED + 1)))
+    simplest = np.lexsort((misfit, np.where(alike, joints, arm.nq + 1)))
     return [every[number] for number in simplest[:NEAREST]]
+
+
+def likely_orders(arm: Arm, records: Measurements, external: bool) -> list[tuple[int, ...]]:
+    """The orders of the columns that bring tips and targets nearest together, the best first: the
+    joint (from 0) that each column is of. None for many joints.
+    """
+    if arm.nq > MOST_ORDERED:
+        return []
+    orders = [*permutations(range(arm.nq))][1:]
+    misfit = _misfits(
+        arm, records, external, lambda readings: readings[:, np.argsort(orders)].transpose(1, 0, 2)
+    )
+    nearest = np.argsort(misfit, kind="stable")[:FEW_ORDERS]
+    return [orders[number] for number in nearest]
 
 
 def likely_ratios(arm: Arm, records: Measurements, external: bool) -> list[float]:
     """For each joint the factor of its readings, other than 1, that brings tips and targets nearest
-    together; none of records without references and seats.
+    together, whatever the zeros of the joints; none of records without references and seats.
     """
     ratios = []
     for joint in range(arm.nq):
@@ -85,7 +106,9 @@ def likely_ratios(arm: Arm, records: Measurements, external: bool) -> list[float
         for _ in range(REFINEMENTS):
             factors = np.ones((grid.size, arm.nq))
             factors[:, joint] = grid
-            misfit = _misfits(arm, records, external, factors, np.zeros_like(factors))
+            misfit = _misfits(
+                arm, records, external, partial(np.multiply, factors[:, None]), any_zeros=True
+            )
             if not misfit.size:
                 return []
             best = int(np.argmin(misfit))
@@ -117,17 +140,23 @@ def likely_scales(arm: Arm, records: Measurements) -> Array | None:
 
 
 def _misfits(
-    arm: Arm, records: Measurements, external: bool, factors: Array, offsets: Array
+    arm: Arm,
+    records: Measurements,
+    external: bool,
+    change: Callable[[Array], Array],
+    *,
+    any_zeros: bool = False,
 ) -> Array:
-    """Median distance of tips and targets, over what the tips travel, with readings times factors
-    plus offsets (m, nq) [rad]: (m,), or none without references and seats.
+    """Median distance of tips and targets, over what the tips travel, with readings (n, nq) changed
+    in m ways (m, n, nq) [rad], and with the best zeros to first order if they may be any: (m,), or
+    none without references and seats.
     """
     rows, groups = _judges(records)
     if not rows.size:
         return np.empty(0)
-    readings = factors[:, None] * records.readings[rows] + offsets[:, None]
+    readings = change(records.readings[rows])
     tips = arm.chain.positions(arm.joint_angles(readings.reshape(-1, arm.nq)))
-    tips = tips.reshape(len(factors), rows.size, 3)
+    tips = tips.reshape(len(readings), rows.size, 3)
     centred = tips - np.median(tips, axis=1, keepdims=True)
     travel = np.median(np.linalg.norm(centred, axis=2), axis=1)
     if groups is None:
@@ -135,8 +164,26 @@ def _misfits(
     else:
         means = [tips[:, groups == group].mean(axis=1) for group in np.unique(groups)]
         deviations = tips - np.stack(means, axis=1)[:, groups]
+    if any_zeros:
+        _, jacobian = arm.chain.position_and_jacobian(readings.reshape(-1, arm.nq))
+        jacobian = jacobian.reshape(*tips.shape, arm.nq)
+        if external and groups is None:
+            turns = np.cross(np.eye(3), tips[:, :, None]).transpose(0, 1, 3, 2)
+            shifts = np.broadcast_to(np.eye(3), turns.shape)
+            jacobian = np.concatenate([jacobian, turns, shifts], axis=3)
+        deviations = _without_zeros(deviations, jacobian)
     distance = np.median(np.linalg.norm(deviations, axis=2), axis=1)
     return np.asarray(distance / np.maximum(travel, SMALLEST_TRAVEL))
+
+
+def _without_zeros(deviations: Array, jacobian: Array) -> Array:
+    """What is left of deviations (m, n, 3) with the best steps, by their Jacobians (m, n, 3, k)."""
+    left = np.empty_like(deviations)
+    for number, (deviation, columns) in enumerate(zip(deviations, jacobian, strict=True)):
+        rows = columns.reshape(deviation.size, -1)
+        step = np.linalg.lstsq(rows, deviation.ravel(), rcond=SMALLEST_SINGULAR)[0]
+        left[number] = deviation - (rows @ step).reshape(deviation.shape)
+    return left
 
 
 def _judges(records: Measurements) -> tuple[Index, Index | None]:
@@ -168,14 +215,14 @@ def _combinations(prismatic: Mask) -> Iterator[tuple[Turned, ...]]:
 
 
 def _from_references(tips: Array, reference: Array, external: bool) -> Array:
-    """Tips (m, n, 3) minus references (n, 3), each set of tips moved onto the references by a
+    """Tips (m, n, 3) minus references (n, 3) in the base, onto which the references are moved by a
     rotation and a translation if their frame is unknown: (m, n, 3) [m].
     """
     if not external:
         return tips - reference
     centred = tips - tips.mean(axis=1, keepdims=True)
     target = reference - reference.mean(axis=0)
-    u, _, v = np.linalg.svd(centred.transpose(0, 2, 1) @ target)
+    u, _, v = np.linalg.svd(target.T @ centred)
     proper = np.sign(np.linalg.det(u @ v))
     u[:, :, 2] *= proper[:, None]
-    return np.asarray(centred @ (u @ v) - target)
+    return np.asarray(centred - target @ (u @ v))

@@ -6,22 +6,34 @@ others to be within what is stated of them: of a linear model these are formulas
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin.arm import Parameter
+from aacmm_pin.calibration.calibrated_arm import moved_arm
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.parameters import unstated
+from aacmm_pin.calibration.parameters import asked_again, unstated
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.effects import StylusOffset
 from aacmm_pin.errors import AacmmError
 
 USUAL = {"m": 3e-4, "rad": 2e-3}
 """How far off a value usually is where nobody stated it: as manufactured [m, rad]."""
+TIP_OFFSET = StylusOffset(u=(USUAL["m"],) * 3)
+"""How far off the tip of a URDF usually is."""
+SHOWN_UNITS = {"m": "mm", "rad": "°"}
+"""In which values are stated, by their unit in SI."""
+PLACEMENT_KINDS = {
+    **{kind: f"along {kind}" for kind in "xyz"},
+    **{f"r{kind}": f"about {kind}" for kind in "xyz"},
+}
+"""Kinds of the parameters of a placement in a URDF, and the motion that each of them is."""
 LEAST_WRONG = {"m": 4e-4, "rad": 4e-3}
 """A smaller error of a value is none of the file [m, rad] …"""
 LEAST_OF_STATED = 0.2
@@ -43,8 +55,6 @@ MOST_ALIKE = 3
 """So many values with other effects that may be wrong are no finding."""
 FAR_OFF = 4.0
 """A value that the fit moves by fewer standard uncertainties is not asked about."""
-MOST_OF_ZEROS = 0.6
-"""Zeros are not all off by more: a joint is seen to be a quarter turn off [rad]."""
 PER_PARAMETER = 6.0
 """Gain in χ² for each further value, with which all zeros are more probable than one value."""
 LEAST_NOISE = 1e-6
@@ -69,6 +79,29 @@ class WrongValue(NamedTuple):
 def wrong_value(after: Fit) -> WrongValue | None:
     """The geometric value of the arm file that is wrong, or zeros that are all off; None if every
     value is about as stated, or if no single one explains the others.
+
+    A value counts only if nothing is wrong with it corrected.
+    """
+    values = _free_geometry(after)
+    if values is None:
+        return None
+    problem = after.problem
+    for wrong in _wrong_values(values):
+        arm = moved_arm(problem.model.arm, wrong.errors, problem.model.arm.covariance)
+        try:
+            corrected = fit(asked_again(problem, replace(problem.model, arm=arm), problem.setup))
+        except AacmmError:
+            continue
+        others = _free_geometry(corrected)
+        if others is None or not any(_wrong_values(others)):
+            return wrong
+    return None
+
+
+def _free_geometry(after: Fit) -> _Geometry | None:
+    """The geometric values by the records alone; None if they are about as stated.
+
+    The tip of an arm from a URDF has no parameters, but is as uncertain as other places.
     """
     problem = after.problem
     geometric = np.flatnonzero([p is not None for p in problem.vector.arm_parameters])
@@ -78,18 +111,22 @@ def wrong_value(after: Fit) -> WrongValue | None:
     usual = _usual(problem, geometric)
     if after.unmodelled == 0.0 and (off < FAR_OFF * usual).all():
         return None
-    mine = np.zeros(problem.widths.size, dtype=bool)
-    mine[geometric] = True
     records = problem.measurements
     some = records.take(np.arange(0, records.n, -(-records.n // RECORDS_FOR_VALUES)))
+    asked = problem.of(some)
+    has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
+    if problem.model.arm.dh is None and not has_offset:
+        asked = asked_again(asked, problem.model, problem.setup, TIP_OFFSET)
+    mine = np.array([p is not None for p in asked.vector.arm_parameters])
+    geometric = np.flatnonzero(mine)
     try:
-        free = fit(unstated(problem.of(some), mine))
+        free = fit(unstated(asked, np.append(mine, np.zeros(asked.widths.size - mine.size, bool))))
     except AacmmError:
         return None
-    values = _Geometry.of(free, geometric, usual)
-    if values.zeros.size == geometric.size and not problem.stated[geometric].any():
+    values = _Geometry.of(free, geometric, _usual(asked, geometric))
+    if values.zeros.size == geometric.size and not asked.stated[geometric].any():
         return None  # they were looked for, and nothing is known of them
-    return _wrong_value(values)
+    return values
 
 
 def _usual(problem: Problem, geometric: Index) -> Array:
@@ -171,8 +208,10 @@ def _rows_of(free: Fit, geometric: Index) -> tuple[Array, Array]:
     return scale * rows, scale * mine[:, -1]
 
 
-def _wrong_value(values: _Geometry) -> WrongValue | None:
-    """Zeros that are all off, or the value that explains more than all others together."""
+def _wrong_values(values: _Geometry) -> Iterator[WrongValue]:
+    """Zeros that are all off; or values that each explain more than all others together, the best
+    first.
+    """
     every = np.arange(len(values.parameters))
     least, _ = values.with_free(every[:0])
     most, _ = values.with_free(every)
@@ -183,28 +222,43 @@ def _wrong_value(values: _Geometry) -> WrongValue | None:
         with_zeros, errors = values.with_free(values.zeros)
         if with_zeros - gains[best] > SURE + PER_PARAMETER * values.zeros.size:
             largest = float(np.abs(errors[values.zeros]).max())
-            sure = with_zeros - least > DOMINATES * (most - with_zeros)
-            if not sure or not LEAST_WRONG["rad"] < largest < MOST_OF_ZEROS:
-                return None
-            note = Note("zeros_off", {"joints": values.zeros.size, "largest": largest})
-            of_zeros = {values.parameters[k].name: float(errors[k]) for k in values.zeros}
-            return WrongValue(note, of_zeros)
-    if gains[best] - least < max(SURE, DOMINATES * (most - gains[best])):
-        return None
+            dominate = with_zeros - least > DOMINATES * (most - with_zeros)
+            if dominate and largest > LEAST_WRONG["rad"]:
+                note = Note("zeros_off", {"joints": values.zeros.size, "largest": largest})
+                of_zeros = {values.parameters[k].name: float(errors[k]) for k in values.zeros}
+                yield WrongValue(note, of_zeros)
+            return
     along_best = values.cosines(best)
-    alike = np.flatnonzero((gains > gains[best] - ALIKE) & (along_best < ONE_EFFECT))
-    parameter, error = values.parameters[best], float(freed[best][1][best])
+    alike = (gains > gains[best] - ALIKE) & (along_best < ONE_EFFECT)
+    if alike.sum() >= MOST_ALIKE:
+        return
+    sure = gains - least > np.maximum(SURE, DOMINATES * (most - gains))
+    in_order = np.argsort(-gains, kind="stable")
+    for number in in_order[sure[in_order]][:MOST_ALIKE]:
+        wrong = _named(values, int(number), float(freed[number][1][number]))
+        if wrong is not None:
+            yield wrong
+
+
+def _named(values: _Geometry, number: int, error: float) -> WrongValue | None:
+    """One value that is off by ``error`` [its unit]; None if that is too little."""
+    parameter = values.parameters[number]
     least_change = LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
-    if alike.size >= MOST_ALIKE or abs(error) < least_change:
+    if abs(error) < least_change:
         return None
     by_records = parameter.value + error
     if parameter.unit == "rad":
         by_records = float(np.remainder(by_records + np.pi, 2 * np.pi) - np.pi)
+    data: dict[str, Any] = {"parameter": parameter.name, "unit": SHOWN_UNITS[parameter.unit]}
+    data |= {"stated": parameter.value, "found": by_records}
+    same = np.flatnonzero(values.cosines(number) >= ONE_EFFECT)
+    others = [values.parameters[k].name for k in same if k != number]
     opposite = abs(by_records + parameter.value) < SAME_SIZE * abs(parameter.value)
-    data = {"parameter": parameter.name, "stated": parameter.value, "found": by_records}
-    data["unit"] = "mm" if parameter.unit == "m" else "°"
-    same = [k for k in np.flatnonzero(along_best >= ONE_EFFECT) if k != best]
-    if same:
-        data["same"] = [values.parameters[k].name for k in same]
-    code = "wrong_sign" if opposite else "wrong_value_or" if same else "wrong_value"
+    code = "wrong_sign" if opposite else "wrong_value"
+    if parameter.kind in PLACEMENT_KINDS:
+        code = "wrong_placement"
+        data |= {"joint": parameter.joint, "motion": PLACEMENT_KINDS[parameter.kind]}
+    if others and not opposite:
+        code += "_or"
+        data["same"] = others
     return WrongValue(Note(code, data), {parameter.name: error})

@@ -127,8 +127,11 @@ def check_measurements(
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
     predicted = predicted_rms(found)
-    if unknown := _noise_not_stated(model, records):
+    if unknown := _noise_not_stated(model, records, setup):
         notes.append(Note("prediction_without_noise", {"of": unknown}))
+    noise = calibrated.distance_of(calibrated.stated_noise)
+    if calibrated.stated and after > FAR_BEYOND * noise:
+        notes.append(Note("beyond_noise", {"times": after / noise}))
     if distance > FAR_BEYOND * predicted:
         notes.append(Note("beyond_prediction", {"times": distance / predicted}))
     return Check(
@@ -158,10 +161,12 @@ def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
     return found
 
 
-def _noise_not_stated(model: ErrorModel, records: Measurements) -> list[str]:
-    found = []
-    if model.arm.encoder_noise is None:
-        found.append("readings")
-    if not np.isfinite(records.reference_u[records.known]).all():
-        found.append("references")
-    return found
+def _noise_not_stated(model: ErrorModel, records: Measurements, setup: Setup) -> list[str]:
+    """What nobody states the noise of, neither in a file nor in an option."""
+    unknown = []
+    if model.arm.encoder_noise is None and setup.encoder_noise is None:
+        unknown.append("readings")
+    stated = np.isfinite(records.reference_u[records.known]).all()
+    if not stated and setup.reference_noise is None:
+        unknown.append("references")
+    return unknown

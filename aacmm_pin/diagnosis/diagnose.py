@@ -241,6 +241,8 @@ def _better_frames(
         return []
     of_sessions = in_first_frame(model, records, replace(setup, reference_frame="session"))
     framed = fit(_with_causes(model, *of_sessions)([]))
+    if framed.excluded.sum() > recalibrated.excluded.sum() + FEWEST_OF_A_FRAME:
+        return []  # they fit the part of the records that is left
     used = framed.used & recalibrated.used & extended.used
     fits = (recalibrated, framed, extended)
     sizes = [rms_residual(one, used) for one in fits]

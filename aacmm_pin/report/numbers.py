@@ -24,12 +24,15 @@ WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")
 OF_FILES = (
     "wrong_value",
     "wrong_value_or",
+    "wrong_placement",
+    "wrong_placement_or",
     "wrong_sign",
     "zeros_off",
     "rows_in_another_frame",
     "reading_frozen",
     "some_rows_shifted",
     "session_frames_fit",
+    "beyond_prediction",
 )
 """Notes on mistakes in the files and options, which are named before all else."""
 UNIT = re.compile(r"_(mm3|mm|deg)$")

@@ -245,6 +245,8 @@ def test_several_columns_a_ratio_exchanged_rows_and_a_scale(
     given = arm_file(tmp_path, drawn, drawn is AACMM)
     for changed, words in (
         ((turned(q), places), "joints 2 and 4 have the opposite sign, and the zero of joint 2"),
+        ((-q, places), "4, 5 and 6 have the opp" if drawn is AACMM else "4 and 5 have the opp"),
+        ((q[:, [0, 2, 3, 1, 4, 5]], places), "they are of joints 1, 3, 4, 2, 5 and 6"),
         ((q * [1.0, 1.0, 0.93, 1.0, 1.0, 1.0], places), "joint = 3, of = 3, ratio = 1.07"),
         ((q, places * [1.0, 1.0, 0.98]), "z coordinates are 0.98 times"),
     ):
@@ -253,9 +255,57 @@ def test_several_columns_a_ratio_exchanged_rows_and_a_scale(
         assert words in caught.value.mistake
     if drawn is UR:
         return  # its rows 2 and 3 differ by 40 mm only
-    exchanged = arm_file(tmp_path, (drawn[0], drawn[2], drawn[1], *drawn[3:]), True)
+    given = arm_file(tmp_path, (drawn[0], drawn[2], drawn[1], *drawn[3:]), True)
     with pytest.raises(MistakenFileError, match="rows 2 and 3 of the arm file are exchanged"):
-        calibrate(exchanged, Measurements.of(q, places), reference_frame=frame, hold_out=False)
+        calibrate(given, Measurements.of(q, places), reference_frame=frame, hold_out=False)
+
+
+def exchanged(rows: Rows, row: int, other: int) -> Rows:
+    """With the lengths a of two rows exchanged; of one row a and d."""
+    table = np.array(rows)
+    if row == other:
+        table[row, :2] = table[row, 1::-1]
+    else:
+        table[[row, other], 0] = table[[other, row], 0]
+    return tuple(map(tuple, table.tolist()))
+
+
+@pytest.mark.parametrize(
+    ("drawn", "given", "words"),
+    [
+        (AACMM, with_value(AACMM, 3, 2, 0.0), "alpha3 is 0° in the arm file"),
+        (AACMM, with_value(AACMM, 5, 2, 0.0), "alpha5 is 0° in the arm file"),
+        (HOBBY, exchanged(HOBBY, 1, 2), "values a of rows 2 and 3"),
+        (AACMM, exchanged(AACMM, 2, 2), "values a and d of row 3"),
+    ],
+)
+def test_twists_and_exchanged_lengths(drawn: Rows, given: Rows, words: str, tmp_path: Path) -> None:
+    records = Plant.of(drawn, 6).records
+    with pytest.raises(MistakenFileError) as caught:
+        calibrate(arm_file(tmp_path, given, drawn is AACMM), records, hold_out=False)
+    assert words in caught.value.mistake
+
+
+def test_a_ratio_beside_zeros_that_are_all_off(tmp_path: Path) -> None:
+    plant = Plant.of(HOBBY, 7, zeros=np.array([3.0, -4.0, 2.0, -3.0, 5.0]))
+    doubled = Measurements.of(plant.q * [1.0, 2.0, 1.0, 1.0, 1.0], plant.places * 1e-3)
+    with pytest.raises(MistakenFileError) as caught:
+        calibrate(arm_file(tmp_path, HOBBY, False), doubled, hold_out=False)
+    assert "joint = 2, of = 2, ratio = 0.5" in caught.value.mistake
+
+
+def test_halves_in_different_frames_and_copied_columns(tmp_path: Path) -> None:
+    plant = Plant.of(UR, 8)
+    given = arm_file(tmp_path, UR, False)
+    moved = plant.places.copy()
+    moved[50:] = moved[50:, [1, 2, 0]] + [100.0, 0.0, 300.0]
+    for q, places, words in (
+        (plant.q, moved, "first and the last records each fit the arm"),
+        (plant.q[:, [0, 1, 2, 3, 5, 5]], plant.places, "joints 5 and 6 are identical"),
+    ):
+        records = Measurements.of(q, places * 1e-3)
+        with pytest.raises(AacmmError, match=words):
+            calibrate(given, records, reference_frame="external", hold_out=False)
 
 
 def test_rows_that_share_a_mistake(tmp_path: Path) -> None:
