@@ -15,12 +15,16 @@ from aacmm_pin.calibration import Fit, geometric_parameters, rms, rms_residual
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.gram_matrix import numbers_of
 from aacmm_pin.diagnosis.linear_model import Members
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import DiscrepancySize, SharedError
 
 GEOMETRY = "geometry"
 STRUCTURE = "structure without a name"
 SHARED = "shared by postures"
+BEYOND = "unexplained scatter"
 NOISE = "noise"
+SIGNIFICANT = 3.0
+"""Scatter beyond the stated noise is a part of its own from so many times its u on."""
 UNDONE = 0.05
 """A displacement of which less than this part of its square counts is undone by others."""
 
@@ -30,8 +34,9 @@ class BudgetPart(Shown):
     """One part of the mean square residual of the nominal arm.
 
     Attributes:
-        part: ``geometry``, ``structure without a name``, ``noise``, or ``shared by postures`` (an
-            error that records of one posture share); or the labels of the causes of one place, or
+        part: ``geometry``, ``structure without a name``, ``noise``, ``shared by postures`` (an
+            error that records of one posture share) or ``unexplained scatter`` (more than the stated
+            noise); or the labels of the causes of one place, or
             of places whose displacements oppose one another, joined by ``+``.
         mean_square: of the residuals [m²]; the parts add up to the whole. It may be below zero for
             geometry, which is what all other parts leave of the whole.
@@ -82,7 +87,13 @@ def budget_of(
         groups = max(choice.noise.postures.count.size, 1)
         parts.append(BudgetPart(SHARED, of_posture, of_posture * math.sqrt(2.0 / groups)))
         noise -= of_posture
-    parts.append(BudgetPart(NOISE, noise, noise * math.sqrt(2.0 / dof)))
+    relative_u = math.sqrt(2.0 / dof)
+    stated = choice.fit.distance_of(choice.fit.stated_noise) ** 2 if choice.fit.stated else noise
+    significant = noise - stated > SIGNIFICANT * noise * relative_u
+    if significant and noise > THRESHOLDS.much_more**2 * stated:
+        parts.append(BudgetPart(BEYOND, noise - stated, noise * relative_u))
+        noise = stated
+    parts.append(BudgetPart(NOISE, noise, noise * relative_u))
     rest = whole - sum(part.mean_square for part in parts)
     parts.insert(0, BudgetPart(GEOMETRY, rest, math.hypot(*(part.u for part in parts))))
     return tuple(replace(part, share=part.mean_square / whole) for part in parts)

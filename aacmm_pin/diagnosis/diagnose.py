@@ -34,7 +34,7 @@ from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import is_reestimated, length_held
 from aacmm_pin.calibration.setup import checked_input
-from aacmm_pin.diagnosis.budget import SHARED, STRUCTURE, budget_of
+from aacmm_pin.diagnosis.budget import BEYOND, SHARED, STRUCTURE, budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, folds_of, gain_of
@@ -169,7 +169,8 @@ def diagnose(
     named = [finding.label for finding in findings]
     noise = choice.fit.distance_of(choice.fit.stated_noise)
     budget = budget_of(choice, before, unexplained.discrepancy, unexplained.shared_by_postures)
-    nameless = sum(part.mean_square for part in budget if part.part in (STRUCTURE, SHARED))
+    without_name = (STRUCTURE, SHARED, BEYOND)
+    nameless = sum(part.mean_square for part in budget if part.part in without_name)
     if choice.fit.stated:
         nameless += budget[-1].mean_square - noise**2
     sure = {f.label for f in findings if f.probability >= THRESHOLDS.settled and f.borne_out}

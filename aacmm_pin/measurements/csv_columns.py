@@ -139,7 +139,7 @@ APPROACH = _form("approach")
 LINK_TEMPERATURE = _form("link_temperature")
 
 _TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
-_NO_DEGREES = "degrees, in columns theta1_deg …, or mm"
+_NO_DEGREES = "degrees, in columns theta1_deg …"
 _LENGTH = (plausible.BAR_LENGTH, True)
 _LENGTH_U = (plausible.LENGTH_NOISE, True, True)
 _TURN_U = (plausible.TURN_NOISE, True, True)

@@ -4,6 +4,7 @@ records, what is left.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -15,7 +16,6 @@ from aacmm_pin._support.units import MM, UM, count
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import NO_SCATTER, exclusions_of, residuals_by_record, rms
 from aacmm_pin.diagnosis import (
-    STRUCTURE,
     THRESHOLDS,
     Alias,
     Branches,
@@ -272,9 +272,10 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
         wrong += f" (probability {probability(1.0 - result.more)} that none acts)"
         if result.extended.scatters and result.extended.stated:
             wrong = f"{_left_in_words(result)}, but {wrong}"
+    other = "other " if found else ""
     if len(named) == 1:
-        return f"{wrong}. Another possible set of causes is {named[0]}"
-    return f"{wrong}. Other possible sets of causes are {listed(named)}"
+        return f"{wrong}. {capital(f'{other}possible set of causes')}: {named[0]}"
+    return f"{wrong}. {capital(f'{other}possible sets of causes')}: {listed(named)}"
 
 
 def _excluded_in_words(result: Diagnosis) -> str:
@@ -304,9 +305,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
     if not values:
         return text
     off = f"some stated values have unusually large errors: {_named(values, result.model.arm)}"
-    if result.verdict == "unexplained" and not causes:
-        return off
-    return f"{text}; {off}"
+    return f"{text}; {off}" if causes or moved or result.no_better else off
 
 
 def _part_of(result: Diagnosis, finding: Finding) -> BudgetPart:
@@ -316,7 +315,7 @@ def _part_of(result: Diagnosis, finding: Finding) -> BudgetPart:
 
 def _causes_in_words(result: Diagnosis, causes: Sequence[Finding]) -> str:
     """Causes that the model lacks or may lack, and those whose known values are wrong."""
-    sure = [f for f in causes if f.probability >= THRESHOLDS.settled]
+    sure = [f for f in causes if f.probability >= THRESHOLDS.settled and f.borne_out]
     doubtful = [f for f in causes if f not in sure]
     wrong_values = "outdated values for"
     groups = [
@@ -377,9 +376,9 @@ def _not_explained(result: Diagnosis) -> str:
     names = [COVARIATES.get(name, name) for name in unexplained.strongest]
     if {*unexplained.depends_on} > {*unexplained.strongest, *"xyz"}:
         names.append("other quantities")
-    part = next((part for part in result.budget if part.part == STRUCTURE), None)
-    counts = part is not None and LEAST_PART * result.noise < part.rms < result.rms["recalibrated"]
-    size = f" ({length(part.rms)} RMS)" if part is not None and counts else ""
+    rms_of_parts = math.hypot(*(part.rms for part in unexplained.discrepancy))
+    counts = LEAST_PART * result.noise < rms_of_parts < result.rms["recalibrated"]
+    size = f" ({length(rms_of_parts)} RMS)" if counts else ""
     if names:
         how = f"depend on {listed(names)} in a way that no cause of the library explains{size}"
         more = f"the residuals {how}"

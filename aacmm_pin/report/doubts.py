@@ -82,6 +82,8 @@ def _structure_left(result: Diagnosis) -> str:
 
 def _more_causes(result: Diagnosis) -> str:
     """A cause that `diagnose` cannot identify acts with a probability of at least 0.95."""
+    if result.verdict == "ambiguous" and not result.findings:
+        return ""  # the sets that may act are in the sentence
     chance = f"probability {probability(result.more)}, threshold {THRESHOLDS.settled:g}"
     return f"diagnose cannot identify a further cause that acts ({chance})"
 

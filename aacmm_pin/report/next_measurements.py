@@ -100,6 +100,11 @@ def _first(result: Diagnosis) -> str:
         )
     if result.contradicted and verdict not in WITH_STRUCTURE:
         return f"measure the references again, because {'; '.join(map(str, result.contradicted))}"
+    if verdict == "inconclusive" and not findings and result.otherwise:
+        return (
+            "check the excluded records, and repeat them at the same postures, because with them "
+            "diagnose would find a cause"
+        )
     if verdict == "inconclusive" and not findings:
         return (
             f"take more records, at other postures, because these records would show only {seen} "

@@ -130,16 +130,22 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
             f"take more records, at other postures, to distinguish {one.label} from {other.label}, "
             "because a plan for these two causes alone found no useful records of the same kind"
         )
-    odds = f"from {probability(before)} to {probability(plan.after.probability)}"
+    odds = f"becomes {probability(plan.after.probability)}"
     if not plan.decided:
-        odds += _more(plan) or ", which is not enough"
+        more = _more(plan)
+        if not more:
+            return (
+                f"take more records, at other postures, to distinguish {one.label} from "
+                f"{other.label}, because {len(plan.records)} records of the same kind are too few"
+            )
+        odds += more
     if plan.changes_arm:
         odds += "; diagnose the new records with set_up.toml, separately from the existing ones"
     where = f", and {plan.setup}" if plan.set_up else ""
     return (
         f"to distinguish {one.label} from {other.label}, take {len(plan.records)} records at "
         f"postures in which their effects differ most{where}: {_command(plan, options)} "
-        f"(a quick plan for these two causes alone predicts that the {RIGHT} rises {odds})"
+        f"(a quick plan for these two causes alone predicts that the {RIGHT} {odds})"
     )
 
 
