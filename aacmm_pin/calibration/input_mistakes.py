@@ -747,6 +747,12 @@ def _of_placements(arm: Arm) -> Iterator[_Mistake]:
             data = {"joint": joint + 1, "axis": name[1], "degrees": degrees}
             changed = moved_arm(arm, {name: degrees * DEG}, None)
             yield _Mistake(Note("placement_turned", data), f"placement {joint}", arm=changed)
+    for joint in range(arm.nq - 1 if not arm.mimics else 0):
+        for axis, letter in zip(np.eye(3), "xyz", strict=True):
+            if abs(axis @ arm.joint_axes[joint]) < LEAST_SINE:
+                changed = arm.with_joint_axis(joint + 1, axis)
+                name = Note("axis_mistyped", {"joint": joint + 1, "axis": letter})
+                yield _Mistake(name, f"axis {joint}", arm=changed)
 
 
 def _scaled(file: ArmFile, keys: Sequence[str], factor: float) -> Arm:

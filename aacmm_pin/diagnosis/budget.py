@@ -35,8 +35,8 @@ class BudgetPart(Shown):
 
     Attributes:
         part: ``geometry``, ``structure without a name``, ``noise``, ``shared by postures`` (an
-            error that records of one posture share) or ``unexplained scatter`` (more than the stated
-            noise); or the labels of the causes of one place, or
+            error that records of one posture share) or ``unexplained scatter`` (more than the
+            stated noise); or the labels of the causes of one place, or
             of places whose displacements oppose one another, joined by ``+``.
         mean_square: of the residuals [m²]; the parts add up to the whole. It may be below zero for
             geometry, which is what all other parts leave of the whole.

@@ -454,7 +454,8 @@ def summary_line(result: Diagnosis) -> str:
     )
     sizes = f"The RMS residual is {of_arms}. {alone} would give {noise}."
     out = int(result.extended.excluded.sum())
-    excluded = f" The fit excluded {count(out, 'record')} as gross errors." if out else ""
+    gross = "a gross error" if out == 1 else "gross errors"
+    excluded = f" The fit excluded {count(out, 'record')} as {gross}." if out else ""
     return f"{sizes}{excluded} {gain_in_words(result)}"
 
 
