@@ -707,6 +707,8 @@ def _of_table(arm: Arm) -> Iterator[_Mistake]:
                 yield _Mistake(name, f"{key} {number}", arm=changed)
         for turn in QUARTERS[1:]:
             alpha = float(np.remainder(row.alpha_rad + turn * DEG + np.pi, TURN) - np.pi)
+            if abs(alpha + row.alpha_rad) < LEAST_SINE:
+                continue  # the opposite sign
             data = {"row": number + 1, "alpha": row.alpha_rad, "likely": alpha}
             changed = _with_values(arm.file, {number: {"alpha_rad": alpha}})
             yield _Mistake(Note("twist_mistyped", data), f"alpha {number}", arm=changed)
