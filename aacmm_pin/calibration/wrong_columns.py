@@ -23,6 +23,8 @@ QUARTERS = (0, 90, -90, 180)
 """What may be added to an angle [°]."""
 MOST_TURNED = 4
 """So many joints at most are turned; any number is reversed."""
+MANY_JOINTS = 7
+"""An arm with more has too many combinations to try all of them."""
 KNOWN_RECORDS = 16
 """So many records with references judge …"""
 SEATS, PER_SEAT = 5, 4
@@ -31,8 +33,8 @@ SIMILAR_RATIO = 1.5
 """Combinations that leave less than so many times the least are alike."""
 NEAREST = 40
 """So many of the best combinations are returned."""
-MOST_ORDERED, FEW_ORDERS = 7, 5
-"""All orders of so many columns are tried, and so many of the best are returned."""
+FEW_ORDERS = 5
+"""So many of the best orders of columns are returned."""
 LARGEST_RATIO = 3.0
 """A joint moves at most so many times as far as its readings, or as little."""
 RATIOS, REFINEMENTS = 41, 4
@@ -86,7 +88,7 @@ def likely_orders(arm: Arm, records: Measurements, external: bool) -> list[tuple
     """The orders of the columns that bring tips and targets nearest together, the best first: the
     joint (from 0) that each column is of. None for many joints.
     """
-    if arm.nq > MOST_ORDERED:
+    if arm.nq > MANY_JOINTS:
         return []
     orders = [*permutations(range(arm.nq))][1:]
     misfit = _misfits(
@@ -199,17 +201,22 @@ def _judges(records: Measurements) -> tuple[Index, Index | None]:
 
 
 def _combinations(prismatic: Mask) -> Iterator[tuple[Turned, ...]]:
-    """All combinations of two joints or more; a joint that slides has a sign only."""
+    """All combinations of two joints or more, of few joints for an arm with many; a joint that
+    slides has a sign only.
+    """
     joints = range(len(prismatic))
+    most_turned = max(2, MOST_TURNED - max(0, len(prismatic) - MANY_JOINTS))
     changes = {}
     for joint in joints:
         degrees = QUARTERS[:1] if prismatic[joint] else QUARTERS
         every = [Turned(joint, *change) for change in product((1, -1), degrees)]
         changes[joint] = every[1:]  # the first changes nothing
-    for count in range(2, min(MOST_TURNED, len(prismatic)) + 1):
+    for count in range(2, min(most_turned, len(prismatic)) + 1):
         for several in combinations(joints, count):
             yield from product(*(changes[joint] for joint in several))
-    for count in range(MOST_TURNED + 1, len(prismatic) + 1):
+    for count in range(most_turned + 1, len(prismatic) + 1):
+        if len(prismatic) > MANY_JOINTS and count < len(prismatic):
+            continue
         for several in combinations(joints, count):
             yield tuple(Turned(joint, -1, 0) for joint in several)
 
