@@ -27,7 +27,7 @@ TOKENS: dict[str, int] = {
     "postures": 23300,
     "measurements": 24600,
     "accuracy": 12600,
-    "calibration": 56800,
+    "calibration": 57500,
     "diagnosis": 54300,
     "planning": 12900,
     "verification": 15800,
