@@ -115,7 +115,7 @@ def other_notes(notes: Iterable[Note]) -> list[Note]:
 
 def mistakes_in_words(notes: Iterable[Note]) -> str:
     """Sentences on mistakes in the files, which come before all others, or nothing."""
-    return capital("".join(f"{note}. " for note in notes if note.code in OF_FILES))
+    return "".join(capital(f"{note}. ") for note in notes if note.code in OF_FILES)
 
 
 def capital(text: str) -> str:
