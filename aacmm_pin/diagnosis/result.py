@@ -259,7 +259,7 @@ class Diagnosis(Shown):
     @property
     def is_extended(self) -> bool:
         """True if the extended arm has causes that the recalibrated arm lacks."""
-        return self.extended.problem.vector.size > self.recalibrated.problem.vector.size
+        return bool(self.findings)
 
     @property
     def rms(self) -> dict[str, float]:
