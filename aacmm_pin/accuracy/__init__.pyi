@@ -1,5 +1,4 @@
 from .length import LengthUncertainty, length_uncertainty_between
-from .parameter_draws import source_errors
 from .single_point import single_point_statistics
 from .tip_sensitivity import ErrorSources
 from .volume import (
@@ -33,5 +32,4 @@ __all__ = [
     "map_workspace",
     "paired",
     "single_point_statistics",
-    "source_errors",
 ]

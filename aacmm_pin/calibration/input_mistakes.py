@@ -264,9 +264,9 @@ def _advice(problem: Problem) -> Note:
     for j, k in combinations(range(readings.shape[1]), 2):
         if np.array_equal(readings[:, j], readings[:, k]):
             return Note("unlike_arm_copy", {"joints": [j + 1, k + 1]})
-    if _ends_fit_alone(problem):
+    if _each_fits(_ends(problem)):
         return Note("ends_fit_alone")
-    return Note("sessions_unlike" if _sessions_fit_alone(problem) else "unlike_arm")
+    return Note("sessions_unlike" if _each_fits(_by_session(problem)) else "unlike_arm")
 
 
 def mistakes_of(after: Fit) -> list[Note]:
@@ -305,29 +305,26 @@ def _by_session(problem: Problem) -> list[Problem]:
     return alone
 
 
-def _sessions_fit_alone(problem: Problem) -> bool:
-    """Whether there are several sessions, and the records of each fit the arm in some frame."""
-    own_frame = _Mistake(None, "", external_frame=True)
-    try:
-        fits = [fit(own_frame.undone(alone)) for alone in _by_session(problem)]
-    except AacmmError:
-        return False
-    return len(fits) > 1 and all(after.unmodelled < FAR for after in fits)
-
-
-def _ends_fit_alone(problem: Problem) -> bool:
-    """Whether the first and the last third of the records each fit the arm in some frame."""
+def _ends(problem: Problem) -> list[Problem]:
+    """The same unknowns with the first and with the last third of the records; none if they are
+    few, or have sessions.
+    """
     records = problem.measurements
     third = records.n // 3
     if third < FEWEST_FOR_MISTAKES or records.conditions.session is not None:
-        return False
+        return []
+    rows_of_ends = np.arange(third), np.arange(records.n - third, records.n)
+    return [problem.of(records.take(rows)) for rows in rows_of_ends]
+
+
+def _each_fits(parts: Sequence[Problem]) -> bool:
+    """Whether there are several parts, and the records of each fit the arm in some frame."""
     own_frame = _Mistake(None, "", external_frame=True)
-    ends = [np.arange(third), np.arange(records.n - third, records.n)]
     try:
-        fits = [fit(own_frame.undone(problem.of(records.take(rows)))) for rows in ends]
+        fits = [fit(own_frame.undone(part)) for part in parts]
     except AacmmError:
         return False
-    return all(after.unmodelled < FAR for after in fits)
+    return len(fits) > 1 and all(after.unmodelled < FAR for after in fits)
 
 
 def _require_no_mistake_in_a_session(problem: Problem) -> None:
@@ -492,28 +489,36 @@ def _require_rows_together(problem: Problem, as_is: float) -> None:
         reference, u = records.reference[touched], records.reference_u[touched]
         shifted = replace(records.take(np.arange(records.n)[kept]), reference=reference)
         shifted = replace(shifted, reference_u=u)
-        distance = _distance_without(problem.of(shifted), as_is)
-        if distance < np.inf:
+        after = _fit_without(problem.of(shifted), as_is)
+        if after is not None:
             name = Note("rows_shifted", {"where": where})
-            apart = fit(problem.of(shifted)).excluded
+            apart = after.excluded
             if apart.mean() > MOST_GROSS:
                 rows = shifted.row[~apart].tolist()
                 name = Note("some_rows_shifted", {"rows": rows, "where": where})
+            distance = _median(after.system.deviation)
             raise MistakenFileError(records.source, str(name), as_is, distance)
 
 
 def _distance_without(without: Problem, as_is: float) -> float:
-    """Median distance after a fit ``without`` a mistake [m]; infinite unless it is far below
-    ``as_is`` [m], and no more than noise.
+    """Median distance after a fit ``without`` a mistake [m]; infinite where :func:`_fit_without`
+    has none.
+    """
+    after = _fit_without(without, as_is)
+    return np.inf if after is None else _median(after.system.deviation)
+
+
+def _fit_without(without: Problem, as_is: float) -> Fit | None:
+    """A fit ``without`` a mistake; None unless its median distance is far below ``as_is`` [m], and
+    no more than noise.
     """
     try:
         after = fit(without)
     except (AacmmError, np.linalg.LinAlgError):  # a hypothesis that is far off has no fit
-        return np.inf
-    distance = _median(after.system.deviation)
+        return None
     limit = min(EXPLAINS * as_is, UNLIKE * _travel(after.problem))
-    explained = after.unmodelled < FAR and distance < limit
-    return distance if explained and not _absorbs(after) else np.inf
+    explained = after.unmodelled < FAR and _median(after.system.deviation) < limit
+    return after if explained and not _absorbs(after) else None
 
 
 def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
@@ -689,44 +694,12 @@ def _thinned(records: Measurements) -> Index:
 
 
 def _of_table(arm: Arm) -> Iterator[_Mistake]:
-    """A twist with the opposite sign, or all angles or lengths in other units."""
+    """Values of a DH table that are mistyped, exchanged, or in other units."""
     if not isinstance(arm.file, ArmFile):
         return
-    rows = arm.file.joints
-    for number, row in enumerate(rows):
-        if abs(np.sin(row.alpha_rad)) > LEAST_SINE:
-            name = Note("twist_reversed", {"row": number + 1, "alpha": row.alpha_rad})
-            changed = _with_values(arm.file, {number: {"alpha_rad": -row.alpha_rad}})
-            yield _Mistake(name, f"alpha {number}", arm=changed)
-        for key in ("a_mm", "d_mm"):
-            stated = getattr(row, key)
-            for factor in SLIPS_OF_LENGTHS if abs(stated) * MM > FAR else ():
-                data = {"parameter": f"{key[0]}{number + 1}", "stated": stated * MM}
-                name = Note("length_mistyped", data | {"likely": factor * stated * MM})
-                changed = _with_values(arm.file, {number: {key: factor * stated}})
-                yield _Mistake(name, f"{key} {number}", arm=changed)
-        for turn in QUARTERS[1:]:
-            alpha = float(np.remainder(row.alpha_rad + turn * DEG + np.pi, TURN) - np.pi)
-            if abs(alpha + row.alpha_rad) < LEAST_SINE:
-                continue  # the opposite sign
-            data = {"row": number + 1, "alpha": row.alpha_rad, "likely": alpha}
-            changed = _with_values(arm.file, {number: {"alpha_rad": alpha}})
-            yield _Mistake(Note("twist_mistyped", data), f"alpha {number}", arm=changed)
-        if not row.fixed and not row.slides:
-            prismatic = {"kind": "prismatic", "limits_mm": (-1e4, 1e4), **NOT_REVOLUTE}
-            changed = _with_values(arm.file, {number: prismatic})
-            name = Note("kind_of_joint", {"row": number + 1})
-            yield _Mistake(name, f"kind {number}", arm=changed)
-    for number, row in enumerate(rows):
-        name = Note("row_exchanged", {"row": number + 1})
-        changed = _with_values(arm.file, {number: {"a_mm": row.d_mm, "d_mm": row.a_mm}})
-        yield _Mistake(name, "table", arm=changed)
-    for j, k in combinations(range(len(rows)), 2):
-        for keys, code in EXCHANGED.items():
-            exchanged = {row: rows[j + k - row].model_dump(include={*keys}) for row in (j, k)}
-            name = Note(code, {"rows": (j + 1, k + 1), "value": keys[0][0]})
-            yield _Mistake(name, "table", arm=_with_values(arm.file, exchanged))
-    if 0.0 < max(abs(row.alpha_rad) for row in rows) < MOST_IN_RADIANS:
+    yield from _of_rows(arm.file)
+    yield from _of_exchanges(arm.file)
+    if 0.0 < max(abs(row.alpha_rad) for row in arm.file.joints) < MOST_IN_RADIANS:
         changed = _scaled(arm.file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
         yield _Mistake(Note("table_in_radians"), "table", arm=changed)
     if _is_small(arm):
@@ -734,6 +707,50 @@ def _of_table(arm: Arm) -> Iterator[_Mistake]:
         for unit, factor in larger.items():
             changed = _scaled(arm.file, ("a_mm", "d_mm"), factor)
             yield _Mistake(Note("table_unit", {"unit": unit}), "table", arm=changed)
+
+
+def _of_rows(file: ArmFile) -> Iterator[_Mistake]:
+    """A value of one row that is mistyped: another sign, decimal place or quarter turn; a joint of
+    another kind.
+    """
+    for number, row in enumerate(file.joints):
+        if abs(np.sin(row.alpha_rad)) > LEAST_SINE:
+            name = Note("twist_reversed", {"row": number + 1, "alpha": row.alpha_rad})
+            changed = _with_values(file, {number: {"alpha_rad": -row.alpha_rad}})
+            yield _Mistake(name, f"alpha {number}", arm=changed)
+        for key in ("a_mm", "d_mm"):
+            stated = getattr(row, key)
+            for factor in SLIPS_OF_LENGTHS if abs(stated) * MM > FAR else ():
+                data = {"parameter": f"{key[0]}{number + 1}", "stated": stated * MM}
+                name = Note("length_mistyped", data | {"likely": factor * stated * MM})
+                changed = _with_values(file, {number: {key: factor * stated}})
+                yield _Mistake(name, f"{key} {number}", arm=changed)
+        for turn in QUARTERS[1:]:
+            alpha = float(np.remainder(row.alpha_rad + turn * DEG + np.pi, TURN) - np.pi)
+            if abs(alpha + row.alpha_rad) < LEAST_SINE:
+                continue  # the opposite sign
+            data = {"row": number + 1, "alpha": row.alpha_rad, "likely": alpha}
+            changed = _with_values(file, {number: {"alpha_rad": alpha}})
+            yield _Mistake(Note("twist_mistyped", data), f"alpha {number}", arm=changed)
+        if not row.fixed and not row.slides:
+            prismatic = {"kind": "prismatic", "limits_mm": (-1e4, 1e4), **NOT_REVOLUTE}
+            changed = _with_values(file, {number: prismatic})
+            name = Note("kind_of_joint", {"row": number + 1})
+            yield _Mistake(name, f"kind {number}", arm=changed)
+
+
+def _of_exchanges(file: ArmFile) -> Iterator[_Mistake]:
+    """The lengths of a row, or values of two rows, exchanged."""
+    rows = file.joints
+    for number, row in enumerate(rows):
+        name = Note("row_exchanged", {"row": number + 1})
+        changed = _with_values(file, {number: {"a_mm": row.d_mm, "d_mm": row.a_mm}})
+        yield _Mistake(name, "table", arm=changed)
+    for j, k in combinations(range(len(rows)), 2):
+        for keys, code in EXCHANGED.items():
+            exchanged = {row: rows[j + k - row].model_dump(include={*keys}) for row in (j, k)}
+            name = Note(code, {"rows": (j + 1, k + 1), "value": keys[0][0]})
+            yield _Mistake(name, "table", arm=_with_values(file, exchanged))
 
 
 def _of_placements(arm: Arm) -> Iterator[_Mistake]:

@@ -173,12 +173,12 @@ def _misfits(
             turns = np.cross(np.eye(3), tips[:, :, None]).transpose(0, 1, 3, 2)
             shifts = np.broadcast_to(np.eye(3), turns.shape)
             jacobian = np.concatenate([jacobian, turns, shifts], axis=3)
-        deviations = _without_zeros(deviations, jacobian)
+        deviations = _after_best_steps(deviations, jacobian)
     distance = np.median(np.linalg.norm(deviations, axis=2), axis=1)
     return np.asarray(distance / np.maximum(travel, SMALLEST_TRAVEL))
 
 
-def _without_zeros(deviations: Array, jacobian: Array) -> Array:
+def _after_best_steps(deviations: Array, jacobian: Array) -> Array:
     """What is left of deviations (m, n, 3) with the best steps, by their Jacobians (m, n, 3, k)."""
     left = np.empty_like(deviations)
     for number, (deviation, columns) in enumerate(zip(deviations, jacobian, strict=True)):

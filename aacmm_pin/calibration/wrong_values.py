@@ -117,10 +117,11 @@ def _free_geometry(after: Fit) -> _Geometry | None:
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
     if problem.model.arm.dh is None and not has_offset:
         asked = asked_again(asked, problem.model, problem.setup, TIP_OFFSET)
-    mine = np.array([p is not None for p in asked.vector.arm_parameters])
-    geometric = np.flatnonzero(mine)
+    geometric = np.flatnonzero([p is not None for p in asked.vector.arm_parameters])
+    mine = np.zeros(asked.widths.size, dtype=bool)
+    mine[geometric] = True
     try:
-        free = fit(unstated(asked, np.append(mine, np.zeros(asked.widths.size - mine.size, bool))))
+        free = fit(unstated(asked, mine))
     except AacmmError:
         return None
     values = _Geometry.of(free, geometric, _usual(asked, geometric))

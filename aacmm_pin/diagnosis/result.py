@@ -257,11 +257,6 @@ class Diagnosis(Shown):
         }
 
     @property
-    def is_extended(self) -> bool:
-        """True if the extended arm has causes that the recalibrated arm lacks."""
-        return bool(self.findings)
-
-    @property
     def rms(self) -> dict[str, float]:
         """The RMS residual of the used records [m].
 

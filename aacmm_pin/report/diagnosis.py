@@ -449,7 +449,7 @@ def summary_line(result: Diagnosis) -> str:
     of_arms = (
         f"{stated} for the nominal arm, {recalibrated} for the recalibrated arm and {extended} for "
         "the extended arm"
-        if result.is_extended
+        if result.findings
         else f"{stated} for the nominal arm and {recalibrated} for the recalibrated arm"
     )
     sizes = f"The RMS residual is {of_arms}. {alone} would give {noise}."

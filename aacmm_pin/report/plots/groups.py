@@ -44,7 +44,7 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     unit, scale = length_unit(max(result.rms.values()))
     words = dict(zip(result.rms, lengths(result.rms.values()), strict=True))
     ax = axes_of(ax, (6.8, 2.2))
-    models = [*MODELS] if result.is_extended else ["simulation", "recalibrated"]
+    models = [*MODELS] if result.findings else ["simulation", "recalibrated"]
     sizes = [result.rms[name] / scale for name in models]
     arms = ["nominal", *models[1:]]
     bars = ax.barh(arms, sizes, color=[MODELS[name] for name in models], height=0.6)

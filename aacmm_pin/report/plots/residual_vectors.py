@@ -83,7 +83,7 @@ def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
     """
     if isinstance(result, Calibration):
         return "before", "after"
-    return ("recalibrated", "extended") if result.is_extended else ("simulation", "recalibrated")
+    return ("recalibrated", "extended") if result.findings else ("simulation", "recalibrated")
 
 
 @plain
