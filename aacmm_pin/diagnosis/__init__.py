@@ -1,6 +1,5 @@
 """Diagnosis: what the simulation gets wrong, the cause, the extended model, and the gain."""
 
-from aacmm_pin.diagnosis.branches import Branches
 from aacmm_pin.diagnosis.budget import STRUCTURE, BudgetPart
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.check import Check, check_measurements
@@ -20,7 +19,6 @@ __all__ = [
     "STRUCTURE",
     "THRESHOLDS",
     "Alias",
-    "Branches",
     "BudgetPart",
     "Check",
     "Choice",

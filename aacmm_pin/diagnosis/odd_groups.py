@@ -20,11 +20,6 @@ from aacmm_pin.diagnosis.model_space import Blocks
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements import Measurements
 
-READING_SHARES = (0.0, 0.25, 0.5, 0.75, 0.95)
-"""Parts of a scatter that may be of the readings; not all, for these move some tips in one plane
-only.
-"""
-
 
 @dataclass(frozen=True)
 class OddGroup(Shown):
@@ -60,8 +55,8 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
 
     Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other
     records, ν₋ their degrees of freedom and n what the group adds to these; Bonferroni's bound over
-    the groups. Where the noise of the encoders is not stated, both are compared with what the
-    residuals of a group vary by: see :func:`_scatter`.
+    the groups. Both are compared with what the residuals of a group vary by, for errors of readings
+    move far tips more, and in few directions.
     """
     scatter = _scatter(choice)
     groupings = _groupings(choice.fit.problem.measurements, choice)
@@ -106,36 +101,10 @@ def _without_background(choice: Choice, gram: Gram, blocks: Blocks) -> Condition
 
 
 def _scatter(choice: Choice) -> Array:
-    """Covariance of each whitened residual (n, 3, 3), up to a factor: one, where the noise of the
-    encoders is stated.
-
-    Else a part of the scatter, the likeliest of :data:`READING_SHARES`, is taken to be of the
-    readings, whose errors move far tips more, and in few directions.
-    """
-    fit = choice.design.fit
-    alike = np.broadcast_to(np.eye(3), (len(choice.tips), 3, 3))
-    used = fit.used & fit.observations.has_target
-    if fit.problem.setup.encoder_noise is not None or not used.any():
-        return alike
+    """Covariance of each residual beside all that was found, in units of the noise (n, 3, 3)."""
     whitening = choice.noise.whitening[:, :3, :3]
-    off = choice.design.deviations(choice.tips)[:, :3]
-    residual = np.einsum("nij,nj->ni", whitening, off)[used]
-    point = fit.point
-    by_reading = whitening @ fit.problem.reading_jacobian(point.x, point.frame)[:, :3]
-    readings = by_reading @ by_reading.transpose(0, 2, 1)
-    readings = readings * (3.0 / np.trace(readings[used], axis1=1, axis2=2).mean())
-    mixed = [(1.0 - share) * alike + share * readings for share in READING_SHARES]
-    return max(mixed, key=lambda covariance: _log_likelihood(residual, covariance[used]))
-
-
-def _log_likelihood(residual: Array, covariance: Array) -> float:
-    """Of residuals (n, 3) with covariances (n, 3, 3) up to a common factor, at its best;
-    times two.
-    """
-    precision = np.linalg.inv(covariance)
-    chi2 = np.einsum("ni,nij,nj->", residual, precision, residual)
-    log_volume = np.linalg.slogdet(covariance)[1].sum()
-    return float(-log_volume - residual.size * np.log(chi2))
+    covariances = choice.scatter_left.covariances[:, :3, :3]
+    return np.asarray(whitening @ covariances @ whitening.transpose(0, 2, 1))
 
 
 class Spread(NamedTuple):

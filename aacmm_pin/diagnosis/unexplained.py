@@ -17,7 +17,6 @@ from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, round_excluded, shared_by
-from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.nonlinear_parameters import noise_is_known
@@ -118,8 +117,7 @@ class Unexplained(Shown):
             causes alone, or None.
         groups: groups of records that do not agree with the others.
         excluded: what the excluded records share, or None.
-        branches: the joint over which the residuals fall into two branches, or None.
-        readings: other joints whose readings scatter more than stated.
+        readings: joints whose readings scatter more than stated.
         shared_by_postures: the error that records of one posture share, or None.
         run_order: the error that consecutive records share, or None.
     """
@@ -133,7 +131,6 @@ class Unexplained(Shown):
     gain: float | None
     groups: tuple[OddGroup, ...] = ()
     excluded: Shared | None = None
-    branches: Branches | None = None
     readings: tuple[ScatteredReadings, ...] = ()
     shared_by_postures: SharedError | None = None
     run_order: RunOrder | None = None
@@ -180,9 +177,9 @@ class Unexplained(Shown):
         return (*depends, *groups, *(one.note for one in self.apart))
 
     @property
-    def apart(self) -> tuple[Branches | ScatteredReadings | SharedError | RunOrder, ...]:
+    def apart(self) -> tuple[ScatteredReadings | SharedError | RunOrder, ...]:
         """Structure that is not over a column."""
-        each = (self.branches, *self.readings, self.shared_by_postures, self.run_order)
+        each = (*self.readings, self.shared_by_postures, self.run_order)
         return tuple(one for one in each if one is not None)
 
 
@@ -201,11 +198,9 @@ def unexplained_by(
         chances.append(shared.p_value)
         if not (shared.name == "place" and "x" in depends):
             depends.append(shared.name)
-    branches = branches_of(choice)
-    # What a covariate or branches leave of a joint is no scatter.
-    known = [*depends, f"joint {branches.joint}"] if branches else depends
+    # What a covariate leaves of a joint is no scatter.
     readings = tuple(
-        each for each in scattered_readings(choice) if f"joint {each.joint}" not in known
+        joint for joint in scattered_readings(choice) if f"joint {joint.joint}" not in depends
     )
     described = [_discrepancy(choice, k, covariate.name) for k, covariate in covariates.items()]
     sizes = (*described, *_background(choice))
@@ -219,7 +214,6 @@ def unexplained_by(
         gain=held.discrepancy_gain if held is not None and sizes else None,
         groups=odd,
         excluded=shared,
-        branches=branches,
         readings=readings,
         shared_by_postures=_shared_error(choice),
         run_order=None if {"time", "session"} & {*depends} else run_order_of(choice),

@@ -18,14 +18,10 @@ from aacmm_pin.calibration import NO_SCATTER, exclusions_of, residuals_by_record
 from aacmm_pin.diagnosis import (
     THRESHOLDS,
     Alias,
-    Branches,
     BudgetPart,
     Diagnosis,
     Finding,
     Gain,
-    RunOrder,
-    ScatteredReadings,
-    SharedError,
     Unexplained,
 )
 from aacmm_pin.diagnosis.unexplained import BACKGROUND
@@ -502,7 +498,7 @@ def unexplained_document(left: Unexplained) -> Document:
 
 def unexplained_in_words(left: Unexplained) -> str:
     """What structure is left, or that none is."""
-    sentences = [f"{capital(each)}." for each in map(_with_its_chance, left.apart)]
+    sentences = [f"{capital(str(one))} ({p_equals(one.p_value)})." for one in left.apart]
     sentences += [f"{capital(each)}." for each in _excluded(left)]
     sentences += [*_covariates_in_words(left)]
     if left.gain is not None and (left.acts_on or left.has_background):
@@ -546,13 +542,6 @@ def _saved_in_words(result: Diagnosis) -> str:
         over = f"No arm file can contain the discrepancy that depends on {listed(lost)}"
         said.append(f"{over}, because new readings have no value of this column.")
     return " ".join(said)
-
-
-def _with_its_chance(one: Branches | ScatteredReadings | SharedError | RunOrder) -> str:
-    """A statement with the number that it rests on."""
-    if isinstance(one, Branches):
-        return f"{one} (log likelihood ratio {one.log_ratio:.1f})"
-    return f"{one} ({p_equals(one.p_value)})"
 
 
 def _excluded(left: Unexplained) -> list[str]:

@@ -12,7 +12,6 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import (
     Alias,
-    Branches,
     BudgetPart,
     Diagnosis,
     Finding,
@@ -179,18 +178,10 @@ def _unexplained(left: Unexplained) -> dict[str, Any]:
     summary |= {"depends_on": list(left.depends_on), "acts_on": left.acts_on}
     summary["smooth_correction_gain"] = left.gain
     summary["groups"] = [asdict(group) for group in left.groups]
-    summary["branches"] = _branches(left.branches)
     summary["scattered_readings"] = [_scatter(readings) for readings in left.readings]
     summary["shared_by_postures"] = _shared(left.shared_by_postures)
     summary["run_order"] = None if left.run_order is None else asdict(left.run_order)
     return summary
-
-
-def _branches(branches: Branches | None) -> dict[str, Any] | None:
-    if branches is None:
-        return None
-    half_width = _amount("half_width", branches.half_width, branches.slides)
-    return {"joint": branches.joint, **half_width, "log_likelihood_ratio": branches.log_ratio}
 
 
 def _scatter(readings: ScatteredReadings) -> dict[str, Any]:

@@ -69,13 +69,6 @@ def _first(result: Diagnosis) -> str:
     if of_set_up:
         moved = in_words(of_set_up[0], result.model.arm)
         return f"{of_set_up[0].remedy} ({moved}). Then diagnose the records again"
-    if unexplained.branches is not None:
-        joint = unexplained.branches.joint
-        return (
-            "if the rows are in the order of measurement, diagnose them with "
-            "--approach-from-order. Otherwise repeat the records and state in the columns "
-            f"approach1 … the direction of the last motion of joint {joint}"
-        )
     if unexplained.run_order is not None and unexplained.run_order.joint is not None:
         joint = unexplained.run_order.joint
         return (
@@ -84,6 +77,12 @@ def _first(result: Diagnosis) -> str:
         )
     if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint
+        if result.choice.design.fit.problem.measurements.conditions.approach is None:
+            return (
+                "if the rows are in the order of measurement, diagnose them with "
+                "--approach-from-order. Otherwise repeat the records and state in the columns "
+                f"approach1 … the direction of the last motion of joint {joint}"
+            )
         return (
             f"approach some postures with joint {joint} from both sides and with other loads, to "
             "find the error of its encoder or gear"

@@ -118,12 +118,18 @@ def test_structure_outside_is_to_be_named_and_no_cause_for_it() -> None:
     for said, more, named, false, right in [
         (
             (),
-            {"unexplained": {"depends_on": ["joint 4", "joint 2", "time"], "branches": None}},
+            {"unexplained": {"depends_on": ["joint 4", "joint 2", "time"]}},
             True,
             0,
             True,
         ),
-        ((), {"unexplained": {"depends_on": ["joint 4"], "branches": {"joint": 2}}}, True, 0, True),
+        (
+            (),
+            {"unexplained": {"depends_on": ["joint 4"], "scattered_readings": [{"joint": 2}]}},
+            True,
+            0,
+            True,
+        ),
         ((), {"discrepancy": [product]}, True, 0, True),
         ((), {"discrepancy": [product | {"probability": 0.4}]}, False, 0, True),
         ((finding("encoder_gain:3", 0.6),), {}, False, 1, False),

@@ -199,12 +199,6 @@ SUMMARY = fields(
                         {"scatter_rad": SIZE, "scatter_mm": SIZE},
                     )
                 ),
-                "branches": none_or(
-                    fields(
-                        {"joint": count, "log_likelihood_ratio": SIZE},
-                        {"half_width_rad": SIZE, "half_width_mm": SIZE},
-                    )
-                ),
                 "shared_by_postures": none_or(
                     fields({"rms_mm": SIZE, "times_a_record": SIZE, "p_value": SHARE})
                 ),

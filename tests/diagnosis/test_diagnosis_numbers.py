@@ -19,7 +19,6 @@ import pytest
 from blind import chains, draw
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth, subspace_angles
-from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
 from scipy.stats import chi2, f, ks_2samp, kstest, t
 
@@ -718,8 +717,7 @@ def test_chow_s_test_of_every_session(
     case = replace(case, design=replace(case.design, fit=fit_, tips=case.design.tips + off))
     spread = np.zeros((RECORDS, 3)) if alike else rng.normal(0.0, 1.0, (RECORDS, 3))
     scatter = np.exp(spread)[:, :, None] * np.eye(3)
-    if not alike:
-        monkeypatch.setattr(groups, "_scatter", lambda _: scatter)
+    monkeypatch.setattr(groups, "_scatter", lambda _: scatter)
     names, part = np.unique(labels, return_inverse=True)
     nuisances = case.design.nuisances
     found = {
@@ -749,41 +747,6 @@ def test_chow_s_test_of_every_session(
         chance = f.sf(ratio * rest.mean() / own.mean(), more * of_own, others[1] * of_rest)
         assert group.p_value == pytest.approx(min(1.0, len(names) * chance), rel=1e-3)
         assert group.records == int(np.sum(used & (labels == name)))
-
-
-@pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.95])
-def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
-    """Residuals drawn with it, in a turned frame; records that do not count are far off."""
-    rng, n = np.random.default_rng(3), 600
-    used, frame = np.arange(n) % 6 > 0, Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix()
-    whitening = np.where(np.arange(n) % 2, 1e4, 3e4)[:, None, None] * np.eye(3)
-    # By two readings: in one plane each.
-    levers = rng.normal(size=(n, 3, 2)) * rng.uniform(0.1, 1.0, (n, 1, 1))
-    white = whitening @ frame @ levers
-    readings = white @ white.transpose(0, 2, 1)
-    wanted = (1 - share) * np.eye(3) + share * readings * 3.0 / np.trace(
-        readings[used], axis1=1, axis2=2
-    ).mean()
-    drawn = (np.linalg.cholesky(wanted) @ rng.normal(size=(n, 3, 1))) * np.where(used, 1.0, 100.0)[
-        :, None, None
-    ]
-    tips = 1.0 + (np.linalg.inv(whitening) @ (5.0 * drawn))[:, :, 0]
-    problem = SimpleNamespace(
-        setup=SimpleNamespace(encoder_noise=None),
-        reading_jacobian=lambda _, placed: placed.rotation @ levers,
-    )
-    fit_ = SimpleNamespace(
-        used=used,
-        problem=problem,
-        observations=SimpleNamespace(has_target=np.ones(n, dtype=bool)),
-        point=SimpleNamespace(x=None, seats=None, frame=SimpleNamespace(rotation=frame)),
-    )
-    design = SimpleNamespace(fit=fit_, deviations=lambda tips: tips - 1.0)
-    noise = RecordNoise.alone(whitening)
-    choice: Any = SimpleNamespace(design=design, noise=noise, tips=tips)
-    close(groups._scatter(choice), wanted, 1e-12)
-    problem.setup.encoder_noise = np.full(6, 1e-6)
-    np.testing.assert_array_equal(groups._scatter(choice), np.broadcast_to(np.eye(3), (n, 3, 3)))
 
 
 def test_what_records_are_divided_by() -> None:

@@ -1,6 +1,4 @@
-"""What a diagnosis may say: of records left out, of branches, of seats that moved; by one threshold
-everywhere.
-"""
+"""What a diagnosis may say of records left out, of hysteresis, of seats that moved."""
 
 from __future__ import annotations
 
@@ -14,7 +12,6 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrated_model
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.diagnosis.branches import LEAST_LOG_RATIO, two_branches
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointHysteresis
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
@@ -105,39 +102,18 @@ def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6):
     assert len(data_of(found.notes, "causes_not_tried")) == 1
 
 
-def test_two_branches_are_recognised_and_ask_for_the_approach(sino6):
+def test_hysteresis_without_the_approach_is_a_scatter_of_readings_that_asks_for_it(sino6):
     rng = np.random.default_rng(7)
     hidden = ErrorModel(sino6, (JointHysteresis(2, values=(5e-5,)),))
     stated = simulate_measurements(hidden, "seats", 200, rng=rng)
     conditions = replace(stated.conditions, approach=None, time=None)
     records = replace(stated, conditions=conditions, record=None)  # in no order that is known
     found = diagnose(sino6, records, hold_out=False, encoder_noise=8e-6)
-    branches = found.unexplained.branches
-    assert (found.verdict, branches.joint) == ("unexplained", 2)
-    assert branches.half_width == pytest.approx(5e-5, rel=0.3)
+    (readings,) = found.unexplained.readings
+    assert (found.verdict, readings.joint) == ("unexplained", 2)
+    assert readings.scatter == pytest.approx(5e-5, rel=0.3)
     assert "joint 2" in verdict_in_words(found)
     assert "--approach-from-order" in next_measurements(found)
-    assert found.summary()["unexplained"]["branches"]["joint"] == 2
-
-
-@pytest.mark.parametrize(
-    ("shape", "sure"), [("normal", False), ("heavy", False), ("branches", True)]
-)
-def test_two_branches_are_no_scatter(shape, sure):
-    """In 40 draws each; the half-width is that of the branches."""
-    rng, above, widths = np.random.default_rng(1), 0, []
-    for _ in range(40):
-        size = rng.uniform(0.5, 2.0, 200)
-        of_joint = {
-            "normal": rng.normal(0.0, 3.0, 200),
-            "heavy": 3.0 * rng.standard_t(4, 200),
-            "branches": 3.0 * rng.choice([-1.0, 1.0], 200),
-        }[shape]
-        half_width, ratio = two_branches(rng.normal(size=200) + size * of_joint, size)
-        above += ratio >= LEAST_LOG_RATIO
-        widths.append(half_width)
-    assert above == (40 if sure else 0)
-    assert not sure or np.mean(widths) == pytest.approx(3.0, rel=0.05)
 
 
 def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6):

@@ -44,8 +44,6 @@ def covariates_of(said: Row) -> set[str]:
     """What the residuals are said to depend on: ``joint 2``, ``x``, ``humidity_pct``."""
     unexplained = said.get("unexplained") or {}
     names = set(unexplained.get("depends_on", []))
-    if unexplained.get("branches"):
-        names.add(f"joint {unexplained['branches']['joint']}")
     names |= {f"joint {each['joint']}" for each in unexplained.get("scattered_readings", [])}
     for part in said.get("discrepancy", []):
         if part["probability"] >= NAMED:
