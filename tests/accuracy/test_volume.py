@@ -14,9 +14,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
-from aacmm_pin.accuracy.volume import COVERED, ELLIPSOID_COVERAGE_FACTOR, METHODS, accuracy_volume
+from aacmm_pin.accuracy.volume import (
+    COVERED,
+    ELLIPSOID_COVERAGE_FACTOR,
+    METHODS,
+    POSTURES_AT_ONCE,
+    accuracy_volume,
+)
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel, ThermalExpansion
 from aacmm_pin.effects.conditions import Conditions
@@ -299,7 +304,7 @@ def test_memory_grows_only_with_the_result(sino6, monkeypatch):
     # A slow machine may load numba between the two, which takes 20 MB.
     monkeypatch.setenv("AACMM_PIN_COMPILED", "never")
     beyond = []
-    for n in (5_000, 30_000):
+    for n in (POSTURES_AT_ONCE, 60_000):
         q = some(sino6, n)
         tracemalloc.start()
         result = accuracy_volume(sino6, q)
@@ -314,11 +319,11 @@ def test_parts_of_a_batch_have_their_own_conditions(sino6):
     """Warmth that grows along the batch: what each posture has by itself, in covariance, budget and
     largest deviation.
     """
-    q = some(sino6, ROWS_PER_BATCH + 100)
+    q = some(sino6, POSTURES_AT_ONCE + 100)
     model = ErrorModel(sino6, (ThermalExpansion(values=(1e-5,), u=(5e-6,)),))
     warmth = Conditions(len(q), temperature=np.linspace(20.0, 60.0, len(q)))
     whole = accuracy_volume(model, q, conditions=warmth, method="ellipsoid")
-    last = slice(ROWS_PER_BATCH, None)
+    last = slice(POSTURES_AT_ONCE, None)
     part = accuracy_volume(model, q[last], conditions=warmth.take(last), method="ellipsoid")
     first = accuracy_volume(model, q[last], conditions=warmth.take(slice(100)), method="ellipsoid")
     np.testing.assert_allclose(whole.covariance[last], part.covariance, rtol=1e-12, atol=1e-25)
