@@ -14,7 +14,6 @@ import json
 import os
 import platform
 import shlex
-import subprocess
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -25,7 +24,10 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: one thread, as the lo
 
 from aacmm_pin._support.compiled import ALWAYS, VARIABLE
 from tests.benchmarks.operations import OPERATIONS, Table
+from tests.measured import commit, head
 
+ROOMS = ("accuracy", "calibration", "cli", "diagnosis", "postures")
+"""Whose code, with all that these rooms import, is measured."""
 PACKAGES = ("numpy", "scipy", "pin", "numba")
 ABOUT = """\
 This page compares the speed of the package with other packages and with plain loops in C. Times
@@ -48,14 +50,6 @@ def machine() -> str:
     )
 
 
-def commit() -> str:
-    """The commit that is measured, and whether files differ from it."""
-    done = subprocess.run(
-        ["git", "describe", "--always", "--dirty", "--abbrev=40"], capture_output=True, text=True
-    )
-    return done.stdout.strip() or "unknown"
-
-
 def version(package: str) -> str:
     try:
         return importlib.metadata.version(package)
@@ -65,20 +59,10 @@ def version(package: str) -> str:
 
 def page(report: dict[str, Any]) -> str:
     """The report as a page of the documentation."""
-    command = report["command"]
     versions = ", ".join(f"{name} {number}" for name, number in report["versions"].items())
-    lines = [
-        "# Speed, measured",
-        "",
-        f"*The command `{command}` writes this page. Do not edit the page.*",
-        "",
-        "| | |",
-        "|---|---|",
-        *(f"| {key} | {report[key]} |" for key in ("commit", "date", "machine")),
-        f"| versions | {versions} |",
-        "",
-        *ABOUT.splitlines(),
-    ]
+    facts = {"machine": report["machine"], "versions": versions}
+    title = head("Speed, measured", report["command"], *ROOMS, **facts)
+    lines = [title, "", *ABOUT.splitlines()]
     for operation in report["operations"]:
         lines += ["", f"## {operation['title']}", ""]
         if operation["rows"]:

@@ -21,4 +21,5 @@ def test_cheapest_operation(tmp_path, monkeypatch):
     assert others[-1]["cpu_s"] > 0
     assert others[-1]["ours_over_this"] == pytest.approx(ours["cpu_s"] / others[-1]["cpu_s"])
     text = page.read_text()
+    assert "<!-- generated: code-age " in text
     assert all(text.count(f"| {row['what']} | {row['who']} |") == 1 for row in operation["rows"])

@@ -134,7 +134,7 @@ def test_scores_of_places():
 
 def test_page_has_a_row_for_each_file():
     failed = ROW | {"error": "diagnose ended with 1.", "records": 1200}
-    text = page([ROW, failed], {"commit": "a", "date": "b", "command": "c"})
+    text = page([ROW, failed], "c")
     assert text.count("`11:cep-lc`") == 2
     assert (
         "| 2 of 4 | load:2, temperature | encoder:4, joint_coupling:5 | 1 of 2 | 10 | 500 |" in text

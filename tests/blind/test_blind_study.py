@@ -15,9 +15,10 @@ import pandas as pd
 import pytest
 
 from blind.study import __main__ as command
-from blind.study import page, sources
+from blind.study import page
 from blind.study.outcomes import count, outcome, rate, table
 from blind.study.stored import stored
+from tests.measured import DIAGNOSIS, digest, modules
 
 Row = dict[str, Any]
 ROOT = Path(__file__).parents[2]
@@ -61,7 +62,7 @@ def row(
         "error": None,
         "seconds": 2.0,
         "said": answer,
-        "sources": sources.digest(),
+        "sources": digest(*DIAGNOSIS),
     }
     return made | {"truth": {"hidden": list(hidden), "structure": None, "outliers": []}} | more
 
@@ -192,7 +193,7 @@ def test_a_study_is_taken_up_where_it_was_cut_off(
         "".join(json.dumps(r) + "\n" for r in (*rows, other)) + '{"seed": 100003, "se',
         encoding="utf-8",
     )
-    assert [*stored(path, sources.digest())] == [("regimes", first), ("regimes", first + 1)]
+    assert [*stored(path, digest(*DIAGNOSIS))] == [("regimes", first), ("regimes", first + 1)]
     assert command.main(["--count", "2", "-o", str(tmp_path)]) == 0
     assert "1/2 (0.09 to 0.91)" in capsys.readouterr().out
     assert pd.read_csv(tmp_path / "wrong.csv")["said"].tolist() == ["encoder_gain:5 (0.90)"]
@@ -234,11 +235,11 @@ def test_the_diagnosis_code_is_the_one_measured() -> None:
     """Skipped, and said, where it is not: a change of code need not wait for hours of
     measurement.
     """
-    modules, package = sources.modules(), ROOT / "aacmm_pin"
+    measured, package = modules(*DIAGNOSIS), ROOT / "aacmm_pin"
     assert {
         package / "diagnosis" / "search.py",
         package / "effects" / "compliance.py",
-    } <= modules
-    assert not {path for path in modules if "plots" in path.parts or "cli" in path.parts}
-    if stated("diagnosis code") != sources.digest():
+    } <= measured
+    assert not {path for path in measured if "plots" in path.parts or "cli" in path.parts}
+    if stated("code") != digest(*DIAGNOSIS):
         pytest.skip(f"the tables of {PAGE.name} are of older diagnosis code: measure again")

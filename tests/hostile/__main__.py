@@ -29,6 +29,7 @@ from aacmm_pin.errors import AacmmError
 from tests.hostile import faults
 from tests.hostile.formats import FORMATS, Format, mutated
 from tests.hostile.test_formats import LONGEST, LONGEST_LINE
+from tests.measured import commit, digest
 
 BATCH = 500
 """Files that one process tries; one that it cannot survive ends the batch."""
@@ -36,6 +37,8 @@ GOOD = ("result", "refused", "old", "new", "whole")
 """How outcomes begin that are as promised."""
 STARTED = 0.2
 """By then Python itself has started, and listens to us [s]."""
+ROOMS = ("calibration", "cli", "measurements")
+"""Whose code, with all that these rooms import, is tried."""
 BEGIN, END = "<!-- counts -->\n", "<!-- end of counts -->"
 
 
@@ -210,16 +213,13 @@ def main() -> int:
     print(table(rows), file=sys.stderr)  # what follows may take long
     with TemporaryDirectory() as folder:
         rows += of_faults(given_.kills, given_.seed, Path(folder))
-    head = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
-    )
     command = (
         f"python -m tests.hostile --cases {given_.cases} --kills {given_.kills} --seed "
         f"{given_.seed}"
     )
     written = (
-        f"`{command}`, commit `{head.stdout.strip()}`, "
-        f"{datetime.now(UTC):%Y-%m-%d}.\n\n{table(rows)}"
+        f"`{command}`, commit `{commit()}`, {datetime.now(UTC):%Y-%m-%d}.\n\n"
+        f"<!-- generated: code-age {digest(*ROOMS)} {' '.join(ROOMS)} -->\n\n{table(rows)}"
     )
     print(written)
     if given_.page:

@@ -29,8 +29,8 @@ MARK = re.compile(r"<!-- generated: (\S+)(?: (.*?))? -->")
 PICTURE = re.compile(r"\(picture:([\w.]+)\)")
 ELSEWHERE = {"aacmm_pin": "Effect", "aacmm_pin.errors": "AacmmError"}
 """Names that are explained on another page."""
-SOURCES = Path(__file__).parents[3] / "tests" / "blind" / "study" / "sources.py"
-"""Says which code a diagnosis is."""
+MEASURED = Path(__file__).parents[3] / "tests" / "measured.py"
+"""Says which code some rooms have."""
 INHERITED = ", ".join(sorted({*dir(Effect), "component", "flexibility", "turns"}))
 """What all causes have; it is shown once, at their base."""
 
@@ -118,14 +118,15 @@ def commands() -> str:
     )
 
 
-def study_age(digest: str) -> str:
-    """Whether the diagnosis code is the one that a study measured."""
-    now = runpy.run_path(str(SOURCES))["digest"]()
+def code_age(measured: str) -> str:
+    """Whether the code of some rooms is still the measured one, by its hash and their names."""
+    digest, *rooms = measured.split()
+    now = runpy.run_path(str(MEASURED))["digest"](*rooms)
     if now == digest:
-        return "*These results hold for the present diagnosis code.*"
+        return "*These results hold for the present code.*"
     return (
-        "**The diagnosis code has changed since these results were measured**: it was "
-        f"`{digest}`, and is now `{now}`."
+        f"**The code has changed since these results were measured**: it was `{digest}`, and is "
+        f"now `{now}`."
     )
 
 
@@ -162,7 +163,7 @@ GENERATED: dict[str, Callable[..., str]] = {
     "causes": causes_table,
     "thresholds": thresholds,
     "doubts": doubts,
-    "study-age": study_age,
+    "code-age": code_age,
 }
 
 

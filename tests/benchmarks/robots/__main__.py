@@ -12,12 +12,11 @@ import os
 import shlex
 import sys
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes
 
-from tests.benchmarks.robots.evaluation import NEW, Row, commit, digest, in_words, perform
+from tests.benchmarks.robots.evaluation import NEW, Row, digest, in_words, perform
 from tests.benchmarks.robots.page import page
 from tests.benchmarks.robots.robot import FORMS, Robot
 
@@ -91,7 +90,8 @@ def main(words: Sequence[str]) -> None:
     given = parser.parse_args(words)
     checkout, validated = given.checkout.resolve(), not given.no_cross_validation
     given.output.mkdir(parents=True, exist_ok=True)
-    path, head = given.output / "runs.jsonl", _head(checkout, words)
+    command = shlex.join(["python", "-m", "tests.benchmarks.robots", *words])
+    path = given.output / "runs.jsonl"
     there, rows = stored(path), []
     for records in given.records:
         for one in given.robots:
@@ -106,15 +106,7 @@ def main(words: Sequence[str]) -> None:
             rows.append(row)
             print(in_words(row), flush=True)
             if given.page:  # after each: a long run may be stopped
-                given.page.write_text(page(rows, head), encoding="utf-8")
-
-
-def _head(checkout: Path, words: Sequence[str]) -> dict[str, str]:
-    return {
-        "commit": commit(checkout),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": shlex.join(["python", "-m", "tests.benchmarks.robots", *words]),
-    }
+                given.page.write_text(page(rows, command), encoding="utf-8")
 
 
 if __name__ == "__main__":

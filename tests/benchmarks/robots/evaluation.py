@@ -157,13 +157,6 @@ def digest(checkout: Path) -> str:
     return found.hexdigest()[:16]
 
 
-def commit(checkout: Path) -> str:
-    """The commit of a checkout, and whether files differ from it."""
-    words = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=40"]
-    done = subprocess.run(words, capture_output=True, text=True)
-    return done.stdout.strip() or "unknown"
-
-
 def _coordinates(path: Path) -> Array:
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))

@@ -9,6 +9,7 @@ import numpy as np
 
 from tests.benchmarks.robots.evaluation import ACTS, SILENT, Row, score
 from tests.benchmarks.robots.robot import NOISE_MM
+from tests.measured import DIAGNOSIS, head
 
 ABOUT = f"""\
 `python -m tests.benchmarks.robots` writes files of simulated robots, runs `aacmm-pin diagnose` on
@@ -42,14 +43,11 @@ more than {ACTS:g} mm |
 """
 
 
-def page(rows: Sequence[Row], head: dict[str, str]) -> str:
-    """The page of these rows, with what is said of the run at its head."""
+def page(rows: Sequence[Row], command: str) -> str:
+    """The page of these rows, which a command measured."""
     rows = sorted(rows, key=lambda row: (not row["cross_validation"], row["records"], row["seed"]))
     ended = [row for row in rows if not row["error"]]
-    lines = ["# Diagnosis of robots, measured", ""]
-    lines += [f"*The command `{head['command']}` writes this page. Do not edit the page.*", ""]
-    lines += ["| | |", "|---|---|", *(f"| {key} | `{value}` |" for key, value in head.items()), ""]
-    lines += ABOUT.splitlines()
+    lines = [head("Diagnosis of robots, measured", command, *DIAGNOSIS), "", *ABOUT.splitlines()]
     lines += ["", "## Sums and medians", "", *_table(_summaries(ended))]
     lines += ["", "## Files", "", *_table(_cells(row) for row in ended)]
     failed = [row for row in rows if row["error"]]

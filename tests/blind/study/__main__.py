@@ -13,10 +13,10 @@ from tqdm import tqdm
 
 from aacmm_pin._support.workers import Workers, results
 from blind.families import FAMILIES
-from blind.study import sources
 from blind.study.outcomes import count, table
 from blind.study.runs import Task, perform
 from blind.study.stored import stored
+from tests.measured import DIAGNOSIS, digest
 
 FIRST = 100_000
 """Seed of the first file."""
@@ -29,17 +29,17 @@ def main(words: list[str]) -> int:
     os.environ["OMP_NUM_THREADS"] = "1"
     asked = _arguments().parse_args(words)
     asked.output.mkdir(parents=True, exist_ok=True)
-    path, digest = asked.output / "runs.jsonl", sources.digest()
+    path, code = asked.output / "runs.jsonl", digest(*DIAGNOSIS)
     seeds = range(FIRST + asked.skip, FIRST + asked.skip + asked.count)
     there = {
         seed: row
-        for (family, seed), row in stored(path, digest).items()
+        for (family, seed), row in stored(path, code).items()
         if family == asked.family and seed in seeds
     }
     tasks = [
         Task(seed, limit=asked.limit, family=asked.family) for seed in seeds if seed not in there
     ]
-    rows = [*there.values(), *run(tasks, path, asked.jobs, {"sources": digest})]
+    rows = [*there.values(), *run(tasks, path, asked.jobs, {"sources": code})]
     counted, outcomes = count(rows)
     outcomes[~outcomes["right"]].to_csv(asked.output / "wrong.csv", index=False)
     print(table(counted))

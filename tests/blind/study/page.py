@@ -9,28 +9,16 @@ import inspect
 import subprocess
 import sys
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from blind.families import FAMILIES
-from blind.study import sources
 from blind.study.outcomes import count, table
 from blind.study.stored import stored
+from tests.measured import DIAGNOSIS, ROOT, digest, head
 
 Row = dict[str, Any]
-FORM = """# Diagnosis, measured
-
-*The command `{command}` writes this page. Do not edit this page.*
-
-<!-- generated: study-age {digest} -->
-
-| | |
-|---|---|
-| commit | `{commit}` |
-| date | {date} |
-| command | `{command}` |
-| diagnosis code | `{digest}` |
+FORM = """{head}
 
 This page counts how often `diagnose` names the true cause in simulated files.
 
@@ -80,26 +68,22 @@ def main(words: list[str]) -> int:
     asked = parser.parse_args(words)
     rows: dict[tuple[str, int], Row] = {}
     for folder in asked.folders:
-        rows |= stored(folder / "runs.jsonl", sources.digest())
-    write(asked.table, [*rows.values()], datetime.now(UTC), f"{parser.prog} {' '.join(words)}")
+        rows |= stored(folder / "runs.jsonl", digest(*DIAGNOSIS))
+    write(asked.table, [*rows.values()], f"{parser.prog} {' '.join(words)}")
     return 0
 
 
-def write(path: Path, rows: Sequence[Row], date: datetime, command: str) -> None:
+def write(path: Path, rows: Sequence[Row], command: str) -> None:
     """The page of these rows, which are of the present diagnosis code.
 
     Raises:
         ValueError: the package is not as it was committed.
     """
-    if _git("status", "--porcelain", "aacmm_pin"):
+    words = ["git", "status", "--porcelain", "aacmm_pin"]
+    if subprocess.run(words, cwd=ROOT, capture_output=True, check=True).stdout:
         raise ValueError(f"{path}: not written, the package has changes that are not committed")
-    text = FORM.format(
-        command=command,
-        digest=sources.digest(),
-        commit=_git("rev-parse", "HEAD"),
-        date=date.isoformat(timespec="seconds"),
-        tables="\n\n".join(tables(rows)),
-    )
+    title = head("Diagnosis, measured", command, *DIAGNOSIS)
+    text = FORM.format(head=title, tables="\n\n".join(tables(rows)))
     path.write_text(text, encoding="utf-8")
 
 
@@ -110,12 +94,6 @@ def tables(rows: Sequence[Row]) -> list[str]:
         if of_family := [row for row in rows if row["family"] == family]:
             found.append(f"## {family}\n\n{inspect.getdoc(drawn)}\n\n{table(count(of_family)[0])}")
     return found
-
-
-def _git(*words: str) -> str:
-    return subprocess.run(
-        ["git", *words], cwd=sources.ROOT, capture_output=True, text=True, check=True
-    ).stdout.strip()
 
 
 if __name__ == "__main__":

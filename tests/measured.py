@@ -1,30 +1,60 @@
-"""Which code a diagnosis is: its modules, causes, and all that these import, as one short hash.
-Standard library alone.
+"""Of which code measurements are: what a page of them states at its head, so that it says by itself
+when the code has changed since. Standard library alone.
 """
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import subprocess
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).parents[3]
-ROOMS = ("diagnosis", "effects")
-"""Where it starts: what diagnoses, and the causes, which are loaded when they are asked for."""
+ROOT = Path(__file__).parents[1]
+DIAGNOSIS = ("diagnosis", "effects")
+"""Rooms of a diagnosis, and the causes, which are loaded when they are asked for."""
+
+
+def commit(checkout: Path = ROOT) -> str:
+    """The commit of a checkout, and whether files differ from it."""
+    words = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=40"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    return done.stdout.strip() or "unknown"
+
+
+def head(title: str, command: str, *rooms: str, **facts: str) -> str:
+    """Head of a page of measurements: title, command, whether the code of these rooms and of all
+    that they import is still the measured one, and a table of commit, date and facts.
+    """
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    rows = {"commit": f"`{commit()}`", "date": date, "code": f"`{digest(*rooms)}`"} | facts
+    return "\n".join(
+        [
+            f"# {title}",
+            "",
+            f"*The command `{command}` writes this page. Do not edit the page.*",
+            "",
+            f"<!-- generated: code-age {digest(*rooms)} {' '.join(rooms)} -->",
+            "",
+            "| | |",
+            "|---|---|",
+            *(f"| {name} | {value} |" for name, value in rows.items()),
+        ]
+    )
 
 
 @cache
-def digest() -> str:
-    """Of every statement of the modules that diagnosis needs; where these stand, what they import,
-    and all text is left out, so that moving code or saying something better does not make a
-    measurement of it old.
+def digest(*rooms: str) -> str:
+    """Hash of every statement of the modules that some rooms need; where these stand, what they
+    import, and all text is left out, so that moving code or saying something better does not make
+    a measurement of it old.
     """
     found = hashlib.sha256()
     bare = (
         _Bare().visit(node)
-        for path in modules()
+        for path in modules(*rooms)
         if path.name != "__init__.py"
         for node in _parsed(path)
     )
@@ -53,10 +83,10 @@ def _parsed(path: Path) -> list[ast.stmt]:
     return ast.parse(path.read_text(encoding="utf-8")).body
 
 
-def modules() -> set[Path]:
+def modules(*rooms: str) -> set[Path]:
     """Files of these modules; imports inside functions, which draw pictures, do not count."""
     found: set[Path] = set()
-    waiting = {path for room in ROOMS for path in (ROOT / "aacmm_pin" / room).glob("*.py")}
+    waiting = {path for room in rooms for path in (ROOT / "aacmm_pin" / room).glob("*.py")}
     while waiting:
         path = waiting.pop()
         found.add(path)
