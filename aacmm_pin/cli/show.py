@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import time
+import webbrowser
 from contextlib import suppress
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -108,9 +110,23 @@ def _posture(arm: Arm, text: str | None) -> Array:
 
 
 def _serve(scene: Scene, browser: bool) -> None:
-    """Serve the scene and print its address until Ctrl-C."""
-    with scene.show(browser=browser) as server, suppress(KeyboardInterrupt):
-        say(server.url)
+    """Serve the page on the loopback address alone, and print its address, until Ctrl-C."""
+    page = scene.html().encode()
+
+    class Page(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(HTTPStatus.OK)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.end_headers()
+            self.wfile.write(page)
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Requests are not reported."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Page) as server, suppress(KeyboardInterrupt):
+        url = f"http://127.0.0.1:{server.server_port}/"
+        say(url)
         status("To end the command, press Ctrl-C.")
-        while server.running:
-            time.sleep(0.2)
+        if browser:
+            webbrowser.open(url, new=2)
+        server.serve_forever()

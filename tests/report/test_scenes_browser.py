@@ -1,4 +1,4 @@
-"""Scenes in a real browser: pages from a file and from the server draw, move, read out, fit, and
+"""Scenes in a real browser: pages draw, move, read out, fit, and
 say when they cannot.
 """
 
@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshcat.geometry import Box
 
 from aacmm_pin import Arm, circle_accuracy, configuration_circle
 from aacmm_pin._support.checks import Array
@@ -86,7 +85,7 @@ def test_the_slider_moves_the_arm_where_the_arm_goes(page, file):
         texts = page.evaluate(
             "[...document.querySelectorAll('#readings dd')].map((cell) => cell.textContent)"
         )
-        assert texts == list(frames.readings[number])
+        assert texts == [each[number] for each in frames.texts.values()]
         q = np.radians([float(text.removesuffix("°")) for text in texts[2:8]])
         close(place(page, "arm/body 6/tip"), arm.poses(q[None]).position[0], 5e-4)
         close(place(page, "accuracy"), POINT, 1e-6)
@@ -179,23 +178,3 @@ def test_without_webgl_the_page_says_so(file):
             "document.getElementById('controls').checkVisibility({visibilityProperty: true})"
         )
         assert blind.errors == []
-
-
-# --- the server
-
-
-def test_a_live_scene_draws_and_changes(page):
-    scene = circle_scene()
-    with scene.show(browser=False) as server:
-        opened(page, server.url)
-        page.wait_for("page.viewer.scene_tree.children.meshcat?.children.accuracy !== undefined")
-        page.evaluate("page.show(7)")
-        frames = scene.frames
-        close(place(page, "arm/body 4"), frames.placements["arm/body 4"][7, :3, 3], 1e-6)
-        assert colours(stage(page.screenshot())) > 500
-        scene["extra/box"].set_object(Box([0.2, 0.2, 0.2]))
-        page.wait_for("page.viewer.scene_tree.children.meshcat.children.extra !== undefined")
-        scene["extra"].delete()
-        page.wait_for("page.viewer.scene_tree.children.meshcat.children.extra === undefined")
-        assert all(url.startswith((server.url, "data:")) for url in page.requests)
-        assert page.errors == []

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Diagnosis
@@ -29,6 +29,7 @@ from aacmm_pin.report.plots.style import (
     panels_of,
     plain,
     round_down,
+    some_of,
     whole,
 )
 
@@ -133,7 +134,7 @@ def plot_residual_vectors(
             zorder=1,
         )
         ax.plot(*posture[:, axes].T / MM, "o", color=GREY, ms=4, alpha=0.6, zorder=1)
-    used, excluded = some_of(np.flatnonzero(judge.used)), judge.excluded
+    used, excluded = some_of(np.flatnonzero(judge.used), MOST_VECTORS), judge.excluded
     of = judge.used.sum()
     some = f"\n{len(used)} of {of} records are drawn" if len(used) < of else ""
     ax.plot(*np.unique(place[used][:, axes] / MM, axis=0).T, "o", ms=2.5, color=INK, zorder=2)
@@ -199,12 +200,6 @@ def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
     }
     ax.annotate(length(bar * MM), (low[0] + factor * bar, y), (5, 0), **style)
     ax.margins(0.08)
-
-
-def some_of(records: Index) -> Index:
-    """At most ``MOST_VECTORS`` of the records, every so-manieth."""
-    step = max(1, -(-len(records) // MOST_VECTORS))
-    return records[::step]
 
 
 def off_stated(fit: Fit) -> Array:

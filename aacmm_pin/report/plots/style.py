@@ -17,7 +17,7 @@ from matplotlib.legend import Legend
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FuncFormatter
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.text_escaping import printable
 from aacmm_pin.errors import AacmmError
 
@@ -231,3 +231,8 @@ def round_down(value: float) -> float:
     power = 10.0 ** np.floor(np.log10(value))
     steps = power * np.array([1.0, 2.0, 2.5, 5.0])
     return float(steps[steps <= value].max())
+
+
+def some_of(members: Index, most: int) -> Index:
+    """At most so many of the members, every so-manieth."""
+    return members[:: max(1, -(-len(members) // most))]

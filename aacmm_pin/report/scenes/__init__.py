@@ -1,6 +1,4 @@
-"""Three-dimensional scenes of the arm in the browser with meshcat, as pages without a server or
-live.
-"""
+"""Three-dimensional scenes of the arm in the browser with meshcat, as pages or live."""
 
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene
@@ -10,7 +8,6 @@ from aacmm_pin.report.scenes.scene import (
     ColourBar,
     Frames,
     Scene,
-    Server,
     Swatch,
     View,
     shared_script,
@@ -20,7 +17,6 @@ __all__ = [
     "ColourBar",
     "Frames",
     "Scene",
-    "Server",
     "Swatch",
     "View",
     "arm_scene",

@@ -24,14 +24,10 @@ def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
     if not len(q):
         raise ShapeError("q has no row; expected at least one posture")
     bodies, tips = Bodies(arm), arm.positions(q)
-    one = f"The tip is at {place_text(tips[0])} in the base frame."
-    scene = stage(
-        arm.name,
-        one if len(q) == 1 else f"The scene shows {len(q)} postures.",
-        bodies,
-        bodies.corners(q).reshape(-1, 3),
-        tips,
-    )
+    caption = f"The tip is at {place_text(tips[0])} in the base frame."
+    if len(q) > 1:
+        caption = f"The scene shows {len(q)} postures."
+    scene = stage(arm.name, caption, bodies, bodies.corners(q).reshape(-1, 3), tips)
     texts = {"tip x, y, z": [place_text(tip) for tip in tips], **joint_texts(arm, q)}
     colours = [BLUE if text == "within" else GREY for text in texts["limits"]]
     scene.frames = Frames(moving(bodies, q, scene), texts, colours)

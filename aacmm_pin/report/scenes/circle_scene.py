@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_rgb
 from meshcat.geometry import Sphere
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM3, UM, count
 from aacmm_pin.accuracy import ELLIPSOID_COVERAGE_FACTOR, AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint
 from aacmm_pin.report.plots.circle import evenly, neighbours
-from aacmm_pin.report.plots.style import BLUE, GREY, VOLUME_COLOURS, VOLUME_LABEL, round_down
+from aacmm_pin.report.plots.style import (
+    BLUE,
+    GREY,
+    VOLUME_COLOURS,
+    VOLUME_LABEL,
+    round_down,
+    some_of,
+)
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, Swatch
 from aacmm_pin.report.scenes.stage import (
     Bodies,
@@ -24,6 +29,7 @@ from aacmm_pin.report.scenes.stage import (
     flat,
     joint_texts,
     moving,
+    on_slider,
     place_text,
     placed_at,
     prisms,
@@ -64,56 +70,41 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
         raise AacmmError(f"{circle}; expected one posture or more")
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
     eligible = inside if len(inside) else np.arange(len(circle.q))
-    members = _thinned(circle.component, eligible, MOST_CIRCLE_FRAMES)
-    rows, bodies = np.searchsorted(inside, members), Bodies(circle.arm)
+    members = some_of(eligible, MOST_CIRCLE_FRAMES)
+    q, bodies = circle.q[members], Bodies(circle.arm)
     path, name = _path_of(circle)
     points = np.vstack([bodies.corners(circle.q).reshape(-1, 3), path])
-    scene = stage(
-        f"{circle.arm.name}: {_place(circle)}", _caption(circle), bodies, points, circle.point[None]
+    names = {WRIST: "wrist", circle.arm.tip: "tip"}
+    place = f"{names.get(circle.at, circle.at)} at {place_text(circle.point)}"
+    curves = count(int(circle.component.max()), "closed curve")
+    caption = (
+        f"{len(circle.q)} postures on {curves} reach the point. Of these postures, "
+        f"{circle.within_limits.sum()} are within the joint limits."
     )
-    scene.notes.insert(0, _on_slider(len(members), eligible, len(inside)))
+    scene = stage(f"{circle.arm.name}: {place}", caption, bodies, points, circle.point[None])
+    within = " within the joint limits" if len(inside) else ""
+    shown = f"postures{within}, one closed curve after the other"
+    scene.notes.insert(0, on_slider(len(members), len(eligible), shown))
     draw_ghosts(scene, bodies.radius, bodies.corners(circle.q[evenly(eligible, GHOSTS)]))
     draw_ball(scene, "point", "working point", 0.75 * bodies.radius, circle.point)
     colours = np.tile(to_rgb(GREY), (len(circle.q), 1))
     colours[inside] = to_rgb(BLUE)
-    moves, texts = moving(bodies, circle.q[members], scene), _texts(circle, members)
+    moves = moving(bodies, q, scene)
+    texts = {"component": [str(number) for number in circle.component[members]]}
+    if isinstance(circle, ConfigurationCircle):
+        texts["swivel angle"] = [f"{angle:.1f}°" for angle in circle.swivel[members] / DEG]
+    texts |= joint_texts(circle.arm, q)
     if accuracy is not None and len(inside):
-        volume = accuracy.volume / MM3
+        volume, rows = accuracy.volume / MM3, np.searchsorted(inside, members)
         scene.bar = ColourBar.of(VOLUME_LABEL, volume, VOLUME_COLOURS)
         colours[inside] = scene.bar.colours(volume)
-        moves["accuracy"] = _draw_ellipsoids(
-            scene, circle.point, accuracy, float(np.ptp(points, axis=0).max())
-        )[rows]
-        texts["volume"] = [f"{size:.4g} mm³" for size in volume[rows]]
+        size = float(np.ptp(points, axis=0).max())
+        moves["accuracy"] = _draw_ellipsoids(scene, circle.point, accuracy, size)[rows]
+        texts["volume"] = [f"{volume:.4g} mm³" for volume in volume[rows]]
         texts["uncertainty u"] = [f"{u:.1f} µm" for u in accuracy.u[rows] / UM]
     _draw_path(scene, circle, path, name, colours, 0.4 * bodies.radius)
-    scene.frames = Frames(moves, texts, [to_hex(colour) for colour in colours[members]])
+    scene.frames = Frames(moves, texts, colours[members])
     return scene
-
-
-def _place(circle: PosturesAtPoint) -> str:
-    names = {WRIST: "wrist", circle.arm.tip: "tip"}
-    return f"{names.get(circle.at, circle.at)} at {place_text(circle.point)}"
-
-
-def _caption(circle: PosturesAtPoint) -> str:
-    curves = count(int(circle.component.max()), "closed curve")
-    return (
-        f"{len(circle.q)} postures on {curves} reach the point. Of these postures, "
-        f"{circle.within_limits.sum()} are within the joint limits."
-    )
-
-
-def _thinned(component: Index, members: Index, most: int) -> Index:
-    """At most about ``most`` of the ``members``, or three a component, evenly along each
-    component.
-    """
-    step = -(-len(members) // most)
-    of_member, thinned = component[members], []
-    for number in np.unique(of_member):
-        line = members[of_member == number]
-        thinned.append(line[:: max(1, min(step, len(line) // 3))])
-    return np.concatenate(thinned)
 
 
 def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
@@ -133,17 +124,17 @@ def _draw_path(
     scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
 ) -> None:
     """The pieces of the path (n, 3) [m] within and outside limits; single postures have none."""
-    pairs = neighbours(
-        circle, _thinned(circle.component, np.arange(len(circle.q)), PATH_POINTS), path
-    )
+    pairs = neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS), path)
     works = circle.within_limits[pairs].all(axis=1)
-    (start, end), (a, b) = pairs[works].T, pairs[~works].T
-    if len(a):
-        scene["path/outside"].set_object(prisms(path[a], path[b], 0.4 * radius), flat(GREY))
+    within, outside = pairs[works], pairs[~works]
+    if len(outside):
+        line = prisms(path[outside[:, 0]], path[outside[:, 1]], 0.4 * radius)
+        scene["path/outside"].set_object(line, flat(GREY))
         scene.swatches.insert(0, Swatch(GREY, f"path of {name}, outside the joint limits", "line"))
-    if len(start):
-        within = prisms(path[start], path[end], radius, colours=colours[pairs[works]])
-        scene["path/within"].set_object(within, flat(by_vertex=True))
+    if len(within):
+        start, end = path[within[:, 0]], path[within[:, 1]]
+        line = prisms(start, end, radius, colours=colours[within])
+        scene["path/within"].set_object(line, flat(by_vertex=True))
         if scene.bar is None:
             scene.swatches.insert(0, Swatch(BLUE, f"path of {name}, within limits", "line"))
     if scene.bar is not None:
@@ -165,30 +156,9 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     scene["accuracy"].set_object(Sphere(1.0), ahead(ELLIPSOID, 0.6))
     scene["accuracy"].set_transform(placements[0])
     scene.swatches.insert(0, Swatch(ELLIPSOID, "uncertainty ellipsoid of the posture", "area"))
-    words = (
+    scene.notes.insert(
+        0,
         "The ellipsoid at the point covers 95 % of position errors "
-        f"(k = {ELLIPSOID_COVERAGE_FACTOR:.2f}). The ellipsoid is magnified {factor:g} "
-        "times."
+        f"(k = {ELLIPSOID_COVERAGE_FACTOR:.2f}). The ellipsoid is magnified {factor:g} times.",
     )
-    scene.notes.insert(0, words)
     return placements
-
-
-def _texts(circle: PosturesAtPoint, members: Index) -> dict[str, Sequence[str]]:
-    """What is read out of the ``members``, beside their accuracy."""
-    texts: dict[str, Sequence[str]] = {
-        "component": [str(number) for number in circle.component[members]]
-    }
-    if isinstance(circle, ConfigurationCircle):
-        degrees = circle.swivel[members] / DEG
-        texts["swivel angle"] = [f"{angle:.1f}°" for angle in degrees]
-    return texts | joint_texts(circle.arm, circle.q[members])
-
-
-def _on_slider(frames: int, eligible: Index, within: int) -> str:
-    some = "" if frames == len(eligible) else f"{frames} of "
-    which = " within the joint limits" if within else ""
-    return (
-        f"The slider shows {some}the {len(eligible)} postures{which}, one closed curve after the "
-        "other."
-    )

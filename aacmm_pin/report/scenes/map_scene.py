@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_rgb
 from meshcat.geometry import TriangularMeshGeometry
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import WorkspaceMap
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES
-from aacmm_pin.report.plots.style import VOLUME_COLOURS
+from aacmm_pin.report.plots.style import VOLUME_COLOURS, some_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, Swatch, View
 from aacmm_pin.report.scenes.stage import (
     ROOM_ROUND_ARM,
@@ -21,11 +21,11 @@ from aacmm_pin.report.scenes.stage import (
     flat,
     joint_texts,
     moving,
+    on_slider,
     placed_at,
     stage,
 )
 
-Marks = Mask
 MOST_MAP_FRAMES = 240
 """Cells that the arm reaches for on the slider; of more, every so-manieth."""
 PER_SECOND = 4.0
@@ -61,24 +61,27 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
             f"{workspace_map}: no cell has a posture within limits; expected one or more"
         )
     bar = ColourBar.of(QUANTITIES["comprehensive_mm3"].label, values, VOLUME_COLOURS)
-    cells = _in_turn(works)
+    x, z = np.nonzero(works)
+    in_turn = np.lexsort([np.where(x % 2, -z, z), x])  # column by column, up and down by turns
+    cells = tuple(index[some_of(in_turn, MOST_MAP_FRAMES)] for index in (x, z))
     q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies(arm)
 
-    of_cells, of_arm = _corners(workspace_map, reachable), bodies.corners(q)
-    everything = np.vstack([of_cells.reshape(-1, 3), of_arm.reshape(-1, 3)])
+    corners, of_arm = _corners(workspace_map), bodies.corners(q)
+    everything = np.vstack([corners[reachable].reshape(-1, 3), of_arm.reshape(-1, 3)])
     title = f"{arm.name}: comprehensive accuracy volume"
     scene = stage(title, _caption(workspace_map), bodies, everything, points)
     scene.view = View(
         np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM_ROUND_ARM * bodies.radius
     )
     scene.bar = bar
-    scene.notes.insert(0, _on_slider(len(q), int(works.sum())))
+    shown = "cells with a posture within the joint limits, column by column"
+    scene.notes.insert(0, on_slider(len(q), len(x), shown))
     draw_ball(scene, "point", "wrist at the centre of a cell", 0.75 * bodies.radius, points[0])
     inside, outside = np.isfinite(values), reachable & np.isnan(values)
-    _draw_cells(scene, workspace_map, "cells", inside, bar.colours(values[inside]))
+    _draw_cells(scene, "cells", corners[inside], bar.colours(values[inside]))
     if outside.any():
-        pink = np.array(to_rgb(OUTSIDE_LIMITS))
-        _draw_cells(scene, workspace_map, "outside limits", outside, pink)
+        pink = np.tile(to_rgb(OUTSIDE_LIMITS), (outside.sum(), 1))
+        _draw_cells(scene, "outside limits", corners[outside], pink)
         scene.swatches.insert(
             0, Swatch(OUTSIDE_LIMITS, "in reach, no posture within the joint limits", "area")
         )
@@ -91,7 +94,7 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     scene.frames = Frames(
         moving(bodies, q, scene) | {"point": placed_at(points)},
         texts,
-        [to_hex(colour) for colour in bar.colours(values[cells])],
+        bar.colours(values[cells]),
         start=int(np.nanargmin(values[cells])),
         per_second=PER_SECOND,
     )
@@ -110,48 +113,26 @@ def _caption(map_: WorkspaceMap) -> str:
     )
 
 
-def _on_slider(frames: int, cells: int) -> str:
-    some = "" if frames == cells else f"{frames} of "
-    return (
-        f"The slider shows {some}the {cells} cells with a posture within the joint limits, column "
-        "by column."
-    )
-
-
-def _in_turn(works: Marks) -> tuple[Index, Index]:
-    """Some of the marked cells, column by column, up and down by turns."""
-    x, z = np.nonzero(works)
-    column = np.unique(x, return_inverse=True)[1]
-    upward = np.where(column % 2, -z, z)
-    step = -(-len(x) // MOST_MAP_FRAMES)
-    order = np.lexsort([upward, x])[::step]
-    return x[order], z[order]
-
-
 def _centres(map_: WorkspaceMap) -> Array:
     """Centres of the cells (nx, nz, 3) [m]."""
-    data = map_.data
-    x, z = np.meshgrid(data["x_mm"].values, data["z_mm"].values, indexing="ij")
+    x, z = np.meshgrid(map_.data["x_mm"].values, map_.data["z_mm"].values, indexing="ij")
     return np.stack([x, np.zeros_like(x), z], axis=2) * MM
 
 
-def _corners(map_: WorkspaceMap, cells: Marks) -> Array:
-    """Corners of the marked cells, in turn round each (n, 4, 3) [m]."""
+def _corners(map_: WorkspaceMap) -> Array:
+    """Corners of the cells, in turn round each (nx, nz, 4, 3) [m]."""
     x0, x1, z0, z1 = map_.data.attrs["extent_mm"]
     width = (x1 - x0) / map_.data.sizes["x_mm"]
     height = (z1 - z0) / map_.data.sizes["z_mm"]
     half = np.array([width, 0.0, height]) * MM / 2
     square = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
-    centres = _centres(map_)[cells]
-    return np.asarray(centres[:, None] + half * square)
+    return np.asarray(_centres(map_)[:, :, None] + half * square)
 
 
-def _draw_cells(scene: Scene, map_: WorkspaceMap, name: str, cells: Marks, colours: Array) -> None:
-    """The marked cells, each with its colour or all with one."""
-    corners = _corners(map_, cells)
+def _draw_cells(scene: Scene, name: str, corners: Array, colours: Array) -> None:
+    """Cells by their corners (n, 4, 3) [m], each with its colour (n, 3)."""
     first = 4 * np.arange(len(corners))
     faces = np.array([[0, 1, 2], [0, 2, 3]]) + first[:, None, None]
-    of_cells = np.broadcast_to(colours, (len(corners), 3))
-    painted = np.repeat(of_cells, 4, axis=0)
+    painted = np.repeat(colours, 4, axis=0)
     mesh = TriangularMeshGeometry(corners.reshape(-1, 3), faces.reshape(-1, 3), painted)
     scene[f"map/{name}"].set_object(mesh, flat(opacity=0.94, by_vertex=True))

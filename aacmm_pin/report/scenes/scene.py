@@ -1,78 +1,56 @@
-"""A scene, without a server or with one: whatever is sent to meshcat is kept, written as one page,
-or shown live.
+"""A scene: whatever is sent to meshcat is kept, and written as one page without a server, or shown
+live by meshcat's own server.
 
 meshcat's viewer is one script of 0.85 MB. A whole page has it inside. A page with several scenes
 has it once, as text that does nothing (:func:`shared_script`); each scene is an inner frame that
 receives the text when it is scrolled into sight, or soon after the page has been read.
-
-A live scene is served by a thread on the loopback address alone. meshcat's own file server listens
-on every network interface, so that anyone on the net could look.
 """
 
 from __future__ import annotations
 
-import asyncio
 import base64
-import json
 import re
-import socket
-import threading
-import webbrowser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from itertools import product
 from pathlib import Path
-from typing import Any, Literal, Self
-from uuid import UUID
+from typing import Any, Literal
 
 import jinja2
 import meshcat
 import numpy as np
-import tornado.httpserver
-import tornado.netutil
-import tornado.web
-import tornado.websocket
 import umsgpack
+from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 from matplotlib import colormaps
 from matplotlib.colors import Normalize, to_hex
 from matplotlib.ticker import MaxNLocator
 from meshcat import Visualizer
-from meshcat.commands import SetProperty
-from meshcat.path import Path as ScenePath
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.units import DEG
-from aacmm_pin.errors import AacmmError, ShapeError
+from aacmm_pin.errors import ShapeError
 
 Mark = Literal["ball", "line", "area"]
 STOPS = 24
 """Colours that a bar is made of on the page."""
 NOTEBOOK_HEIGHT = 560
 """Height of a scene in a notebook [px]."""
-AN_ID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
-"""How meshcat writes the id of a geometry, a material or an object."""
-OUTERMOST = 60
-"""Directions in which the points that have to be seen are looked for."""
+MESHCAT_ID = re.compile(rb"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+"""How meshcat writes the id of a geometry, a material or an object: with the time and the network
+address of the computer.
+"""
+SIGHT_DIRECTIONS = np.array([*product(range(-2, 3), repeat=3)])
+"""Directions in which the points that have to be seen are looked for (125, 3)."""
 POSTER = (
     '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">Scroll '
     "here to see the 3D scene.</p>"
 )
 """Seen until the scene is drawn over it."""
-LOOPBACK = "127.0.0.1"
-OWN_NAMES = r"(127\.0\.0\.1|localhost)"
-"""Requests for other names are refused: a foreign page may have its own name resolved to this
-computer.
-"""
-MOST_SENT = 65_536
-"""A browser that only looks has no more than this to say at once [bytes]; requests with more are
-refused unread.
-"""
-WHOLE = umsgpack.packb(SetProperty("whole", True, ScenePath(("aacmm",))).lower())
-"""Tells the page that the scene is there."""
 
 
 @dataclass(frozen=True)
@@ -144,40 +122,42 @@ class Frames:
     Attributes:
         placements: placements of each moving path ``(n, 4, 4)`` [m]; rotations may contain a scale.
         texts: texts of each displayed number by its name, ``(n,)`` each.
-        colours: CSS colour of each frame along the slider ``(n,)``.
+        colours: colour of each frame along the slider, as matplotlib has them ``(n,)``.
         start: index of the first frame shown.
         per_second: number of frames per second.
     """
 
     placements: Mapping[str, Array]
     texts: Mapping[str, Sequence[str]]
-    colours: Sequence[str]
+    colours: Sequence[str] | Array
     start: int = 0
     per_second: float = 20.0
 
     def __post_init__(self) -> None:
-        n = len(self)
         for what, per_frame in (("placements", self.placements), ("texts", self.texts)):
-            for name, of in per_frame.items():
-                if len(of) != n:
+            for name, values in per_frame.items():
+                if len(values) != len(self):
                     raise ShapeError(
-                        f"{what} of {name}: {len(of)} frames; expected {n}, as many as colours"
+                        f"{what} of {name}: {len(values)} frames; expected {len(self)}, as many "
+                        "as colours"
                     )
-        if not 0 <= self.start < n:
-            raise ShapeError(f"start is {self.start}; expected a frame from 0 to {n - 1}")
 
     def __len__(self) -> int:
         return len(self.colours)
 
     @property
-    def labels(self) -> list[str]:
-        """The names of the displayed numbers."""
-        return list(self.texts)
-
-    @property
-    def readings(self) -> list[list[str]]:
-        """The texts of the displayed numbers for each frame, in the order of :attr:`labels`."""
-        return [list(row) for row in zip(*self.texts.values(), strict=True)]
+    def data(self) -> dict[str, Any]:
+        """What the page receives; of placements the three upper rows in single precision."""
+        rows = {path: each[:, :3].astype("<f4") for path, each in self.placements.items()}
+        return {
+            "count": len(self),
+            "start": self.start,
+            "perSecond": self.per_second,
+            "labels": [*self.texts],
+            "readings": [*zip(*self.texts.values(), strict=True)],
+            "colours": [to_hex(colour) for colour in self.colours],
+            "moving": {path: _base64(numbers.tobytes()) for path, numbers in rows.items()},
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,62 +178,29 @@ class View:
     room: float = 0.0
 
     @property
-    def direction(self) -> Array:
-        """The unit vector from the points towards the camera, ``(3,)``."""
+    def data(self) -> dict[str, Any]:
+        """What the page receives: the outermost points, and the unit vector towards the camera."""
         level = np.cos(self.elevation)
-        x = level * np.cos(self.azimuth)
-        y = level * np.sin(self.azimuth)
-        return np.array([x, y, np.sin(self.elevation)])
-
-    @property
-    def outermost(self) -> Array:
-        """The outermost points, which represent all points, ``(m, 3)`` [m]."""
-        # Evenly over the sphere (Fibonacci).
-        turn = np.arange(OUTERMOST) * np.pi * (3.0 - np.sqrt(5.0))
-        height = 1.0 - (2 * np.arange(OUTERMOST) + 1) / OUTERMOST
-        level = np.sqrt(1.0 - height**2)
-        directions = np.column_stack([level * np.cos(turn), level * np.sin(turn), height])
-        farthest = (directions @ self.points.T).argmax(axis=1)
-        return np.asarray(self.points[np.unique(farthest)])
+        x, y = level * np.cos(self.azimuth), level * np.sin(self.azimuth)
+        outermost = np.unique((SIGHT_DIRECTIONS @ self.points.T).argmax(axis=1))
+        return {
+            "points": self.points[outermost].tolist(),
+            "direction": [x, y, np.sin(self.elevation)],
+            "room": self.room,
+        }
 
 
 class _Window:
-    """A window for meshcat's ``Visualizer``: it keeps the last command of each kind for each path,
-    and hands it on.
-    """
+    """A window for meshcat's ``Visualizer`` that keeps its commands."""
 
     web_url = ""
 
     def __init__(self) -> None:
-        self.kept: dict[tuple[str, ...], bytes] = {}
-        self.listeners: list[Callable[[bytes], None]] = []
-        self.ids: dict[str, str] = {}
+        self.commands: list[Any] = []
 
     def send(self, command: Any) -> None:
         """Called by meshcat."""
-        lowered = command.lower()
-        if "object" in lowered:
-            lowered["object"] = self._numbered(lowered["object"])
-        path, kind = lowered["path"].rstrip("/"), lowered["type"]
-        packed = umsgpack.packb(lowered)
-        if kind == "delete":
-            below = [key for key in self.kept if f"{key[0]}/".startswith(f"{path}/")]
-            for key in below:
-                del self.kept[key]
-        else:
-            self.kept[path, kind, lowered.get("property", "")] = packed
-        for listener in self.listeners:
-            listener(packed)
-
-    def _numbered(self, part: Any) -> Any:
-        """The same with numbers for meshcat's ids, which hold the time and the network address of
-        the computer.
-        """
-        if isinstance(part, str) and AN_ID.fullmatch(part):
-            return self.ids.setdefault(part, str(UUID(int=len(self.ids) + 1)))
-        if isinstance(part, dict):
-            return {key: self._numbered(value) for key, value in part.items()}
-        return [self._numbered(value) for value in part] if isinstance(part, list) else part
+        self.commands.append(command)
 
 
 class Scene:
@@ -293,12 +240,20 @@ class Scene:
 
     @property
     def commands(self) -> list[bytes]:
-        """Return the meshcat commands that build the scene, packed with msgpack."""
-        return [*self._window.kept.values()]
+        """Return the meshcat commands that build the scene, packed with msgpack, with numbers as
+        ids.
+        """
+        numbers: dict[bytes, bytes] = {}
+
+        def number(match: re.Match[bytes]) -> bytes:
+            return numbers.setdefault(match[0], b"%036d" % len(numbers))
+
+        packed = [umsgpack.packb(command.lower()) for command in self._window.commands]
+        return [MESHCAT_ID.sub(number, command) for command in packed]
 
     def html(self) -> str:
         """Return the scene as one HTML page that needs neither a network nor a server."""
-        return whole_page(self)
+        return self._page(f"<script>{viewer_script()}</script>", plays=True)
 
     def save(self, path: str | Path, force: bool = False) -> None:
         """Save the scene as one HTML page that needs neither a network nor a server.
@@ -316,252 +271,83 @@ class Scene:
         Args:
             height: height of the frame around the scene [px].
         """
-        return embedded_page(self, height)
+        page = htmlsafe_json_dumps(self._page("<!-- viewer -->", plays=False))
+        frame = self._frame("class=aacmm-scene", height)
+        return (
+            f'<div style="position: relative">{POSTER}{frame}\n'
+            f'<script type="application/json">{page}</script></div>'
+        )
 
     def _repr_html_(self) -> str:
-        return framed_page(self, NOTEBOOK_HEIGHT)
+        return self._frame(f'srcdoc="{escape(self.html())}"', NOTEBOOK_HEIGHT)
 
-    def show(self, browser: bool = True) -> Server:
-        """Serve the scene on the loopback address of this computer; the browser shows later changes
-        immediately.
+    def show(self, browser: bool = True) -> Visualizer:
+        """Show the scene live with meshcat's own server, in the first posture.
+
+        The server ends with the process. The server listens on every network interface of the
+        computer. The legend, the readings and the slider are only on the page of :meth:`save`.
 
         Args:
             browser: open the scene in the browser.
 
         Returns:
-            The server, which runs until :meth:`Server.close` or the end of the process.
-
-        Raises:
-            AacmmError: the server does not start.
+            meshcat's ``Visualizer``, whose changes the browser shows immediately. In Jupyter,
+                ``jupyter_cell()`` of the visualizer displays the scene.
         """
-        server = Server(self, self._window.listeners)
-        if browser:
-            webbrowser.open(server.url, new=2)
-        return server
+        live = Visualizer()
+        for command in self._window.commands:
+            live.window.send(command)
+        return live.open() if browser else live
 
+    def _page(self, viewer: str, *, plays: bool) -> str:
+        data = {
+            "plays": plays,
+            "commands": [_base64(command) for command in self.commands],
+            "frames": self.frames and self.frames.data,
+            "view": self.view and self.view.data,
+        }
+        template = _templates().get_template("scene.html.j2")
+        return template.render(
+            scene=self, viewer=Markup(viewer), data=data, drawing=Markup(_script("scene.js"))
+        )
 
-# --- the page
-
-
-def whole_page(scene: Scene, live: bool = False) -> str:
-    """One page that needs no network; a ``live`` one gets its commands from the server that sends
-    it.
-    """
-    return _rendered(scene, Markup(f"<script>{viewer_script()}</script>"), live=live, plays=True)
-
-
-def embedded_page(scene: Scene, height: int) -> str:
-    """A part of another page that has :func:`shared_script`: an inner frame, and behind it what it
-    will show as JSON.
-    """
-    inner = _json(_rendered(scene, Markup("<!-- viewer -->"), live=False, plays=False))
-    frame = _frame(scene, height, "class=aacmm-scene", "; position: relative")
-    return (
-        f'<div style="position: relative">{POSTER}{frame}\n<script '
-        f'type="application/json">{inner}</script></div>'
-    )
+    def _frame(self, content: str, height: int) -> str:
+        style = f"position: relative; width: 100%; height: {height}px; border: 0"
+        title = escape(self.title)
+        return f'<iframe title="{title}" {content} allowfullscreen style="{style}"></iframe>'
 
 
 def shared_script() -> str:
     """Return the HTML that a page with embedded scenes needs once: the viewer and a script that
     fills the frames.
     """
-    filling = _template("embed.js")
     return (
-        '<script type="text/plain" '
-        f'id="aacmm-viewer">{viewer_script()}</script>\n<script>{filling}</script>'
+        f'<script type="text/plain" id="aacmm-viewer">{viewer_script()}</script>\n'
+        f"<script>{_script('embed.js')}</script>"
     )
-
-
-def framed_page(scene: Scene, height: int) -> str:
-    """A whole page as an inner frame, for a notebook."""
-    return _frame(scene, height, f'srcdoc="{escape(whole_page(scene))}"')
-
-
-def _frame(scene: Scene, height: int, more: str, style: str = "") -> str:
-    style = f"width: 100%; height: {height}px; border: 0{style}"
-    return f'<iframe title="{escape(scene.title)}" {more} allowfullscreen style="{style}"></iframe>'
 
 
 @cache
 def viewer_script() -> str:
-    """meshcat's viewer, the script that draws.
-
-    Raises:
-        AacmmError: it is not where meshcat 0.3 keeps it, or cannot stand inside a page.
-    """
-    place = resources.files(meshcat) / "viewer" / "dist" / "main.min.js"
-    try:
-        script = place.read_text(encoding="utf-8")
-    except OSError as error:
-        raise AacmmError(
-            f"{place}: meshcat's viewer cannot be read: {error.strerror or error}"
-        ) from None
-    if "</script" in script or "<!--" in script:
-        raise AacmmError(
-            f"{place}: meshcat's viewer has </script or <!--; expected a viewer without these; "
-            "install another version of meshcat"
-        )
-    return script
+    """meshcat's viewer, the script that draws."""
+    script = resources.files(meshcat) / "viewer" / "dist" / "main.min.js"
+    return script.read_text(encoding="utf-8")
 
 
-def _rendered(scene: Scene, viewer: Markup, *, live: bool, plays: bool) -> str:
-    environment = jinja2.Environment(
+@cache
+def _templates() -> jinja2.Environment:
+    return jinja2.Environment(
         loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    data = {
-        "live": live,
-        "plays": plays,
-        "commands": [] if live else [_base64(command) for command in scene.commands],
-        "frames": scene.frames and _frames(scene.frames),
-        "view": scene.view and _view(scene.view),
-    }
-    drawing = Markup(_template("scene.js"))
-    template = environment.get_template("scene.html.j2")
-    return template.render(scene=scene, viewer=viewer, drawing=drawing, data=Markup(_json(data)))
 
 
-def _frames(frames: Frames) -> dict[str, Any]:
-    """Placements as the three upper rows of their matrices in single precision."""
-    moving = {}
-    for path, placements in frames.placements.items():
-        rows = placements[:, :3].astype("<f4")
-        moving[path] = _base64(rows.tobytes())
-    return {
-        "count": len(frames),
-        "start": frames.start,
-        "perSecond": frames.per_second,
-        "labels": frames.labels,
-        "readings": frames.readings,
-        "colours": list(frames.colours),
-        "moving": moving,
-    }
-
-
-def _view(view: View) -> dict[str, Any]:
-    return {
-        "points": view.outermost.tolist(),
-        "direction": view.direction.tolist(),
-        "room": float(view.room),
-    }
-
-
-def _base64(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")
-
-
-def _json(value: Any) -> str:
-    """JSON that can stand inside a script element."""
-    return json.dumps(value, allow_nan=False, ensure_ascii=False).replace("<", "\\u003c")
-
-
-@cache
-def _template(name: str) -> str:
+def _script(name: str) -> str:
     return (resources.files("aacmm_pin.report") / "templates" / name).read_text(encoding="utf-8")
 
 
-# --- the server
-
-
-class Server:
-    """A running server of a scene, and a context manager that stops the server.
-
-    The server also ends with the process.
-
-    Attributes:
-        url: address of the scene on this computer.
-    """
-
-    def __init__(self, scene: Scene, listeners: list[Callable[[bytes], None]]) -> None:
-        """Start the server; ``listeners`` passes later commands of the scene to the server.
-
-        Raises:
-            AacmmError: the server does not start.
-        """
-        try:
-            (bound,) = tornado.netutil.bind_sockets(0, LOOPBACK)
-        except OSError as error:
-            raise AacmmError(f"the server of the scene did not start: {error.strerror}") from None
-        self.url = f"http://{LOOPBACK}:{bound.getsockname()[1]}/"
-        self._listeners, self._browsers, started = listeners, set[_Browser](), threading.Event()
-        self._thread = threading.Thread(
-            target=lambda: asyncio.run(self._serve(scene, bound, started)), daemon=True
-        )
-        self._thread.start()
-        started.wait()
-        listeners.append(self._send)
-
-    @property
-    def running(self) -> bool:
-        """True while the server runs."""
-        return self._thread.is_alive()
-
-    def close(self) -> None:
-        """Stop the server; a second call has no effect."""
-        if self._send in self._listeners:
-            self._listeners.remove(self._send)
-            self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    async def _serve(self, scene: Scene, bound: socket.socket, started: threading.Event) -> None:
-        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
-        application = tornado.web.Application(
-            log_function=lambda handler: None, websocket_max_message_size=MOST_SENT
-        )
-        application.add_handlers(
-            OWN_NAMES, [("/", _Browser, {"scene": scene, "browsers": self._browsers})]
-        )
-        server = tornado.httpserver.HTTPServer(
-            application, max_body_size=MOST_SENT, max_buffer_size=16 * MOST_SENT
-        )
-        server.add_sockets([bound])
-        started.set()
-        await self._stop.wait()
-        server.stop()
-        for browser in tuple(self._browsers):
-            browser.close()
-        await server.close_all_connections()
-
-    def _send(self, command: bytes) -> None:
-        self._loop.call_soon_threadsafe(self._hand_on, command)
-
-    def _hand_on(self, command: bytes) -> None:
-        for browser in self._browsers:
-            browser.write_message(command, binary=True)
-
-
-class _Browser(tornado.websocket.WebSocketHandler):
-    """Its plain request gets the page, its WebSocket (tornado refuses those of other origins) the
-    commands.
-    """
-
-    def initialize(self, scene: Scene, browsers: set[_Browser]) -> None:
-        self._scene, self._browsers = scene, browsers
-
-    async def get(self, *args: Any, **kwargs: Any) -> None:
-        if self.request.headers.get("Upgrade", "").lower() == "websocket":
-            await super().get(*args, **kwargs)
-        else:
-            self.set_header("Cache-Control", "no-store")
-            self.finish(whole_page(self._scene, live=True))
-
-    def open(self, *args: str, **kwargs: str) -> None:
-        for command in (*self._scene.commands, WHOLE):
-            self.write_message(command, binary=True)
-        self._browsers.add(self)
-
-    def on_message(self, message: str | bytes) -> None:
-        """Browsers have nothing to say."""
-
-    def on_close(self) -> None:
-        self._browsers.discard(self)
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode("ascii")

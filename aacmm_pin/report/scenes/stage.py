@@ -33,6 +33,7 @@ THICKNESS = 0.014
 """Radius of a tube, in lengths of the arm."""
 DRAWN = 0.3
 """Pieces shorter than this many radii are hidden in a joint and not drawn."""
+AXES_GRADIENT = "linear-gradient(to right, red 33%, lime 33% 66%, blue 66%)"
 TO_SCALE = "Lengths are to scale, but thicknesses of tubes and joints are not."
 ROOM_ROUND_ARM = 3.4
 """So many radii of a tube are seen beyond the arm's lines: its joints, its foot."""
@@ -45,49 +46,45 @@ TUBE_SIDES = 6
 
 
 class Bodies(ArmLines):
-    """The bodies of an arm along its lines."""
+    """The bodies of an arm along its lines: what a scene draws of an arm is drawn here."""
 
     @property
     def radius(self) -> float:
         """Of the tubes [m]."""
         return THICKNESS * self.length
 
-    def draw(self, scene: Scene, root: str = "arm") -> None:
-        """Put the bodies into a scene below ``root``; they are moved by a transform of ``root/body
-        i`` each.
+    def draw(self, scene: Scene) -> None:
+        """Put the bodies into a scene; they are moved by a transform of ``arm/body i`` each.
+
+        Tubes lead along the lines and round corners; the last body gets thinner towards the tip.
         """
         moves, last = set(self.arm.chain.moving_axes()), len(self.lines) - 1
         for number, line in enumerate(self.lines):
-            path = f"{root}/body {number}"
-            self._draw_line(scene, path, line, thin=number == last)
+            body, radius = scene[f"arm/body {number}"], self.radius
+            pieces = [pair for pair in pairwise(line) if self._shows(*pair)]
+            if number == last:
+                radius *= 0.7
+                if pieces:
+                    stylus = rod(*pieces.pop(), 0.35 * self.radius, 0.3 * self.radius)
+                    _put(body["stylus"], *stylus, solid(STYLUS))
+            for count, (start, end) in enumerate(pieces, start=1):
+                _put(body[f"tube {count}"], *rod(start, end, radius), solid(TUBE))
+                _put(body[f"corner {count}"], Sphere(radius), placed_at(end), solid(TUBE))
             if number == 0:
-                self._draw_foot(scene, path)
+                self._draw_foot(body)
             elif chain.axis(number) in moves:
-                self._draw_joint(scene, path, number)
-        _put(scene, f"{root}/body {last}/tip", Sphere(0.55 * self.radius), self.lines[-1][-1], TIP)
+                self._draw_joint(body["joint"], number)
+        tip = placed_at(self.lines[-1][-1])
+        _put(scene[f"arm/body {last}/tip"], Sphere(0.55 * self.radius), tip, solid(TIP))
 
-    def _draw_line(self, scene: Scene, path: str, line: Array, thin: bool) -> None:
-        """Tubes along the line and round corners; the last body gets thinner towards the tip."""
-        pieces = [pair for pair in pairwise(line) if self._shows(*pair)]
-        for count, (start, end) in enumerate(pieces, start=1):
-            if thin and count == len(pieces):  # the stylus
-                cone, placement = rod(start, end, 0.35 * self.radius, 0.3 * self.radius)
-                _put(scene, f"{path}/tube {count}", cone, placement, STYLUS)
-                return
-            radius = 0.7 * self.radius if thin else self.radius
-            tube, placement = rod(start, end, radius)
-            _put(scene, f"{path}/tube {count}", tube, placement, TUBE)
-            _put(scene, f"{path}/corner {count}", Sphere(radius), end, TUBE)
-
-    def _draw_joint(self, scene: Scene, path: str, number: int) -> None:
+    def _draw_joint(self, node: Any, number: int) -> None:
         """A short thick cylinder along the joint's axis; a square one for a joint that slides."""
-        half, radius = np.array([0.0, 0.0, 1.9]), 1.45
-        if number == len(self.lines) - 1:  # near the tip
-            half, radius = np.array([0.0, 0.0, 1.4]), 1.1
-        shape, placement = rod(-self.radius * half, self.radius * half, radius * self.radius)
+        half, radius = (1.9, 1.45) if number < len(self.lines) - 1 else (1.4, 1.1)
+        end = self.radius * np.array([0.0, 0.0, half])
+        shape, placement = rod(-end, end, radius * self.radius)
         if self.arm.chain.slides[self.arm.chain.moved[chain.axis(number)]]:
             shape.radialSegments = 4
-        _put(scene, f"{path}/joint", shape, placement, JOINT)
+        _put(node, shape, placement, solid(JOINT))
 
     @property
     def foot(self) -> Array:
@@ -98,33 +95,28 @@ class Bodies(ArmLines):
         on a short post.
         """
         if self._shows(*self.lines[0][[0, -1]]):
-            return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+            return np.zeros((2, 3))
         rotations, origins = self.arm.chain.walk(np.zeros((1, self.arm.nq)))
-        first = chain.axis(1)
-        axis, origin = rotations[first, 0, :, 2], origins[first, 0]
+        axis, origin = rotations[chain.axis(1), 0, :, 2], origins[chain.axis(1), 0]
         up = -axis if axis @ self.arm.up < 0 else axis
         return np.array([origin, origin - 4.2 * self.radius * up])
 
-    def _draw_foot(self, scene: Scene, path: str) -> None:
+    def _draw_foot(self, body: Any) -> None:
         top, bottom = self.foot
+        down = self.lines[0][0] - self.lines[0][-1]
         if (bottom != top).any():
-            way = bottom - top
-            _put(scene, f"{path}/post", *rod(top, bottom, 1.5 * self.radius), BASE)
-        else:
-            way = self.lines[0][0] - self.lines[0][-1]
-        thick = 0.8 * self.radius * way / np.linalg.norm(way)
-        _put(scene, f"{path}/flange", *rod(bottom, bottom + thick, 3.4 * self.radius), BASE)
+            down = bottom - top
+            _put(body["post"], *rod(top, bottom, 1.5 * self.radius), solid(BASE))
+        thick = 0.8 * self.radius * down / np.linalg.norm(down)
+        _put(body["flange"], *rod(bottom, bottom + thick, 3.4 * self.radius), solid(BASE))
 
     def _shows(self, start: Array, end: Array) -> bool:
-        length = float(np.linalg.norm(end - start))
-        return length > DRAWN * self.radius
+        return float(np.linalg.norm(end - start)) > DRAWN * self.radius
 
 
-def _put(scene: Scene, path: str, shape: Any, where: Array, colour: str) -> None:
-    """An object at a point (3,) [m], or with a placement (4, 4)."""
-    placement = placed_at(where[None])[0] if where.ndim == 1 else where
-    scene[path].set_object(shape, solid(colour))
-    scene[path].set_transform(placement)
+def _put(node: Any, shape: Any, placement: Array, material: Any) -> None:
+    node.set_object(shape, material)
+    node.set_transform(placement)
 
 
 # --- the stage
@@ -143,26 +135,26 @@ def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Arra
     cell = 0.1  # [m]; ten times as long where so many cells do not reach all points
     while np.abs(points[:, :2]).max() > CELLS / 2 * cell:
         cell *= 10
-    scene["/Grid"].set_transform(np.diag([*[cell / CELL] * 3, 1.0]))
+    _scale(scene["/Grid"], cell / CELL)
     scene["/Grid"].set_property("color", [1.1, 1.1, 1.1, 0.45])
-    axes = 0.2 * float(np.ptp(points, axis=0).max())
-    scene["/Axes"].set_transform(np.diag([*[axes] * 3, 1.0]))
-    thirds = ", ".join(
-        f"{colour} {33 * i}% {33 * (i + 1)}%" for i, colour in enumerate(("red", "lime", "blue"))
-    )
+    _scale(scene["/Axes"], 0.2 * float(np.ptp(points, axis=0).max()))
     scene.swatches = [
         Swatch(TUBE, "tubes", "line"),
         Swatch(JOINT, "joints (cylinders along their axes)", "area"),
         Swatch(STYLUS, "last body (thinner towards the tip)", "line"),
         Swatch(TIP, "tip"),
         Swatch("#b4bac2", f"base plane z = 0 (grid of {cell / MM:g} mm)", "line"),
-        Swatch(f"linear-gradient(to right, {thirds})", "axes x, y, z of the base", "line"),
+        Swatch(AXES_GRADIENT, "axes x, y, z of the base", "line"),
     ]
     scene.notes = [TO_SCALE]
     x, y, _ = targets.mean(axis=0)
     seen = np.vstack([points, bodies.foot])
     scene.view = View(seen, float(np.arctan2(y, x)) + ANGLED, room=ROOM_ROUND_ARM * bodies.radius)
     return scene
+
+
+def _scale(node: Any, size: float) -> None:
+    node.set_transform(np.diag([size, size, size, 1.0]))
 
 
 def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
@@ -186,8 +178,7 @@ def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
 
 def draw_ball(scene: Scene, path: str, what: str, radius: float, place: Array) -> None:
     """A ball at ``place`` (3,) [m] that is seen whatever stands before it."""
-    scene[path].set_object(Sphere(radius), ahead(VERMILLION, 0.85))
-    scene[path].set_transform(placed_at(place[None])[0])
+    _put(scene[path], Sphere(radius), placed_at(place), ahead(VERMILLION, 0.85))
     scene.swatches.insert(0, Swatch(VERMILLION, what))
 
 
@@ -201,18 +192,20 @@ def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
     """Values of the joints (n, nq), degrees or millimetres, and whether they are within limits, or
     which are not.
     """
-    texts = {}
+    texts, limits = {}, []
     for joint, (values, slides) in enumerate(zip(q.T, arm.chain.prismatic, strict=True), start=1):
         one, unit = (MM, " mm") if slides else (DEG, "°")
         texts[f"joint {joint}"] = [f"{value:.2f}{unit}" for value in values / one]
-    texts["limits"] = [_outside(row) for row in outside_limits(q, arm.limits)]
-    return texts
+    for outside in outside_limits(q, arm.limits):
+        joints = ", ".join(str(joint + 1) for joint in np.flatnonzero(outside))
+        limits.append(f"outside: joint {joints}" if joints else "within")
+    return texts | {"limits": limits}
 
 
-def _outside(broken: Array) -> str:
-    """Which joints are outside their limits (nq,)."""
-    joints = ", ".join(str(joint + 1) for joint in np.flatnonzero(broken))
-    return f"outside: joint {joints}" if joints else "within"
+def on_slider(frames: int, number: int, what: str) -> str:
+    """The sentence on how many of so many things are on the slider."""
+    some = "" if frames == number else f"{frames} of "
+    return f"The slider shows {some}the {number} {what}."
 
 
 # --- shapes and materials
@@ -235,24 +228,25 @@ def flat(colour: str = "white", opacity: float = 1.0, *, by_vertex: bool = False
     return MeshBasicMaterial(color=colour_number(colour), opacity=opacity, vertexColors=by_vertex)
 
 
-def ahead(colour: str, opacity: float = 0.999) -> Any:
+def ahead(colour: str, opacity: float) -> Any:
     """Material of what has to be seen even where it is inside the arm: drawn last, whatever stands
     before it.
     """
-    options = {
-        "transparent": True,
-        "side": 0,
-        "shininess": 40,
-        "depthTest": False,
-        "depthWrite": False,
-    }
-    return MeshPhongMaterial(color=colour_number(colour), opacity=opacity, **options)
+    return MeshPhongMaterial(
+        color=colour_number(colour),
+        opacity=opacity,
+        transparent=True,
+        side=0,
+        shininess=40,
+        depthTest=False,
+        depthWrite=False,
+    )
 
 
 def placed_at(points: Array) -> Array:
-    """Placements with their origins at ``points`` (n, 3) [m]: (n, 4, 4)."""
-    placements = np.tile(np.eye(4), (len(points), 1, 1))
-    placements[:, :3, 3] = points
+    """Placements with their origins at ``points`` (…, 3) [m]: (…, 4, 4)."""
+    placements = np.tile(np.eye(4), (*points.shape[:-1], 1, 1))
+    placements[..., :3, 3] = points
     return placements
 
 
@@ -262,35 +256,28 @@ def rod(
     """A cylinder from ``start`` to ``end`` (3,) [m], or a cone with another radius there, and its
     placement (4, 4).
     """
-    along = end - start
-    length = float(np.linalg.norm(along))
-    top = radius if end_radius is None else end_radius
-    shape = Cylinder(length, radiusBottom=radius, radiusTop=top)
-    across, beside = _sections(along[None])
-    placement = placed_at((start + end)[None] / 2)[0]
+    length = float(np.linalg.norm(end - start))
+    shape = Cylinder(length, radiusBottom=radius, radiusTop=end_radius or radius)
+    (along,), (across,), (beside,) = _axes((end - start)[None])
+    placement = placed_at((start + end) / 2)
     # three.js draws cylinders along y.
-    placement[:3, :3] = np.column_stack([across[0], along / length, -beside[0]])
+    placement[:3, :3] = np.column_stack([across, along, -beside])
     return shape, placement
 
 
 def prisms(
-    start: Array,
-    end: Array,
-    radius: float,
-    end_radius: float | None = None,
-    colours: Array | None = None,
+    start: Array, end: Array, radius: float, *, point: bool = False, colours: Array | None = None
 ) -> Any:
-    """Thin prisms from ``start`` to ``end`` (n, 3) [m], pyramids where ``end_radius`` is zero.
+    """Thin prisms from ``start`` to ``end`` (n, 3) [m], or pyramids with their ``point`` there.
 
     Six vertices about each start are followed by six about its end; ``colours`` (n, 2, 3) in [0, 1]
     are those of both.
     """
-    across, beside = _sections(end - start)
+    _, across, beside = _axes(end - start)
     turn = np.arange(TUBE_SIDES)[:, None] * (2 * np.pi / TUBE_SIDES)
-    ring = across[:, None] * np.cos(turn) + beside[:, None] * np.sin(turn)
-    far = radius if end_radius is None else end_radius
-    near_ring, far_ring = start[:, None] + radius * ring, end[:, None] + far * ring
-    vertices = np.stack([near_ring, far_ring], axis=1)  # (n, 2, 6, 3)
+    ring = radius * (across[:, None] * np.cos(turn) + beside[:, None] * np.sin(turn))
+    end_ring = 0.0 * ring if point else ring
+    vertices = np.stack([start[:, None] + ring, end[:, None] + end_ring], axis=1)  # (n, 2, 6, 3)
     corner = np.arange(TUBE_SIDES)
     after = (corner + 1) % TUBE_SIDES
     lower = np.column_stack([corner, after, corner + TUBE_SIDES])
@@ -301,12 +288,12 @@ def prisms(
     return TriangularMeshGeometry(vertices.reshape(-1, 3), faces.reshape(-1, 3), painted)
 
 
-def _sections(along: Array) -> tuple[Array, Array]:
-    """Two unit vectors across each direction (n, 3), which with it are right-handed."""
-    along = _units(along)
+def _axes(direction: Array) -> tuple[Array, Array, Array]:
+    """Three right-handed unit vectors, the first along each direction (n, 3)."""
+    along = _units(direction)
     least = np.eye(3)[np.abs(along).argmin(axis=1)]
     across = _units(np.cross(along, least))
-    return across, np.cross(along, across)
+    return along, across, np.cross(along, across)
 
 
 def _units(vectors: Array) -> Array:

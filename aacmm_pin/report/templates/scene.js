@@ -134,18 +134,9 @@
     });
   }
 
-  // --- drawing; live, the commands come from the server, the last one being a mark that the scene is whole
+  // --- drawing
   if (frames) wire();
-  if (data.live) {
-    const handle = viewer.handle_command.bind(viewer);
-    viewer.handle_command = (command) => {
-      handle(command);
-      if (command.path === "/aacmm" && command.property === "whole") show(current);
-    };
-    viewer.connect();
-  } else {
-    data.commands.forEach((command) => viewer.handle_command_bytearray(bytes(command)));
-  }
+  data.commands.forEach((command) => viewer.handle_command_bytearray(bytes(command)));
   viewer.set_3d_pane_size();
   if (frames) {
     show(frames.start);
