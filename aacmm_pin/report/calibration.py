@@ -4,10 +4,12 @@ files.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import json_text
@@ -16,7 +18,6 @@ from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import (
     MISFIT,
-    BasePlacement,
     Calibration,
     Exclusions,
     Fit,
@@ -26,7 +27,6 @@ from aacmm_pin.calibration import (
     rms,
 )
 from aacmm_pin.effects import (
-    Effect,
     ErrorModel,
     in_words,
     listed,
@@ -36,6 +36,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import (
+    NO_NUMBER,
     Block,
     Bullets,
     Document,
@@ -59,6 +60,7 @@ from aacmm_pin.report.numbers import (
     vector,
 )
 from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters
+from aacmm_pin.report.plain_values import plain
 from aacmm_pin.report.plots.calibration import LEAST_IN_BIN
 
 WORTH = 0.05
@@ -129,58 +131,66 @@ def calibration_document(
             of the measurement file.
         when: date of the page (UTC).
     """
-    source = "" if summary is None else f" of {summary['data']}, {when} (UTC)"
-    blocks = [*_result(result), *_residuals(result), *_parameters(result), *_undetermined(result)]
-    blocks += [Heading("Excluded records"), *excluded_records(result.excluded)]
+    blocks = [
+        *_result(result),
+        *_residuals(result),
+        *_parameters(result),
+        *_undetermined(result),
+        Heading("Excluded records"),
+        *excluded_records(result.excluded),
+    ]
+    subtitle = count(int(result.fit.used.sum()), "record")
     if summary is not None:
-        blocks += _files(result, summary, when)
-    used = count(int(result.fit.used.sum()), "record")
-    return Document(f"{result.model.arm.name}: calibration", blocks, used + source)
+        names = ("calibration.json", "calibrated.toml")
+        note = comment(result, summary["data"], when)
+        blocks += files(summary, result.residuals, result.model, names, note)
+        subtitle += f" of {summary['data']}, {when} (UTC)"
+    return Document(f"{result.model.arm.name}: calibration", blocks, subtitle)
 
 
 def verdict(result: Calibration) -> str:
     """Whether the calibration helps, by held-out records where there are some; first, if that is
     so, that it rests on a part of the records, because what was excluded are no gross errors.
     """
-    left, name = result.exclusions, result.model.arm.name
-    doubts, rest = mistakes_in_words(result.notes), ""
-    if left.doubtful:
-        doubts += f"{exclusions_in_words(left)} Run aacmm-pin diagnose to find the cause. "
-        rest = f" on the other {count(left.used, 'record')}"
-    sizes = [result.rms_before, result.rms]
-    for held in result.held_out[-1:]:
-        sizes += [held.rms_before, held.rms_after]
-    before, after, *others = lengths(sizes)
-    fitted = f"{before} before and {after} after calibration"
-    if not others:
-        unknown = "No records were held out, and new records may have larger residuals."
-        used = f"the RMS residual of the used records is {fitted}"
-        return f"{doubts}For {name}{rest}, {used}. {unknown}"
+    exclusions, name = result.exclusions, result.model.arm.name
+    doubts, others = mistakes_in_words(result.notes), ""
+    if exclusions.doubtful:
+        doubts += f"{exclusions_in_words(exclusions)} Run aacmm-pin diagnose to find the cause. "
+        others = f" on the other {count(exclusions.used, 'record')}"
+    held = result.held_out[-1] if result.held_out else None
+    if held is None:
+        before, after = lengths([result.rms_before, result.rms])
+        return (
+            f"{doubts}For {name}{others}, the RMS residual of the used records is {before} before "
+            f"and {after} after calibration. No records were held out, and new records may have "
+            "larger residuals."
+        )
+    sizes = [result.rms_before, result.rms, held.rms_before, held.rms_after]
+    before, after, held_before, held_after = lengths(sizes)
     gain = 1.0 - held.rms_after / held.rms_before
     makes = "makes" if gain >= WORTH else "does not make"
-    on_held_out = (
-        f"the RMS residual of held-out {HELD_OUT_KINDS[held.kind]} is {others[0]} before and "
-        f"{others[1]} after"
-    )
     return (
-        f"{doubts}Calibration{rest} {makes} {name} more accurate: {on_held_out} calibration (gain "
-        f"{percent(gain)}). The RMS residual of the used records is {fitted}."
+        f"{doubts}Calibration{others} {makes} {name} more accurate: the RMS residual of held-out "
+        f"{HELD_OUT_KINDS[held.kind]} is {held_before} before and {held_after} after calibration "
+        f"(gain {percent(gain)}). The RMS residual of the used records is {before} before and "
+        f"{after} after calibration."
     )
 
 
-def exclusions_in_words(left: Exclusions) -> str:
+def exclusions_in_words(exclusions: Exclusions) -> str:
     """Why excluded records are no gross errors."""
-    of = count(left.excluded + left.used, "record")
-    many = ", too many for gross errors" if left.too_many else ""
-    sentences = [f"The fit excluded {left.excluded} of {of}{many}."]
-    if left.shared is not None:
-        number = left.shared.excluded
-        which = "All" if number == left.excluded else f"{number} of the"
-        sentences.append(f"{which} excluded records have {left.shared.where}.")
-    if left.narrowed:
-        joints = listed([str(each.joint) for each in left.narrowed])
-        part = f"only a small part of the range of joint {joints}"
-        sentences.append(f"The used records cover {part}.")
+    excluded, shared = exclusions.excluded, exclusions.shared
+    records = count(excluded + exclusions.used, "record")
+    many = ", too many for gross errors" if exclusions.too_many else ""
+    sentences = [f"The fit excluded {excluded} of {records}{many}."]
+    if shared is not None:
+        which = "All" if shared.excluded == excluded else f"{shared.excluded} of the"
+        sentences.append(f"{which} excluded records have {shared.where}.")
+    if exclusions.narrowed:
+        joints = listed([str(narrowed.joint) for narrowed in exclusions.narrowed])
+        sentences.append(
+            f"The used records cover only a small part of the range of joint {joints}."
+        )
     return " ".join(sentences)
 
 
@@ -212,28 +222,26 @@ def fit_in_words(result: Calibration) -> str:
 
 
 def frame_in_words(fit: Fit) -> str:
-    """Where the base is in the frame of the references, or of each session; "" where the frames are
-    one, or the records do not determine it.
+    """Where the base is in the frame of the references, or of each session: origin, axes and U; ""
+    where the frames are one, or the records do not determine it.
     """
     held = ", ".join(fit.undetermined.tied_to_frame)
     tied = f" U assumes the values of {held} in the arm file." if held else ""
-    return " ".join(_base_in_words(base, tied) for base in base_placements(fit))
-
-
-def _base_in_words(base: BasePlacement, tied: str) -> str:
-    """Origin, axes and U of the base in one frame."""
-    x, y, z = (vector(axis, "z.6f") for axis in base.rotation.T)
-    cosine = (np.trace(base.rotation) - 1) / 2
-    angle = np.arccos(np.clip(cosine, -1, 1)) / DEG
-    u_shift = vector(COVERAGE_FACTOR * base.u_shift / MM, ".3g")
-    u_turn = vector(COVERAGE_FACTOR * base.u_rotation / UM, ".3g")
-    of = f" of session {base.session}" if base.session else ""
-    return (
-        f"The origin of the base is at {vector(base.shift / MM, 'z.4f')} mm in the frame of the "
-        f"references{of}. In this frame, the axes of the base are x {x}, y {y} and z {z}, which is "
-        f"a rotation by {angle:.4f}°. Along and about the axes of the references, U (k = 2) is "
-        f"{u_shift} mm for the origin and {u_turn} µrad for the rotation.{tied}"
-    )
+    sentences = []
+    for base in base_placements(fit):
+        x, y, z = (vector(axis, "z.6f") for axis in base.rotation.T)
+        angle = Rotation.from_matrix(base.rotation).magnitude() / DEG
+        u_shift = vector(COVERAGE_FACTOR * base.u_shift / MM, ".3g")
+        u_turn = vector(COVERAGE_FACTOR * base.u_rotation / UM, ".3g")
+        session = f" of session {base.session}" if base.session else ""
+        sentences.append(
+            f"The origin of the base is at {vector(base.shift / MM, 'z.4f')} mm in the frame of "
+            f"the references{session}. In this frame, the axes of the base are x {x}, y {y} and z "
+            f"{z}, which is a rotation by {angle:.4f}°. Along and about the axes of the "
+            f"references, U (k = 2) is {u_shift} mm for the origin and {u_turn} µrad for the "
+            f"rotation.{tied}"
+        )
+    return " ".join(sentences)
 
 
 def open_in_words(result: Calibration) -> str:
@@ -274,21 +282,17 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
     """Estimated causes of error with their values, amplitude and phase of a wave such as, ± U
     (k = 2) where there is one.
     """
-    vector = result.fit.problem.vector
-    rows = []
-    for effect, own in zip(result.fit.effects, vector.slices, strict=True):
-        if vector.arm_parameters[own.start] is None and not is_of_setup(effect):
-            cause = in_words(effect, result.model.arm)
-            rows.append({"cause": cause, "value ± U (k = 2)": _estimate(result, effect, own)})
-    return pd.DataFrame(rows)
-
-
-def _estimate(result: Calibration, effect: Effect, own: slice) -> str:
+    vector, arm = result.fit.problem.vector, result.model.arm
     together = result.parameters["known"] == "in combination"
-    if together[own].any():
-        return "determined only in combination with other parameters"
-    values = values_with_u(effect, result.covariance[own, own])
-    return values_in_words(effect, values, slides(effect, result.model.arm))
+    rows = []
+    for effect, its in zip(result.fit.effects, vector.slices, strict=True):
+        if vector.arm_parameters[its.start] is None and not is_of_setup(effect):
+            values = values_with_u(effect, result.covariance[its, its])
+            estimate = values_in_words(effect, values, slides(effect, arm))
+            if together[its].any():
+                estimate = "determined only in combination with other parameters"
+            rows.append({"cause": in_words(effect, arm), "value ± U (k = 2)": estimate})
+    return pd.DataFrame(rows)
 
 
 def comment(result: Calibration, data: str, when: str) -> str:
@@ -319,92 +323,89 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
     table, summary = parameter_table(result), result.summary()
     rows = zip(summary["parameters"], table["stated"], table["beyond"], strict=True)
     for row, width, beyond in rows:
-        row["stated"] = None if np.isnan(width) else float(width)
-        row["beyond_stated"] = bool(beyond)
-    summary |= {"data": data, "seed": seed, "verdict": verdict(result)}
-    summary |= bases_in_json(result.fit)
-    summary["left_open"] = open_in_words(result)
+        row |= plain({"stated": width, "beyond_stated": beyond})
     targets = zip(result.fit.problem.targets, result.fit.point.frame.targets, strict=True)
-    summary["targets"] = [
-        {"marker": label, "rotation": rotation.tolist()} for label, rotation in targets
-    ]
-    return summary
+    return summary | {
+        "data": data,
+        "seed": seed,
+        "verdict": verdict(result),
+        **bases_in_json(result.fit),
+        "left_open": open_in_words(result),
+        "targets": plain([{"marker": label, "rotation": turned} for label, turned in targets]),
+    }
 
 
 def bases_in_json(fit: Fit) -> dict[str, Any]:
     """Where the base is in the frame of the references, that of the first session; None where it is
     known without, or not determined. And in the frames of the other sessions.
     """
-    bases = [_base_in_json(base) for base in base_placements(fit)]
+    bases = [
+        {
+            "session": base.session,
+            "origin_mm": base.shift / MM,
+            "rotation": base.rotation,
+            "u_origin_mm": base.u_shift / MM,
+            "u_rotation_rad": base.u_rotation,
+        }
+        for base in base_placements(fit)
+    ]
+    for base in bases[:1]:
+        base["as_stated"] = fit.undetermined.tied_to_frame
     first = bases[0] if bases else None
-    if first is not None:
-        first["as_stated"] = list(fit.undetermined.tied_to_frame)
-    return {"base_in_reference_frame": first, "base_in_other_sessions": bases[1:]}
+    summary = {"base_in_reference_frame": first, "base_in_other_sessions": bases[1:]}
+    return dict(plain(summary))
 
 
-def _base_in_json(base: BasePlacement) -> dict[str, Any]:
-    origin = {"origin_mm": (base.shift / MM).tolist(), "rotation": base.rotation.tolist()}
-    u = {"u_origin_mm": (base.u_shift / MM).tolist(), "u_rotation_rad": base.u_rotation.tolist()}
-    return {"session": base.session, **origin, **u}
-
-
-def _result(result: Calibration) -> list[Block]:
+def _result(result: Calibration) -> Iterator[Block]:
+    yield Heading("Result")
+    yield Paragraph(verdict(result), finding=True)
+    yield Paragraph(open_in_words(result), finding=True)
+    yield Paragraph(fit_in_words(result))
+    yield Paragraph(frame_in_words(result.fit))
+    yield Table(estimated_causes(result), "Causes of error")
     noise = "The noise alone"
     if result.fit.scatters:
         noise = "The stated noise and the estimated scatter"
-    blocks: list[Block] = [
-        Heading("Result"),
-        Paragraph(verdict(result), finding=True),
-        Paragraph(open_in_words(result), finding=True),
-        Paragraph(fit_in_words(result)),
-        Paragraph(frame_in_words(result.fit)),
-        Table(estimated_causes(result), "Causes of error"),
-        _distances(result, noise),
-    ]
-    if result.turns is not None:
-        blocks.append(_turns(result, result.turns, noise))
-    return [*blocks, Notes(other_notes(result.notes))]
-
-
-def _distances(result: Calibration, noise: str) -> Table:
-    rows = [("records used in the fit", result.rms_before, result.rms)]
+    distances = {"records used in the fit": (result.rms_before / MM, result.rms / MM)}
+    turns = {}
     for held in result.held_out:
-        name = f"held-out {HELD_OUT_KINDS[held.kind]} ({held.groups} parts)"
-        rows.append((name, held.rms_before, held.rms_after))
-    sizes = pd.DataFrame(rows, columns=["records", "before_mm", "after_mm"])
-    sizes["gain"] = 1.0 - sizes["after_mm"] / sizes["before_mm"]
-    sizes[["before_mm", "after_mm"]] /= MM
-    explained = f"{COMPARED} {noise} would give {length(result.noise)}."
-    forms = {"gain": percent}
-    caption = "RMS distance between tip and target, before and after calibration"
-    return Table(sizes, caption, forms, explained=explained)
-
-
-def _turns(result: Calibration, turns: dict[str, float], noise: str) -> Table:
-    rows = [("records used in the fit", turns["simulation"], turns["calibrated"])]
-    for held in result.held_out:
+        kind = HELD_OUT_KINDS[held.kind]
+        sizes = (held.rms_before / MM, held.rms_after / MM)
+        distances[f"held-out {kind} ({held.groups} parts)"] = sizes
         if held.turned:
-            sizes = rms(held.turn_before), rms(held.turn_after)
-            rows.append((f"held-out {HELD_OUT_KINDS[held.kind]}", *sizes))
-    columns = ["before [µrad]", "after [µrad]"]
-    table = pd.DataFrame(rows, columns=["records", *columns])
-    table[columns] /= UM
-    explained = f"{noise} would give {turns['noise'] / UM:.1f} µrad."
-    forms = dict.fromkeys(columns, ".1f")
-    return Table(table, "RMS rotation from the stated orientation", forms, explained=explained)
+            turns[f"held-out {kind}"] = (rms(held.turn_before) / UM, rms(held.turn_after) / UM)
+    table = _before_and_after(distances, "before_mm", "after_mm")
+    yield Table(
+        table.assign(gain=1.0 - table["after_mm"] / table["before_mm"]),
+        "RMS distance between tip and target, before and after calibration",
+        {"gain": percent},
+        explained=f"{COMPARED} {noise} would give {length(result.noise)}.",
+    )
+    if result.turns is not None:
+        of_used = (result.turns["simulation"] / UM, result.turns["calibrated"] / UM)
+        heads = ("before [µrad]", "after [µrad]")
+        yield Table(
+            _before_and_after({"records used in the fit": of_used} | turns, *heads),
+            "RMS rotation from the stated orientation",
+            dict.fromkeys(heads, ".1f"),
+            explained=f"{noise} would give {result.turns['noise'] / UM:.1f} µrad.",
+        )
+    yield Notes(other_notes(result.notes))
 
 
-def _residuals(result: Calibration) -> list[Block]:
-    blocks: list[Block] = [Heading("Residuals"), *_residuals_in_space(result), _over_joints(result)]
-    if result.fit.problem.measurements.seats():
-        blocks.append(_by_seat(result))
-    return [*blocks, _normalised(result)]
+def _before_and_after(
+    sizes: dict[str, tuple[float, float]], before: str, after: str
+) -> pd.DataFrame:
+    return pd.DataFrame(
+        [(records, *pair) for records, pair in sizes.items()], columns=["records", before, after]
+    )
 
 
-def _residuals_in_space(result: Calibration) -> list[Block]:
+def _residuals(result: Calibration) -> Iterator[Block]:
     from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
-    views = Figure(
+    yield Heading("Residuals")
+    yield Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
         "Residual vectors in space, before and after calibration",
         "Each line is a residual from target to tip, and all lines have the same magnification. "
@@ -413,17 +414,13 @@ def _residuals_in_space(result: Calibration) -> list[Block]:
         "grey lines show the arm. If neighbouring lines have the same direction, the model "
         "lacks a cause of error.",
     )
-    scene = SceneView(
+    yield SceneView(
         lambda: residual_scene(result),
         "The scene shows the residuals after calibration. Drag to rotate the view. The slider "
         "shows the arm in the posture of each residual, from the largest residual to the smallest.",
     )
-    return [views, scene]
-
-
-def _over_joints(result: Calibration) -> Figure:
     height = 0.3 - 2.5 * (-result.model.arm.nq // 3)
-    return Figure(
+    yield Figure(
         lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, height)),
         "Residuals over the angle of each joint",
         "Each panel shows residuals after calibration against the angle of one joint, in the "
@@ -431,19 +428,14 @@ def _over_joints(result: Calibration) -> Figure:
         f"{LEAST_IN_BIN} or more residuals, and the bars show the standard uncertainty u of the "
         "means. A wave indicates an error of the encoder or the joint.",
     )
-
-
-def _by_seat(result: Calibration) -> Figure:
-    return Figure(
-        lambda: plots.plot_residuals_by_seat(result, blank_axes(8.0, 3.4)),
-        "Residuals by seat",
-        "The dots show the residuals of each seat. If the residuals of a seat are larger after "
-        "calibration, the stated coordinates of this seat may be wrong.",
-    )
-
-
-def _normalised(result: Calibration) -> Figure:
-    return Figure(
+    if result.fit.problem.measurements.seats():
+        yield Figure(
+            lambda: plots.plot_residuals_by_seat(result, blank_axes(8.0, 3.4)),
+            "Residuals by seat",
+            "The dots show the residuals of each seat. If the residuals of a seat are larger after "
+            "calibration, the stated coordinates of this seat may be wrong.",
+        )
+    yield Figure(
         lambda: plots.plot_normalised_residuals(result, blank_axes(6.4, 3.4)),
         "Histogram of normalised residuals against the χ distribution",
         "The bars show residuals normalised by the covariance of each record. The line shows the χ "
@@ -451,27 +443,44 @@ def _normalised(result: Calibration) -> Figure:
     )
 
 
-def _parameters(result: Calibration) -> list[Block]:
-    rows, title = readable_parameters(result), Heading("Parameters")
+def _parameters(result: Calibration) -> Iterator[Block]:
+    yield Heading("Parameters")
+    rows = readable_parameters(result)
     if not len(rows):
-        return [title, Paragraph(NOTHING_ESTIMATED)]
-    blocks: list[Block] = [title, _parameter_table(rows)]
+        yield Paragraph(NOTHING_ESTIMATED)
+        return
+    yield _parameter_table(rows)
     beyond = listed([*rows["parameter"][rows["beyond"]]])
     if beyond:
-        changed = f"The change of {beyond} (marked *) exceeds the stated half-width plus U."
-        advice = "The model may lack a cause of error; run aacmm-pin diagnose."
-        blocks.append(Paragraph(f"{changed} {advice}"))
+        yield Paragraph(
+            f"The change of {beyond} (marked *) exceeds the stated half-width plus U. The model "
+            "may lack a cause of error; run aacmm-pin diagnose."
+        )
     of_a_unit = rows["in"].str[1:].value_counts().max()
     tallest = len(rows) if rows["stated"].notna().any() else of_a_unit
-    return [*blocks, _changes(result, tallest), _correlation(result, len(rows))]
+    yield Figure(
+        lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
+        "Change of each parameter over its stated uncertainty",
+        "The dots show the change of each parameter, and the bars show U (k = 2) after "
+        "calibration. If the arm file states a half-width, the grey band shows the half-width.",
+    )
+    size = 0.22 * len(rows)
+    width, height = min(9.0, 3.0 + size), min(8.2, 2.2 + size)
+    yield Figure(
+        lambda: plots.plot_correlation(result, blank_axes(width, height)),
+        "Heat map of the correlation of the parameters",
+        "The colour shows the correlation of each pair of parameters. If two parameters are "
+        "strongly correlated, their sum or difference has a smaller uncertainty than each "
+        "parameter.",
+    )
 
 
 def _parameter_table(rows: pd.DataFrame) -> Table:
+    """The parameters, last those in combination; changes beyond what is stated have a mark."""
     form = decimals(rows)
-    changes = zip(rows["beyond"], rows["change"], strict=True)
-    shown = rows.assign(change=[_change(beyond, change, form) for beyond, change in changes])
-    together = shown["known"] == "in combination"
-    shown = pd.concat([shown[~together], shown[together]])
+    changes = [NO_NUMBER if np.isnan(change) else f"{change:{form}}" for change in rows["change"]]
+    shown = rows.assign(change=np.where(rows["beyond"], "* ", "").astype(object) + changes)
+    shown = shown.sort_values("known", key=lambda known: known == "in combination", kind="stable")
     return Table(
         shown[["parameter", "value", "change", "U", "stated", "in", "known"]],
         "Parameters",
@@ -481,70 +490,34 @@ def _parameter_table(rows: pd.DataFrame) -> Table:
     )
 
 
-def _change(beyond: bool, change: float, form: str) -> str:
-    if np.isnan(change):
-        return "–"
-    return f"{'* ' * beyond}{change:{form}}"
-
-
-def _changes(result: Calibration, tallest: int) -> Figure:
-    height = 1.2 + 0.24 * tallest
-    return Figure(
-        lambda: plots.plot_parameter_changes(result, blank_axes(8.2, height)),
-        "Change of each parameter over its stated uncertainty",
-        "The dots show the change of each parameter, and the bars show U (k = 2) after "
-        "calibration. If the arm file states a half-width, the grey band shows the half-width.",
-    )
-
-
-def _correlation(result: Calibration, number: int) -> Figure:
-    size = 0.22 * number
-    width, height = min(9.0, 3.0 + size), min(8.2, 2.2 + size)
-    return Figure(
-        lambda: plots.plot_correlation(result, blank_axes(width, height)),
-        "Heat map of the correlation of the parameters",
-        "The colour shows the correlation of each pair of parameters. If two parameters are "
-        "strongly correlated, their sum or difference has a smaller uncertainty than each "
-        "parameter.",
-    )
-
-
-def _undetermined(result: Calibration) -> list[Block]:
-    indices = pd.DataFrame([vars(result.observability)]).rename(columns=str.upper)
-    number = result.observability.directions
-    explained = (
-        f"The indices of Sun and Hollerbach (2008) rate how well the records determine {number} "
-        "combinations of parameters. A larger index is better."
-    )
-    table = indices.drop(columns="DIRECTIONS")
+def _undetermined(result: Calibration) -> Iterator[Block]:
+    yield Heading("What these records do not determine")
     framed = any("frame." in line for line in result.undetermined)
     of_frame = ". frame.x to frame.rz are the placement of the base" if framed else ""
-    return [
-        Heading("What these records do not determine"),
-        Bullets(result.undetermined, f"{UNDETERMINED}{of_frame}:"),
-        Table(table, "Observability indices", explained=explained, detail=True),
-    ]
+    yield Bullets(result.undetermined, f"{UNDETERMINED}{of_frame}:")
+    indices = pd.DataFrame([vars(result.observability)]).drop(columns="directions")
+    yield Table(
+        indices.rename(columns=str.upper),
+        "Observability indices",
+        explained=(
+            "The indices of Sun and Hollerbach (2008) rate how well the records determine "
+            f"{result.observability.directions} combinations of parameters. A larger index is "
+            "better."
+        ),
+        detail=True,
+    )
 
 
-def excluded_records(excluded: pd.DataFrame) -> list[Block]:
+def excluded_records(excluded: pd.DataFrame) -> Iterator[Block]:
     """The table of excluded records, or that there are none."""
-    if not len(excluded):
-        return [Paragraph("The fit excluded no records.", detail=True)]
-    return [
-        Table(
-            excluded.astype({"row": str}),
-            f"Excluded records ({len(excluded)})",
-            heads={"row": "file row"},
-            explained=EXCLUDED,
-            most=EXCLUDED_LISTED,
-        )
-    ]
-
-
-def _files(result: Calibration, summary: dict[str, Any], when: str) -> list[Block]:
-    note = comment(result, summary["data"], when)
-    return files(
-        summary, result.residuals, result.model, ("calibration.json", "calibrated.toml"), note
+    if excluded.empty:
+        yield Paragraph("The fit excluded no records.", detail=True)
+    yield Table(
+        excluded.astype({"row": str}),
+        f"Excluded records ({len(excluded)})",
+        heads={"row": "file row"},
+        explained=EXCLUDED,
+        most=EXCLUDED_LISTED,
     )
 
 
@@ -554,7 +527,7 @@ def files(
     model: ErrorModel,
     names: tuple[str, str],
     note: str,
-) -> list[Block]:
+) -> Iterator[Block]:
     """The section of a page that holds its numbers as files.
 
     Args:
@@ -565,14 +538,11 @@ def files(
         note: the lines in front of the arm file.
     """
     of_json, of_arm = names
-    blocks: list[Block] = [
-        Heading("Files in this page"),
-        Download(of_json, "all numbers of this page", json_text(summary).encode()),
-        Download("residuals.csv", "residuals of every record", csv_text(residuals).encode()),
-    ]
+    yield Heading("Files in this page")
+    yield Download(of_json, "all numbers of this page", json_text(summary).encode())
+    yield Download("residuals.csv", "residuals of every record", csv_text(residuals).encode())
     from_table = model.arm.dh is not None
     if from_table or model.arm.urdf_file.urdf.file:
         beside = "" if from_table else "; keep this file in the folder of its URDF"
         words = f"the new arm with its covariance{beside}"
-        blocks.append(Download(of_arm, words, model.text(note).encode()))
-    return blocks
+        yield Download(of_arm, words, model.text(note).encode())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -10,24 +9,13 @@ from typing import Any
 from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import rms
-from aacmm_pin.diagnosis import (
-    Alias,
-    BudgetPart,
-    Diagnosis,
-    Finding,
-    Gain,
-    ScatteredReadings,
-    SharedError,
-    Unexplained,
-    not_tried,
-)
-from aacmm_pin.diagnosis.posterior import Posterior
+from aacmm_pin.diagnosis import Diagnosis, Finding, Unexplained, not_tried
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import DiscrepancySize
 from aacmm_pin.effects import Effect, fields_of, strongest_waves
 from aacmm_pin.report.calibration import bases_in_json
 from aacmm_pin.report.check import not_tried_in_json
 from aacmm_pin.report.next_measurements import next_measurements
+from aacmm_pin.report.plain_values import plain
 
 DIAGNOSIS_SCHEMA = "aacmm-pin/diagnosis/1"
 PLACE_FIELDS = {"joint", "bodies"}
@@ -36,170 +24,154 @@ PLACE_FIELDS = {"joint", "bodies"}
 
 def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """Schema ``aacmm-pin/diagnosis/1``."""
-    parts = diagnosis.unexplained.discrepancy
-    summary: dict[str, Any] = {"schema": DIAGNOSIS_SCHEMA, "arm": diagnosis.model.arm.name}
-    summary |= {"verdict": diagnosis.verdict, "doubts": list(diagnosis.doubts)}
+    extended, posterior = diagnosis.extended, diagnosis.choice.posterior
+    records = extended.problem.measurements
     shown, tried = diagnosis.visible
-    summary |= {"causes_shown": shown, "causes_tried": tried}
-    summary |= {"converged": diagnosis.converged, "converge_note": diagnosis.converge_note}
-    summary["records"] = _records(diagnosis)
-    summary["rms_mm"] = {name: size / MM for name, size in diagnosis.rms.items()}
-    summary["rms_rad"] = diagnosis.turns
-    summary["budget"] = [_part_of_budget(part) for part in diagnosis.budget]
-    summary["findings"] = [finding_to_dict(finding) for finding in diagnosis.findings]
-    summary["held_out"] = _held_out(diagnosis.held_out)
-    summary |= _alternatives(diagnosis)
-    summary["agreement"] = _agreement(diagnosis.choice.posterior)
-    summary["discrepancy"] = [_discrepancy(part) for part in parts]
-    summary["unexplained"] = _unexplained(diagnosis.unexplained)
-    records = diagnosis.extended.problem.measurements
-    missing = not_tried(diagnosis.model.arm, diagnosis.choice.library, records)
-    summary["not_tried"] = not_tried_in_json(missing)
-    summary["cannot_tell_apart"] = [list(labels) for labels in diagnosis.cannot_tell_apart]
-    summary |= bases_in_json(diagnosis.extended)
-    summary["next_measurements"] = next_measurements(diagnosis)
-    return summary | notes_in_json(diagnosis.notes)
-
-
-def _alternatives(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Sets that are worth listing, and all others together."""
-    every = diagnosis.alternatives.items()
-    listed = [(labels, p) for labels, p in every if p >= THRESHOLDS.worth_listing]
-    alternatives = [{"causes": list(labels), "probability": p} for labels, p in listed]
-    rest = max(1.0 - sum(p for _, p in listed), 0.0)
-    others = {"count": len(every) - len(listed), "probability": rest}
-    return {"alternatives": alternatives, "other_alternatives": others}
+    sets = diagnosis.alternatives
+    likely = {labels: p for labels, p in sets.items() if p >= THRESHOLDS.worth_listing}
+    summary = {
+        "schema": DIAGNOSIS_SCHEMA,
+        "arm": diagnosis.model.arm.name,
+        "verdict": diagnosis.verdict,
+        "doubts": diagnosis.doubts,
+        "causes_shown": shown,
+        "causes_tried": tried,
+        "converged": diagnosis.converged,
+        "converge_note": diagnosis.converge_note,
+        "records": {
+            "used": extended.used.sum(),
+            "excluded": diagnosis.excluded[["row", "reason", "residual_mm"]],
+        },
+        "rms_mm": {name: size / MM for name, size in diagnosis.rms.items()},
+        "rms_rad": diagnosis.turns,
+        "budget": [
+            {
+                "part": part.part,
+                "causes": part.causes,
+                "rms_mm": part.rms / MM,
+                "mean_square_mm2": part.mean_square / MM**2,
+                "u_mean_square_mm2": part.u / MM**2,
+                "share": part.share,
+            }
+            for part in diagnosis.budget
+        ],
+        "findings": [*map(finding_to_dict, diagnosis.findings)],
+        "held_out": _held_out(diagnosis),
+        "alternatives": [{"causes": labels, "probability": p} for labels, p in likely.items()],
+        "other_alternatives": {
+            "count": len(sets) - len(likely),
+            "probability": max(1.0 - sum(likely.values()), 0.0),
+        },
+        "agreement": {"total_variation": posterior.disagreement, "agree": posterior.agree},
+        "discrepancy": [
+            {
+                "covariate": part.covariate,
+                "rms_mm": part.rms / MM,
+                "u_mm": part.u / MM,
+                "probability": part.probability,
+            }
+            for part in diagnosis.unexplained.discrepancy
+        ],
+        "unexplained": _unexplained(diagnosis.unexplained),
+        "not_tried": not_tried_in_json(
+            not_tried(diagnosis.model.arm, diagnosis.choice.library, records)
+        ),
+        "cannot_tell_apart": diagnosis.cannot_tell_apart,
+        **bases_in_json(extended),
+        "next_measurements": next_measurements(diagnosis),
+        **notes_in_json(diagnosis.notes),
+    }
+    return dict(plain(summary))
 
 
 def finding_to_dict(finding: Finding) -> dict[str, Any]:
     """A cause with its place, inner fields, probabilities and values."""
-    summary: dict[str, Any] = {"cause": finding.cause, "joint": finding.joint}
-    summary |= _inner_fields(finding.effect)
-    summary |= _spectrum(finding.effect)
-    summary |= {"probability": finding.probability, "p_value": finding.p_value}
-    summary["retained_fraction"] = finding.retained_fraction
-    summary["held_out"] = _brought(finding)
-    summary["parameters"] = _with_u(finding.parameters)
-    summary["below_zero"] = list(finding.below_zero)
-    summary["inner"] = _with_u(finding.inner)
-    summary["aliases"] = [_alias(alias) for alias in finding.aliases]
-    return summary
-
-
-def _records(diagnosis: Diagnosis) -> dict[str, Any]:
-    used = int(diagnosis.extended.used.sum())
-    excluded = diagnosis.excluded[["row", "reason", "residual_mm"]]
-    return {"used": used, "excluded": excluded.to_dict("records")}
-
-
-def _agreement(posterior: Posterior) -> dict[str, Any]:
-    return {"total_variation": posterior.disagreement, "agree": posterior.agree}
-
-
-def _part_of_budget(part: BudgetPart) -> dict[str, Any]:
-    sizes = {"rms_mm": part.rms / MM, "mean_square_mm2": part.mean_square / MM**2}
-    return {"part": part.part, "causes": list(part.causes), **sizes} | {
-        "u_mean_square_mm2": part.u / MM**2,
-        "share": part.share,
+    effect, brought = finding.effect, finding.brought
+    fields = {name: getattr(effect, name) for name in fields_of(type(effect))}
+    waves = strongest_waves(effect)
+    spectrum = [{"order": order, "amplitude_rad": size} for order, size in waves or ()]
+    return {
+        "cause": finding.cause,
+        "joint": finding.joint,
+        **{name: fields[name] for name in fields if _is_inner(name, fields[name])},
+        **({} if waves is None else {"spectrum": spectrum}),
+        "probability": finding.probability,
+        "p_value": finding.p_value,
+        "retained_fraction": finding.retained_fraction,
+        "held_out": brought and {"gain": brought[0], "gain_ci95": brought[1:]},
+        "parameters": _with_u(finding.parameters),
+        "below_zero": finding.below_zero,
+        "inner": _with_u(finding.inner),
+        "aliases": [
+            {
+                **_place(alias.effect, alias.label),
+                "correlation": alias.correlation,
+                "probability": alias.probability,
+            }
+            for alias in finding.aliases
+        ],
     }
 
 
-def _held_out(gain: Gain | None) -> dict[str, Any] | None:
+def _is_inner(name: str, value: object) -> bool:
+    """Whether a field is an order, a time or the like, and set."""
+    return name not in PLACE_FIELDS and value not in (None, ())
+
+
+def _place(effect: Effect | None, label: str) -> dict[str, Any]:
+    """A cause, its joint, and the seat or body where it sits on one; a covariate by its label."""
+    if effect is None:
+        return {"cause": label, "joint": None}
+    site = effect.location_field()
+    elsewhere = {} if site in (None, "joint") else {site: effect.place}
+    return {"cause": effect.cause, "joint": effect.row, **elsewhere}
+
+
+def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
+    """Values with u, which is infinite where nothing determines it."""
+    return {name: {"value": value, "u": u} for name, (value, u) in values.items()}
+
+
+def _held_out(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    gain = diagnosis.held_out
     if gain is None:
         return None
-    summary: dict[str, Any] = {"kind": gain.kind, "groups": gain.groups}
     models = ("simulation", "recalibrated", "extended")
-    summary["rms_mm"] = {name: rms(getattr(gain, name)) / MM for name in models}
-    summary |= {"gain": gain.gain, "gain_ci95": list(gain.interval)}
-    summary |= {"excluded_counted": gain.excluded, "gross_errors": gain.gross_errors}
-    return summary
-
-
-def _brought(finding: Finding) -> dict[str, Any] | None:
-    if finding.brought is None:
-        return None
-    gain, *interval = finding.brought
-    return {"gain": gain, "gain_ci95": interval}
-
-
-def _inner_fields(effect: Effect) -> dict[str, Any]:
-    """Orders, times and other fields that are set, but for the place."""
-    names = [name for name in fields_of(type(effect)) if name not in PLACE_FIELDS]
-    fields = {name: getattr(effect, name) for name in names}
-    unset = (None, ())
-    return {name: value for name, value in fields.items() if value not in unset}
-
-
-def _spectrum(effect: Effect) -> dict[str, Any]:
-    """Waves per turn of a free curve."""
-    waves = strongest_waves(effect)
-    if waves is None:
-        return {}
-    return {"spectrum": [{"order": order, "amplitude_rad": size} for order, size in waves]}
-
-
-def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float | None]]:
-    pairs = map(_value, values.values())
-    return dict(zip(values, pairs, strict=True))
-
-
-def _value(known: tuple[float, float]) -> dict[str, float | None]:
-    """A value with u; None where nothing determines it."""
-    value, u = known
-    return {"value": value, "u": u if math.isfinite(u) else None}
-
-
-def _alias(alias: Alias) -> dict[str, Any]:
-    place = _covariate(alias.label) if alias.effect is None else _place(alias.effect)
-    return {**place, "correlation": alias.correlation, "probability": alias.probability}
-
-
-def _covariate(label: str) -> dict[str, Any]:
-    return {"cause": label, "joint": None}
-
-
-def _place(effect: Effect) -> dict[str, Any]:
-    """A cause, its joint, and the seat or body where it sits on one."""
-    summary: dict[str, Any] = {"cause": effect.cause, "joint": effect.row}
-    site = effect.location_field()
-    if site not in (None, "joint"):
-        summary[site] = effect.place
-    return summary
-
-
-def _discrepancy(part: DiscrepancySize) -> dict[str, Any]:
-    summary: dict[str, Any] = {"covariate": part.covariate}
-    summary |= {"rms_mm": part.rms / MM, "u_mm": part.u / MM}
-    return summary | {"probability": part.probability}
+    return {
+        "kind": gain.kind,
+        "groups": gain.groups,
+        "rms_mm": {name: rms(getattr(gain, name)) / MM for name in models},
+        "gain": gain.gain,
+        "gain_ci95": gain.interval,
+        "excluded_counted": gain.excluded,
+        "gross_errors": gain.gross_errors,
+    }
 
 
 def _unexplained(left: Unexplained) -> dict[str, Any]:
-    summary: dict[str, Any] = {"p_value": left.p_value, "threshold": left.threshold}
-    summary |= {"depends_on": list(left.depends_on), "acts_on": left.acts_on}
-    summary["smooth_correction_gain"] = left.gain
-    summary["groups"] = [asdict(group) for group in left.groups]
-    summary["scattered_readings"] = [_scatter(readings) for readings in left.readings]
-    summary["shared_by_postures"] = _shared(left.shared_by_postures)
-    summary["run_order"] = None if left.run_order is None else asdict(left.run_order)
-    return summary
-
-
-def _scatter(readings: ScatteredReadings) -> dict[str, Any]:
-    scatter = _amount("scatter", readings.scatter, readings.slides)
-    chance = {"log_likelihood_ratio": readings.log_ratio, "p_value": readings.p_value}
-    return {"joint": readings.joint, **scatter, "rms_mm": readings.at_tips / MM, **chance}
-
-
-def _shared(error: SharedError | None) -> dict[str, float] | None:
-    if error is None:
-        return None
-    return {"rms_mm": error.rms / MM, "times_a_record": error.times, "p_value": error.p_value}
-
-
-def _amount(name: str, value: float, slides: bool) -> dict[str, float]:
-    """An amount of a joint, its unit in the name; ``value`` in m where the joint slides, else in
-    rad.
-    """
-    if slides:
-        return {f"{name}_mm": value / MM}
-    return {f"{name}_rad": value}
+    shared = left.shared_by_postures
+    return {
+        "p_value": left.p_value,
+        "threshold": left.threshold,
+        "depends_on": left.depends_on,
+        "acts_on": left.acts_on,
+        "smooth_correction_gain": left.gain,
+        "groups": [asdict(group) for group in left.groups],
+        "scattered_readings": [
+            {
+                "joint": readings.joint,
+                **(
+                    {"scatter_mm": readings.scatter / MM}
+                    if readings.slides
+                    else {"scatter_rad": readings.scatter}
+                ),
+                "rms_mm": readings.at_tips / MM,
+                "log_likelihood_ratio": readings.log_ratio,
+                "p_value": readings.p_value,
+            }
+            for readings in left.readings
+        ],
+        "shared_by_postures": shared
+        and {"rms_mm": shared.rms / MM, "times_a_record": shared.times, "p_value": shared.p_value},
+        "run_order": left.run_order and asdict(left.run_order),
+    }

@@ -11,6 +11,7 @@ from aacmm_pin._support.units import count
 from aacmm_pin.effects import listed, probability
 from aacmm_pin.report.document import Block, Bullets, Document, Paragraph, Table
 from aacmm_pin.report.numbers import percent
+from aacmm_pin.report.plain_values import plain
 
 DIAGNOSES_SCHEMA = "aacmm-pin/diagnoses/1"
 RMS = ("rms_as_stated_mm", "rms_extended_mm")
@@ -62,5 +63,4 @@ def _causes_in_words(causes: Mapping[str, float]) -> str:
 
 def diagnoses_summary(table: pd.DataFrame) -> dict[str, Any]:
     """Schema ``aacmm-pin/diagnoses/1``."""
-    whole = table.astype(object).where(table.notna(), None)
-    return {"schema": DIAGNOSES_SCHEMA, "files": whole.to_dict("records")}
+    return {"schema": DIAGNOSES_SCHEMA, "files": plain(table)}

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +14,8 @@ from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.accuracy import AccuracyVolume, ErrorSources, LengthUncertainty, WorkspaceMap, paired
 from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
-from aacmm_pin.postures import Flexibility, PosturesAtPoint, ReachingPostures
+from aacmm_pin.postures import PosturesAtPoint, ReachingPostures
+from aacmm_pin.report.plain_values import plain
 
 ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
 LENGTH_SCHEMA = "aacmm-pin/length/1"
@@ -52,37 +52,50 @@ def accuracy_summary(
     Raises:
         ShapeError: ``accuracy`` was worked out for other configurations.
     """
-    inside, sources = paired(circle, accuracy), accuracy.sources
-    summary: dict[str, Any] = {"schema": ACCURACY_SCHEMA, "arm": circle.arm.name}
-    summary |= {"point_mm": _rounded(circle.point / MM), "at": circle.at}
-    summary |= {"method": accuracy.method, "configurations": len(inside)}
-    summary["flexibility"] = _flexibility(circle.flexibility(sectors))
-    summary["volume_mm3"] = _volumes(circle, accuracy)
-    summary["u_mm"] = _spread(accuracy.u / MM)
-    summary["largest_deviation_mm"] = None
-    if sources.bounded:
-        summary["largest_deviation_mm"] = _spread(accuracy.largest_deviation / MM)
-    summary |= _postures(circle, accuracy)
-    summary["budget"] = _budget(accuracy) if len(inside) else []
-    summary |= _left_out(sources) | {"complete": circle.complete} | notes_in_json(circle.notes)
+    inside, flexibility = paired(circle, accuracy), circle.flexibility(sectors)
+    volume, u = accuracy.volume / MM3, accuracy.u / MM
+    comprehensive = None
+    if circle.arm.dh is not None:  # weighted by the θ3 of an arm built like SINO6
+        comprehensive = comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point)
+    deviation = None
+    if accuracy.sources.bounded:
+        deviation = _spread(accuracy.largest_deviation / MM)
+    summary = {
+        "schema": ACCURACY_SCHEMA,
+        "arm": circle.arm.name,
+        "point_mm": _rounded(circle.point / MM),
+        "at": circle.at,
+        "method": accuracy.method,
+        "configurations": len(inside),
+        "flexibility": {
+            "zeta": flexibility.zeta,
+            "sectors": flexibility.sectors,
+            "arc_fraction": flexibility.arc_fraction,
+        },
+        "volume_mm3": _spread(volume) | {"comprehensive": comprehensive},
+        "u_mm": _spread(u),
+        "largest_deviation_mm": deviation,
+        "best": _posture(circle, accuracy, volume),
+        "worst": _posture(circle, accuracy, -volume),
+        "smallest_u": _posture(circle, accuracy, u),
+        "largest_u": _posture(circle, accuracy, -u),
+        "budget": _budget(accuracy) if len(inside) else [],
+        **_left_out(accuracy.sources),
+        "complete": circle.complete,
+        **notes_in_json(circle.notes),
+    }
     if isinstance(circle, ReachingPostures):
-        summary |= _search(circle)
+        search = circle.search
+        summary["conditions"] = circle.conditions.count
+        summary["components"] = circle.component.max(initial=0)
+        summary["search"] = {
+            "starts": search.starts,
+            "arrived": search.arrived,
+            "unseen_at_most": search.unseen,
+        }
     if not len(inside):
         summary["reason"] = circle.reason or "no posture is within the joint limits"
-    return summary
-
-
-def _flexibility(flexibility: Flexibility) -> dict[str, Any]:
-    fraction = _number(flexibility.arc_fraction)
-    sectors = list(flexibility.sectors)
-    return {"zeta": _number(flexibility.zeta), "sectors": sectors, "arc_fraction": fraction}
-
-
-def _left_out(sources: ErrorSources) -> dict[str, Any]:
-    """What an accuracy does not contain."""
-    names = {"taken_as_exact": sources.taken_as_exact, "not_included": sources.not_included}
-    lists: dict[str, Any] = {name: list(some) for name, some in names.items()}
-    return lists | {"unexplained": sources.arm.unexplained}
+    return dict(plain(summary))
 
 
 def length_summary(
@@ -91,20 +104,21 @@ def length_summary(
     """Schema ``aacmm-pin/length/1``: uncertainty of the distance of two points over the pairs of
     postures within limits.
     """
-    summary: dict[str, Any] = {"schema": LENGTH_SCHEMA, "arm": a.arm.name}
-    summary |= {"from_mm": _rounded(a.point / MM), "to_mm": _rounded(b.point / MM), "at": a.at}
-    summary |= {"length_mm": float(length.length / MM), "pairs": length.u.size}
-    summary["u_mm"] = _spread(length.u.ravel() / MM)
-    summary["best"] = _pair(length, int(length.u.argmin()))
-    summary["worst"] = _pair(length, int(length.u.argmax()))
-    return summary | {"budget": _budget(length)} | _left_out(length.sources)
-
-
-def _pair(length: LengthUncertainty, number: int) -> dict[str, Any]:
-    i, j = length.pair(number)
-    angles = {"from_theta_deg": _rounded(length.q_a[i] / DEG)}
-    angles["to_theta_deg"] = _rounded(length.q_b[j] / DEG)
-    return {**angles, "u_mm": float(length.u[i, j] / MM)}
+    summary = {
+        "schema": LENGTH_SCHEMA,
+        "arm": a.arm.name,
+        "from_mm": _rounded(a.point / MM),
+        "to_mm": _rounded(b.point / MM),
+        "at": a.at,
+        "length_mm": length.length / MM,
+        "pairs": length.u.size,
+        "u_mm": _spread(length.u.ravel() / MM),
+        "best": _pair(length, int(length.u.argmin())),
+        "worst": _pair(length, int(length.u.argmax())),
+        "budget": _budget(length),
+        **_left_out(length.sources),
+    }
+    return dict(plain(summary))
 
 
 def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
@@ -116,21 +130,25 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
     """
     data = map_.data
     box = np.asarray(data.attrs["extent_mm"])
-    cells = [int(data.sizes[axis]) for axis in ("x_mm", "z_mm")]
-    summary: dict[str, Any] = {"schema": MAP_SCHEMA, "arm": str(data.attrs["arm"])}
-    summary |= {"at": str(data.attrs["working_point"])}
-    if "stylus_axis" in data.attrs:
-        summary["stylus_axis"] = _rounded(np.asarray(data.attrs["stylus_axis"]))
-    summary |= {"cells": cells, "sectors": map_.sectors}
-    summary["extent_mm"] = {"x": _rounded(box[:2]), "z": _rounded(box[2:])}
-    by_sectors = map_.working_sectors()
-    summary["working_sectors"] = {str(count): number for count, number in by_sectors.items()}
-    summary |= {"unreachable": map_.unreachable, "seconds": round(map_.seconds, 3)}
-    if map_.incomplete:
-        summary["incomplete"] = map_.incomplete
-    if map_.not_included:
-        summary["not_included"] = list(map_.not_included)
-    return summary
+    optional = {
+        "incomplete": map_.incomplete,
+        "not_included": map_.not_included,
+    }
+    stylus = data.attrs.get("stylus_axis")
+    summary = {
+        "schema": MAP_SCHEMA,
+        "arm": data.attrs["arm"],
+        "at": data.attrs["working_point"],
+        **({} if stylus is None else {"stylus_axis": _rounded(stylus)}),
+        "cells": [data.sizes["x_mm"], data.sizes["z_mm"]],
+        "sectors": map_.sectors,
+        "extent_mm": {"x": _rounded(box[:2]), "z": _rounded(box[2:])},
+        "working_sectors": map_.working_sectors(),
+        "unreachable": map_.unreachable,
+        "seconds": round(map_.seconds, 3),
+        **{name: value for name, value in optional.items() if value},
+    }
+    return dict(plain(summary))
 
 
 def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.DataFrame:
@@ -144,60 +162,47 @@ def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.Data
     return inside.join(accuracy.to_frame().filter(regex="_mm"))
 
 
-def _search(postures: ReachingPostures) -> dict[str, Any]:
-    search = postures.search
-    starts = {"starts": search.starts, "arrived": search.arrived}
-    summary: dict[str, Any] = {"conditions": postures.conditions.count}
-    summary["components"] = int(postures.component.max(initial=0))
-    return summary | {"search": {**starts, "unseen_at_most": search.unseen}}
+def _left_out(sources: ErrorSources) -> dict[str, Any]:
+    """What an accuracy does not contain."""
+    return {
+        "taken_as_exact": sources.taken_as_exact,
+        "not_included": sources.not_included,
+        "unexplained": sources.arm.unexplained,
+    }
 
 
-def _volumes(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, float | None]:
-    volume = accuracy.volume / MM3
-    weighted = circle.arm.dh is not None  # by the θ3 of an arm built like SINO6
-    comprehensive = (
-        comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point) if weighted else math.nan
-    )
-    return _spread(volume) | {"comprehensive": _number(comprehensive)}
+def _pair(length: LengthUncertainty, number: int) -> dict[str, Any]:
+    i, j = length.pair(number)
+    return {
+        "from_theta_deg": _rounded(length.q_a[i] / DEG),
+        "to_theta_deg": _rounded(length.q_b[j] / DEG),
+        "u_mm": length.u[i, j] / MM,
+    }
 
 
-def _spread(values: Array) -> dict[str, float | None]:
-    found = [math.nan] * 3
-    if len(values):
-        found = [values.min(), np.median(values), values.max()]
-    least, median, most = map(_number, found)
-    return {"min": least, "median": median, "max": most}
+def _spread(values: Array) -> dict[str, Any]:
+    if not len(values):
+        return dict.fromkeys(("min", "median", "max"))
+    return {"min": values.min(), "median": np.median(values), "max": values.max()}
 
 
-def _postures(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, dict[str, Any]]:
-    """The postures with the smallest and largest volume and u."""
-    volume, u = accuracy.volume, accuracy.u
-    ends = {"best": volume, "worst": -volume, "smallest_u": u, "largest_u": -u}
-    if not len(accuracy.q):
-        nothing = dict.fromkeys(("theta_deg", "swivel_deg", "volume_mm3", "u_mm"))
-        return {name: dict(nothing) for name in ends}
+def _posture(circle: PosturesAtPoint, accuracy: AccuracyVolume, by: Array) -> dict[str, Any]:
+    """The posture with the smallest value, and its accuracy."""
+    if not len(by):
+        return dict.fromkeys(("theta_deg", "swivel_deg", "volume_mm3", "u_mm"))
+    number = by.argmin()
     swivel = circle.swivel[circle.within_limits] / DEG
-    return {name: _posture(accuracy, swivel, int(of.argmin())) for name, of in ends.items()}
+    return {
+        "theta_deg": _rounded(accuracy.q[number] / DEG),
+        "swivel_deg": _rounded(swivel[number : number + 1])[0],
+        "volume_mm3": accuracy.volume[number] / MM3,
+        "u_mm": accuracy.u[number] / MM,
+    }
 
 
-def _posture(accuracy: AccuracyVolume, swivel: Array, number: int) -> dict[str, Any]:
-    """A posture with its accuracy; ``swivel`` of all postures [deg]."""
-    own = _number(swivel[number])
-    posture: dict[str, Any] = {"theta_deg": _rounded(accuracy.q[number] / DEG)}
-    posture["swivel_deg"] = None if own is None else round(own, JSON_DECIMALS) + 0.0
-    posture["volume_mm3"] = float(accuracy.volume[number] / MM3)
-    return posture | {"u_mm": float(accuracy.u[number] / MM)}
-
-
-def _budget(accuracy: AccuracyVolume | LengthUncertainty) -> list[dict[str, Any]]:
-    columns = ["parameter", "joint", "share", "u_mm"]
-    table = accuracy.budget("parameter")[columns].astype(object)
-    return cast("list[dict[str, Any]]", table.where(table.notna(), None).to_dict("records"))
+def _budget(accuracy: AccuracyVolume | LengthUncertainty) -> pd.DataFrame:
+    return accuracy.budget("parameter")[["parameter", "joint", "share", "u_mm"]].astype(object)
 
 
 def _rounded(values: Array) -> list[float]:
     return [round(float(value), JSON_DECIMALS) + 0.0 for value in values]
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

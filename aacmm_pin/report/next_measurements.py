@@ -12,17 +12,17 @@ from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, in_words, listed
 from aacmm_pin.measurements import LABELS
-from aacmm_pin.report.doubts import WITH_STRUCTURE, doubts_in_words
 from aacmm_pin.report.numbers import capital, lengths
 from aacmm_pin.report.plan import advice, mostly_seats
+from aacmm_pin.report.verdicts import WITH_STRUCTURE, doubts_in_words
 
 WORTH_CALIBRATION = 0.7
 """Calibration that reduces the residuals to less than this part is worth it."""
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
-MORE_RECORDS = "take more records, at other postures, to find which of the listed causes act"
 ORDER = ("record", "time")
 """The same, of the order in which records were taken."""
+MORE_RECORDS = "take more records, at other postures"
 
 
 @one_blas_thread
@@ -40,12 +40,10 @@ def next_measurements(result: Diagnosis) -> str:
 
 def _first(result: Diagnosis) -> str:
     """What to measure first."""
-    verdict, findings, unexplained, (seen, of) = (
-        result.verdict,
-        result.findings,
-        result.unexplained,
-        result.visible,
-    )
+    verdict, findings, unexplained = result.verdict, result.findings, result.unexplained
+    with_structure, depends_on = verdict in WITH_STRUCTURE, unexplained.depends_on
+    shown = "{} of {} causes of typical magnitude".format(*result.visible)
+    repeats = result.choice.noise.postures.repeat
     if too_good(result.extended):
         return (
             "check the value and unit of the stated noise, because noise of this size hides most "
@@ -70,14 +68,13 @@ def _first(result: Diagnosis) -> str:
         moved = in_words(of_set_up[0], result.model.arm)
         return f"{of_set_up[0].remedy} ({moved}). Then diagnose the records again"
     if unexplained.run_order is not None and unexplained.run_order.joint is not None:
-        joint = unexplained.run_order.joint
         return (
-            f"examine encoder, cable and coupling of joint {joint}, because an intermittent error "
-            "of consecutive records is likely. Then repeat the records"
+            f"examine encoder, cable and coupling of joint {unexplained.run_order.joint}, because "
+            "an intermittent error of consecutive records is likely. Then repeat the records"
         )
-    if unexplained.readings and not unexplained.depends_on:
+    if unexplained.readings and not depends_on:
         joint = unexplained.readings[0].joint
-        if result.choice.design.fit.problem.measurements.conditions.approach is None:
+        if result.extended.problem.measurements.conditions.approach is None:
             return (
                 "if the rows are in the order of measurement, diagnose them with "
                 "--approach-from-order. Otherwise repeat the records and state in the columns "
@@ -87,17 +84,13 @@ def _first(result: Diagnosis) -> str:
             f"approach some postures with joint {joint} from both sides and with other loads, to "
             "find the error of its encoder or gear"
         )
-    if (
-        verdict in WITH_STRUCTURE
-        and unexplained.excluded is not None
-        and unexplained.excluded.name in ORDER
-    ):
-        where = unexplained.excluded.where
+    excluded = unexplained.excluded
+    if with_structure and excluded is not None and excluded.name in ORDER:
         return (
-            f"find what differed for the records that have {where}, such as the stand, the "
-            "references or an encoder. Diagnose these records and the others separately"
+            f"find what differed for the records that have {excluded.where}, such as the stand, "
+            "the references or an encoder. Diagnose these records and the others separately"
         )
-    if result.contradicted and verdict not in WITH_STRUCTURE:
+    if result.contradicted and not with_structure:
         return f"measure the references again, because {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings and result.otherwise:
         return (
@@ -105,10 +98,7 @@ def _first(result: Diagnosis) -> str:
             "diagnose would find a cause"
         )
     if verdict == "inconclusive" and not findings:
-        return (
-            f"take more records, at other postures, because these records would show only {seen} "
-            f"of {of} causes of typical magnitude"
-        )
+        return f"{MORE_RECORDS}, because these records would show only {shown}"
     if verdict == "no-discrepancy":
         before, after = result.rms["simulation"], result.rms["recalibrated"]
         calibrate = ""
@@ -117,129 +107,105 @@ def _first(result: Diagnosis) -> str:
                 "calibrate the arm, because recalibration alone reduces the RMS residual from "
                 f"{' to '.join(lengths([before, after]))}. Then "
             )
-        return (
-            f"{calibrate}keep these records for the next check. These records would show "
-            f"{seen} of {of} causes of typical magnitude"
-        )
-    if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
+        return f"{calibrate}keep these records for the next check. These records would show {shown}"
+    if unexplained.groups and depends_on[:1] == (unexplained.groups[0].name,):
         return (
             f"set up {unexplained.groups[0].name} again, and repeat its records. Diagnose the "
             "other records without this group"
         )
-    if unexplained.shared_by_postures is not None and not unexplained.depends_on:
+    if unexplained.shared_by_postures is not None and not depends_on:
         return (
             "repeat the same postures on another day, with the stand or the references elsewhere, "
             "to find whether the arm, the set-up or the references cause the shared error"
         )
-    if verdict in WITH_STRUCTURE and not unexplained.depends_on and unexplained.has_background:
+    if with_structure and depends_on:
+        return _otherwise(result, depends_on)
+    if with_structure and unexplained.has_background:
         return (
-            "take more records, at other postures, and add columns for other changing quantities, "
+            f"{MORE_RECORDS}, and add columns for other changing quantities, "
             "because the remaining structure depends on several quantities together"
         )
-    if (
-        verdict in WITH_STRUCTURE
-        and not unexplained.depends_on
-        and result.choice.noise.postures.repeat
-    ):
+    if with_structure and repeats:
         return (
             "check columns, units and reference frame, because the residuals exceed the scatter of "
             "the repeats. Add columns for quantities that change between postures"
         )
-    if verdict in WITH_STRUCTURE and not unexplained.depends_on:
+    if with_structure:
         return (
             "repeat some postures without any change, because the scatter of the repeats is the "
             "true noise. If this scatter is as stated, check columns, units and reference frame, "
             "and add columns for other quantities that change"
         )
-    if verdict in WITH_STRUCTURE:
-        return _otherwise(unexplained.depends_on) + _and_repeat(result)
     doubtful = [finding for finding in findings if finding.probability < THRESHOLDS.settled]
     if doubtful or verdict == "ambiguous":
         return _to_distinguish(result, doubtful)
     seats = [finding for finding in findings if corrects_seat(finding.effect)]
     if seats:
         return (
-            f"measure the coordinates of {listed([*map(_off, seats)])} again. Then check the "
+            f"measure the coordinates of {listed([*map(_seat, seats)])} again. Then check the "
             "extended arm on new records"
         )
     if result.no_better:
         return (
-            "take more records, at other postures, because the extended arm does not predict "
+            f"{MORE_RECORDS}, because the extended arm does not predict "
             "held-out records better than the recalibrated arm"
         )
     if negative := [effect.label for effect in result.below_zero]:
         return (
             "check the signs of gravity, torques and temperatures, because the value of "
-            f"{' and '.join(negative)} is negative. If the signs are right, take more records, at "
-            "other postures"
+            f"{' and '.join(negative)} is negative. If the signs are right, {MORE_RECORDS}"
         )
     if verdict == "inconclusive":
         doubts = doubts_in_words(result) or ["these records do not confirm the named causes"]
-        return f"take more records, at other postures, because {'; '.join(doubts)}"
+        return f"{MORE_RECORDS}, because {'; '.join(doubts)}"
     until = [getattr(finding.effect, "until_s", None) for finding in findings]
     if ends := [end for end in until if end is not None]:
         return (
             f"take records after {max(ends):.4g} s, with the same clock, to find whether the drift "
             "stops or continues"
         )
-    frame = result.extended.problem.setup.reference_frame
+    frame, held = result.extended.problem.setup.reference_frame, result.held_out
     option = "" if frame == "base" else f" --reference-frame {frame}"
+    known = "in these records" if held is None else "in held-out records"
+    size = result.rms["extended"] if held is None else rms(held.extended)
+    expected = lengths([*result.rms.values(), size])[-1]
     return (
         f"take new records over the full ranges of the joints. Run aacmm-pin check{option} with "
-        f"the extended arm on the new records. {_as_held_out(result)}"
-    )
-
-
-def _as_held_out(result: Diagnosis) -> str:
-    """Which number of the extended arm at new records to compare with which."""
-    sizes, held = result.rms, result.held_out
-    if held is None:
-        return f"The RMS distance should be about {lengths(sizes.values())[2]}, as in these records"
-    *_, size = lengths([*sizes.values(), rms(held.extended)])
-    return f"The RMS distance should be about {size}, as in held-out records"
-
-
-def _and_repeat(result: Diagnosis) -> str:
-    """Repeats show the noise, where there are none yet."""
-    return (
-        ""
-        if result.choice.noise.postures.repeat
-        else "; also repeat some records without any change"
+        "the extended arm on the new records. The RMS distance should be about "
+        f"{expected}, as {known}"
     )
 
 
 def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
     """How to distinguish the most probable set of causes from those that cannot be excluded."""
-    if (pair := _open_pair(result)) is not None:
+    pair = _open_pair(result)
+    if len(pair) == 2:
         return _to_distinguish_pair(result, *pair)
     for finding in doubtful:
         if finding.aliases and finding.aliases[0].effect is None:
             on = finding.aliases[0].label
             return (
                 f"to distinguish {finding.label} from other causes that depend on {on}, "
-                f"{_otherwise((on,))}{_and_repeat(result)}"
+                f"{_otherwise(result, [on])}"
             )
-    return MORE_RECORDS
+    return f"{MORE_RECORDS}, to find which of the listed causes act"
 
 
-def _open_pair(result: Diagnosis) -> tuple[Effect, Effect] | None:
+def _open_pair(result: Diagnosis) -> list[Effect]:
     """A cause of the most probable set, and the one that the most probable other set has in its
     place which differs so and cannot be excluded.
     """
     best = next(iter(result.alternatives))
-    found = {finding.label: finding.effect for finding in result.findings}
+    named = {finding.label: finding.effect for finding in result.findings}
     pairs = (labels for labels in result.cannot_tell_apart if len(labels) == 2)
     pair = sorted(next(pairs, ()), key=lambda label: label not in best)
-    causes = [found.get(label) or result.cause(label) for label in pair]
-    one, other = causes or (None, None)
-    return None if one is None or other is None else (one, other)
+    causes = [named.get(label) or result.cause(label) for label in pair]
+    return [cause for cause in causes if cause is not None]
 
 
 def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str:
     if cause.refitted or other.refitted:  # so that no plan can split it from another
-        return (
-            f"take more records, at other postures, to distinguish {cause.label} from {other.label}"
-        )
+        return f"{MORE_RECORDS}, to distinguish {cause.label} from {other.label}"
     for one, freer in ((cause, other), (other, cause)):
         same_place = freer.function_of == one.function_of and freer.place == one.place
         if freer.free_form and same_place:
@@ -247,74 +213,66 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
                 f"take more records with joint {one.place} evenly over its range, to find how the "
                 "error depends on the angle"
             )
-    return _plan_for(result, (cause, other))
-
-
-def _plan_for(result: Diagnosis, split: tuple[Effect, Effect]) -> str:
-    problem = result.extended.problem
-    records = problem.measurements
-    if result.unexplained.shared_by_postures is not None:
-        group = result.choice.noise.postures.group
-        records = records.take(np.unique(group, return_index=True)[1])
-    keywords = problem.setup.keywords | _noise_as_found(result)
-    return advice(result.before.problem.model, split, records, **keywords)
-
-
-def _noise_as_found(result: Diagnosis) -> dict[str, Any]:
-    """The noise of records where it is more than what was stated: of references, or of contacts at
-    seats [m], with the error that records of one posture share.
-    """
-    shared, setup = result.unexplained.shared_by_postures, result.extended.problem.setup
+    problem, shared = result.extended.problem, result.unexplained.shared_by_postures
+    records, setup = problem.measurements, problem.setup
+    if shared is not None:
+        first = np.unique(result.choice.noise.postures.group, return_index=True)[1]
+        records = records.take(first)
+    # Noise beyond what was stated: of references or of contacts at seats, and what postures share.
     of_postures = 0.0 if shared is None else shared.rms / np.sqrt(3.0)
     more = float(np.hypot(result.extended.unmodelled, of_postures))
-    if not more:
-        return {}
-    at_seats = mostly_seats(result.extended.problem.measurements)
-    name = "probe_noise" if at_seats else "reference_noise"
-    found = {name: float(np.hypot(getattr(setup, name) or 0.0, more))}
-    return found if setup.encoder_noise is not None else found | {"encoder_noise": 0.0}
+    noise: dict[str, Any] = {}
+    if more:
+        name = "probe_noise" if mostly_seats(problem.measurements) else "reference_noise"
+        noise[name] = float(np.hypot(getattr(setup, name) or 0.0, more))
+        if setup.encoder_noise is None:
+            noise["encoder_noise"] = 0.0
+    pair, before = (cause, other), result.before.problem.model
+    return advice(before, pair, records, **setup.keywords | noise)
 
 
-def _off(finding: Finding) -> str:
-    """Where the records put a seat."""
+def _seat(finding: Finding) -> str:
+    """A seat, and where the records put it."""
     values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
     return f"seat {finding.effect.place} (wrong by ({values}) mm, according to these records)"
 
 
-def _otherwise(depends_on: Sequence[str]) -> str:
+def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:
     """What to do differently, so that what the residuals depend on is not tied to all the rest."""
     joints = [name for name in depends_on if name.startswith("joint ")]
-    places = [name for name in depends_on if name in PLACE]
-    others = [name for name in depends_on if name not in (*joints, *places, SCALE)]
-    found = []
+    moments = [name for name in depends_on if name.startswith("moment ")]
+    labels = [name for name in depends_on if name.split()[0] in LABELS]
+    named = {*joints, *moments, *labels, *PLACE, SCALE, *ORDER}
+    numbers = [name for name in depends_on if name not in named]
+    steps = []
     if joints:
-        found.append(f"probe the same places in postures with other angles of {listed(joints)}")
-    if places:
-        found.append(
+        steps.append(f"probe the same places in postures with other angles of {listed(joints)}")
+    if {*PLACE} & {*depends_on}:
+        steps.append(
             "measure the same postures with the stand elsewhere, to find whether the room or the "
             "arm causes the error"
         )
     if SCALE in depends_on:
-        found.append(
+        steps.append(
             "measure a length with an independent calibration, to find whether the references or "
             "the arm have the error"
         )
-    if moments := [name for name in others if name.startswith("moment ")]:
-        found.append(
+    if moments:
+        steps.append(
             "probe the same places with another load, or in postures with another "
             f"{listed(moments)}"
         )
-        others = [name for name in others if name not in moments]
-    labels = [name for name in others if name.split()[0] in LABELS]
     if labels:
-        found.append(
+        steps.append(
             f"repeat some postures with another {' and another '.join(labels)}, without any other "
             "change"
         )
-    if numbers := [name for name in others if name not in (*labels, *ORDER)]:
-        found.append(
+    if numbers:
+        steps.append(
             f"repeat some postures at another time, with other values of {listed(numbers)}"
         )
-    elif set(others) & set(ORDER):
-        found.append("repeat some postures at another time, without any other change")
-    return "; ".join(found)
+    elif {*ORDER} & {*depends_on}:
+        steps.append("repeat some postures at another time, without any other change")
+    if not result.choice.noise.postures.repeat:
+        steps.append("also repeat some records without any change")
+    return "; ".join(steps)

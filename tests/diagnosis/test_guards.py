@@ -14,7 +14,7 @@ from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointHysteresis
 from aacmm_pin.measurements import Measurements, simulate_measurements
-from aacmm_pin.report.diagnosis import verdict_in_words
+from aacmm_pin.report.verdicts import verdict_in_words
 from tests.cli import shell
 from tests.notes import data_of
 

@@ -41,7 +41,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, simulate_measurements
-from aacmm_pin.report.diagnosis import verdict_in_words
+from aacmm_pin.report.verdicts import verdict_in_words
 from tests.again import again
 from tests.arm_files import changed
 from tests.cli import shell

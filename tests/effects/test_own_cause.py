@@ -99,7 +99,7 @@ def test_it_is_found_written_read_and_drawn(hose, found, hidden, tmp_path):
     assert abs(value - SIZE) < 3.3 * u
     assert found.held_out is not None
     assert found.held_out.gain > 0.2
-    assert found.summary()["findings"][0]["hook_mm"] == (0.0, 0.0, 1000.0)
+    assert found.summary()["findings"][0]["hook_mm"] == [0.0, 0.0, 1000.0]
     assert "µrad/m" in str(finding)
 
     found.model.save(tmp_path / "extended.toml")

@@ -35,12 +35,12 @@ from aacmm_pin.report.diagnosis import (
     residuals_table,
     summary_line,
     unexplained_in_words,
-    verdict_in_words,
 )
 from aacmm_pin.report.document import Figure
 from aacmm_pin.report.formats import html
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.scenes.scene import viewer_script
+from aacmm_pin.report.verdicts import verdict_in_words
 from tests.pages import Page
 
 NAME = "a <b> & c.csv"

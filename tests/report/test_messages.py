@@ -5,13 +5,16 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from inspect import getdoc
+from typing import get_args
 
 import pytest
 
 from aacmm_pin._support.notes import Note
 from aacmm_pin.diagnosis import verdict
-from aacmm_pin.report.doubts import WORDS_OF_DOUBTS
+from aacmm_pin.diagnosis.result import Verdict
 from aacmm_pin.report.messages import SENTENCES
+from aacmm_pin.report.verdicts import WORDS_OF_DOUBTS, WORDS_OF_VERDICTS
 from tests.test_rooms import MODULES
 
 pytestmark = pytest.mark.fast
@@ -46,8 +49,11 @@ def test_every_code_has_a_sentence_and_every_sentence_a_code():
     assert {*strings(of_notes=True)} <= {*SENTENCES} <= {*strings(of_notes=False)}
 
 
-def test_every_doubt_has_a_sentence():
+def test_every_verdict_and_doubt_has_a_sentence_and_a_row_of_the_pages():
     assert {*WORDS_OF_DOUBTS} == {*verdict.DOUBTS}
+    assert {*WORDS_OF_VERDICTS} == {*get_args(Verdict)}
+    rows = [getdoc(words).split("\n\n") for words in WORDS_OF_VERDICTS.values()]
+    assert {len(row) for row in rows} == {2}
 
 
 def test_sentences_are_short_and_ask_nothing():

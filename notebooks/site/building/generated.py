@@ -21,7 +21,7 @@ from sphinx.application import Sphinx
 
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS, Thresholds
 from aacmm_pin.effects import CAUSES, Effect
-from aacmm_pin.report.doubts import WORDS_OF_DOUBTS
+from aacmm_pin.report.verdicts import WORDS_OF_DOUBTS, WORDS_OF_VERDICTS
 from building import pictures
 from building.causes import causes_table
 
@@ -152,6 +152,20 @@ def doubts() -> str:
     return "\n".join(["| doubt | meaning |", "|---|---|", *rows])
 
 
+def verdicts(columns: str = "meaning and advice") -> str:
+    """Every verdict of a diagnosis, what it means and what to do, from the docstring of its
+    sentence, as a Markdown table.
+    """
+    heads = ["Verdict", "Meaning", "What to do"]
+    rows = [heads, ["---"] * len(heads)]
+    for name, words in WORDS_OF_VERDICTS.items():
+        paragraphs = (inspect.getdoc(words) or "").split("\n\n")
+        rows.append([f"`{name}`", *(" ".join(text.split()) for text in paragraphs)])
+    if columns == "advice":
+        rows = [[name, advice] for name, _, advice in rows]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
 def _in_row(value: float | tuple[float, ...]) -> str:
     return ", ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else f"{value:g}"
 
@@ -164,6 +178,7 @@ GENERATED: dict[str, Callable[..., str]] = {
     "thresholds": thresholds,
     "doubts": doubts,
     "code-age": code_age,
+    "verdicts": verdicts,
 }
 
 

@@ -1,0 +1,413 @@
+"""The sentence of each verdict of a diagnosis, and of each doubt that keeps a verdict from being
+``explained`` or ``no-discrepancy``.
+
+A verdict of :mod:`aacmm_pin.diagnosis.verdict` has one function here, and its entry in
+:data:`WORDS_OF_VERDICTS`; a doubt has one in :data:`WORDS_OF_DOUBTS`. The function takes the
+diagnosis, whose ``extended`` is the last of the fits that the rule saw. The pages show the
+docstrings: what a verdict means and what to do, and the first line of a doubt.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from aacmm_pin._support.units import UM, count
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import NO_SCATTER, exclusions_of, rms
+from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, Unexplained
+from aacmm_pin.diagnosis.result import Verdict
+from aacmm_pin.effects import (
+    corrects_seat,
+    in_words,
+    listed,
+    name_in_words,
+    probability,
+    several_in_words,
+)
+from aacmm_pin.report.calibration import exclusions_in_words
+from aacmm_pin.report.numbers import (
+    capital,
+    length,
+    lengths,
+    mistakes_in_words,
+    p_equals,
+    percent,
+)
+
+WITH_STRUCTURE = ("unexplained", "partly-explained")
+"""Verdicts with structure that no cause explains."""
+ALTERNATIVES = 3
+"""So many other sets of causes are named where the mass is on several."""
+LEAST_PART = 0.1
+"""Structure that is smaller than this part of the noise has no size worth a word."""
+LEAST_WORTH = 0.005
+"""Residuals that fall by a smaller part are about the same."""
+COVARIATES = {
+    "record": "the order of the records",
+    "place": "the place",
+}
+"""Covariates in words, if their name is not clear by itself."""
+LACKS = {
+    (True, False): "lacks",
+    (True, True): "has outdated values for",
+    (False, False): "may lack",
+    (False, True): "may have outdated values for",
+}
+"""What a model does with causes: are they certain, and does it know them?"""
+
+
+def verdict_in_words(result: Diagnosis) -> str:
+    """What the model lacks, that nothing was found, or that these records cannot tell; then
+    what else is in doubt.
+    """
+    before, doubts = mistakes_in_words(result.assumed), ""
+    if result.reversed_torques:
+        before += "The torque columns have the wrong sign. "
+    exclusions = exclusions_of(result.extended)
+    if exclusions.doubtful and result.verdict in WITH_STRUCTURE:
+        before += f"{exclusions_in_words(exclusions)} "
+    if result.verdict in (*WITH_STRUCTURE, "ambiguous"):
+        doubts = "".join(f" {capital(doubt)}." for doubt in doubts_in_words(result))
+    return f"{before}{capital(WORDS_OF_VERDICTS[result.verdict](result))}.{doubts}"
+
+
+# Verdicts -------------------------------------------------------------
+
+
+def _explained(result: Diagnosis) -> str:
+    """Each named cause has a probability of at least 0.95. Each named cause also improves the
+    prediction of held-out records, if records are held out. Every other cause has a probability
+    below 0.5.
+
+    Use the extended arm, and check the extended arm on new records.
+    """
+    causes = "this cause" if len(result.findings) == 1 else "these causes"
+    return f"{_wrong(result)}. After recalibration with {causes}, {_residuals_left(result)}"
+
+
+def _ambiguous(result: Diagnosis) -> str:
+    """Several sets of causes fit the records about equally well.
+
+    Follow the line *Next* in the output.
+    """
+    named, other = named_set(result), "other " if result.findings else ""
+    others = {labels: p for labels, p in result.alternatives.items() if set(labels) != named}
+    likely = [labels for labels, p in others.items() if p >= THRESHOLDS.rival]
+    sets = []
+    for labels in likely[:ALTERNATIVES] or [*others][:1]:
+        causes = labels_in_words(result, labels) or "no cause"
+        sets.append(f"{causes} (probability of this set {probability(others[labels])})")
+    wrong = _wrong(result)
+    if not named:
+        chance = probability(1.0 - result.more)
+        wrong = "these records do not determine which cause the model lacks"
+        wrong += f" (probability {chance} that none acts)"
+        if result.extended.scatters and result.extended.stated:
+            wrong = f"{_residuals_left(result)}, but {wrong}"
+    several = "set" if len(sets) == 1 else "sets"
+    return f"{wrong}. {capital(f'{other}possible {several} of causes')}: {listed(sets)}"
+
+
+def _partly_explained(result: Diagnosis) -> str:
+    """The residuals have structure that no cause explains. Causes with a probability of at least
+    0.95, which held-out records confirm, displace the tip by more than this structure.
+
+    Use the extended arm, and check the extended arm on new records. For the structure, see the
+    table *Reasons for `unexplained`*.
+    """
+    structure = _structure(result)
+    if result.no_better:  # what held-out records do not confirm comes last
+        return f"{structure}. {capital(_wrong(result))}"
+    if not result.findings:
+        return structure
+    return ". ".join(filter(None, [_wrong(result), _worth(result), capital(structure)]))
+
+
+def _unexplained(result: Diagnosis) -> str:
+    """`diagnose` cannot explain all of the residuals, or one group of records disagrees with the
+    other records.
+
+    See the table *Reasons for `unexplained`*.
+    """
+    return _partly_explained(result)
+
+
+def _no_discrepancy(result: Diagnosis) -> str:
+    """The residuals of the recalibrated arm are as small as the noise. `diagnose` would find more
+    than half of all causes of typical magnitude in the records.
+
+    Read in the line *Next* how many causes `diagnose` would find. Keep the records for comparison
+    with the next check.
+    """
+    return f"{_wrong(result)}. After recalibration, {_residuals_left(result)}"
+
+
+def _inconclusive(result: Diagnosis) -> str:
+    """The records allow no conclusion. The output states the reason.
+
+    See the table *Reasons for `inconclusive`*.
+    """
+    extended, wrong = result.extended, _wrong(result)
+    if not result.converged:
+        note = result.converge_note
+        return f"the fit did not converge ({note}), so that no conclusion is possible"
+    if not extended.tells_noise:
+        return "the file has too few records to distinguish a cause of error from noise"
+    if extended.too_many_excluded:
+        excluded, used = int(extended.excluded.sum()), int(extended.used.sum())
+        return (
+            f"{excluded} of {excluded + used} records disagree with the other records, which is "
+            f"too many for gross errors. According to the other records, {wrong}"
+        )
+    doubts = "; ".join(doubts_in_words(result))
+    if not result.findings:
+        return f"these records show no cause of error, but {doubts}"
+    return f"these records suggest that {wrong}" + (f", but {doubts}" if doubts else "")
+
+
+WORDS_OF_VERDICTS: Mapping[Verdict, Callable[[Diagnosis], str]] = {
+    "explained": _explained,
+    "ambiguous": _ambiguous,
+    "partly-explained": _partly_explained,
+    "unexplained": _unexplained,
+    "no-discrepancy": _no_discrepancy,
+    "inconclusive": _inconclusive,
+}
+"""The sentence of each verdict, by its name."""
+
+
+def named_set(result: Diagnosis) -> set[str]:
+    """The labels of the named causes."""
+    return {finding.label for finding in result.findings}
+
+
+def _wrong(result: Diagnosis) -> str:
+    """What the model lacks, or may lack, and which of its values are wrong: of the geometry,
+    of the places of seats.
+    """
+    arm, findings = result.model.arm, result.findings
+    moved = [f for f in findings if f.effect.remedy]
+    values = [f for f in findings if result.geometric(f) or corrects_seat(f.effect)]
+    causes = [f for f in findings if f not in (*moved, *values)]
+    values = [f for f in values if f not in moved]
+    clauses = []
+    if moved:
+        rms_of = {label: part.rms for part in result.budget for label in part.causes}
+        sizes = lengths([rms_of[f.label] for f in moved])
+        names = [in_words(f.effect, arm) for f in moved]
+        changed = [f"{name}, {size} RMS" for name, size in zip(names, sizes, strict=True)]
+        clauses.append(f"the set-up changed: {listed(changed)}")
+    if causes:
+        clauses.append(f"the model of {arm.name} {_lacked(causes, arm)}")
+    elif not moved and (result.no_better or not values):
+        chance = f"(probability {probability(1.0 - result.more)} that none acts)"
+        lacks = f"no cause of error that the model of {arm.name} lacks {chance}"
+        clauses.append(f"these records show {lacks}")
+    if result.no_better:
+        clauses[-1] += ", but the extended arm does not predict held-out records better"
+    if values:
+        wrong = f"some stated values have unusually large errors: {_named(values, arm)}"
+        clauses.append(wrong)
+    return "; ".join(clauses)
+
+
+def _lacked(causes: Sequence[Finding], arm: Arm) -> str:
+    """Causes that a model lacks or may lack, and those whose known values are wrong."""
+    clauses = []
+    for (certain, known), verb in LACKS.items():
+        some = [
+            f
+            for f in causes
+            if (_is_settled(f) and f.borne_out) == certain and (f.was is not None) == known
+        ]
+        clauses += [f"{verb} {_named(some, arm)}"] if some else []
+    return " and ".join(clauses)
+
+
+def _is_settled(finding: Finding) -> bool:
+    return finding.probability >= THRESHOLDS.settled
+
+
+def _named(findings: Iterable[Finding], arm: Arm) -> str:
+    """Findings in a row, behind those in doubt their inclusion probability."""
+    certain = [f.effect for f in findings if _is_settled(f)]
+    named = [several_in_words(certain, arm)] if certain else []
+    for finding in findings:
+        if not _is_settled(finding):
+            chance = f"probability {probability(finding.probability)}"
+            named.append(f"{in_words(finding.effect, arm)} ({chance})")
+    return listed(named)
+
+
+def _structure(result: Diagnosis) -> str:
+    """Structure of the residuals that no cause explains, or how large they are."""
+    left = result.unexplained
+    sizes, much_larger = _size_left(result)
+    names = [COVARIATES.get(name, name) for name in left.strongest]
+    if {*left.depends_on} > {*left.strongest, *"xyz"}:
+        names.append("other quantities")
+    structure = math.hypot(*(part.rms for part in left.discrepancy))
+    counts = LEAST_PART * result.noise < structure < result.rms["recalibrated"]
+    size = f" ({length(structure)} RMS)" if counts else ""
+    more = [sizes] if much_larger or not left.apart else []
+    if names:
+        on = f"on {listed(names)} in a way that no cause of the library explains{size}"
+        more = [sizes] * much_larger + [f"the residuals depend {on}"]
+    elif left.has_background:
+        more = [f"the residuals have structure{size} that depends on several quantities together"]
+    return "; ".join([*map(str, left.apart), *more])
+
+
+def _size_left(result: Diagnosis) -> tuple[str, bool]:
+    """How large the residuals stay, and whether that is much more than is known."""
+    size, noise, extended = result.rms["extended"], result.noise, result.extended
+    text = f"the RMS residual is still {length(size)}, but the stated noise is zero"
+    if noise > NO_SCATTER:
+        text = f"the RMS residual is still {size / noise:.1f} times the noise"
+    turned = extended.noise.scatters.turn if extended.stated else 0.0
+    if turned:
+        text += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
+    shared = result.unexplained.shared_by_postures
+    expected = noise * np.hypot(1.0, 0.0 if shared is None else shared.times)
+    return text, bool(size > THRESHOLDS.much_more * expected or turned > 0.0)
+
+
+def _worth(result: Diagnosis) -> str:
+    """Which part of what recalibration leaves the named causes explain; nothing if they do not."""
+    held = result.held_out
+    sizes, where = [result.rms["recalibrated"], result.rms["extended"]], "in these records"
+    if held is not None:
+        sizes, where = [rms(held.recalibrated), rms(held.extended)], "on held-out records"
+    if sizes[1] > (1.0 - LEAST_WORTH) * sizes[0]:
+        return ""
+    explain = "This cause explains" if len(result.findings) == 1 else "These causes explain"
+    share = percent(1.0 - (sizes[1] / sizes[0]) ** 2)
+    before, after = lengths(sizes)
+    return (
+        f"{explain} {share} of the mean square residual of the recalibrated arm {where} "
+        f"(RMS {before} before, {after} after)"
+    )
+
+
+def _residuals_left(result: Diagnosis) -> str:
+    """What is left of the residuals."""
+    extended = result.extended
+    if not extended.scatters:
+        return "the arm agrees with the records within the noise"
+    scatter = f"the residuals scatter by {length(extended.unmodelled)} per coordinate"
+    if extended.stated:
+        return f"{scatter} more than the stated noise"
+    return f"{scatter}, which counts as noise, because you did not state all noise"
+
+
+# Doubts ---------------------------------------------------------------
+
+
+def doubts_in_words(result: Diagnosis) -> list[str]:
+    """What stands against the verdict, without what the verdict itself states of the causes.
+
+    Raises:
+        KeyError: a doubt has no sentence.
+    """
+    each = [WORDS_OF_DOUBTS[doubt](result) for doubt in result.doubts]
+    return [words for words in each if words]
+
+
+def _contradicted_references(result: Diagnosis) -> str:
+    """The stated coordinates of a seat, or a stated length, contradict the records."""
+    return "; ".join(map(str, result.contradicted))
+
+
+def _residuals_too_small(_: Diagnosis) -> str:
+    """The residuals are far smaller than the stated noise, so that noise can hide every cause."""
+    return (
+        "the residuals are far smaller than the stated noise, and noise of this size hides causes"
+    )
+
+
+def _few_causes_shown(result: Diagnosis) -> str:
+    """`diagnose` found no cause, and the records would show at most half of all causes."""
+    seen, of = result.visible
+    return f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude"
+
+
+def _cause_not_named(result: Diagnosis) -> str:
+    """`diagnose` would find a cause only with the excluded records."""
+    causes, records = result.otherwise, int(result.extended.excluded.sum())
+    excluded = count(records, "excluded record")
+    found = labels_in_words(result, causes)
+    return f"with the {excluded}, diagnose would find {found}"
+
+
+def _below_zero(result: Diagnosis) -> str:
+    """The estimate of a cause is negative by more than U, which is physically impossible."""
+    causes = several_in_words(result.below_zero, result.model.arm)
+    return f"the estimate of {causes} is negative, which is physically impossible"
+
+
+def _not_borne_out(result: Diagnosis) -> str:
+    """Held-out records do not confirm a cause."""
+    if "no better" in result.doubts:
+        return ""
+    unconfirmed = [finding.effect for finding in result.findings if not finding.borne_out]
+    return f"held-out records do not confirm {several_in_words(unconfirmed, result.model.arm)}"
+
+
+def _no_better(result: Diagnosis) -> str:
+    """The extended arm does not predict held-out records better than the recalibrated arm."""
+    return ""
+
+
+def _structure_left(result: Diagnosis) -> str:
+    """The residuals have significant structure (`unexplained.p_value` is below the threshold)."""
+    if result.verdict in WITH_STRUCTURE or "more causes" in result.doubts:
+        return ""
+    return f"the residuals have significant structure ({beside_threshold(result.unexplained)})"
+
+
+def _more_causes(result: Diagnosis) -> str:
+    """A cause that `diagnose` cannot identify acts with a probability of at least 0.95."""
+    if result.verdict == "ambiguous" and not result.findings:
+        return ""  # the sets that may act are in the sentence
+    chance = f"probability {probability(result.more)}, threshold {THRESHOLDS.settled:g}"
+    return f"diagnose cannot identify a further cause that acts ({chance})"
+
+
+def _starts_disagree(result: Diagnosis) -> str:
+    """Two searches over the sets of causes found different sets (`agreement`)."""
+    return "two searches over the sets of causes found different sets"
+
+
+WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
+    "contradicted references": _contradicted_references,
+    "residuals too small": _residuals_too_small,
+    "few causes shown": _few_causes_shown,
+    "cause not named": _cause_not_named,
+    "below zero": _below_zero,
+    "cause not borne out": _not_borne_out,
+    "no better": _no_better,
+    "structure left": _structure_left,
+    "more causes": _more_causes,
+    "starts disagree": _starts_disagree,
+}
+"""The sentence of each doubt, by its name; empty if the verdict, or another doubt, states it."""
+
+
+def beside_threshold(left: Unexplained) -> str:
+    """The p-value of what is left, and its threshold: ``p = 0.02, threshold 0.001``."""
+    return f"{p_equals(left.p_value)}, threshold {left.threshold:g}"
+
+
+def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
+    """Causes and covariates that labels of the result name, in a row."""
+    return listed([_label_in_words(result, label) for label in labels])
+
+
+def _label_in_words(result: Diagnosis, label: str) -> str:
+    cause = result.cause(label)
+    if cause is None:
+        return f"dependence on {label}"
+    return name_in_words(cause, result.model.arm)
