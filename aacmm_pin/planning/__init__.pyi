@@ -1,7 +1,7 @@
 from .calibration_design import CalibrationPlan, plan_calibration
-from .detection_power import Power
 from .plan import POOL_SIZE, PlannedScheme, plan_measurements
 from .result import MeasurementPlan, Tried
+from .separability import Power
 
 __all__ = [
     "POOL_SIZE",

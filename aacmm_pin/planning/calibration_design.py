@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.progress import Progress, watched
@@ -31,7 +30,7 @@ from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.measurement_sheet import sheet_of
 from aacmm_pin.planning.plan import POOL_SIZE, PlannedScheme, check_numbers, complete, places_for
-from aacmm_pin.planning.search import SequentialDesign, d_optimality
+from aacmm_pin.planning.search import chosen_records, d_optimality
 from aacmm_pin.planning.task import Task
 
 CALIBRATION_PLAN_SCHEMA = "aacmm-pin/calibration-plan/1"
@@ -171,7 +170,9 @@ def plan_calibration(
         )
     situation = Situation.of(task, MeasurementConditions((), model), where, rng)
     with watched(range(records), progress, "plan", "record") as steps:
-        chosen = d_optimal(situation.rows, situation.known.T @ situation.known, records, steps)
+        rows = situation.rows
+        score = d_optimality(rows)
+        chosen = chosen_records(rows, situation.information, steps, score, EXCHANGE_ROUNDS)
     judged = _Judged.of(task, situation)
     beside = [judged.worth([*rng.permutation(situation.pool.n)[:records]]) for _ in range(RANDOM)]
     (o1, u), (o1_random, u_random) = judged.worth(chosen), np.array(beside).T
@@ -182,22 +183,6 @@ def plan_calibration(
     )
 
 
-def d_optimal(
-    rows: Array, information: Array, count: int, steps: Iterable[int] | None = None
-) -> list[int]:
-    """``count`` of the candidates ``rows`` (n, 3, p) with a large det of ``information`` (p, p) and
-    theirs.
-    """
-    choice = SequentialDesign(rows, information)
-    choice.run(count, d_optimality, steps)
-    for _ in range(EXCHANGE_ROUNDS):
-        before = set(choice.taken)
-        choice.exchange(d_optimality)
-        if set(choice.taken) == before:
-            break
-    return choice.taken
-
-
 @dataclass(frozen=True, eq=False)
 class _Judged:
     """Information of records about the parameters: the parameters have the last columns, frame and
@@ -205,37 +190,33 @@ class _Judged:
 
     Attributes:
         situation: the pool.
-        order: of the columns.
-        beside: number of columns of frame and seats.
+        parameters: how many there are.
         tips: displacement of the tip by one unit of each parameter in every posture of the pool
             (n, 3, p) [m].
     """
 
     situation: Situation
-    order: Index
-    beside: int
+    parameters: int
     tips: Array
 
     @staticmethod
     def of(task: Task, situation: Situation) -> _Judged:
         problem = task.problem(task.model, situation.pool)
         own = problem.vector.size
-        layout = situation.layout
         jacobian = problem.predict(problem.start, task.frame).jacobian[:, :, :own]
-        order = np.r_[own : layout.width, :own]
-        return _Judged(situation, order, layout.width - own, jacobian * layout.scales[:own])
+        return _Judged(situation, own, jacobian * situation.scales[:own])
 
     def worth(self, chosen: list[int]) -> tuple[float, float]:
         """O1 of existing and chosen records, and the root mean square u of the tip after them
         [m].
         """
         situation = self.situation
-        width = self.situation.layout.width
-        prior, measured = np.split(situation.known[:, self.order], [situation.layout.nuisances])
-        chosen_rows = situation.rows[chosen].reshape(-1, width)[:, self.order]
-        data = np.vstack([measured, chosen_rows])
-        of_data = remaining_triangle(data, self.beside)
-        of_all = remaining_triangle(np.vstack([data, prior]), self.beside)
+        beside = situation.nuisances - self.parameters
+        prior, measured = np.split(situation.known, [situation.nuisances])
+        rows = situation.rows[chosen].reshape(-1, situation.nuisances)
+        data = np.roll(np.vstack([measured, rows]), beside, axis=1)
+        of_data = remaining_triangle(data, beside)
+        of_all = remaining_triangle(np.vstack([data, np.roll(prior, beside, axis=1)]), beside)
         o1 = Observability.of(of_data, len(chosen) + situation.before).o1
         spread = self.tips @ np.linalg.inv(of_all)  # the covariance is R⁻¹ R⁻ᵀ
         return o1, float(np.sqrt(np.square(spread).sum(axis=(1, 2)).mean()))

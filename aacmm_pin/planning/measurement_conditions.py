@@ -10,8 +10,8 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, axis, end
@@ -113,23 +113,13 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
         return
     about = int(np.argmin(np.abs(arm.gravity)))
     for degrees in (90, 180):
-        gravity = _turned(arm.gravity, about, np.deg2rad(-degrees))
+        turn = Rotation.from_euler("xyz"[about], -degrees, degrees=True)
+        gravity = np.round(turn.apply(arm.gravity), 6) + 0.0
         numbers = ", ".join(f"{g:g}" for g in gravity)
         words = str(
             Note("turn_mount", {"degrees": degrees, "axis": "xyz"[about], "gravity": numbers})
         )
         yield words, {"gravity_m_s2": tuple(gravity.tolist())}
-
-
-def _turned(vector: Array, about: int, angle: float) -> Array:
-    one = (about + 1) % 3
-    other = (about + 2) % 3
-    cos = np.cos(angle)
-    sin = np.sin(angle)
-    turned = vector.copy()
-    turned[one] = cos * vector[one] - sin * vector[other]
-    turned[other] = sin * vector[one] + cos * vector[other]
-    return np.round(turned, 6) + 0.0
 
 
 def _loaded(arm: Arm, file: ArmFile, row: int) -> dict[str, Any]:

@@ -24,9 +24,8 @@ from aacmm_pin.measurements import (
     seed_of,
 )
 from aacmm_pin.planning.candidate_records import free_postures, postures_at_seats
-from aacmm_pin.planning.pairwise_discrimination import for_two
+from aacmm_pin.planning.discrimination import for_all, for_two
 from aacmm_pin.planning.result import MeasurementPlan
-from aacmm_pin.planning.separability import for_all
 from aacmm_pin.planning.task import Task, require_separable, usual_causes
 
 PlannedScheme = Literal["free", "seats"]
@@ -65,9 +64,8 @@ def plan_measurements(
     record once. The plan first tries postures only. If postures do not suffice, the plan adds
     conditions of the causes (approach, temperature, warm-up), then a load, then another mount.
 
-    Without ``split``, half of the records determine geometry and all causes together best (Bayesian
-    D-optimality: Chaloner, Verdinelli 1995, Statistical Science 10). Each other record is the best
-    for the pair of causes that the plan distinguishes worst.
+    Without ``split``, each record is the best for the pair of causes that the records so far
+    distinguish worst. The plan then exchanges no record.
 
     Args:
         model: the arm, or the arm with causes of error; the causes keep their values.

@@ -17,8 +17,8 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect, ErrorModel
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.planning.detection_power import Power
 from aacmm_pin.planning.measurement_conditions import set_up_in_words
+from aacmm_pin.planning.separability import Power
 
 PLAN_SCHEMA = "aacmm-pin/plan/1"
 DECIDED = 0.95

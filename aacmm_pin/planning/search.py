@@ -1,108 +1,101 @@
-"""A sequential design: records chosen one by one from a pool, the best first, by updates of rank
-three of an inverse.
+"""Records chosen one by one from a pool, the best first, then exchanged; and what makes one the
+best.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.planning.detection_power import Size
+from aacmm_pin._support.checks import Array
+from aacmm_pin.planning.separability import Pair, Separation
 
 OTHER_DISTANCE_WEIGHT = 1e-3
 """Weight of the better determined direction, which only decides among records that are equal in the
 worse one.
 """
 
-Score = Callable[["SequentialDesign"], Array]
-"""What each record of the pool would be worth if it came next (n,)."""
+Score = Callable[[Array], Array]
+"""What each record of the pool is worth if it comes next (n,), by the information of all that is
+there (p, p).
+"""
 
 
-class SequentialDesign:
-    """The state of a choice: which records of a pool are taken, and the covariance of all unknowns
-    that they leave.
+def chosen_records(
+    rows: Array, information: Array, steps: Iterable[int], score: Score, rounds: int
+) -> list[int]:
+    """Numbers of the records ``rows`` (n, 3, p) that are best beside ``information`` (p, p).
 
-    Attributes:
-        pool: whitened rows of the candidates (n, 3, p).
-        covariance: of the unknowns with what is taken (p, p).
-        taken: numbers of the records taken.
+    One for each of the ``steps``; then each is exchanged for the best one beside all others.
+
+    The exchange ends after so many ``rounds``, or earlier if it changes nothing (Fedorov 1972).
+    """
+    taken: list[int] = []
+
+    def take_best() -> None:
+        measured = rows[taken].reshape(-1, rows.shape[2])
+        scores = score(information + measured.T @ measured)
+        scores[taken] = -np.inf
+        taken.append(int(np.argmax(scores)))
+
+    for _ in steps:
+        take_best()
+    for _ in range(rounds):
+        before = set(taken)
+        for record in taken.copy():
+            taken.remove(record)
+            take_best()
+        if set(taken) == before:
+            break
+    return taken
+
+
+def d_optimality(rows: Array) -> Score:
+    """Information of a record about all unknowns together: log determinant, Bayesian D-optimality
+    (Chaloner, Verdinelli 1995).
     """
 
-    def __init__(self, pool: Array, information: Array) -> None:
-        self.pool, self.information = pool, information
-        self.covariance = np.linalg.inv(information)
-        self.taken: list[int] = []
-        self.seen = pool @ self.covariance
-        self.free: Mask = np.ones(len(pool), dtype=bool)
-
-    @property
-    def scatter(self) -> Array:
-        """Covariance of each record as predicted, its noise being one (n, 3, 3)."""
-        of_unknowns = self.seen @ self.pool.transpose(0, 2, 1)
-        return np.eye(3) + of_unknowns
-
-    def take(self, record: int) -> None:
-        """One more record: ``Σ - Σ Aᵀ (I + A Σ Aᵀ)⁻¹ A Σ`` (Woodbury), and the same for what the
-        pool sees of it.
-        """
-        rows = self.pool[record]
-        seen = self.seen[record].copy()
-        gain = np.linalg.solve(np.eye(3) + seen @ rows.T, seen)
-        self.covariance = self.covariance - seen.T @ gain
-        self.seen = self.seen - (self.pool @ seen.T) @ gain
-        self.taken.append(record)
-        self.free[record] = False
-
-    def drop(self, record: int) -> None:
-        """One record less, computed anew: an update back would lose the information of a record
-        with little noise.
-        """
-        self.taken.remove(record)
-        self.free[record] = True
-        rows = self.pool[self.taken].reshape(-1, self.pool.shape[2])
-        self.covariance = np.linalg.inv(self.information + rows.T @ rows)
-        self.seen = self.pool @ self.covariance
-
-    def run(self, count: int, score: Score, steps: Iterable[int] | None = None) -> None:
-        """Take the best record ``count`` times."""
-        for _ in range(count) if steps is None else steps:
-            self.take(self._best(score))
-
-    def exchange(self, score: Score) -> None:
-        """Look once at every record taken, and take the one instead that does better when all
-        others stay.
-        """
-        for record in list(self.taken):
-            self.drop(record)
-            self.take(self._best(score))
-
-    def _best(self, score: Score) -> int:
-        scores = np.where(self.free, score(self), -np.inf)
-        return int(np.argmax(scores))
-
-
-def t_optimality(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
-    """The smaller of the two distances of a pair of causes, columns ``one`` and ``other``, after
-    one more record.
-    """
-
-    def score(choice: SequentialDesign) -> Array:
-        inverse = np.linalg.inv(choice.scatter)
-        distances = []
-        for columns, size in ((one, sizes[0]), (other, sizes[1])):
-            seen = choice.seen[:, :, columns]
-            before = choice.covariance[np.ix_(columns, columns)]
-            after = np.linalg.inv(before - seen.transpose(0, 2, 1) @ inverse @ seen)
-            distances.append(np.einsum("nij,jm,im->n", after, size.factor, size.factor))
-        return np.asarray(np.minimum(*distances) + OTHER_DISTANCE_WEIGHT * np.maximum(*distances))
+    def score(information: Array) -> Array:
+        scatter = np.eye(3) + rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)
+        return np.asarray(np.linalg.slogdet(scatter)[1])
 
     return score
 
 
-def d_optimality(choice: SequentialDesign) -> Array:
-    """Information of a record about all unknowns together: log determinant, Bayesian D-optimality
-    (Chaloner, Verdinelli 1995).
+def t_optimality(
+    rows: Array, blocks: Sequence[slice], sizes: Sequence[Array], pairs: Sequence[Pair]
+) -> Score:
+    """The smaller of the two distances of the pair of causes that is distinguished worst, if only
+    these two act.
+
+    The causes have the ``blocks`` of the last columns of the rows, and the ``sizes``.
     """
-    return np.asarray(np.linalg.slogdet(choice.scatter)[1])
+    nuisances = rows.shape[2] - blocks[-1].stop
+    columns = np.arange(rows.shape[2])
+    nuisance_columns, cause_columns = np.split(columns, [nuisances])
+
+    def score(information: Array) -> Array:
+        one, other = pairs[0]
+        if len(pairs) > 1:
+            others, both = information[:nuisances, :nuisances], information[:nuisances, nuisances:]
+            refitted = both.T @ np.linalg.solve(others, both)
+            values, axes = np.linalg.eigh(information[nuisances:, nuisances:] - refitted)
+            root = np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T
+            one, other = Separation.of(root, blocks, sizes).worst(pairs)
+        first, second = cause_columns[blocks[one]], cause_columns[blocks[other]]
+        acting = np.r_[nuisance_columns, first, second]
+        pool = rows[:, :, acting]
+        covariance = np.linalg.inv(information[np.ix_(acting, acting)])
+        seen = pool @ covariance
+        inverse = np.linalg.inv(np.eye(3) + seen @ pool.transpose(0, 2, 1))
+        middle = nuisances + first.size
+        distances = []
+        for cause, own in ((one, slice(nuisances, middle)), (other, slice(middle, acting.size))):
+            of_cause = seen[:, :, own]
+            gained = of_cause.transpose(0, 2, 1) @ inverse @ of_cause
+            after = np.linalg.inv(covariance[own, own] - gained)
+            distances.append(np.einsum("nij,jm,im->n", after, sizes[cause], sizes[cause]))
+        return np.asarray(np.minimum(*distances) + OTHER_DISTANCE_WEIGHT * np.maximum(*distances))
+
+    return score

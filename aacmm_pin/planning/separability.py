@@ -1,188 +1,198 @@
-"""A plan for all causes at once: which pairs records distinguish, and which no posture
-distinguishes.
+"""How well records distinguish causes: distances of their effects, and the probability of the right
+decision.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import combinations, permutations
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
+import scipy
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.notes import Note
-from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.planning.candidate_design import Situation
-from aacmm_pin.planning.detection_power import SAME_FRACTION, UNDETECTABLE, Size, alone, distance
-from aacmm_pin.planning.measurement_conditions import possible_conditions
-from aacmm_pin.planning.measurement_sheet import plan_of
-from aacmm_pin.planning.result import MeasurementPlan, Tried
-from aacmm_pin.planning.search import SequentialDesign, d_optimality, t_optimality
-from aacmm_pin.planning.task import Task
+from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.display import Shown
+from aacmm_pin.effects import Effect
 
-HOPELESS = 1.0
-"""A pair whose T would be smaller than this with random records gets no record of its own."""
-LEAST_T = 10.8
-"""T from which two causes of known values are distinguished with probability 0.95: ``Φ(√T/2)``."""
+SAME_FRACTION = 1e-4
+"""Part of the squared effect of one cause below which the other has the same effect."""
+UNDETECTABLE = 1e-6
+"""A cause whose squared effect, the noise being one, is smaller than this shows nothing."""
+FREQUENCIES = 0.075 * (np.arange(400) + 0.5)
+"""Where a characteristic function is taken, over the standard deviation: probabilities are then
+right to 1e-4.
+"""
+CERTAIN = 12.0
+"""A difference is positive for certain if its mean is so many standard deviations."""
 
 Pair = tuple[int, int]
 
 
-def for_all(
-    task: Task, postures: Measurements, records: int, rng: np.random.Generator, steps: Iterable[int]
-) -> MeasurementPlan:
-    """The plan for every pair of causes, each of typical magnitude: half of the records for all,
-    the others for the worst pairs.
+def size_of(effect: Effect) -> Array:
+    """How large a cause would be, in units of its typical magnitudes: the parameters are this (q,
+    m) times a vector of unit variance.
 
-    Its ``pairs`` are all that would be detected, worst first; ``told`` where T suffices.
-    ``why_not``: the two have ``the same`` effect in every posture, or it is ``too small`` for so
-    many records; else "". See :func:`pairwise_discrimination.for_two`.
-
-    Raises:
-        AacmmError: fewer than two causes would be detected.
+    The effect's own values, or their magnitude in any direction; a typical one where all are zero.
     """
-    options = [*possible_conditions(task.model, task.causes, task.temperature)]
-    set_up = [option for option in options if not option.changes_arm][-1]  # every condition varied
-    situation = Situation.of(task, set_up, postures, rng)
-    others = {
-        option.words[-1]: Situation.of(task, option, postures, rng).triangle(None)
-        for option in options
-        if option.changes_arm
-    }
-    blocks = situation.layout.blocks
-    whole = situation.triangle(None)
-    undetectable = {k for k, block in enumerate(blocks) if _is_undetectable(whole, block)}
-    all_pairs = distances(whole, blocks)
-    every = {pair: both for pair, both in all_pairs.items() if not undetectable & set(pair)}
-    if not every:
-        raise AacmmError(
-            "a diagnosis of this plan would detect fewer than two causes; expected two or more; "
-            "plan more records, or add columns"
-        )
-    same = {pair for pair, (_, part) in every.items() if part <= SAME_FRACTION}
-    needed = HOPELESS * situation.pool.n / records
-    open_ = {pair for pair, (t, _) in every.items() if pair not in same and t >= needed}
-    chosen = _chosen(situation, records, open_, steps)
-    planned = distances(situation.triangle(chosen), blocks)
-    after = {pair: planned[pair][0] for pair in every}
-    why_not = dict.fromkeys(every, "too small")
-    why_not |= dict.fromkeys(open_, "") | dict.fromkeys(same, "the same")
-    labels = [cause.label for cause in task.causes]
-    pairs = _table(after, why_not, labels)
-    worst = min(open_ or set(every) - same or set(every), key=lambda pair: after[pair])
-    one, other = (task.causes[k] for k in worst)
-    draws = int(rng.integers(2**32))
-    sizes = (Size.of(one), Size.of(other))
-    power = situation.power(chosen, worst, sizes, draws)
-    before = situation.power([], worst, sizes, draws) if situation.before else None
-    told = Note("pairs_told_apart", {"told": int(pairs["told"].sum()), "pairs": len(pairs)})
-    notes = (told, *_notes(undetectable, same, labels, others, blocks))
-    found = {"split": (one, other), "before": before, "after": power, "pairs": pairs}
-    tried = (Tried(str(set_up), power),)
-    return plan_of(task, situation, chosen, notes, tried=tried, **found)
+    scaled = np.array(effect.values) / [term.typical for term in effect.terms]
+    if not scaled.any():
+        return np.eye(scaled.size)
+    if effect.notation.phase_is_free(effect):
+        return np.eye(scaled.size) * float(np.linalg.norm(scaled) / np.sqrt(scaled.size))
+    return scaled[:, None]
 
 
-def _table(
-    distance_of: Mapping[Pair, float], why_not: Mapping[Pair, str], labels: Sequence[str]
-) -> pd.DataFrame:
-    """One row a pair, the worst first."""
-    rows = []
-    for pair, t in distance_of.items():
-        one, other = (labels[k] for k in pair)
-        rows.append((one, other, t, t >= LEAST_T, why_not[pair]))
-    table = pd.DataFrame(rows, columns=["cause", "other", "T", "told", "why_not"])
-    return table.sort_values("T", ignore_index=True)
+@dataclass(frozen=True)
+class Power(Shown):
+    """How well two causes are distinguished.
 
-
-def _chosen(
-    situation: Situation, records: int, open_: set[Pair], steps: Iterable[int]
-) -> list[int]:
-    """Numbers of records of the pool: those that determine everything best, then each for the
-    ``open_`` pair that is distinguished worst.
+    Attributes:
+        one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²``, the first cause true, and the second.
+        alone: the same without the other cause, ``min ‖G_k β_k - Z η‖²``: the detectable effect
+            of each.
+        probability: of deciding for the right one of the two by their evidence.
     """
-    layout = situation.layout
-    typical = np.zeros(layout.width)
-    typical[layout.nuisances :] = 1.0
-    choice = SequentialDesign(
-        situation.rows, situation.known.T @ situation.known + np.diag(typical)
+
+    one: float
+    other: float
+    alone: tuple[float, float]
+    probability: float
+
+    @property
+    def least(self) -> float:
+        """The smaller of the two distances, which decides."""
+        return min(self.one, self.other)
+
+    @property
+    def open(self) -> tuple[bool, bool]:
+        """Whether each has an effect that the other cannot have."""
+        distances = np.array([self.one, self.other])
+        one, other = _is_open(distances, np.array(self.alone)).tolist()
+        return one, other
+
+    @property
+    def same(self) -> bool:
+        """One cause has the same effect as the other in these records, or none."""
+        return not all(self.open)
+
+
+class Separation(NamedTuple):
+    """Distances of the effects of causes.
+
+    Attributes:
+        distances: ``min over β_l of ‖R_k F_k - R_l β_l‖²`` of each cause k from each other l
+            (causes, causes), see :func:`size_of` for F.
+        alone: ``‖R_k F_k‖²``: the detectable effect of each (causes,).
+    """
+
+    distances: Array
+    alone: Array
+
+    @staticmethod
+    def of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Separation:
+        """By records with the triangle ``r`` (``S = RᵀR``); each cause has a block of its
+        columns.
+        """
+        effects = np.hstack([r[:, block] @ size for block, size in zip(blocks, sizes, strict=True)])
+        first = np.cumsum([0, *(size.shape[1] for size in sizes[:-1])])
+        distances = []
+        for block in blocks:
+            possible = scipy.linalg.orth(r[:, block], rcond=1e-12)
+            left = effects - possible @ (possible.T @ effects)
+            distances.append(np.add.reduceat(np.square(left).sum(axis=0), first))
+        alone = np.add.reduceat(np.square(effects).sum(axis=0), first)
+        return Separation(np.stack(distances, axis=1), alone)
+
+    @property
+    def detectable_pairs(self) -> list[Pair]:
+        """Pairs of causes with a detectable effect."""
+        detectable = np.flatnonzero(self.alone > UNDETECTABLE)
+        return [*combinations(detectable.tolist(), 2)]
+
+    def same(self, pair: Pair) -> bool:
+        """Whether one cause of a pair can have every effect of the other, or has none."""
+        open_ = _is_open(self.distances, self.alone[:, None])
+        return not (open_[pair] and open_[pair[::-1]])
+
+    def least(self, pair: Pair) -> float:
+        """The smaller distance of a pair."""
+        return float(min(self.distances[pair], self.distances[pair[::-1]]))
+
+    def worst(self, pairs: Iterable[Pair]) -> Pair:
+        """The pair with the smallest distance."""
+        return min(pairs, key=self.least)
+
+
+def _is_open(distances: Array, alone: Array) -> Mask:
+    """Whether causes have detectable effects that others cannot have."""
+    return np.asarray((alone > UNDETECTABLE) & (distances > SAME_FRACTION * alone))
+
+
+def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power:
+    """How well records with the triangle ``r`` distinguish two blocks of its columns.
+
+    The probability is that the evidence of the true cause is the larger one, each true in half of
+    the cases.
+    """
+    distances, (first, second) = Separation.of(r, blocks, sizes)
+    one, other = (r[:, block] for block in blocks)
+    right = _right_decision(one, other, sizes[0], first)
+    right += _right_decision(other, one, sizes[1], second)
+    alone = (float(first), float(second))
+    return Power(float(distances[0, 1]), float(distances[1, 0]), alone, right / 2)
+
+
+def _right_decision(mine: Array, its: Array, size: Array, shows: float) -> float:
+    """Probability that the evidence of the cause with columns ``mine`` (p, q), which is true, is
+    larger than that of the other.
+
+    How large a cause may be is hardly known, so size alone must not decide: the prior variance of
+    either lets it show as much as the true one does. The difference of the evidences of ``y = R β +
+    noise`` is a quadratic form of normal variables, ``Σ λ (z + δ)²``, beyond a threshold: by its
+    characteristic function (Gil-Pelaez 1951, Biometrika 38; Imhof 1961, Biometrika 48), on average
+    over the directions of β.
+    """
+    (gain, complexity), (other_gain, other_complexity) = (
+        _evidence(block, shows) for block in (mine, its)
     )
-    for step in steps:
-        if step < (records + 1) // 2 or not open_:
-            choice.run(1, d_optimality)
-            continue
-        now = distances(situation.triangle(choice.taken), layout.blocks)
-        choice.take(_best_for(min(open_, key=lambda pair: now[pair][0]), situation, choice))
-    return choice.taken
+    weights, axes = np.linalg.eigh(gain - other_gain)
+    noncentrality = np.square(axes.T @ mine @ size @ _directions(size.shape[1])).T
+    threshold = complexity - other_complexity
+    mean = weights.sum() + noncentrality @ weights - threshold
+    spread = np.sqrt(2 * np.square(weights).sum() + 4 * noncentrality @ np.square(weights))
+    if spread.max() < UNDETECTABLE:
+        return 0.5
+    t = FREQUENCIES[:, None] / spread
+    turned = 1 - 2j * t[:, :, None] * weights
+    exponent = (1j * t[:, :, None] * weights * noncentrality / turned).sum(axis=2)
+    characteristic = np.exp(exponent - 1j * t * threshold) / np.sqrt(turned).prod(axis=2)
+    summed = (characteristic.imag / FREQUENCIES[:, None]).sum(axis=0)
+    positive = 0.5 + summed * 2 * FREQUENCIES[0] / np.pi
+    certain = np.abs(mean) > CERTAIN * spread
+    return float(np.where(certain, mean > 0, np.clip(positive, 0.0, 1.0)).mean())
 
 
-def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, float]]:
-    """Of every pair of blocks, each of typical magnitude: the smaller T, and the part of an effect
-    that the other cause cannot have.
+def _evidence(r: Array, shows: float) -> tuple[Array, float]:
+    """Twice the log evidence of records y (p,) is ``yᵀ G y - c`` beyond that of no cause: G (p, p)
+    and c.
+
+    With a normal prior of variance w², ``w² tr S = shows``: ``G = R (S + I/w²)⁻¹ Rᵀ``, ``c = log
+    det(I + w² S)``.
     """
-    found = {}
-    for pair in combinations(range(len(blocks)), 2):
-        both = []
-        for one, other in permutations(pair):
-            mine = blocks[one]
-            its = blocks[other]
-            size = np.eye(mine.stop - mine.start)
-            t = distance(r, mine, its, size)
-            whole = alone(r, mine, size)
-            both.append((t, t / whole if whole > 0 else 0.0))
-        found[pair] = (min(t for t, _ in both), min(part for _, part in both))
-    return found
+    information = r.T @ r
+    total = float(np.trace(information))
+    if shows <= UNDETECTABLE or total <= UNDETECTABLE:
+        return np.zeros((len(r), len(r))), 0.0
+    variance = shows / total
+    inside = np.eye(len(information)) + variance * information
+    gain = variance * r @ np.linalg.solve(inside, r.T)
+    return gain, float(np.linalg.slogdet(inside)[1])
 
 
-def _best_for(pair: Pair, situation: Situation, choice: SequentialDesign) -> int:
-    """The record that distinguishes one pair best, if only these two causes act."""
-    layout = situation.layout
-    pool = situation.rows
-    first = layout.nuisances
-    blocks = [layout.columns(cause) for cause in pair]
-    columns = np.concatenate([np.arange(first), *blocks])
-    taken = pool[choice.taken].reshape(-1, layout.width)
-    information = situation.start + taken.T @ taken
-    alone = SequentialDesign(pool[:, :, columns], information[np.ix_(columns, columns)])
-    one, other = (len(block) for block in blocks)
-    sizes = (Size(np.eye(one)), Size(np.eye(other)))
-    worth = t_optimality(first + np.arange(one), first + one + np.arange(other), sizes)(alone)
-    return int(np.argmax(np.where(choice.free, worth, -np.inf)))
-
-
-def _notes(
-    undetectable: set[int],
-    same: set[Pair],
-    labels: list[str],
-    others: dict[str, Array],
-    blocks: tuple[slice, ...],
-) -> Iterator[Note]:
-    """Causes that no posture detects or distinguishes, and which of the ``others``, set-ups with
-    their triangles, would.
-    """
-    for k in sorted(undetectable):
-        helps = next(
-            (words for words, r in others.items() if not _is_undetectable(r, blocks[k])), None
-        )
-        data = {"cause": labels[k], "set_up": helps}
-        yield Note("cause_never_shows" if helps is None else "cause_shows_otherwise", data)
-    for one, other in sorted(same):
-        both = blocks[one], blocks[other]
-        separating = (
-            words
-            for words, r in others.items()
-            if distances(r, both)[0, 1][1] > SAME_FRACTION and not _is_undetectable(r, *both)
-        )
-        helps = next(separating, None)
-        data = {"one": labels[one], "other": labels[other], "set_up": helps}
-        yield Note("pair_never_told" if helps is None else "pair_told_otherwise", data)
-
-
-def _is_undetectable(r: Array, *blocks: slice) -> bool:
-    """Whether one of the blocks has no detectable effect."""
-    for block in blocks:
-        typical = np.eye(block.stop - block.start)
-        if alone(r, block, typical) <= UNDETECTABLE:
-            return True
-    return False
+def _directions(count: int) -> Array:
+    """Vectors of length ``√count`` to the corners and the faces of a cube (count, m)."""
+    corners = np.transpose([*product((-1.0, 1.0), repeat=count)])
+    faces = np.sqrt(count) * np.eye(count)
+    return np.hstack([corners, faces, -faces])

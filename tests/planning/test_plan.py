@@ -37,8 +37,8 @@ from aacmm_pin.errors import (
     UnsupportedArmError,
 )
 from aacmm_pin.planning import MeasurementPlan
-from aacmm_pin.planning.detection_power import EVIDENCE_DRAWS, Size, power_of
 from aacmm_pin.planning.measurement_conditions import possible_conditions
+from aacmm_pin.planning.separability import power_of
 from aacmm_pin.report.plan import advice, plan_advice
 from tests.arm_files import RIGID, changed
 from tests.notes import data_of
@@ -284,48 +284,44 @@ def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6):
 
 
 def test_odds_are_those_of_two_known_directions():
-    """``Φ(√T/2)``-like in the limit of two orthogonal causes: the formula for correlation zero."""
-    size = 3.0
-    power = power_of(
-        size * np.eye(2),
-        (slice(0, 1), slice(1, 2)),
-        (Size(np.eye(1)),) * 2,
-        np.random.default_rng(1),
-    )
-    a = size / np.sqrt(2)
-    assert (power.one, power.other) == (pytest.approx(9.0), pytest.approx(9.0))
-    assert power.probability == pytest.approx(norm.cdf(a) ** 2 + norm.cdf(-a) ** 2, abs=0.01)
+    """Two orthogonal causes, beside the formula for correlation zero."""
+    for size in (0.5, 3.0, 500.0):
+        power = power_of(size * np.eye(2), (slice(0, 1), slice(1, 2)), (np.eye(1),) * 2)
+        a = size / np.sqrt(2)
+        assert (power.one, power.other) == (pytest.approx(size**2), pytest.approx(size**2))
+        expected = norm.cdf(a) ** 2 + norm.cdf(-a) ** 2
+        assert power.probability == pytest.approx(expected, abs=1e-4)
 
 
-def test_odds_are_those_of_the_densities_of_records(rng):
-    r = rng.normal(size=(5, 3))
-    blocks, sizes = (slice(0, 1), slice(1, 3)), (Size(np.eye(1)), Size(np.eye(2)))
-    draws, right = np.random.default_rng(1), []
-    for true, other in ((0, 1), (1, 0)):
-        mine = r[:, blocks[true]]
-        y = mine @ sizes[true].drawn(EVIDENCE_DRAWS, draws)
-        y += draws.standard_normal((5, EVIDENCE_DRAWS))
-        shape = [r[:, block] @ r[:, block].T for block in blocks]
-        density = [
-            multivariate_normal.logpdf(y.T, cov=np.eye(5) + np.square(mine).sum() / np.trace(s) * s)
-            for s in shape
-        ]
-        right.append(density[true] > density[other])
-    power = power_of(r, blocks, sizes, np.random.default_rng(1))
-    assert power.probability == pytest.approx(np.mean(right), abs=1e-3)
+def test_odds_are_those_of_the_densities_of_drawn_records(rng):
+    """Monte Carlo: the true cause has the larger density, in 200 000 draws of records each."""
+    draws = 200_000
+    blocks = (slice(0, 1), slice(1, 3))
+    for size in (0.5, 1.0, 2.0):
+        r = size * rng.normal(size=(5, 3))
+        right = []
+        for true, other in ((0, 1), (1, 0)):
+            mine = r[:, blocks[true]]
+            z = rng.standard_normal((mine.shape[1], draws))
+            effects = mine @ (z / np.sqrt(np.square(z).mean(axis=0)))
+            y = effects + rng.standard_normal((5, draws))
+            shape = [r[:, block] @ r[:, block].T for block in blocks]
+            shows = np.square(mine).sum()
+            density = [
+                multivariate_normal.logpdf(y.T, cov=np.eye(5) + shows / np.trace(s) * s)
+                for s in shape
+            ]
+            right.append(density[true] > density[other])
+        power = power_of(r, blocks, (np.eye(1), np.eye(2)))
+        assert power.probability == pytest.approx(np.mean(right), abs=8e-3)
 
 
-def test_causes_that_do_the_same_or_nothing(rng):
-    blocks, sizes = (slice(0, 1), slice(1, 2)), (Size(np.eye(1)),) * 2
-    same = power_of(np.ones((3, 2)), blocks, sizes, rng)
-    assert (same.probability, same.open, same.undetectable) == (0.5, (False, False), (False, False))
-    nothing = power_of(np.diag([1e-4, 3.0]), blocks, sizes, rng)
-    assert (nothing.open, nothing.undetectable, nothing.same) == (
-        (False, True),
-        (True, False),
-        True,
-    )
-    np.testing.assert_allclose(np.square(Size(np.eye(2)).drawn(9, rng)).sum(axis=0), 2.0)
+def test_causes_that_do_the_same_or_nothing():
+    blocks, sizes = (slice(0, 1), slice(1, 2)), (np.eye(1),) * 2
+    same = power_of(np.ones((3, 2)), blocks, sizes)
+    assert (same.probability, same.open) == (0.5, (False, False))
+    nothing = power_of(np.diag([1e-4, 3.0]), blocks, sizes)
+    assert (nothing.open, nothing.same) == ((False, True), True)
 
 
 # --- set-ups

@@ -1,0 +1,246 @@
+"""A plan for two or more causes: the set-up with the least effort that distinguishes them, and its
+records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import Note
+from aacmm_pin.effects import Effect, typical_magnitude_in_words
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.planning.candidate_design import Situation
+from aacmm_pin.planning.measurement_conditions import possible_conditions
+from aacmm_pin.planning.measurement_sheet import plan_of
+from aacmm_pin.planning.result import DECIDED, MeasurementPlan, Tried
+from aacmm_pin.planning.search import chosen_records, t_optimality
+from aacmm_pin.planning.separability import UNDETECTABLE, Pair, Power, Separation, size_of
+from aacmm_pin.planning.task import Task
+
+LOOSE = 1e-6
+"""Prior information of an unknown cause: it is within a thousand times its typical magnitude."""
+THOROUGH = 1000
+"""From so many postures on, every record of a plan is looked at once more when all are chosen."""
+MORE = (1.5, 2.0, 2.5, 3.0)
+"""If so many times the records would decide, no load and no other mount is planned."""
+PAIR = (0, 1)
+BETTER = 0.1
+"""A set-up of more effort that does not decide must raise the probability by this much."""
+HOPELESS = 1.0
+"""A pair whose T would be smaller than this with random records gets no record of its own."""
+LEAST_T = 10.8
+"""T from which two causes of known values are distinguished with probability 0.95: ``Φ(√T/2)``."""
+
+
+def for_two(
+    task: Task,
+    split: tuple[Effect, Effect],
+    postures: Measurements,
+    records: int,
+    as_it_stands: bool,
+    rng: np.random.Generator,
+    steps: Iterable[int],
+) -> MeasurementPlan:
+    """The plan with the least effort that decides, or else the best, of so many ``records`` at some
+    of the ``postures``.
+
+    Values of the ``split`` that are all zero stand for the typical magnitude. The generator is
+    for the conditions of the records; ``steps`` count these, perhaps wrapped to show progress.
+    """
+    tried: list[Tried] = []
+    best: tuple[Situation, list[int], Power] | None = None
+    enough: int | None = None
+    before: Power | None = None
+    sizes = [size_of(effect) for effect in split]
+    for set_up in possible_conditions(task.model, task.causes, task.temperature):
+        if set_up.changes_arm and (as_it_stands or enough is not None):
+            break
+        situation = Situation.of(task, set_up, postures, rng)
+        if before is None and situation.before:
+            sizes = _matched(situation, split, sizes)
+            before = situation.power([], PAIR, sizes)
+        of_pool = situation.power(None, PAIR, sizes)
+        why_not = _why_not(split, of_pool)
+        if why_not and best is not None:
+            tried.append(Tried(str(set_up), of_pool, why_not))
+            continue
+        chosen = _chosen(situation, sizes, [PAIR], steps)
+        steps = range(records)
+        after = situation.power(chosen, PAIR, sizes)
+        tried.append(Tried(str(set_up), of_pool if why_not else after, why_not))
+        decides = after.probability >= DECIDED and not after.same
+        better = best is not None and after.probability > best[2].probability + BETTER
+        if best is None or decides or better or (best[2].same and not after.same):
+            best = (situation, chosen, after)
+            enough = None if decides or why_not else _enough(situation, chosen, sizes)
+        if decides:
+            break
+    assert best is not None
+    situation, chosen, after = best
+    return plan_of(
+        task,
+        situation,
+        chosen,
+        tuple(_sizes_in_words(split, before)),
+        split=split,
+        before=before,
+        after=after,
+        tried=tuple(tried),
+        enough=enough,
+    )
+
+
+def for_all(
+    task: Task, postures: Measurements, records: int, rng: np.random.Generator, steps: Iterable[int]
+) -> MeasurementPlan:
+    """The plan for every pair of causes, each of typical magnitude, in a set-up with every
+    condition varied but load and mount.
+
+    Its ``pairs`` are all that would be detected, worst first; ``told`` where T suffices.
+    ``why_not``: the two have ``the same`` effect in every posture, or it is ``too small`` for so
+    many records; else "". See :func:`for_two`.
+
+    Raises:
+        AacmmError: fewer than two causes would be detected.
+    """
+    options = [*possible_conditions(task.model, task.causes, task.temperature)]
+    set_up = [option for option in options if not option.changes_arm][-1]
+    situation = Situation.of(task, set_up, postures, rng)
+    sizes = [size_of(effect) for effect in task.causes]
+    of_pool = situation.separation(None, sizes)
+    pairs = of_pool.detectable_pairs
+    if not pairs:
+        raise AacmmError(
+            "a diagnosis of this plan would detect fewer than two causes; expected two or more; "
+            "plan more records, or add columns"
+        )
+    different = [pair for pair in pairs if not of_pool.same(pair)]
+    needed = HOPELESS * situation.pool.n / records
+    open_ = [pair for pair in different if of_pool.least(pair) >= needed]
+    wanted = open_ or different or pairs
+    chosen = _chosen(situation, sizes, wanted, steps)
+    separation = situation.separation(chosen, sizes)
+    rows = []
+    for pair in pairs:
+        one, other = (task.causes[cause].label for cause in pair)
+        why_not = "" if pair in open_ else "too small" if pair in different else "the same"
+        t = separation.least(pair)
+        rows.append(
+            {"cause": one, "other": other, "T": t, "told": t >= LEAST_T, "why_not": why_not}
+        )
+    table = pd.DataFrame(rows).sort_values("T", ignore_index=True)
+    worst = separation.worst(wanted)
+    after = situation.power(chosen, worst, sizes)
+    told = Note("pairs_told_apart", {"told": int(table["told"].sum()), "pairs": len(table)})
+    others = {
+        option.words[-1]: Situation.of(task, option, postures, rng).separation(None, sizes)
+        for option in options
+        if option.changes_arm
+    }
+    return plan_of(
+        task,
+        situation,
+        chosen,
+        (told, *_never_told([cause.label for cause in task.causes], of_pool, others)),
+        split=tuple(task.causes[cause] for cause in worst),
+        before=situation.power([], worst, sizes) if situation.before else None,
+        after=after,
+        tried=(Tried(str(set_up), after),),
+        pairs=table,
+    )
+
+
+def _chosen(
+    situation: Situation, sizes: Sequence[Array], pairs: Sequence[Pair], steps: Iterable[int]
+) -> list[int]:
+    """Numbers of the records of the pool that distinguish the worst of the pairs best."""
+    rows = situation.rows
+    flat = rows.reshape(-1, rows.shape[2])
+    loose = np.where(np.arange(rows.shape[2]) < situation.nuisances, 0.0, LOOSE)
+    # One record's worth of the average keeps the first steps from being blind; it counts in no
+    # power.
+    information = situation.information + np.diag(loose) + flat.T @ flat / len(rows)
+    score = t_optimality(rows, situation.blocks, sizes, pairs)
+    exchanges = int(len(pairs) == 1 and len(rows) >= THOROUGH)
+    return chosen_records(rows, information, steps, score, exchanges)
+
+
+def _enough(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> int | None:
+    """About how many records like the chosen ones would decide; None if not even a few times as
+    many.
+    """
+    for times in MORE:
+        if situation.power(chosen, PAIR, sizes, times).probability >= DECIDED:
+            return int(np.ceil(times * len(chosen)))
+    return None
+
+
+def _matched(situation: Situation, split: tuple[Effect, Effect], sizes: list[Array]) -> list[Array]:
+    """A cause without values has those that make its effect most similar to that of the other, if
+    that has some, in existing records.
+    """
+    stated = [any(effect.values) for effect in split]
+    if stated[0] == stated[1]:
+        return sizes
+    open_ = stated.index(False)
+    r = situation.triangle([])
+    mine, its = situation.blocks[open_], situation.blocks[1 - open_]
+    alike, *_ = np.linalg.lstsq(r[:, mine], r[:, its] @ sizes[1 - open_], rcond=1e-12)
+    if alike.any():
+        sizes[open_] = np.asarray(alike, dtype=np.float64)
+    return sizes
+
+
+def _sizes_in_words(split: tuple[Effect, Effect], before: Power | None) -> Iterator[Note]:
+    """How large causes without values are taken to be, see :func:`_matched`."""
+    for effect, other in (split, split[::-1]):
+        if any(effect.values):
+            continue
+        option = f"{effect.key},{next(iter(effect.notation.parameters(effect)))}=…"
+        data = {"cause": effect.label, "option": option}
+        if before is not None and any(other.values):
+            yield Note("planned_as_large_as", {**data, "other": other.label})
+        else:
+            yield Note(
+                "planned_at_typical_magnitude", {**data, "size": typical_magnitude_in_words(effect)}
+            )
+
+
+def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
+    """Why no posture distinguishes two causes, in words; "" where some do."""
+    undetectable = [
+        effect.label
+        for effect, alone in zip(split, power.alone, strict=True)
+        if alone <= UNDETECTABLE
+    ]
+    if undetectable:
+        return f"no posture shows {' or '.join(undetectable)}"
+    if not power.same:
+        return ""
+    if power.open == (False, False):
+        return str(Note("causes_inseparable"))
+    inner, outer = split[::-1] if power.open[0] else split
+    return f"{outer.label} can have every effect of {inner.label}"
+
+
+def _never_told(
+    labels: list[str], of_pool: Separation, others: dict[str, Separation]
+) -> Iterator[Note]:
+    """Causes that no posture detects or distinguishes, and which of the ``others``, set-ups with
+    their pools, would.
+    """
+    for k in np.flatnonzero(of_pool.alone <= UNDETECTABLE):
+        helps = [words for words, other in others.items() if other.alone[k] > UNDETECTABLE]
+        data = {"cause": labels[k], "set_up": next(iter(helps), None)}
+        yield Note("cause_shows_otherwise" if helps else "cause_never_shows", data)
+    for pair in of_pool.detectable_pairs:
+        if of_pool.same(pair):
+            one, other = (labels[k] for k in pair)
+            helps = [words for words, separation in others.items() if not separation.same(pair)]
+            data = {"one": one, "other": other, "set_up": next(iter(helps), None)}
+            yield Note("pair_told_otherwise" if helps else "pair_never_told", data)
