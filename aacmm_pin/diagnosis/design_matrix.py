@@ -121,7 +121,7 @@ class Family:
 
     def gradient(self, left: Array) -> Array:
         """Products of the parameters of each block with the residual, by those of all columns
-        (columns, ...) -> (b, q, ...).
+        (columns,) -> (b, q).
         """
         own = left[self.columns]
         if self.forms is None:

@@ -101,7 +101,7 @@ def diagnose(
             other fields) that ``diagnose`` does not try by default. Registered causes of your own
             (:func:`aacmm_pin.effects.register`) need no entry. The prior uses the ``typical``
             magnitude of their terms, and ignores their values.
-        rng: random generator for p-values, intervals and held-out groups; default seed 1.
+        rng: random generator for intervals and held-out groups; default seed 1.
         progress: True for a progress bar in a notebook or on stderr, or a function such as
             ``tqdm``.
 
@@ -158,11 +158,11 @@ def diagnose(
         repeated.append(Note("masses_not_stated", {"arm": model.arm.name}))
     apart = hold_out and enough_postures(measurements)
     folds = folds_of(choice, before, kind, progress) if apart else []
-    findings = findings_of(model, choice, folds, rng)
+    findings = findings_of(model, choice, folds)
     held = gain_of(choice, folds, kind, rng) if folds else None
     if held is not None and not findings:
         held = held.without_causes()
-    unexplained = unexplained_by(choice, held, bool(findings), rng)
+    unexplained = unexplained_by(choice, held, bool(findings))
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged = [choice.fit] if findings else [choice.fit, alone]
     contradicted = (place for one in judged for place in contradicted_places(one))

@@ -19,9 +19,7 @@ from aacmm_pin.diagnosis.significance import aliases_of, family_wise_p_value, re
 from aacmm_pin.effects import Effect, ErrorModel, slides, values_with_u
 
 
-def findings_of(
-    model: ErrorModel, choice: Choice, folds: list[Fold], rng: np.random.Generator
-) -> list[Finding]:
+def findings_of(model: ErrorModel, choice: Choice, folds: list[Fold]) -> list[Finding]:
     """The causes, strongest first, with the values that the last refit gave them; geometric values
     last.
     """
@@ -29,13 +27,11 @@ def findings_of(
     def is_geometric(finding: Finding) -> bool:
         return bool(geometric_parameters(model.arm, finding.effect))
 
-    findings = [_finding(model, choice, folds, block, rng) for block in choice.causes]
+    findings = [_finding(model, choice, folds, block) for block in choice.causes]
     return sorted(findings, key=is_geometric)
 
 
-def _finding(
-    model: ErrorModel, choice: Choice, folds: list[Fold], block: int, rng: np.random.Generator
-) -> Finding:
+def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -> Finding:
     by_identity = {estimate[0].identity: estimate for estimate in estimated(choice)}
     # Of several effects with one label the new one comes last.
     by_label = {estimate[0].label: estimate for estimate in by_identity.values()}
@@ -66,7 +62,7 @@ def _finding(
         effect=reported,
         parameters=values_with_u(effect, covariance),
         probability=choice.posterior.probability(block),
-        p_value=family_wise_p_value(choice.candidates, without_block, block, rng),
+        p_value=family_wise_p_value(choice.candidates, without_block, block),
         retained_fraction=retained(without_block, block),
         aliases=tuple(aliases_of(choice.posterior, choice.library, block)),
         brought=None if is_geometric else cause_gain(choice, folds, block),

@@ -634,8 +634,8 @@ class Beside:
         """Log marginal likelihood with one of some blocks more, by their information (b, q, q) and
         gradient (b, q), at each width (b, widths).
         """
-        gain, volume = gains(information, gradient[:, :, None])
-        chi2 = self.chi2 - 2.0 * gain[:, :, 0]
+        gain, volume = gains(information, gradient)
+        chi2 = self.chi2 - 2.0 * gain
         found = self.conditional.likelihood.log(chi2) - volume - self.log_volume
         if positive.any():
             precision = information[positive, 0] + WIDTHS**-2.0
@@ -694,12 +694,12 @@ def lower_factor(matrix: Array, sizes: Array) -> Array:
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
     """What blocks gain in log likelihood at each width, and ``½ log det(1 + τ² S)``.
 
-    ``½ γᵀ (S + τ⁻²)⁻¹ γ`` for informations S (b, q, q) and gradients γ (b, q, draws).
+    ``½ γᵀ (S + τ⁻²)⁻¹ γ`` for informations S (b, q, q) and gradients γ (b, q).
 
     Returns:
-        (b, widths, draws) and (b, widths).
+        (b, widths), twice.
     """
-    if information.shape[1] >= LARGE and gradient.shape[2] == 1:
+    if information.shape[1] >= LARGE:
         try:
             return _by_factors(information, gradient)
         except np.linalg.LinAlgError:  # rounding left an eigenvalue far below zero
@@ -711,14 +711,14 @@ def _by_eigenvalues(information: Array, gradient: Array) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 0.0)
     scaled = WIDTHS[:, None] ** 2 * values[:, None]  # (b, widths, q)
-    along = vectors.transpose(0, 2, 1) @ gradient
-    return 0.5 * (WIDTHS[:, None] ** 2 / (1.0 + scaled) @ np.square(along)), 0.5 * np.log1p(
-        scaled
-    ).sum(axis=2)
+    along = np.einsum("bqr,bq->br", vectors, gradient)
+    shares = WIDTHS[:, None] ** 2 / (1.0 + scaled)
+    gain = 0.5 * np.einsum("bwq,bq->bw", shares, np.square(along))
+    return gain, 0.5 * np.log1p(scaled).sum(axis=2)
 
 
 def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
-    """The same for one draw, by ``L Lᵀ = S + τ⁻²``, with ``L⁻¹ γ`` as one row more.
+    """The same by ``L Lᵀ = S + τ⁻²``, with ``L⁻¹ γ`` as one row more.
 
     Raises:
         LinAlgError: rounding left an eigenvalue of ``S`` below the least ``-τ⁻²``.
@@ -727,13 +727,13 @@ def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
     whole = np.empty((b, WIDTHS.size, q + 1, q + 1))
     prior = np.eye(q) / WIDTHS[:, None, None] ** 2
     whole[:, :, :q, :q] = information[:, None] + prior
-    whole[:, :, q, :q] = gradient[:, None, :, 0]  # of a symmetric matrix the lower triangle is read
+    whole[:, :, q, :q] = gradient[:, None]  # of a symmetric matrix the lower triangle is read
     whole[:, :, q, q] = np.finfo(np.float64).max
     factor = np.linalg.cholesky(whole)
     diagonal = np.diagonal(factor, axis1=2, axis2=3)[:, :, :q]
-    gain = 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3)
+    gain = 0.5 * np.square(factor[:, :, q, :q]).sum(axis=2)
     volume = np.log(diagonal * WIDTHS[:, None]).sum(axis=2)
-    return gain.reshape(b, -1, 1), volume
+    return gain, volume
 
 
 def log_sum(logs: Array) -> Array:

@@ -8,7 +8,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array
@@ -21,12 +20,8 @@ from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 
-DRAWS = 400
-"""Draws of records with nothing hidden, for the distribution of the largest evidence."""
 MOST_EXPLAINED = 1.0 - 1e-12
 """Part of χ² that a block explains at most, by rounding."""
-ROUNDING_OF_PRODUCTS = 1e-11
-"""Part of the square of a column below which what is left of it is rounding."""
 ALIASES = 5
 """So many aliases are listed at most."""
 
@@ -50,48 +45,26 @@ class Alias(Shown):
     effect: Effect | None = None
 
 
-def family_wise_p_value(
-    candidates: Candidates, conditional: Conditional, block: int, rng: np.random.Generator
-) -> float:
-    """Chance that the posterior odds of any candidate reach those of a block when nothing is there.
+def family_wise_p_value(candidates: Candidates, conditional: Conditional, block: int) -> float:
+    """Bound of the chance that the posterior odds of any candidate reach those of a block when
+    nothing is there.
 
     The mean of the odds when nothing is there is the prior odds, so that those of all together over
-    the odds are a bound (Markov's inequality). Where that is no smaller than draws could tell: the
-    rank of the odds among those of draws of residuals that are noise alone.
+    the odds are a bound (Markov's inequality).
     """
     beside = conditional.all
-    gradient = beside.gradient(block)
-    gain, volume = gains(beside.information(block)[None], gradient[None, :, None])
-    evidence = _log_evidence(conditional, gain, volume, conditional.chi2)
-    odds = float(evidence[0, 0]) + candidates.log_odds[block]
-    bound = float(np.exp(logsumexp(candidates.log_odds) - odds))
-    if bound < 1 / DRAWS:
-        return bound
-    larger = int(np.sum(_largest_odds(candidates, conditional, rng) >= odds))
-    return (larger + 1) / (DRAWS + 1)
+    gain, volume = gains(beside.information(block)[None], beside.gradient(block)[None])
+    if not _knows_noise(conditional):
+        share = np.minimum(2.0 * gain / conditional.chi2, MOST_EXPLAINED)
+        gain = -0.5 * conditional.likelihood.dof * np.log1p(-share)
+    evidence = float(logsumexp(gain - volume) - np.log(WIDTHS.size))
+    log_bound = logsumexp(candidates.log_odds) - candidates.log_odds[block] - evidence
+    return float(np.exp(min(log_bound, 0.0)))
 
 
 def _knows_noise(conditional: Conditional) -> bool:
     """Whether the noise is what the records' units say, and not found from the same records."""
     return conditional.likelihood.stated and conditional.variance == 1.0
-
-
-def _log_evidence(
-    conditional: Conditional, gain: Array, volume: Array, chi2: Array | float
-) -> Array:
-    """Of blocks against nothing, averaged over the widths (b, draws).
-
-    Args:
-        conditional: what else acts.
-        gain: in log likelihood, for noise of unit variance (b, widths, draws).
-        volume: ``½ log det`` (b, widths).
-        chi2: of the residuals without the block (b, 1, draws); of no account where the noise is
-            known.
-    """
-    if not _knows_noise(conditional):
-        share = np.minimum(2.0 * gain / chi2, MOST_EXPLAINED)
-        gain = -0.5 * conditional.likelihood.dof * np.log1p(-share)
-    return np.asarray(logsumexp(gain - volume[:, :, None], axis=1) - np.log(WIDTHS.size))
 
 
 def _tail(conditional: Conditional, squares: Array, columns: int) -> Array:
@@ -102,52 +75,6 @@ def _tail(conditional: Conditional, squares: Array, columns: int) -> Array:
         return chi2_sf(np.maximum(squares, 0.0), columns)
     others = max(conditional.likelihood.dof - columns, 1.0)
     return beta_sf(np.clip(squares / conditional.chi2, 0.0, 1.0), 0.5 * columns, 0.5 * others)
-
-
-def _largest_odds(
-    candidates: Candidates, conditional: Conditional, rng: np.random.Generator
-) -> Array:
-    """Largest log posterior odds of all candidates in draws of records with nothing there
-    (draws,).
-
-    The products of all columns with the residual are normal, with those of the columns with one
-    another as covariance.
-    """
-    design = conditional.base.gram.design
-    others = slice(design.nuisances, design.width)
-    sizes = np.diag(conditional.base.gram.matrix)[others]
-    beside = conditional.all
-    root = _root(beside.inside(others), sizes)
-    left = np.zeros((design.width, DRAWS))
-    left[others] = root @ rng.standard_normal((root.shape[1], DRAWS))
-    best = np.full(DRAWS, -np.inf)
-    for family in design.families:
-        information, _ = beside.of_family(family)
-        gain, volume = gains(information, family.gradient(left))
-        size = information.shape[1]
-        rest = rng.chisquare(max(conditional.likelihood.dof - size, 1.0), DRAWS)
-        chi2 = 2.0 * gain.max(axis=1, keepdims=True) + rest
-        evidence = _log_evidence(conditional, gain, volume, chi2)
-        odds = evidence + candidates.log_odds[family.blocks][:, None]
-        best = np.maximum(best, odds.max(axis=0))
-    return best
-
-
-def _root(products: Array, sizes: Array) -> Array:
-    """``R`` with ``R Rᵀ`` the products of columns with one another (c, c), to within rounding of
-    their ``sizes`` (c,) before anything was taken out: (c, rank).
-
-    There are more columns than rows, and columns that no record moves, so that no Cholesky factor
-    without pivots exists.
-    """
-    scale = np.sqrt(np.maximum(sizes, np.finfo(np.float64).tiny))
-    in_units = products / scale[:, None] / scale
-    factor, pivots, rank, _ = scipy.linalg.lapack.dpstrf(
-        in_units.T, tol=ROUNDING_OF_PRODUCTS, lower=1
-    )
-    found = np.zeros((len(scale), rank))
-    found[pivots - 1] = np.tril(factor[:, :rank])
-    return np.asarray(scale[:, None] * found)
 
 
 def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> float:
@@ -163,8 +90,8 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
         if not of_covariates.any():
             continue
         information, gradient = beside.of_family(family)
-        gain, _ = gains(information[of_covariates], gradient[of_covariates][:, :, None])
-        squares = 2.0 * gain[:, np.argmax(WIDTHS), 0]
+        gain, _ = gains(information[of_covariates], gradient[of_covariates])
+        squares = 2.0 * gain[:, np.argmax(WIDTHS)]
         chances += _tail(conditional, squares, information.shape[1]).tolist()
     return min(1.0, len(chances) * min(chances, default=1.0))
 

@@ -4,7 +4,7 @@ A new threshold is a field of :class:`Thresholds` with its default and its line 
 ``Attributes``. That line states what the number decides, and the measurement that it comes from: of
 which files, how many, with which result. The documentation lists all lines.
 
-How many functions a covariate has, and how many draws a chance is from, stand where these are made.
+How many functions a covariate has stands where these are made.
 """
 
 from __future__ import annotations

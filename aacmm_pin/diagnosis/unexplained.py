@@ -183,9 +183,7 @@ class Unexplained(Shown):
         return tuple(one for one in each if one is not None)
 
 
-def unexplained_by(
-    choice: Choice, held: Gain | None, named: bool, rng: np.random.Generator
-) -> Unexplained:
+def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplained:
     """The discrepancy, and whether structure is left; ``named`` is True if any cause was found."""
     covariates = {k: choice.covariate(k) for k in choice.covariates}
     odd = tuple(odd_groups(choice))
@@ -193,7 +191,7 @@ def unexplained_by(
     depends = [group.name for group in odd[:1]]
     for covariate in covariates.values():
         depends += covariate.depends_on
-    chances = _chances(choice, odd, rng)
+    chances = _chances(choice, odd)
     if shared is not None:
         chances.append(shared.p_value)
         if not (shared.name == "place" and "x" in depends):
@@ -220,15 +218,14 @@ def unexplained_by(
     )
 
 
-def _chances(choice: Choice, odd: Sequence[OddGroup], rng: np.random.Generator) -> list[float]:
+def _chances(choice: Choice, odd: Sequence[OddGroup]) -> list[float]:
     """P-values of the chosen covariates; if none is chosen, of all covariates and of odd groups."""
     posterior = choice.posterior
     if not choice.covariates:
         of_any = p_value_of_structure(choice.candidates, posterior.median_model)
         return [of_any, *(group.p_value for group in odd), 1.0]
     return [
-        family_wise_p_value(choice.candidates, posterior.without(k), k, rng)
-        for k in choice.covariates
+        family_wise_p_value(choice.candidates, posterior.without(k), k) for k in choice.covariates
     ]
 
 

@@ -414,9 +414,9 @@ def test_evidence_where_rounding_left_no_factor(rng: np.random.Generator) -> Non
     exact = columns.transpose(0, 2, 1) @ columns
     rounded = exact.copy()
     rounded[1] -= 2.0 / WIDTHS.max() ** 2 * nothing @ nothing.T
-    found = gains(rounded, gradient[:, :, None])
+    found = gains(rounded, gradient)
     for k, (s, g) in enumerate(zip(exact, gradient, strict=True)):
-        for width, gain, volume in zip(WIDTHS, found[0][k, :, 0], found[1][k], strict=True):
+        for width, gain, volume in zip(WIDTHS, found[0][k], found[1][k], strict=True):
             assert gain == pytest.approx(
                 0.5 * g @ np.linalg.solve(s + np.eye(LARGE) / width**2, g), rel=1e-9
             )
