@@ -11,12 +11,13 @@ from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
-from aacmm_pin.calibration.linear_model import (
-    RowBlock,
-    SeatElimination,
+from aacmm_pin.calibration.least_squares import (
+    inverse_of_factor,
+    lower_factor,
     remaining_triangle,
-    seat_columns,
+    solve_lower,
 )
+from aacmm_pin.calibration.linearisation import SeatElimination, seat_columns
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import ParameterVector, geometric_parameters
 from aacmm_pin.calibration.parameters import problem_of
@@ -46,7 +47,6 @@ __all__ = [
     "ParameterVector",
     "Problem",
     "ReferenceFrame",
-    "RowBlock",
     "Scatters",
     "SeatElimination",
     "Setup",
@@ -61,7 +61,9 @@ __all__ = [
     "geometric_parameters",
     "in_first_frame",
     "information_of_seats",
+    "inverse_of_factor",
     "is_of_setup",
+    "lower_factor",
     "mistakes_of",
     "observations_of",
     "predicted_rms",
@@ -74,4 +76,5 @@ __all__ = [
     "rms_residual",
     "seat_columns",
     "session_notes",
+    "solve_lower",
 ]

@@ -54,15 +54,15 @@ def base_placements(fit: Fit) -> list[BasePlacement]:
     of_frame = fit.covariance[p : p + 6]
     by_session = problem.setup.frame_of_session
     first = sessions_of(problem.measurements)[0] if by_session else ""
-    found = [_placed(first, frame.rotation, frame.shift, of_frame[:, p : p + 6])]
-    for session, own in problem.vector.of_sessions():
-        displaced = Frame(frame.rotation, frame.shift).moved(fit.point.x[own])
-        crossed = of_frame[:, own]
-        covariance = of_frame[:, p : p + 6] + fit.covariance[own, own] + crossed + crossed.T
+    placements = [_placed(first, frame.rotation, frame.shift, of_frame[:, p : p + 6])]
+    for session, entries in problem.vector.of_sessions():
+        displaced = Frame(frame.rotation, frame.shift).moved(fit.point.x[entries])
+        crossed = of_frame[:, entries]
+        covariance = of_frame[:, p : p + 6] + fit.covariance[entries, entries] + crossed + crossed.T
         turned, moved = problem.setup.moved_frames.get(session, (np.eye(3), np.zeros(3)))
         there = turned.T @ displaced.rotation, turned.T @ (displaced.shift - moved)
-        found.append(_placed(session, *there, covariance))
-    return found
+        placements.append(_placed(session, *there, covariance))
+    return placements
 
 
 def _placed(session: str, rotation: Array, shift: Array, covariance: Array) -> BasePlacement:

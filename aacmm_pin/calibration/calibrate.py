@@ -208,16 +208,18 @@ def calibrate(
         )
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
-    found = Calibration(
+    calibration = Calibration(
         after,
         problem_of(model, measurements, [], setup),
         (),
         (*mistakes_of(after), *notes_of(after), *session_notes(after), *repeated),
     )
     held = (
-        left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
+        left_out(calibration.before, after, rng or np.random.default_rng(1), progress)
+        if hold_out
+        else ()
     )
-    return replace(found, held_out=tuple(held))
+    return replace(calibration, held_out=tuple(held))
 
 
 def _chosen(
@@ -248,9 +250,9 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
     the file. Records without a seat that state the very same coordinates are of one place, measured
     once, and get a seat.
     """
-    of = originals(measurements)
-    copies = np.flatnonzero(of != np.arange(measurements.n))
-    kept = measurements.take(np.unique(of)) if copies.size else measurements
+    original = originals(measurements)
+    copies = np.flatnonzero(original != np.arange(measurements.n))
+    kept = measurements.take(np.unique(original)) if copies.size else measurements
     notes = list(measurements.read_as)
     if copies.size:
         notes.append(Note("copies", {"rows": measurements.row[copies].tolist()}))
@@ -288,21 +290,22 @@ def _references_in_other_unit(after: Fit) -> list[Note]:
     """A stated uncertainty of the references that no reference has beside the scatter of these
     records.
     """
-    known = after.used & after.problem.measurements.known
-    if not known.any():
+    records = after.problem.measurements
+    stating = after.used & records.known
+    if not stating.any():
         return []
     # NaN: not stated.
-    u = float(
-        np.median(reference_u(after.problem.measurements, after.problem.setup, np.nan)[known])
-    )
-    off = float(np.sqrt(np.mean(np.square(after.system.deviation[known]))))
-    small = u < BEST_REFERENCE and u < off / UNIT_RATIO
-    large = 0.0 < off < u / UNIT_RATIO
-    if not (small or large):
-        return []
-    if small:
-        return [Note("reference_noise_small", {"u": u, "times": off / u, "residual": off})]
-    return [Note("reference_noise_large", {"u": u, "times": u / off, "residual": off})]
+    u = float(np.median(reference_u(records, after.problem.setup, np.nan)[stating]))
+    residual = float(np.sqrt(np.mean(np.square(after.system.deviation[stating]))))
+    if u < BEST_REFERENCE and u < residual / UNIT_RATIO:
+        return [
+            Note("reference_noise_small", {"u": u, "times": residual / u, "residual": residual})
+        ]
+    if 0.0 < residual < u / UNIT_RATIO:
+        return [
+            Note("reference_noise_large", {"u": u, "times": u / residual, "residual": residual})
+        ]
+    return []
 
 
 def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
@@ -314,19 +317,19 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
     seat = np.full(n, "", dtype=object) if labels is None else labels.copy()
     table = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known]
     again = table[table.duplicated([0, 1, 2], keep=False)]
-    found = []
+    seated = []
     for _, of_place in again.groupby([0, 1, 2], sort=False):
         alone = of_place.index[of_place["seat"] == ""].to_numpy()
         # Of two without a seat, one may have the coordinates of the other by mistake.
         if alone.size and len(of_place) >= (SEVERAL if alone.size == len(of_place) else 2):
             at = ", ".join(f"{x / MM:.6g}" for x in measurements.reference[alone[0]])
-            own = next(filter(None, of_place["seat"]), f"at {at} mm")
-            seat[alone] = own
-            found += alone.tolist()
-    if not found:
+            label = next(filter(None, of_place["seat"]), f"at {at} mm")
+            seat[alone] = label
+            seated += alone.tolist()
+    if not seated:
         return measurements, np.zeros(0, dtype=np.intp)
     return replace(measurements, conditions=replace(measurements.conditions, seat=seat)), np.sort(
-        found
+        seated
     )
 
 
@@ -346,38 +349,36 @@ def _of_bars(after: Fit) -> list[Note]:
     # Where no two bars have an end in common, each is one of the last rows.
     rows = slice(-len(bars), None)
     left = 1.0 - np.square(system.jacobian[rows] @ system.independent_steps).sum(axis=1)
-    off = np.abs(system.residual[rows]) / np.sqrt(np.maximum(left, BAR_REDUNDANCY))
-    worst = int(off.argmax())
-    if off[worst] < ODD_BAR:
+    studentised = np.abs(system.residual[rows]) / np.sqrt(np.maximum(left, BAR_REDUNDANCY))
+    worst = int(studentised.argmax())
+    if studentised[worst] < ODD_BAR:
         return []
-    return [Note("bar_length_off", {"bar": bars[worst].bar, "deviations": float(off[worst])})]
+    return [
+        Note("bar_length_off", {"bar": bars[worst].bar, "deviations": float(studentised[worst])})
+    ]
 
 
-def _counted_before(after: Fit) -> list[Note]:
+def _of_earlier(after: Fit) -> list[Note]:
     """Records that the stated uncertainties of the parameters come from: correlated inputs (JCGM
-    100:2008, F.1.2.3).
+    100:2008, F.1.2.3); and what that calibration left unexplained, some of which is in the
+    parameters.
     """
     problem = after.problem
     if not problem.from_earlier:
         return []
     used = problem.measurements.take(after.used)
-    name = problem.model.arm.name
+    arm = problem.model.arm
+    name = {"arm": arm.name}
     before = set(problem.known_from)
+    notes = []
     if again := before.intersection(fingerprints(used)):
-        return [Note("records_used_before", {"again": len(again), "records": used.n, "arm": name})]
-    if standards := before.intersection(fingerprints_of_standards(used)):
-        return [Note("standards_used_before", {"arm": name, "standards": len(standards)})]
-    return []
-
-
-def _left_before(after: Fit) -> list[Note]:
-    """What the calibration that states the parameters left unexplained: some of that is in the
-    parameters.
-    """
-    arm = after.problem.model.arm
-    if not (after.problem.from_earlier and arm.unexplained):
-        return []
-    return [Note("prior_left_unexplained", {"arm": arm.name, "unexplained": arm.unexplained})]
+        counts = {"again": len(again), "records": used.n}
+        notes.append(Note("records_used_before", counts | name))
+    elif standards := before.intersection(fingerprints_of_standards(used)):
+        notes.append(Note("standards_used_before", {"standards": len(standards)} | name))
+    if arm.unexplained:
+        notes.append(Note("prior_left_unexplained", {"unexplained": arm.unexplained} | name))
+    return notes
 
 
 def notes_of_records(after: Fit) -> list[Note]:
@@ -390,13 +391,13 @@ def _of_diameters(after: Fit) -> list[Note]:
     """Contacts that lie on larger or smaller spheres than is stated."""
     observations = after.observations
     tips = after.point.prediction.tips
-    off = []
+    differences = []
     for seat in np.flatnonzero(observations.spheres):
-        own = after.used & (observations.seat == seat)
-        if own.sum() > FEWEST_CONTACTS:
-            _, radius = best_sphere(tips[own])
-            off.append(2.0 * (radius - observations.radius[own][0]))
-    middle = float(np.median(off)) if off else 0.0
+        contacts = after.used & (observations.seat == seat)
+        if contacts.sum() > FEWEST_CONTACTS:
+            _, radius = best_sphere(tips[contacts])
+            differences.append(2.0 * (radius - observations.radius[contacts][0]))
+    middle = float(np.median(differences)) if differences else 0.0
     if abs(middle) < OTHER_DIAMETER:
         return []
     return [Note("sphere_diameters", {"off": middle})]
@@ -410,29 +411,24 @@ def _of_conditions(after: Fit) -> list[Note]:
     records = after.problem.measurements
     conditions = records.conditions
     turns = whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
-    found = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
+    notes = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         joint = {"joint": int(j)}
-        found.append(Note("slide_units", joint))
+        notes.append(Note("slide_units", joint))
         if not (records.known.any() or records.bars()):
-            found.append(Note("slide_scale_exact", joint))
-    return found
+            notes.append(Note("slide_scale_exact", joint))
+    return notes
 
 
 def _of_target(after: Fit) -> list[Note]:
     """That an unknown target without a label becomes the tip of the arm."""
-    if not after.problem.tip_on_target:
-        return []
-    offsets = [
-        effect
-        for effect in after.effects
-        if isinstance(effect, StylusOffset) and effect.marker is None
-    ]
-    arm = after.problem.model.arm.name
-    distances = [float(np.linalg.norm(offset.values)) for offset in offsets]
-    return [
-        Note("target_becomes_tip", {"distance": distance, "arm": arm}) for distance in distances
-    ]
+    notes = []
+    for effect in after.effects if after.problem.tip_on_target else ():
+        if isinstance(effect, StylusOffset) and effect.marker is None:
+            distance = float(np.linalg.norm(effect.values))
+            data = {"distance": distance, "arm": after.problem.model.arm.name}
+            notes.append(Note("target_becomes_tip", data))
+    return notes
 
 
 def _of_open_tip(after: Fit) -> list[Note]:
@@ -442,31 +438,28 @@ def _of_open_tip(after: Fit) -> list[Note]:
     spread = np.linalg.norm(after.undetermined.tip_spread, axis=1) / after.problem.widths
     if not spread.any():
         return []
-    names = [
-        name
-        for name, each in zip(after.problem.vector.names, spread, strict=True)
-        if each > OPEN * spread.max()
-    ]
+    chosen = np.flatnonzero(spread > OPEN * spread.max())
+    names = [after.problem.vector.names[k] for k in chosen]
     return [Note("tip_undetermined", {"parameters": names})]
 
 
 def _of_temperature(after: Fit) -> list[Note]:
     """At which temperature the lengths hold that were calibrated."""
     stated = after.problem.model.arm.reference_temperature
-    found = temperature_of(after)
-    if abs(found - stated) < TEMPERATURE_TOLERANCE:
+    temperature = temperature_of(after)
+    if abs(temperature - stated) < TEMPERATURE_TOLERANCE:
         return []
-    return [Note("temperature_of_lengths", {"temperature": found, "stated": stated})]
+    return [Note("temperature_of_lengths", {"temperature": temperature, "stated": stated})]
 
 
 def _of_torques(after: Fit) -> list[Note]:
     """Torques that are far more than the weight of the arm gives, where its masses are known."""
-    problem = after.problem
     arm = after.problem.model.arm
-    torque = after.problem.measurements.conditions.torque
+    records = after.problem.measurements
+    torque = records.conditions.torque
     if torque is None:
         return []
-    state = State(arm, problem.measurements.q, problem.measurements.conditions, arm.chain.tip)
+    state = State(arm, records.q, records.conditions, arm.chain.tip)
     rows = [row for row in arm.chain.moving_rows() if not state.slides(row)]
     try:
         moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
@@ -482,35 +475,34 @@ def _of_torques(after: Fit) -> list[Note]:
 def _of_noise(after: Fit) -> list[Note]:
     """Noise that was found instead of stated, or beside what is stated."""
     setup = after.problem.setup
-    found = []
+    notes = []
     if setup.encoder_noise is None:
-        found.append(Note("encoder_noise_estimated"))
+        notes.append(Note("encoder_noise_estimated"))
     if not after.stated:
-        return found + _of_unstated_noise(after)
+        return notes + _of_unstated_noise(after)
     if after.unmodelled > 0:
-        found.append(Note("scatter_added", {"scatter": after.scatter_in_words}))
-        found += _farther_off(after)
-    return found
+        notes.append(Note("scatter_added", {"scatter": after.scatter_in_words}))
+        notes += _farther_off(after)
+    return notes
 
 
 def _of_unstated_noise(after: Fit) -> list[Note]:
     """Scatter that was found because some noise is not stated."""
-    of = after.problem.setup.unstated(after.problem.measurements)
+    unstated_noise = after.problem.setup.unstated(after.problem.measurements)
     scatter = after.noise.scatters.seat
-    if not after.scatters:
-        found = [Note("noise_enough", {"of": of})]
-    else:
-        options = [OPTION_OF_NOISE[each] for each in of]
-        data = {"of": of, "scatter": after.scatter_in_words, "options": options}
-        found = [Note("noise_estimated", data)]
-    if not scatter:
-        return found
+    notes = []
     if after.scatters:
-        found.append(Note("seat_scatter_estimated", {"scatter": scatter}))
+        options = [OPTION_OF_NOISE[noise] for noise in unstated_noise]
+        data = {"of": unstated_noise, "scatter": after.scatter_in_words, "options": options}
+        notes.append(Note("noise_estimated", data))
+    else:
+        notes.append(Note("noise_enough", {"of": unstated_noise}))
+    if scatter and after.scatters:
+        notes.append(Note("seat_scatter_estimated", {"scatter": scatter}))
     seats = int(after.observations.known.sum())
-    if seats < FEW_SEATS:
-        found.append(Note("few_seats", {"seats": seats}))
-    return found
+    if scatter and seats < FEW_SEATS:
+        notes.append(Note("few_seats", {"seats": seats}))
+    return notes
 
 
 def _farther_off(after: Fit) -> list[Note]:
@@ -524,37 +516,40 @@ def _farther_off(after: Fit) -> list[Note]:
     if not mine.any():
         return []
     without = fit(unstated(problem, mine), used=after.used)
-    off = np.where(mine, np.abs(without.point.x - problem.start) / problem.widths, 0.0)
-    if without.unmodelled > HELD_IN * after.unmodelled or off.max() < FAR_OFF:
+    in_widths = np.where(mine, np.abs(without.point.x - problem.start) / problem.widths, 0.0)
+    if without.unmodelled > HELD_IN * after.unmodelled or in_widths.max() < FAR_OFF:
         return []
-    names = [problem.vector.names[k] for k in np.argsort(-off)[:MOST_NAMED] if off[k] > FAR_OFF]
-    data = {"scatter": without.unmodelled, "parameters": names, "off": float(off.max())}
+    names = [
+        problem.vector.names[k]
+        for k in np.argsort(-in_widths)[:MOST_NAMED]
+        if in_widths[k] > FAR_OFF
+    ]
+    data = {"scatter": without.unmodelled, "parameters": names, "off": float(in_widths.max())}
     return [Note("stated_values_hold", data)]
 
 
 def contradicted_places(after: Fit) -> list[Note]:
     """Stated places that the file itself, or all of the excluded records, contradict."""
     records = after.problem.measurements
-    found = []
+    notes = []
     seats = records.conditions.seat
     count = int(after.excluded.sum())
     at = set() if seats is None else set(seats[after.excluded])
     if len(at) == 1 and count >= SEVERAL and "" not in at:
-        found.append(Note("seat_excluded", {"records": count, "seat": at.pop()}))
-    return found + contradictions(records, after.problem.setup, after.noise.scatters)
+        notes.append(Note("seat_excluded", {"records": count, "seat": at.pop()}))
+    return notes + contradictions(records, after.problem.setup, after.noise.scatters)
 
 
 def notes_of(after: Fit) -> list[Note]:
     """What was assumed, or found instead of stated."""
     problem = after.problem
     setup = after.problem.setup
-    found = [
+    notes = [
         *exclusions_of(after).notes,
-        *_counted_before(after),
-        *_left_before(after),
+        *_of_earlier(after),
         *_of_noise(after),
     ]
-    found += [
+    notes += [
         *_of_bars(after),
         *notes_of_records(after),
         *_of_target(after),
@@ -562,27 +557,27 @@ def notes_of(after: Fit) -> list[Note]:
         *_of_temperature(after),
     ]
     if after.unmodelled > FAR:
-        found.append(Note("scatter_too_large", {"scatter": after.unmodelled}))
+        notes.append(Note("scatter_too_large", {"scatter": after.unmodelled}))
     arm_parameters = zip(problem.vector.arm_parameters, problem.stated, strict=True)
     free = [p.name for p, stated in arm_parameters if p is not None and not stated]
     if free:
         names = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
         assumed = {"parameters": names, "length": ASSEMBLED["m"], "angle": ASSEMBLED["rad"]}
-        found.append(Note("uncertainty_assumed", assumed))
+        notes.append(Note("uncertainty_assumed", assumed))
     estimated = {p.name for p in problem.vector.arm_parameters if p is not None}
     held = sum(p.u > 0 and p.name not in estimated for p in problem.model.arm.parameters)
     if held and estimated:
-        found.append(Note("geometry_held", {"held": held}))
+        notes.append(Note("geometry_held", {"held": held}))
     if not redundant(after) and not after.excluded.any():
-        found.append(Note("gross_errors_unsought"))
+        notes.append(Note("gross_errors_unsought"))
     if setup.length_noise is None and not all(
         np.isfinite(bar.u) for bar in problem.measurements.bars()
     ):
-        found.append(Note("bar_noise_assumed", {"u": BAR_NOISE}))
+        notes.append(Note("bar_noise_assumed", {"u": BAR_NOISE}))
     if not after.converged:
-        found.append(Note("not_converged", {"why": after.message}))
-    found += contradicted_places(after)
+        notes.append(Note("not_converged", {"why": after.message}))
+    notes += contradicted_places(after)
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
-        found.append(Note("records_silent", {"records": silent}))
-    return found
+        notes.append(Note("records_silent", {"records": silent}))
+    return notes

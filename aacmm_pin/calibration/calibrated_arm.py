@@ -46,15 +46,12 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     unexplained.
     """
     problem = fit.problem
-    vector = fit.problem.vector
+    vector = problem.vector
     arm = problem.model.arm
     u = np.sqrt(np.diag(fit.covariance))
     x = fit.point.x
-    steps = {
-        p.name: float(step)
-        for p, step in zip(vector.arm_parameters, x, strict=True)
-        if p is not None
-    }
+    by_parameter = zip(vector.arm_parameters, x.tolist(), strict=True)
+    steps = {p.name: step for p, step in by_parameter if p is not None}
     spread = fit.undetermined.spread
     of_tip = fit.undetermined.tip_spread
     unknown = np.linalg.norm(spread, axis=1)
@@ -64,12 +61,12 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     )
     alone = np.hypot(u[: vector.size], unknown)
     effects: list[Effect] = []
-    for effect, own in vector:
+    for effect, entries in vector:
         if is_of_setup(effect):
-            told[own] = False
-        elif vector.arm_parameters[own.start] is None:
+            told[entries] = False
+        elif vector.arm_parameters[entries.start] is None:
             nonlinear_u = fit.nonlinear_u_of.get((effect.key, effect.nonlinear.field), 0.0)
-            effects.append(replace(effect.at(x[own], alone[own]), nonlinear_u=nonlinear_u))
+            effects.append(replace(effect.at(x[entries], alone[entries]), nonlinear_u=nonlinear_u))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     used = problem.measurements.take(fit.used)
     records = dict.fromkeys(
@@ -80,30 +77,21 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     columns = [*range(vector.size), *range(problem.scales.size, len(fit.full_covariance))]
     matrix = fit.full_covariance[np.ix_(columns, columns)]
     matrix[: vector.size, : vector.size] += of_tip @ of_tip.T
-    known = joined(arm, names, matrix, " ".join(records))
-    every = (*problem.model.effects, *effects)
-    warm = temperature_of(fit)
+    joint = joined(arm, names, matrix, " ".join(records))
+    all_effects = (*problem.model.effects, *effects)
     code = "scatter_beyond_noise" if fit.stated else "scatter_of_unstated_noise"
     scatters = max(fit.noise.scatters.tip, fit.noise.scatters.turn) > NO_SCATTER
-    left = str(Note(code, {"scatter": fit.scatter_in_words})) if scatters else ""
-    update: dict[str, Any] = {
-        "reference_temperature_c": warm,
-        "unexplained": left,
+    unexplained = str(Note(code, {"scatter": fit.scatter_in_words})) if scatters else ""
+    of_file: dict[str, Any] = {
+        "reference_temperature_c": temperature_of(fit),
+        "unexplained": unexplained,
         "tip_on_target": problem.tip_on_target or arm.tip_on_target,
-        **entries_of(every),
+        **entries_of(all_effects),
     }
-    if arm.dh is None:
-        moved = moved_arm(arm, steps, known)
-        moved = replace(
-            moved, reference_temperature=warm, file=moved.urdf_file.model_copy(update=update)
-        )
-    else:
-        moved = Arm.from_file(
-            moved_file(arm, steps).model_copy(update=update | {"covariance": known})
-        )
+    moved = moved_arm(arm, steps, joint, of_file)
     if problem.setup.encoder_noise is not None:
         moved = moved.with_encoder_noise(problem.setup.encoder_noise)
-    return ErrorModel(moved, every)
+    return ErrorModel(moved, all_effects)
 
 
 def is_of_setup(effect: Effect) -> bool:
@@ -118,20 +106,14 @@ def temperature_of(fit: Fit) -> float:
     model says how they grow.
     """
     problem = fit.problem
-    arm = fit.problem.model.arm
     conditions = problem.measurements.conditions.take(fit.used)
-    stated = (
-        conditions.temperature
-        if conditions.temperature is not None
-        else conditions.link_temperature
-    )
+    stated = conditions.temperature
+    if stated is None:
+        stated = conditions.link_temperature
     grows = any("temperature" in effect.needs for effect in (*problem.model.effects, *fit.effects))
-    if (
-        stated is None
-        or grows
-        or not any(p is not None and p.unit == "m" for p in problem.vector.arm_parameters)
-    ):
-        return arm.reference_temperature
+    lengths = any(p is not None and p.unit == "m" for p in problem.vector.arm_parameters)
+    if stated is None or grows or not lengths:
+        return problem.model.arm.reference_temperature
     return round(float(stated.mean()), 2)
 
 
@@ -167,14 +149,23 @@ def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covarianc
     )
 
 
-def moved_arm(arm: Arm, steps: Mapping[str, float], covariance: Covariance | None) -> Arm:
-    """The arm with the values of ``steps``, by name, added to those of its parameters [m, rad]; for
-    an arm from a URDF, a step is in the axes of its placement.
+def moved_arm(
+    arm: Arm,
+    steps: Mapping[str, float],
+    covariance: Covariance | None,
+    of_file: Mapping[str, Any] | None = None,
+) -> Arm:
+    """The arm with the values of ``steps``, by name, added to those of its parameters [m, rad], and
+    other values ``of_file``; for an arm from a URDF, a step is in the axes of its placement.
     """
+    update = of_file or {}
     if arm.dh is None:
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
-        return arm.with_placements(twists, covariance)
-    file = moved_file(arm, steps).model_copy(update={"covariance": covariance})
+        moved = arm.with_placements(twists, covariance)
+        warm = update.get("reference_temperature_c", arm.reference_temperature)
+        of_urdf = moved.urdf_file.model_copy(update=update)
+        return replace(moved, reference_temperature=warm, file=of_urdf)
+    file = moved_file(arm, steps).model_copy(update={**update, "covariance": covariance})
     return Arm.from_file(file)
 
 

@@ -40,11 +40,11 @@ def one_reading(measurements: Measurements, observations: Observations) -> tuple
     order = np.argsort(reading, kind="stable")
     count = np.bincount(reading)
     first = np.cumsum(count) - count
-    found = []
+    groups = []
     for size in np.unique(count[count > 1]).tolist():
         places = first[count == size][:, None] + np.arange(size)
-        found.append(table.index.to_numpy()[order[places]])
-    return tuple(found)
+        groups.append(table.index.to_numpy()[order[places]])
+    return tuple(groups)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,20 +70,24 @@ class Correlation:
             by_reading: whitened displacement by one standard uncertainty of each reading (n, k,
                 nq); zero for a record that does not count.
         """
-        factors = [_factors(_joined(by_reading, own), own.shape[1]) for own in records]
+        n, width, nq = by_reading.shape
+        flat = by_reading.reshape(n * width, nq)
+        factors = [_factor(flat[_rows(group, width)], group.shape[1]) for group in records]
         return Correlation(records, tuple(factors))
 
     def take(self, chosen: Index) -> Correlation:
         """That of some of the records, whole groups of them."""
         if not self.records:
             return self
-        number = np.full(max(int(own.max()) for own in self.records) + 1, -1)
+        number = np.full(max(int(group.max()) for group in self.records) + 1, -1)
         inside = chosen < number.size
         number[chosen[inside]] = np.flatnonzero(inside)
-        found = [number[own] for own in self.records]
-        whole = [(own >= 0).all(axis=1) for own in found]
-        factors = [each[there] for each, there in zip(self.factors, whole, strict=True)]
-        records = [own[there] for own, there in zip(found, whole, strict=True)]
+        records = []
+        factors = []
+        for group, factor in zip(self.records, self.factors, strict=True):
+            there = (number[group] >= 0).all(axis=1)
+            records.append(number[group[there]])
+            factors.append(factor[there])
         return Correlation(tuple(records), tuple(factors))
 
     def whitened(self, rows: Array) -> Array:
@@ -104,20 +108,30 @@ class Correlation:
 
     @cached_property
     def _inverses(self) -> tuple[Array, ...]:
-        return tuple(map(_inverse, self.factors))
+        return tuple(np.asarray(np.linalg.inv(factor)) for factor in self.factors)
 
     def _applied(self, matrices: tuple[Array, ...], rows: Array) -> Array:
-        for own, matrix in zip(self.records, matrices, strict=True):
-            joined = _joined(rows, own)
+        width = rows.shape[1]
+        flat = rows.reshape(len(rows) * width, int(np.prod(rows.shape[2:])))
+        for group, matrix in zip(self.records, matrices, strict=True):
+            places = _rows(group, width)
             # Of the tips alone, the first rows are the factor.
-            size = joined.shape[1]
-            product = matrix[:, :size, :size] @ joined
-            rows[own] = _parted(product, rows[own].shape)
-        return rows
+            size = places.shape[1]
+            flat[places] = matrix[:, :size, :size] @ flat[places]
+        return flat.reshape(rows.shape)
 
 
-def _factors(columns: Array, size: int) -> Array:
-    """Of groups of ``size`` records, whose joined rows change by ``columns`` (groups, m, nq)."""
+def _rows(records: Index, width: int) -> Index:
+    """Numbers of the rows of groups of records (groups, m) that have ``width`` of them each, tips
+    before turns (groups, m width).
+    """
+    first = width * records[:, :, None]
+    parts = [first + np.arange(3 * part, 3 * part + 3) for part in range(width // 3)]
+    return np.concatenate([part.reshape(len(records), -1) for part in parts], axis=1)
+
+
+def _factor(columns: Array, size: int) -> Array:
+    """Of groups of ``size`` records, whose rows change by ``columns`` (groups, m, nq)."""
     covariance = (1.0 - OWN_PART) * columns @ columns.transpose(0, 2, 1)
     halves = columns.shape[1] // (3 * size)
     record = np.tile(np.repeat(np.arange(size), 3), halves)
@@ -126,24 +140,5 @@ def _factors(columns: Array, size: int) -> Array:
     return np.asarray(np.linalg.cholesky(covariance))
 
 
-def _inverse(factors: Array) -> Array:
-    return np.asarray(np.linalg.inv(factors))
-
-
 def _transposed(matrices: tuple[Array, ...]) -> tuple[Array, ...]:
     return tuple(matrix.transpose(0, 2, 1) for matrix in matrices)
-
-
-def _joined(rows: Array, records: Index) -> Array:
-    """Rows (n, k, …) of groups of records (groups, m) with tips before turns (groups, m k, c)."""
-    own = rows[records]
-    groups, size, width = own.shape[:3]
-    own = own.reshape(groups, size, width // 3, 3, -1)
-    return own.transpose(0, 2, 1, 3, 4).reshape(groups, size * width, -1)
-
-
-def _parted(joined: Array, shape: tuple[int, ...]) -> Array:
-    """The same record by record, of a ``shape`` (groups, m, k, …)."""
-    groups, size, width = shape[:3]
-    own = joined.reshape(groups, width // 3, size, 3, -1)
-    return own.transpose(0, 2, 1, 3, 4).reshape(shape)

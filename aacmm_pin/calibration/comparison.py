@@ -79,18 +79,18 @@ def compare(
     """Compare the tips (n, 3) [m] of each arm with the references, bars and other seats; ``u_tips``
     is the standard uncertainty of the last arm's [m].
     """
-    known = records.known
-    if known.any():
-        u = np.linalg.norm(records.reference_u[known], axis=1)
+    placed = records.known
+    if placed.any():
+        u = np.linalg.norm(records.reference_u[placed], axis=1)
         u = u[np.isfinite(u)]
-        errors = tuple(_distances((tip - records.reference)[known]) for tip in tips)
+        errors = tuple(_distances((tip - records.reference)[placed]) for tip in tips)
         u_references = rms(u) if len(u) else math.nan
-        yield Comparison("reference", int(known.sum()), errors, u_references, u_tips)
+        yield Comparison("reference", int(placed.sum()), errors, u_references, u_tips)
     bars = records.bars()
     if bars:
         yield Comparison("bar length", len(bars), tuple(map(records.bar_length_errors, tips)))
     points = (seat for seat in records.seats().values() if not records.on_surface[seat].any())
-    seats = [seat for seat in points if len(seat) > 1 and not any(known[seat])]
+    seats = [seat for seat in points if len(seat) > 1 and not any(placed[seat])]
     if seats:
         yield Comparison("seat", len(seats), tuple(_scatter(tip, seats) for tip in tips))
 
@@ -100,5 +100,5 @@ def _distances(differences: Array) -> Array:
 
 
 def _scatter(tips: Array, seats: list[Index]) -> Array:
-    off = [tips[seat] - tips[seat].mean(axis=0) for seat in seats]
-    return _distances(np.concatenate(off))
+    deviations = [tips[seat] - tips[seat].mean(axis=0) for seat in seats]
+    return _distances(np.concatenate(deviations))

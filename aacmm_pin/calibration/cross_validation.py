@@ -23,7 +23,6 @@ from aacmm_pin.calibration.solver import Point, solve
 from aacmm_pin.measurements import (
     FEWEST_CONTACTS,
     Measurements,
-    Observations,
     centre_of_sphere,
     normal_of_plane,
 )
@@ -94,16 +93,15 @@ class HeldOut(Shown):
 
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON."""
-        found: dict[str, Any] = {"kind": self.kind, "groups": self.groups}
-        before = self.rms_before / MM
-        after = self.rms_after / MM
-        found["rms_mm"] = {"simulation": before, "calibrated": after}
-        found["rms_rad"] = None
+        turns = None
         if self.turned:
-            before = rms(self.turn_before)
-            after = rms(self.turn_after)
-            found["rms_rad"] = {"simulation": before, "calibrated": after}
-        return found
+            turns = {"simulation": rms(self.turn_before), "calibrated": rms(self.turn_after)}
+        return {
+            "kind": self.kind,
+            "groups": self.groups,
+            "rms_mm": {"simulation": self.rms_before / MM, "calibrated": self.rms_after / MM},
+            "rms_rad": turns,
+        }
 
 
 # --- which records are left out together
@@ -211,14 +209,14 @@ def left_out_in_turn(
 
     ``predict`` gives the distances of a part by each model, from its number and its records (n,).
     """
-    found: list[tuple[Mask, Sequence[Array]]] = []
+    predicted: list[tuple[Mask, Sequence[Array]]] = []
     with watched(np.unique(part[used]).tolist(), progress, f"held-out {what}", "part") as numbers:
         for number in numbers:
             out = used & (part == number)
-            found.append((out, predict(number, out)))
-    distance = np.full((len(found[0][1]), part.size), np.nan)
-    for out, each in found:
-        distance[:, out] = each
+            predicted.append((out, predict(number, out)))
+    distance = np.full((len(predicted[0][1]), part.size), np.nan)
+    for out, residuals in predicted:
+        distance[:, out] = residuals
     return distance
 
 
@@ -293,7 +291,7 @@ def held_out(
     if not enough_postures(records, used):
         return []
     kind, labels = groups_of(after, rng)
-    found = []
+    results = []
     for name, part in (
         ("records", _folds(records.postures, records, rng)),
         (kind, _folds(labels, records, rng)),
@@ -307,8 +305,8 @@ def held_out(
                 name,
                 progress,
             )
-            found.append(HeldOut(name, count, *residual))
-    return found
+            results.append(HeldOut(name, count, *residual))
+    return results
 
 
 def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
@@ -316,28 +314,24 @@ def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
     turns.
     """
     records = fits[0].problem.measurements
-    left = records.take(out)
+    predicted = records.take(out)
     others = records.take(kept)
     observations = observations_of(others, fits[0].problem.setup)
-    distance, turn = zip(
-        *(_predicted_by(fit, others, observations, left) for fit in fits), strict=True
-    )
-    return [*distance, *turn]
-
-
-def _predicted_by(
-    fit: Fit, others: Measurements, observations: Observations, left: Measurements
-) -> tuple[Array, Array]:
-    problem = fit.problem.of(others)
-    start = fit.point
-    noise = NoiseModel.of(problem, start.x, start.frame, fit.noise.scatters, observations)
-    prediction = problem.predict(start.x, start.frame)
-    point = Point(start.x, start.frame, noise.observations.start(prediction.tips), prediction)
-    end = solve(problem, noise, point, np.ones(others.n)).point
-    poses = fit.problem.of(left).poses(end.x, end.frame)
-    turn = np.where(left.oriented, np.linalg.norm(poses[:, 3:], axis=1), np.nan)
-    observed = noise.observations
-    seats = dict(zip(observed.labels, end.seats, strict=True))
-    for k in np.flatnonzero(observed.planes):
-        seats[observed.labels[k]] = np.stack([end.seats[k], observed.anchor[k]])
-    return distances(left, poses, seats), turn
+    residuals = []
+    turns = []
+    for fit in fits:
+        problem = fit.problem.of(others)
+        x, frame = fit.point.x, fit.point.frame
+        noise = NoiseModel.of(problem, x, frame, fit.noise.scatters, observations)
+        observed = noise.observations
+        prediction = problem.predict(x, frame)
+        point = Point(x, frame, observed.start(prediction.tips), prediction)
+        end = solve(problem, noise, point, np.ones(others.n)).point
+        seats = dict(zip(observed.labels, end.seats, strict=True))
+        for k in np.flatnonzero(observed.planes):
+            seats[observed.labels[k]] = np.stack([end.seats[k], observed.anchor[k]])
+        poses = problem.of(predicted).poses(end.x, end.frame)
+        residuals.append(distances(predicted, poses, seats))
+        turn = np.linalg.norm(poses[:, 3:], axis=1)
+        turns.append(np.where(predicted.oriented, turn, np.nan))
+    return [*residuals, *turns]

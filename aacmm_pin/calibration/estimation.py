@@ -18,7 +18,6 @@ from aacmm_pin.calibration.solver import (
     Chi2,
     Point,
     Solution,
-    deviations,
     initial_point,
     solution_at,
     solve,
@@ -113,7 +112,7 @@ class _Estimation:
         From afar the noise itself would give the data so much weight that the search follows every
         valley of parameters which they hardly tell; the widths of the parameters hold it in.
         """
-        squares = np.square(deviations(self.observations, point))
+        squares = np.square(self.observations.deviations(point.prediction.poses, point.seats))
         tip = _median_scatter(squares[used, :3])
         scatters = Scatters(
             tip, _median_scatter(squares[used & self.observations.oriented, 3:]), tip
@@ -195,14 +194,14 @@ class _Estimation:
         if not self.stated:
             return None
         has_target = self.observations.has_target
-        found, _ = self.fit_with_stated_noise(point, has_target)
-        if found is None:
+        fitted, _ = self.fit_with_stated_noise(point, has_target)
+        if fitted is None:
             return None
         limit = chi2_isf(
             FALSE_EXCLUSION / int(has_target.sum()), np.maximum(self.observations.counts, 1)
         )
-        farthest = np.maximum(deleted_distances(found), studentised_distances(found))
-        return found if (farthest <= limit)[has_target].all() else None
+        farthest = np.maximum(deleted_distances(fitted), studentised_distances(fitted))
+        return fitted if (farthest <= limit)[has_target].all() else None
 
     def scatters_of_median(
         self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0
@@ -213,15 +212,17 @@ class _Estimation:
         Seats have that of tips. They are beyond the stated noise. What was fitted to the records
         has taken some away: ``share`` is what it left.
         """
-        off = deviations(noise.observations, point)
+        deviations = noise.observations.deviations(point.prediction.poses, point.seats)
         stated = noise.without_scatter
         turned = used & noise.observations.oriented
         medians = chi2_isf(0.5, np.where(noise.observations.on_surface, 1, 3))
-        tip = self._scatter_of_median(off[used, :3], stated[used, :3, :3], medians[used], share)
+        tip = self._scatter_of_median(
+            deviations[used, :3], stated[used, :3, :3], medians[used], share
+        )
         turn = 0.0
         if turned.any():
             of_turns = stated[turned, 3:, 3:]
-            turn = self._scatter_of_median(off[turned, 3:], of_turns, MEDIAN, share)
+            turn = self._scatter_of_median(deviations[turned, 3:], of_turns, MEDIAN, share)
         return Scatters(tip, turn, tip)
 
     def _scatter_of_median(
@@ -248,16 +249,16 @@ class _Estimation:
         """
         if not self.stated:
             return self.fit(self.with_variance_components(noise, point, used), used, None)
-        found, _ = self.fit_with_stated_noise(point, used)
-        if found:
-            return found
+        fitted, _ = self.fit_with_stated_noise(point, used)
+        if fitted:
+            return fitted
         first = self.scatters_of_median(self.noise(point, Scatters()), point, used)
         noise = self.noise(point, first._replace(tip=first.tip or FIRST_SCATTER))
         solution = self.with_variance_components(noise, point, used)
         # From afar one step promises too little: judged again where the search came to rest.
-        found, chi2 = self.fit_with_stated_noise(solution.point, used)
-        if found:
-            return found
+        fitted, chi2 = self.fit_with_stated_noise(solution.point, used)
+        if fitted:
+            return fitted
         noise = self.noise(solution.point, solution.noise.scatters)
         return self.fit(replace(solution, noise=noise), used, chi2)
 
@@ -282,7 +283,7 @@ class _Estimation:
         noise = self.noise(point, Scatters())
         weights = used.astype(np.float64)
         here = solution_at(self.problem, noise, point, weights)
-        chi2 = Chi2(here.chi2.value - here.system.predicted_reduction, here.chi2.dof)
+        chi2 = Chi2(here.chi2.value - here.system.solution.reduction, here.chi2.dof)
         if not chi2.acceptable:
             return None, chi2
         solution = solve(self.problem, noise, point, weights)
@@ -301,11 +302,11 @@ class _Estimation:
             "chi2_stated": chi2,
             "dof": solution.chi2.dof,
         }
-        found = Fit.of(solution, **judgement)
-        unknown = found.unknown[: self.problem.widths.size].T
+        fitted = Fit.of(solution, **judgement)
+        unknown = fitted.unknown[: self.problem.widths.size].T
         moved = unknown @ ((solution.point.x - self.problem.start) / self.problem.widths)
         if np.abs(moved).max(initial=0.0) < STAYED:
-            return found
+            return fitted
         held = solve(
             replace(self.problem, held=unknown), solution.noise, solution.point, solution.weights
         )

@@ -11,10 +11,10 @@ target (robot-world and hand-eye calibration, Shah 2013), which is linear in the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm import exp, skew
@@ -43,6 +43,8 @@ PLACEMENT_RANK_RATIO = 1e-10
 """Offsets of which records say less than this part of what they say of others stay zero."""
 
 
+CUBE = scipy.spatial.transform.Rotation.create_group("O").as_matrix()
+"""The rotations of a cube (24, 3, 3)."""
 TINY = 1e-300
 """Keeps what is divided by from zero."""
 
@@ -69,9 +71,9 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
         by_offset: derivative of the tips by the offsets (n, 3, m).
     """
     records = problem.measurements
-    known = problem.measurements.known
+    stating = problem.measurements.known
     positions = _Positions.of(
-        tips[known], records.reference[known], by_offset[known], problem.external
+        tips[stating], records.reference[stating], by_offset[stating], problem.external
     )
     place = (
         _nearest(positions, [])
@@ -80,10 +82,12 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
     )
     if problem.external and problem.turns and problem.targets:
         together = _nearest(positions, [_Turns.of(problem, positions.spread)])
-        near, nearest = (np.median(positions.distances(*each[:2])) for each in (together, place))
+        near, nearest = (
+            np.median(positions.distances(*candidate[:2])) for candidate in (together, place)
+        )
         place = together if near < NEARER * nearest else place
-    found, _ = positions.solved(*place[:2])
-    offsets, shift = np.split(found, [by_offset.shape[2]])
+    solution, _ = positions.solved(*place[:2])
+    offsets, shift = np.split(solution, [by_offset.shape[2]])
     rotation = place.rotation.T
     return Frame(rotation, positions.middle + (rotation @ shift if shift.size else 0.0)), offsets
 
@@ -135,17 +139,17 @@ class _Positions:
 
     def solved(self, rotation: Array, weights: Array) -> tuple[Array, Array]:
         """What is linear (m + 3,) with W given, and what it leaves (n, 3) [m]."""
-        off = self.references @ rotation.T - self.tips
+        deviations = self.references @ rotation.T - self.tips
         root = np.sqrt(weights)[:, None]
         rows = (root[:, :, None] * self.linear).reshape(3 * self.n, -1)
-        solution, *_ = np.linalg.lstsq(rows, (root * off).ravel(), PLACEMENT_RANK_RATIO)
-        found = np.asarray(solution, dtype=np.float64)
-        return found, off - self.linear @ found
+        solution, *_ = np.linalg.lstsq(rows, (root * deviations).ravel(), PLACEMENT_RANK_RATIO)
+        linear = np.asarray(solution, dtype=np.float64)
+        return linear, deviations - self.linear @ linear
 
     def distances(self, rotation: Array, weights: Array) -> Array:
         """Of tips and references (n,) [m]."""
-        _, off = self.solved(rotation, weights)
-        return np.asarray(np.linalg.norm(off, axis=1))
+        _, deviations = self.solved(rotation, weights)
+        return np.asarray(np.linalg.norm(deviations, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +191,8 @@ class _Turns:
 
     def distances(self, rotation: Array, weights: Array) -> Array:
         """From the constant axes, over the lever (n,) [m]."""
-        off = self._about_means(weights) @ rotation.ravel()
-        return np.asarray(np.linalg.norm(off, axis=1))
+        deviations = self._about_means(weights) @ rotation.ravel()
+        return np.asarray(np.linalg.norm(deviations, axis=1))
 
     def _about_means(self, weights: Array) -> Array:
         """The derivatives less their means over each target, which are the constant axes."""
@@ -203,7 +207,7 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
     """The place with the least sum of distances."""
     parts: list[_Positions | _Turns] = [positions, *turns]
     form = _sum([part.form(np.ones(part.n)) for part in parts])
-    rotations, values = _descended(form, _cube())
+    rotations, values = _descended(form, CUBE)
     distinct: list[Array] = []
     for rotation in rotations[np.argsort(values)]:
         if all(np.linalg.norm(rotation - other) > ROTATION_TOLERANCE for other in distinct):
@@ -220,15 +224,17 @@ def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: boo
     before = np.inf
     for _ in range(MOST_REWEIGHTINGS):
         distances = [
-            part.distances(rotation, own) for part, own in zip(parts, weights, strict=True)
+            part.distances(rotation, weight) for part, weight in zip(parts, weights, strict=True)
         ]
-        total = float(sum(each.sum() for each in distances))
+        total = float(sum(distance.sum() for distance in distances))
         if abs(before - total) < 1e-3 * total:
             break
         before = total
-        weights = [1.0 / np.maximum(each, 1e-3 * np.median(each) + 1e-9) for each in distances]
+        weights = [
+            1.0 / np.maximum(distance, 1e-3 * np.median(distance) + 1e-9) for distance in distances
+        ]
         if turning:
-            form = _sum([part.form(own) for part, own in zip(parts, weights, strict=True)])
+            form = _sum([part.form(weight) for part, weight in zip(parts, weights, strict=True)])
             rotation = _descended(form, rotation[None])[0][0]
     return _Place(rotation, weights[0], total)
 
@@ -239,27 +245,27 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
     By Newton's method over turns ω behind W, which move it by ``[ω] W + [ω]² W / 2``: damped, and
     with the sizes of the curvatures, so that no step goes up (Dauphin et al. 2014).
     """
-    whole, part = form
+    quadratic, linear = form
 
     def value(w: Array) -> Array:
-        form = (w @ whole - 2.0 * part) * w
+        form = (w @ quadratic - 2.0 * linear) * w
         return np.asarray(form.sum(axis=1))
 
     values = value(rotations.reshape(-1, 9))
     damping = np.full(len(rotations), 1e-6)
     for _ in range(MOST_NEWTON_STEPS):
         by_turn = (skew(np.eye(3)) @ rotations[:, None]).reshape(-1, 3, 9)
-        pull = rotations.reshape(-1, 9) @ whole - part
+        pull = rotations.reshape(-1, 9) @ quadratic - linear
         slope = (by_turn @ pull[:, :, None])[:, :, 0]
         bent = rotations @ pull.reshape(-1, 3, 3).transpose(0, 2, 1)
         trace = np.trace(bent, axis1=1, axis2=2)[:, None, None]
         curvature = (
-            by_turn @ whole @ by_turn.transpose(0, 2, 1)
+            by_turn @ quadratic @ by_turn.transpose(0, 2, 1)
             + 0.5 * (bent + bent.transpose(0, 2, 1))
             - trace * np.eye(3)
         )
         curvatures, along = np.linalg.eigh(curvature)
-        sizes = np.abs(curvatures) + damping[:, None] * np.trace(whole) + TINY
+        sizes = np.abs(curvatures) + damping[:, None] * np.trace(quadratic) + TINY
         step = -(along @ ((slope[:, None] @ along)[:, 0] / sizes)[:, :, None])[:, :, 0]
         step /= np.maximum(1.0, np.linalg.norm(step, axis=1))[:, None]
         trial = exp(np.hstack([np.zeros_like(step), step]))[:, :3, :3] @ rotations
@@ -276,14 +282,3 @@ def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
 def _sum(forms: list[_Form]) -> _Form:
     wholes, parts = zip(*forms, strict=True)
     return np.sum(wholes, axis=0), np.sum(parts, axis=0)
-
-
-def _cube() -> Array:
-    """The rotations of a cube (24, 3, 3)."""
-    found = []
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            axes = np.eye(3)[list(order)]
-            found.append(np.diag(signs) @ axes)
-    signed = np.array(found)
-    return np.asarray(signed[np.linalg.det(signed) > 0.0])

@@ -60,8 +60,10 @@ class Fit(Solution):
     @staticmethod
     def of(solution: Solution, **judgement: Any) -> Fit:
         """A solution, with the other attributes."""
-        own = {each.name: getattr(solution, each.name) for each in fields(Solution)}
-        return Fit(**own, **judgement)
+        attributes = {
+            attribute.name: getattr(solution, attribute.name) for attribute in fields(Solution)
+        }
+        return Fit(**attributes, **judgement)
 
     @property
     def unmodelled(self) -> float:
@@ -154,10 +156,10 @@ class Fit(Solution):
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
         seat = self.observations.seat[self.used]
-        known = np.append(self.observations.known, True)
-        touches = np.bincount(seat + 1, minlength=known.size)[seat + 1]
+        placed = np.append(self.observations.known, True)
+        touches = np.bincount(seat + 1, minlength=placed.size)[seat + 1]
         taken = np.where(self.observations.on_surface[self.used], 3.0, 1.0)
-        remaining = np.where(known[seat], 1.0, np.maximum(1.0 - taken / touches, 0.0))
+        remaining = np.where(placed[seat], 1.0, np.maximum(1.0 - taken / touches, 0.0))
         mean = (variance * remaining).mean()
         return float(np.sqrt(mean))
 
@@ -207,14 +209,14 @@ class Fit(Solution):
         """Of each uncertain nonlinear parameter: number of the effect, effect, name of the field,
         prior standard deviation.
         """
-        found = []
+        uncertain = []
         for k, effect in enumerate(self.effects):
             nonlinear = effect.nonlinear
             is_found = effect.key in self.found
             width = nonlinear.prior_sd(effect) if is_found else effect.nonlinear_u
             if width:
-                found.append((k, effect, nonlinear.field, width))
-        return found
+                uncertain.append((k, effect, nonlinear.field, width))
+        return uncertain
 
     @cached_property
     def full_covariance(self) -> Array:
@@ -230,7 +232,9 @@ class Fit(Solution):
             return self.system.covariance(self.unknown)
         point = self.point
         widths = np.array([width for *_, width in parameters])
-        by_nonlinear = np.stack([self._by_nonlinear(*each) for each in parameters], axis=2)
+        by_nonlinear = np.stack(
+            [self._by_nonlinear(*parameter) for parameter in parameters], axis=2
+        )
         jacobian = np.concatenate([point.prediction.jacobian, by_nonlinear], axis=2)
         prediction = replace(point.prediction, jacobian=jacobian)
         prior = self.problem.prior(point.x, widths)

@@ -67,8 +67,8 @@ class Undetermined:
             return self.spread
         prediction = self._elsewhere(on_tip=True)
         jacobian = prediction.jacobian[:, :3, : self.problem.widths.size].copy()
-        for _, own in self.problem.vector.of_sessions():
-            jacobian[:, :, own] = 0.0
+        for _, entries in self.problem.vector.of_sessions():
+            jacobian[:, :, entries] = 0.0
         free = self.problem.external or not self.problem.measurements.known.any()
         return _moving(self.spread, jacobian, prediction.tips if free else None)
 
@@ -114,7 +114,8 @@ class Undetermined:
         """Combinations of parameters that neither the records nor a stated uncertainty
         determine.
         """
-        return in_words(self.problem, self.directions)
+        rows = _combinations(self.problem, self.directions)
+        return tuple(_words(row, self.problem.names) for row in rows)
 
     def _elsewhere(self, *, on_tip: bool) -> Prediction:
         """Targets, or tips, at other postures under the conditions of the records, in the frame of
@@ -183,31 +184,17 @@ class Observability(Shown):
         return Observability(o1, low / high, low, low**2 / high, o5, values.size)
 
 
-def in_words(problem: Problem, directions: Array) -> tuple[str, ...]:
-    """Combinations of parameters that span ``directions``, in units of the scales (p, k), one
-    sentence each.
-    """
-    combinations = _combinations(problem, directions)
-    return tuple(_words(row, problem.names) for row in combinations)
-
-
 def _combinations(problem: Problem, directions: Array) -> Array:
     """What spans ``directions`` (p, k) [scales] with as many zeros as elimination gives (k, p)
     [units].
     """
-    typical = _typical(problem)
-    return _sparse((directions * problem.scales[:, None] / typical[:, None]).T) * typical
-
-
-def _typical(problem: Problem) -> Array:
-    """1 mm for lengths, 1 mrad for angles, so that parts of a combination can be compared; others
-    by their widths.
-    """
-    found = np.full(len(problem.names), 1e-3)
+    # Parts can be compared by 1 mm and 1 mrad, others by their widths.
+    typical = np.full(len(problem.names), 1e-3)
     for k, parameter in enumerate(problem.vector.parameters):
         if parameter.unit not in ("m", "rad"):
-            found[k] = problem.widths[k]
-    return found
+            typical[k] = problem.widths[k]
+    in_units = directions * problem.scales[:, None] / typical[:, None]
+    return np.asarray(_sparse(in_units.T) * typical)
 
 
 def _sparse(rows: Array) -> Array:
@@ -232,6 +219,6 @@ def _words(combination: Array, names: list[str]) -> str:
     if len(members) == 2:
         ratio = combination[parts[1]] / combination[parts[0]]
         if abs(abs(ratio) - 1) < NEGLIGIBLE_PART:
-            known = "sum" if ratio < 0 else "difference"
-            return f"only the {known} of {listed(members)} is determined"
+            determined = "sum" if ratio < 0 else "difference"
+            return f"only the {determined} of {listed(members)} is determined"
     return f"only a combination of {listed(members)} is determined"

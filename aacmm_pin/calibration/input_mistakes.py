@@ -13,9 +13,9 @@ fewest, with the fewest free numbers. Nothing is repaired.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
-from itertools import combinations, permutations, product
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +24,15 @@ import pandas as pd
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm import Arm, ArmFile
-from aacmm_pin.calibration.calibrated_arm import moved_arm
+from aacmm_pin.calibration.candidate_mistakes import (
+    OTHER_FRAME,
+    Mistake,
+    in_words,
+    mistakes_by_records,
+    pairs,
+    several_columns,
+    single_mistakes,
+)
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
@@ -35,22 +42,9 @@ from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.session_frames import another_frame
 from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import FEWEST_PLACED, initial_point, solve
-from aacmm_pin.calibration.wrong_columns import (
-    QUARTERS,
-    SIMILAR_RATIO,
-    likely_columns,
-    likely_orders,
-    likely_ratios,
-    likely_scales,
-)
-from aacmm_pin.calibration.wrong_rows import mistaken_rows
+from aacmm_pin.calibration.wrong_columns import SIMILAR_RATIO
 from aacmm_pin.calibration.wrong_values import wrong_value
-from aacmm_pin.effects import (
-    JointPlacement,
-    JointZeroOffset,
-    LinkTilt,
-    StylusOffset,
-)
+from aacmm_pin.effects import JointPlacement, JointZeroOffset, LinkTilt, StylusOffset
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
 from aacmm_pin.measurements import Measurements, Observations
 
@@ -73,132 +67,20 @@ FITTED = 8
 """Of those that are alike, so many at most are fitted, the simplest first; seldom there are more
 than four.
 """
-TURN = 2 * np.pi
-"""An angle beyond this was hardly in radians [rad]."""
-SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
-"""Factors by which a length is mistyped: another sign, a decimal place."""
-EXCHANGED = {
-    ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"): "rows_exchanged",
-    ("a_mm",): "values_exchanged",
-    ("d_mm",): "values_exchanged",
-}
-"""Values of two rows of an arm file that may be exchanged, and the codes of the notes."""
-NOT_REVOLUTE = {"limits_rad": None, "encoder_noise_rad": None}
-"""Keys that a prismatic joint lacks."""
-SLIDE_UNITS = {"mm": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
-"""Units that the readings of a prismatic joint may have come in, in metres."""
-LEAST_SINE = 0.01
-"""A twist with a smaller sine has no sign."""
 MOST_GROSS = 0.15
 """Gross errors are not a larger part of the records."""
-MOST_IN_RADIANS = 0.06
-"""Twists that are all below this were hardly in degrees: a right angle in radians under such a key
-[rad]."""
-SMALL = 0.25
-"""The lengths of an arm hardly add up to less [m]."""
 FEWEST_FOR_MISTAKES = 10
 """With fewer records some mistake fits anything."""
 RECORDS_TO_DISTINGUISH = 80
 """So many records tell one mistake from another."""
-GON = 0.9
-"""One gon [°]."""
-LENGTH_UNITS = {
-    ("metres", "mm"): 1e3,
-    ("centimetres", "mm"): 10.0,
-    ("inches", "mm"): 25.4,
-    ("micrometres", "mm"): 1e-3,
-    ("mm", "metres"): MM,
-}
-"""Units that lengths may have come in and what they were taken as, and the factor that undoes it.
-"""
-ANGLE_UNITS = {
-    ("degrees", "radians"): DEG,
-    ("radians", "degrees"): 1 / DEG,
-    ("gon", "degrees"): GON,
-    ("minutes of arc", "degrees"): 1 / 60,
-    ("milliradians", "radians"): 1e-3,
-    ("turns", "degrees"): 360.0,
-    ("turns", "radians"): 360.0 * DEG,
-}
-"""Units that angles may have come in and what they were taken as, and the factor that undoes it."""
-AXIS_NUMBERS = np.arange(3)
+FEWEST_ROWS = 6
+"""Fewer rows than this are a few gross errors."""
+MOST_OF_ROWS = 0.8
+"""So large a part of the rows has to be excluded, or to fit."""
+SHIFTED_REMAINS = 0.1
+"""The part of the distance that may remain if the coordinates are of another row."""
 ORIENTATION_FAR = 0.05
 """Median angle between fitted and stated orientations that no arm has [rad]."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Mistake:
-    """A mistake in a file, and what undoes it.
-
-    Attributes:
-        name: what the mistake is; None where it is never reported.
-        kind: of two mistakes of one kind only one is tried at a time.
-        angle_matrix: the angles are these combinations of the angles in the file (nq, nq).
-        angle_offset: added to the angles (nq,) [rad].
-        axes: which coordinate of the file is x, y, z, and its sign.
-        scale: factor of the coordinates, or of each of the three columns; their uncertainties
-            stay, which may be right.
-        bar_factor: factor of the bars' lengths.
-        external_frame: the coordinates are in another frame than the base's.
-        target_off_tip: the coordinates are of another point of the last body than the tip.
-        arm: the arm that the records are of; None for the arm as it is described.
-        chosen: it is one of many that the records choose among: a value, a ratio.
-    """
-
-    name: Note | None
-    kind: str
-    angle_matrix: Array | None = None
-    angle_offset: Array | None = None
-    axes: tuple[tuple[int, ...], tuple[int, ...]] = ((0, 1, 2), (1, 1, 1))
-    scale: float | Array = 1.0
-    bar_factor: float = 1.0
-    external_frame: bool = False
-    target_off_tip: bool = False
-    arm: Arm | None = None
-    chosen: bool = False
-
-    @property
-    def changes_tips(self) -> bool:
-        """Whether undoing it changes the computed tips, not the coordinates or lengths touched."""
-        changes = (self.angle_matrix, self.angle_offset, self.arm)
-        return self.target_off_tip or any(change is not None for change in changes)
-
-    @property
-    def free(self) -> int:
-        """How many numbers it leaves open, which may take up other mistakes; more than an option if
-        it is chosen among many.
-        """
-        return 6 * self.external_frame + 3 * self.target_off_tip + 10 * self.chosen
-
-    def undone(self, problem: Problem) -> Problem:
-        """The problem without the mistake."""
-        records = problem.measurements
-        setup = problem.setup
-        order, signs = self.axes
-        readings = records.readings
-        length = records.bar_length
-        if self.angle_matrix is not None:
-            readings = readings @ self.angle_matrix
-        if self.angle_offset is not None:
-            readings = readings + self.angle_offset
-        scaled = (self.scale * records.reference)[:, order]
-        changed = replace(
-            records,
-            q=readings,
-            of_encoders=None,
-            reference=scaled * np.array(signs),
-            reference_u=records.reference_u[:, order],
-            bar_length=None if length is None else self.bar_factor * length,
-            orientation=None,  # tips alone show what is wrong with them
-        ).with_joint_angles(problem.model.arm)
-        if self.external_frame:
-            setup = replace(setup, reference_frame="external")
-        if self.target_off_tip:
-            setup = replace(setup, target="unknown")
-        if self.target_off_tip or self.arm:
-            model = problem.model if self.arm is None else replace(problem.model, arm=self.arm)
-            problem = asked_again(problem, model, setup)
-        return replace(problem, measurements=changed, setup=setup, targets=())
 
 
 def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
@@ -273,7 +155,9 @@ def mistakes_of(after: Fit) -> list[Note]:
     """Notes on mistakes in the files that do not keep the records from being fitted: a wrong value
     of the arm, rows in another frame, readings that stand still, rows that are shifted.
     """
-    notes = mistaken_rows(after)
+    notes = []
+    if after.excluded.sum() >= FEWEST_ROWS:
+        notes += [*_frozen_readings(after), *_shifted_rows(after)]
     wrong = wrong_value(after)
     if wrong is not None:
         notes.append(wrong.note)
@@ -281,6 +165,41 @@ def mistakes_of(after: Fit) -> list[Note]:
     if in_another_frame is not None:
         notes.append(in_another_frame)
     return notes
+
+
+def _frozen_readings(after: Fit) -> Iterator[Note]:
+    """For each joint the longest run of rows with one and the same reading, if other joints move
+    and the fit excludes most of the rows.
+    """
+    records = after.problem.measurements
+    for joint, readings in enumerate(records.readings.T):
+        starts = np.flatnonzero(np.append(True, np.diff(readings) != 0.0))
+        lengths = np.diff(np.append(starts, records.n))
+        longest = int(np.argmax(lengths))
+        rows = starts[longest] + np.arange(lengths[longest])
+        moves = np.ptp(records.readings[rows], axis=0).any()
+        # The first of them may be right.
+        frozen = after.excluded[rows[1:]]
+        if rows.size > FEWEST_ROWS and moves and frozen.mean() > MOST_OF_ROWS:
+            yield Note("reading_frozen", {"joint": joint + 1, "rows": records.row[rows].tolist()})
+
+
+def _shifted_rows(after: Fit) -> Iterator[Note]:
+    """A note if the coordinates of most excluded records are those of the row before or after."""
+    records = after.problem.measurements
+    tips = after.point.prediction.tips
+    out = np.flatnonzero(after.excluded & records.known)
+    for where, step in (("before", 1), ("after", -1)):
+        inside = out[(out + step >= 0) & (out + step < records.n)]
+        if inside.size < FEWEST_ROWS:
+            continue
+        stated, shifted = (
+            np.linalg.norm(tips[inside] - records.reference[rows], axis=1)
+            for rows in (inside, inside + step)
+        )
+        if np.mean(shifted < SHIFTED_REMAINS * stated) > MOST_OF_ROWS:
+            data = {"rows": records.row[inside].tolist(), "where": where}
+            yield Note("some_rows_shifted", data)
 
 
 def _far_in_a_session(after: Fit) -> bool:
@@ -298,10 +217,10 @@ def _by_session(problem: Problem) -> list[Problem]:
     rows_of = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
     alone = []
     for session, rows in rows_of.items():
-        own = records.take(np.asarray(rows))
-        if own.placed.any() or not problem.setup.frame_of_session:
+        of_session = records.take(np.asarray(rows))
+        if of_session.placed.any() or not problem.setup.frame_of_session:
             source = f"{records.source}: session {session}"
-            alone.append(problem.of(replace(own, source=source)))
+            alone.append(problem.of(replace(of_session, source=source)))
     return alone
 
 
@@ -319,9 +238,8 @@ def _ends(problem: Problem) -> list[Problem]:
 
 def _each_fits(parts: Sequence[Problem]) -> bool:
     """Whether there are several parts, and the records of each fit the arm in some frame."""
-    own_frame = _Mistake(None, "", external_frame=True)
     try:
-        fits = [fit(own_frame.undone(part)) for part in parts]
+        fits = [fit(OTHER_FRAME.undone(part)) for part in parts]
     except AacmmError:
         return False
     return len(fits) > 1 and all(after.unmodelled < FAR for after in fits)
@@ -334,22 +252,18 @@ def _require_no_mistake_in_a_session(problem: Problem) -> None:
     Raises:
         MistakenFileError: the mistake.
     """
-    distances = {alone: _distance_alone(alone) for alone in _by_session(problem)}
+    distances = {}
+    for alone in _by_session(problem):
+        try:
+            after = fit(alone)
+        except AacmmError:
+            distances[alone] = np.inf
+        else:
+            distances[alone] = max(_median(after.system.deviation), _as_described(after))
     if min(distances.values(), default=np.inf) < FAR:
         for alone, distance in distances.items():
             if distance >= FAR:
                 _require_no_mistake(alone, distance, thorough=False, options=False)
-
-
-def _distance_alone(problem: Problem) -> float:
-    """Median distance after a fit, or by the arm as it is described if that is larger [m]; infinite
-    where there is no fit.
-    """
-    try:
-        after = fit(problem)
-    except AacmmError:
-        return np.inf
-    return max(_median(after.system.deviation), _as_described(after))
 
 
 def _require_orientations(after: Fit) -> None:
@@ -408,26 +322,8 @@ def _require_no_mistake(
     if records.n < FEWEST_FOR_MISTAKES:
         return
     thinned = problem.of(records.take(_thinned(records)))
-
-    @cache
-    def cached_tips(*mistakes: _Mistake) -> _Described:
-        return _tips_as_described(_undone(thinned, mistakes))
-
-    @cache
-    def cached_touches(*mistakes: _Mistake) -> _Touches:
-        return _touches_of(_undone(thinned, mistakes))
-
-    def misfit(several: tuple[_Mistake, ...]) -> float:
-        of_tips = tuple(mistake for mistake in several if mistake.changes_tips)
-        of_touches = (mistake for mistake in several if not mistake.changes_tips)
-        # Two together are computed only once, and would fill the cache.
-        tips_of = cached_tips if len(of_tips) < 2 else cached_tips.__wrapped__
-        try:
-            return _misfit(tips_of(*of_tips), cached_touches(*of_touches))[1]
-        except AacmmError:  # an arm so changed has no tips, as where it finds no equilibrium
-            return np.inf
-
-    described_distance, described_misfit = _misfit(cached_tips(), cached_touches())
+    misfits = _Misfits(thinned)
+    described_distance, described_misfit = misfits.without()
     if described_distance == np.inf:
         return
     described_fits = described_distance < FAR or described_misfit < UNLIKE
@@ -435,43 +331,53 @@ def _require_no_mistake(
         return
     taken_up = fitted < FAR or fitted == np.inf
     as_is = described_distance if taken_up else fitted
-    single = [(mistake,) for mistake in _mistakes(problem) if options or not mistake.free]
-    free = [mistakes for mistakes in single if mistakes[0].free]
-    tiers: list[list[tuple[_Mistake, ...]]] = [
-        [mistakes for mistakes in single if not mistakes[0].free],
-        _several_columns(thinned) if thorough else [],
-        [*free, *_of_numbers(thinned, after)] if options else [],
-        [(*free[0], *free[1])] if len(free) == 2 else [],
-        _pairs(single) if thorough else [],
+    limit = (EXPLAINS if taken_up else 1.0) * described_misfit
+    single = [mistake for mistake in single_mistakes(problem) if options or not mistake.free]
+    left_out = [mistake for mistake in single if mistake.free]
+    chosen = [*mistakes_by_records(thinned, after)] if options else []
+    tiers: list[list[tuple[Mistake, ...]]] = [
+        [(mistake,) for mistake in single if not mistake.free],
+        several_columns(thinned) if thorough else [],
+        [(mistake,) for mistake in (*left_out, *chosen)],
+        [tuple(left_out)] if len(left_out) == 2 else [],
+        [*pairs(single)] if thorough else [],
     ]
-    for mistakes in tiers:
-        misfits = np.array([misfit(several) for several in mistakes])
-        limit = (EXPLAINS if taken_up else 1.0) * described_misfit
-        nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
-        alike = [k for k in nearest if misfits[k] <= SIMILAR_RATIO * misfits[nearest[0]]]
-        alike.sort(key=lambda k: (len(mistakes[k]), sum(one.free for one in mistakes[k]), k))
-        for together in (alike[:FITTED], *([k] for k in nearest[len(alike) : TRIED])):
-            distances = {
-                mistakes[k]: _distance_without(_undone(problem, mistakes[k]), as_is)
-                for k in together
-            }
-            least = min(distances.values(), default=np.inf)
-            if least == np.inf:
-                continue
-            named = [
-                several
-                for several, distance in distances.items()
-                if distance <= SIMILAR_RATIO * least
-            ]
-            named = [
-                larger
-                for larger in named
-                if not any(set(smaller) < set(larger) for smaller in named)
-            ]
-            words = [_in_words(several) for several in named]
-            raise MistakenFileError(
-                records.source, words[0], as_is, distances[named[0]], tuple(words[1:])
-            )
+    for tier in tiers:
+        for together in _likely(tier, [misfits.without(*tried)[1] for tried in tier], limit):
+            distances = {}
+            for tried in together:
+                without = _fit_without(_undone(problem, tried), as_is)
+                if without is not None:
+                    distances[tried] = _median(without.system.deviation)
+            if distances:
+                raise _named(records.source, distances, as_is)
+
+
+def _likely(
+    tier: list[tuple[Mistake, ...]], misfits: list[float], limit: float
+) -> Iterator[list[tuple[Mistake, ...]]]:
+    """Mistakes that bring tips and targets nearest together, by their misfits and no more than a
+    ``limit``: those that are alike together, the simplest first, then a few others one by one.
+    """
+    nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
+    alike = [k for k in nearest if misfits[k] <= SIMILAR_RATIO * misfits[nearest[0]]]
+    alike.sort(key=lambda k: (len(tier[k]), sum(one.free for one in tier[k]), k))
+    yield [tier[k] for k in alike[:FITTED]]
+    for k in nearest[len(alike) : TRIED]:
+        yield [tier[k]]
+
+
+def _named(
+    source: str, distances: Mapping[tuple[Mistake, ...], float], as_is: float
+) -> MistakenFileError:
+    """The error that names mistakes, by the median distances without each of them [m]."""
+    most = SIMILAR_RATIO * min(distances.values())
+    named = [mistakes for mistakes, distance in distances.items() if distance <= most]
+    fewest = [
+        mistakes for mistakes in named if not any(set(fewer) < set(mistakes) for fewer in named)
+    ]
+    first, *others = map(in_words, fewest)
+    return MistakenFileError(source, first, as_is, distances[fewest[0]], tuple(others))
 
 
 def _require_rows_together(problem: Problem, as_is: float) -> None:
@@ -500,14 +406,6 @@ def _require_rows_together(problem: Problem, as_is: float) -> None:
             raise MistakenFileError(records.source, str(name), as_is, distance)
 
 
-def _distance_without(without: Problem, as_is: float) -> float:
-    """Median distance after a fit ``without`` a mistake [m]; infinite where :func:`_fit_without`
-    has none.
-    """
-    after = _fit_without(without, as_is)
-    return np.inf if after is None else _median(after.system.deviation)
-
-
 def _fit_without(without: Problem, as_is: float) -> Fit | None:
     """A fit ``without`` a mistake; None unless its median distance is far below ``as_is`` [m], and
     no more than noise.
@@ -521,7 +419,7 @@ def _fit_without(without: Problem, as_is: float) -> Fit | None:
     return after if explained and not _absorbs(after) else None
 
 
-def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
+def _undone(problem: Problem, mistakes: Sequence[Mistake]) -> Problem:
     for mistake in mistakes:
         problem = mistake.undone(problem)
     return problem
@@ -565,15 +463,6 @@ def _median(deviation: Array) -> float:
     return float(np.median(distance)) if distance.size else np.inf
 
 
-class _Described(NamedTuple):
-    """The arm as it is described: tips in its base (n, 3) [m], in a problem with nothing unknown
-    but targets.
-    """
-
-    problem: Problem
-    tips: Array
-
-
 class _Touches(NamedTuple):
     """What was touched: records, their observations, and the set-up with the frame of their
     coordinates.
@@ -584,67 +473,81 @@ class _Touches(NamedTuple):
     setup: Setup
 
 
-def _tips_as_described(problem: Problem) -> _Described:
-    bare = _of_targets(problem)
-    return _Described(bare, bare.poses(bare.start, Frame.identity()))
-
-
-def _touches_of(problem: Problem) -> _Touches:
-    records = replace(problem.measurements, orientation=None)
-    return _Touches(records, observations_of(records, problem.setup), problem.setup)
-
-
-def _misfit(arm: _Described, touches: _Touches) -> tuple[float, float]:
-    """Median distance by the arm as it is described, frame, seats and target fitted [m]; this
-    distance over the tips' travel.
+class _Misfits:
+    """How far tips and targets of a problem are apart by the arm as it is described, without some
+    mistakes; the tips of one mistake, and what was touched, are worked out once.
     """
-    records, observations, setup = touches
-    if setup.external and records.known.sum() < FEWEST_PLACED:
-        return np.inf, np.inf
-    try:
-        tips, points = (
-            _fitted_tips(arm, touches)
-            if arm.problem.vector.effects
-            else _registered_tips(arm.tips, touches)
-        )
-    except AacmmError:
-        return np.inf, np.inf
+
+    def __init__(self, problem: Problem) -> None:
+        @cache
+        def tips_of(*mistakes: Mistake) -> tuple[Problem, Array]:
+            """With nothing unknown but targets; tips in the base (n, 3) [m]."""
+            bare = _of_targets(_undone(problem, mistakes))
+            return bare, bare.poses(bare.start, Frame.identity())
+
+        @cache
+        def touches_of(*mistakes: Mistake) -> _Touches:
+            undone = _undone(problem, mistakes)
+            records = replace(undone.measurements, orientation=None)
+            return _Touches(records, observations_of(records, undone.setup), undone.setup)
+
+        self.tips_of = tips_of
+        self.touches_of = touches_of
+
+    def without(self, *mistakes: Mistake) -> tuple[float, float]:
+        """Median distance with frame, seats and target fitted [m]; this distance over the tips'
+        travel. Infinite where there is none, as for an arm that finds no equilibrium.
+        """
+        of_tips = [mistake for mistake in mistakes if mistake.changes_tips]
+        of_touches = [mistake for mistake in mistakes if not mistake.changes_tips]
+        # Two together are computed only once, and would fill the cache.
+        tips_of = self.tips_of if len(of_tips) < 2 else self.tips_of.__wrapped__
+        try:
+            touches = self.touches_of(*of_touches)
+            tips, points = _fitted_tips(*tips_of(*of_tips), touches)
+        except AacmmError:
+            return np.inf, np.inf
+        median = _median(_deviations(tips, points, touches))
+        travel = float(np.median(np.linalg.norm(tips - np.median(tips, axis=0), axis=1)))
+        return median, median / max(travel, 1e-9)
+
+
+def _deviations(tips: Array, points: Array, touches: _Touches) -> Array:
+    """Tips minus targets (n, 3) [m], with half of what a bar is off by at each of its ends."""
+    records, observations, _ = touches
     deviations = observations.with_normals(tips, points).deviations(tips, points)
     seats = records.seats()
     for bar in records.bars():
-        # Seats lie where their records put them: what a bar is off by is half each end's.
+        # Seats lie where their records put them.
         a, b = (seats[label] for label in (bar.seat_a, bar.seat_b))
         distance = np.linalg.norm(np.median(tips[a], axis=0) - np.median(tips[b], axis=0))
         ends = np.concatenate([a, b])
         outwards = np.where(deviations[ends] < 0, -1.0, 1.0)
         deviations[ends] += 0.5 * (distance - bar.length) / np.sqrt(3.0) * outwards
-    median = _median(deviations)
-    travel = float(np.median(np.linalg.norm(tips - np.median(tips, axis=0), axis=1)))
-    return median, median / max(travel, 1e-9)
+    return deviations
 
 
-def _registered_tips(tips: Array, touches: _Touches) -> tuple[Array, Array]:
-    """Tips (n, 3) and seats (s, 3) in the frame of the references [m]."""
-    records, observations, setup = touches
-    if setup.external:
-        tips = registered(tips[records.known], records.reference[records.known]).apply(tips)
-    return tips, observations.start(tips)
-
-
-def _fitted_tips(arm: _Described, touches: _Touches) -> tuple[Array, Array]:
-    """Tips (n, 3) and seats (s, 3) in the frame of the references, unknown targets fitted [m].
+def _fitted_tips(bare: Problem, tips: Array, touches: _Touches) -> tuple[Array, Array]:
+    """Tips (n, 3) and seats (s, 3) in the frame of the references, with that and unknown targets
+    fitted [m].
 
     Raises:
-        AacmmError: see :func:`initial_point`.
+        AacmmError: see :func:`initial_point`; too few records with coordinates.
     """
     records, observations, setup = touches
-    changed = replace(records, q=arm.problem.measurements.q)
-    problem = replace(arm.problem, measurements=changed, setup=setup)
+    stating = records.known
+    if setup.external and stating.sum() < FEWEST_PLACED:
+        raise AacmmError(f"{records.source}: too few coordinates for a frame")
+    if not bare.vector.effects:
+        if setup.external:
+            tips = registered(tips[stating], records.reference[stating]).apply(tips)
+        return tips, observations.start(tips)
+    changed = replace(records, q=bare.measurements.q)
+    problem = replace(bare, measurements=changed, setup=setup)
     point = initial_point(problem, observations)
-    if not records.known.all():
-        noise = NoiseModel.of(
-            problem, point.x, point.frame, Scatters(FAR, 0.0, FIRST_SCATTER), observations
-        )
+    if not stating.all():
+        scatters = Scatters(FAR, 0.0, FIRST_SCATTER)
+        noise = NoiseModel.of(problem, point.x, point.frame, scatters, observations)
         point = solve(problem, noise, point, np.ones(records.n), robust=True, roughly=True).point
     return point.prediction.tips, point.seats
 
@@ -688,303 +591,3 @@ def _thinned(records: Measurements) -> Index:
     return np.unique(
         np.concatenate([members[:: max(1, len(members) // per_seat)] for members in seats.values()])
     )
-
-
-# --- mistakes
-
-
-def _of_table(arm: Arm) -> Iterator[_Mistake]:
-    """Values of a DH table that are mistyped, exchanged, or in other units."""
-    if not isinstance(arm.file, ArmFile):
-        return
-    yield from _of_rows(arm.file)
-    yield from _of_exchanges(arm.file)
-    if 0.0 < max(abs(row.alpha_rad) for row in arm.file.joints) < MOST_IN_RADIANS:
-        changed = _scaled(arm.file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
-        yield _Mistake(Note("table_in_radians"), "table", arm=changed)
-    if _is_small(arm):
-        larger = {unit: factor for (unit, _), factor in LENGTH_UNITS.items() if factor > 1.0}
-        for unit, factor in larger.items():
-            changed = _scaled(arm.file, ("a_mm", "d_mm"), factor)
-            yield _Mistake(Note("table_unit", {"unit": unit}), "table", arm=changed)
-
-
-def _of_rows(file: ArmFile) -> Iterator[_Mistake]:
-    """A value of one row that is mistyped: another sign, decimal place or quarter turn; a joint of
-    another kind.
-    """
-    for number, row in enumerate(file.joints):
-        if abs(np.sin(row.alpha_rad)) > LEAST_SINE:
-            name = Note("twist_reversed", {"row": number + 1, "alpha": row.alpha_rad})
-            changed = _with_values(file, {number: {"alpha_rad": -row.alpha_rad}})
-            yield _Mistake(name, f"alpha {number}", arm=changed)
-        for key in ("a_mm", "d_mm"):
-            stated = getattr(row, key)
-            for factor in SLIPS_OF_LENGTHS if abs(stated) * MM > FAR else ():
-                data = {"parameter": f"{key[0]}{number + 1}", "stated": stated * MM}
-                name = Note("length_mistyped", data | {"likely": factor * stated * MM})
-                changed = _with_values(file, {number: {key: factor * stated}})
-                yield _Mistake(name, f"{key} {number}", arm=changed)
-        for turn in QUARTERS[1:]:
-            alpha = float(np.remainder(row.alpha_rad + turn * DEG + np.pi, TURN) - np.pi)
-            if abs(alpha + row.alpha_rad) < LEAST_SINE:
-                continue  # the opposite sign
-            data = {"row": number + 1, "alpha": row.alpha_rad, "likely": alpha}
-            changed = _with_values(file, {number: {"alpha_rad": alpha}})
-            yield _Mistake(Note("twist_mistyped", data), f"alpha {number}", arm=changed)
-        if not row.fixed and not row.slides:
-            prismatic = {"kind": "prismatic", "limits_mm": (-1e4, 1e4), **NOT_REVOLUTE}
-            changed = _with_values(file, {number: prismatic})
-            name = Note("kind_of_joint", {"row": number + 1})
-            yield _Mistake(name, f"kind {number}", arm=changed)
-
-
-def _of_exchanges(file: ArmFile) -> Iterator[_Mistake]:
-    """The lengths of a row, or values of two rows, exchanged."""
-    rows = file.joints
-    for number, row in enumerate(rows):
-        name = Note("row_exchanged", {"row": number + 1})
-        changed = _with_values(file, {number: {"a_mm": row.d_mm, "d_mm": row.a_mm}})
-        yield _Mistake(name, "table", arm=changed)
-    for j, k in combinations(range(len(rows)), 2):
-        for keys, code in EXCHANGED.items():
-            exchanged = {row: rows[j + k - row].model_dump(include={*keys}) for row in (j, k)}
-            name = Note(code, {"rows": (j + 1, k + 1), "value": keys[0][0]})
-            yield _Mistake(name, "table", arm=_with_values(file, exchanged))
-
-
-def _of_placements(arm: Arm) -> Iterator[_Mistake]:
-    """A placement in a URDF that is turned by quarter turns, or the axis of a joint that is another
-    one.
-    """
-    if arm.dh is not None:
-        return
-    names = [parameter.name for parameter in arm.parameters]
-    for joint in range(arm.nq if not arm.mimics else 0):
-        of_joint = names[6 * joint + 3 : 6 * joint + 6]
-        for name, degrees in product(of_joint, QUARTERS[1:]):
-            data = {"joint": joint + 1, "axis": name[1], "degrees": degrees}
-            changed = moved_arm(arm, {name: degrees * DEG}, None)
-            yield _Mistake(Note("placement_turned", data), f"placement {joint}", arm=changed)
-    for joint in range(arm.nq - 1 if not arm.mimics else 0):
-        for axis, letter in zip(np.eye(3), "xyz", strict=True):
-            if abs(axis @ arm.joint_axes[joint]) < LEAST_SINE:
-                changed = arm.with_joint_axis(joint + 1, axis)
-                name = Note("axis_mistyped", {"joint": joint + 1, "axis": letter})
-                yield _Mistake(name, f"axis {joint}", arm=changed)
-
-
-def _scaled(file: ArmFile, keys: Sequence[str], factor: float) -> Arm:
-    """The arm with some values of every row times a factor."""
-    rows = enumerate(file.joints)
-    return _with_values(
-        file, {k: {key: factor * getattr(row, key) for key in keys} for k, row in rows}
-    )
-
-
-def _with_values(file: ArmFile, values: Mapping[int, Mapping[str, object]]) -> Arm:
-    """The arm with other values in some rows (from 0)."""
-    rows = [row.model_copy(update=values.get(k, {})) for k, row in enumerate(file.joints)]
-    return Arm.from_file(file.model_copy(update={"joints": rows}))
-
-
-def _is_small(arm: Arm) -> bool:
-    """Whether the lengths of a DH table are hardly in the unit that their keys state."""
-    if not isinstance(arm.file, ArmFile):
-        return False
-    size = sum(abs(row.a_mm) + abs(row.d_mm) for row in arm.file.joints)
-    return size * MM < SMALL
-
-
-def _mistakes(problem: Problem) -> Iterator[_Mistake]:
-    """Every single mistake."""
-    records = problem.measurements
-    identity = np.eye(problem.measurements.nq)
-    for j, largest in enumerate(np.abs(records.readings).max(axis=0)):
-        yield _reversed(j, records.nq)
-        if problem.model.arm.chain.prismatic[j]:
-            for unit, factor in SLIDE_UNITS.items():
-                name = Note("slide_unit", {"joint": j + 1, "unit": unit})
-                factors = np.where(identity[j] > 0, factor, 1.0)
-                yield _Mistake(name, f"unit {j}", angle_matrix=np.diag(factors))
-            continue
-        units = [(GON, "gon", "deg")]
-        if largest > TURN or largest <= TURN * DEG:
-            units.append((DEG, "degrees", "rad") if largest > TURN else (1 / DEG, "radians", "deg"))
-        for factor, unit, column in units:
-            name = Note("joint_angles_unit", {"joint": j + 1, "unit": unit, "column": column})
-            factors = np.where(identity[j] > 0, factor, 1.0)
-            yield _Mistake(name, f"unit {j}", angle_matrix=np.diag(factors))
-    for j, degrees in product(range(records.nq), QUARTERS[1:]):
-        yield _turned(j, degrees, records.nq)
-    for j, k in combinations(range(records.nq), 2):
-        order = np.arange(records.nq)
-        order[[j, k]] = k, j
-        name = Note("joints_exchanged", {"joints": (j + 1, k + 1)})
-        yield _Mistake(name, "columns", angle_matrix=identity[order])
-    arm = problem.model.arm
-    rows = arm.chain.moving_rows()
-    yield from _of_couplings(arm)
-    neighbours = [*zip(range(1, arm.nq), range(arm.nq - 1), strict=True)]
-    neighbours += [(other, joint) for joint, other in neighbours]
-    for (j, of), sign in product(neighbours, (1.0, -1.0)):
-        if arm.coupling_matrix[j, of]:
-            continue
-        code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
-        angle_matrix = identity + sign * np.outer(identity[of], identity[j])
-        ratio = (arm.coupling_matrix @ angle_matrix.T)[j, of]
-        coupling = {"row": rows[j], "of": rows[of], "ratio": float(ratio)}
-        name = Note(code, {"joint": j + 1, "other": of + 1, **coupling})
-        yield _Mistake(name, "sum", angle_matrix=angle_matrix)
-    for (unit, taken), factor in ANGLE_UNITS.items():
-        name = Note("angles_unit", {"unit": unit, "taken": taken})
-        yield _Mistake(name, "angles", angle_matrix=factor * identity)
-    yield from _of_convention(problem.model.arm)
-    yield from _of_table(arm)
-    yield from _of_placements(arm)
-    if records.known.any():
-        yield from _of_frame(problem.external)
-        if problem.setup.target != "unknown" and not any(
-            isinstance(effect, StylusOffset) for effect in problem.vector.effects
-        ):
-            yield _Mistake(Note("target_off_tip"), "target", target_off_tip=True)
-        for (unit, taken), factor in () if _is_small(arm) else LENGTH_UNITS.items():
-            yield _Mistake(
-                Note("coordinates_unit", {"unit": unit, "taken": taken}), "unit", scale=factor
-            )
-        for k, axis in enumerate("xyz"):
-            scale = np.where(k == AXIS_NUMBERS, 1e3, 1.0)
-            yield _Mistake(Note("coordinate_in_metres", {"axis": axis}), "unit", scale=scale)
-    if records.bars():
-        for (unit, taken), factor in LENGTH_UNITS.items():
-            name = Note("bars_unit", {"unit": unit, "taken": taken})
-            yield _Mistake(name, "bars", bar_factor=factor)
-
-
-def _of_frame(external: bool) -> Iterator[_Mistake]:
-    """Coordinates along other axes; in an unknown frame all mirror images are alike."""
-    if external:
-        yield _Mistake(Note("coordinates_mirrored"), "axes", axes=((0, 1, 2), (1, 1, -1)))
-        return
-    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        if (order, signs) != ((0, 1, 2), (1, 1, 1)):
-            came = ", ".join(
-                f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)
-            )
-            yield _Mistake(Note("other_axes", {"axes": came}), "axes", axes=(order, signs))
-    yield _Mistake(Note("other_frame"), "axes", external_frame=True)
-
-
-def _of_couplings(arm: Arm) -> Iterator[_Mistake]:
-    """The ratio of a stated coupling with the opposite sign, inverted or left out."""
-    stated = arm.coupling_matrix
-    without = np.eye(arm.nq)
-    rows = arm.chain.moving_rows()
-    for j, k in np.argwhere(stated != without):
-        ratio = float(stated[j, k])
-        inverse = 1.0 / ratio if j == k else 0.0
-        for expected in {-ratio, inverse, float(without[j, k])} - {ratio}:
-            changed = stated.copy()
-            changed[j, k] = expected
-            name = Note(
-                "coupling_ratio",
-                {"joint": rows[j], "of": rows[k], "ratio": ratio, "expected": expected},
-            )
-            angle_matrix = np.asarray(np.linalg.solve(stated, changed).T)
-            yield _Mistake(name, "sum", angle_matrix=angle_matrix)
-
-
-def _of_convention(arm: Arm) -> Iterator[_Mistake]:
-    """The numbers of a DH table, read by the other convention."""
-    if not isinstance(arm.file, ArmFile):
-        return
-    now, other = ("standard-dh", "modified-dh")[
-        :: 1 if arm.file.convention == "standard-dh" else -1
-    ]
-    changed = Arm.from_file(arm.file.model_copy(update={"convention": other}))
-    yield _Mistake(
-        Note("other_convention", {"other": other, "convention": now}), "convention", arm=changed
-    )
-
-
-def _of_numbers(problem: Problem, after: Fit | None) -> Iterator[tuple[_Mistake, ...]]:
-    """A wrong value of the arm file, the ratio of a joint, the scale of the coordinates."""
-    arm = problem.model.arm
-    wrong = None if after is None else wrong_value(after)
-    if wrong is not None:
-        changed = moved_arm(arm, wrong.errors, arm.covariance)
-        yield (_Mistake(wrong.note, "value", arm=changed, chosen=True),)
-    rows = arm.chain.moving_rows()
-    records = problem.measurements
-    for joint, ratio in enumerate(likely_ratios(arm, records, problem.external)):
-        ratio_of_joint = float(arm.coupling_matrix[joint, joint]) * ratio
-        data = {"joint": joint + 1, "row": rows[joint], "ratio": ratio_of_joint}
-        factors = np.ones(arm.nq)
-        factors[joint] = ratio
-        name = Note("joint_ratio", data)
-        yield (_Mistake(name, "ratio", angle_matrix=np.diag(factors), chosen=True),)
-    scales = likely_scales(arm, records)
-    if scales is not None:
-        for axes, several in (("xyz", [0, 1, 2]), ("x", [0]), ("y", [1]), ("z", [2])):
-            factors = np.ones(3)
-            factors[several] = np.mean(scales[several])
-            name = Note("coordinates_scaled", {"axes": [*axes], "factor": 1 / factors[several[0]]})
-            yield (_Mistake(name, "unit", scale=factors, chosen=True),)
-
-
-@cache
-def _reversed(joint: int, nq: int) -> _Mistake:
-    """Angles of a joint (from 0) with the opposite sign."""
-    signs = np.ones(nq)
-    signs[joint] = -1.0
-    name = Note("joint_reversed", {"joint": joint + 1})
-    return _Mistake(name, f"sign {joint}", angle_matrix=np.diag(signs))
-
-
-@cache
-def _turned(joint: int, degrees: int, nq: int) -> _Mistake:
-    """Angles of a joint (from 0) that are off by quarter turns."""
-    name = Note("zero_turned", {"joint": joint + 1, "degrees": degrees})
-    offset = degrees * DEG * np.eye(nq)[joint]
-    return _Mistake(name, f"zero {joint}", angle_offset=offset)
-
-
-def _several_columns(problem: Problem) -> list[tuple[_Mistake, ...]]:
-    """Columns in another order; signs and quarter turns of two joints or more, the signs first."""
-    records = problem.measurements
-    several_columns: list[tuple[_Mistake, ...]] = []
-    for order in likely_orders(problem.model.arm, records, problem.external):
-        name = Note("columns_in_order", {"joints": [joint + 1 for joint in order]})
-        of_joints = np.eye(records.nq)[:, np.argsort(order)]
-        several_columns.append((_Mistake(name, "columns", angle_matrix=of_joints),))
-    for several in likely_columns(problem.model.arm, records, problem.external):
-        signs = [_reversed(one.joint, records.nq) for one in several if one.sign < 0]
-        turns = [_turned(one.joint, one.degrees, records.nq) for one in several if one.degrees]
-        several_columns.append((*signs, *turns))
-    return several_columns
-
-
-def _in_words(several: tuple[_Mistake, ...]) -> str:
-    """Several mistakes in one sentence, joints with the opposite sign together."""
-    notes = [one.name for one in several if one.name is not None]
-    signs = [note for note in notes if note.code == "joint_reversed"]
-    if len(signs) > 1:
-        joints = [note.data["joint"] for note in signs]
-        others = [note for note in notes if note not in signs]
-        notes = [Note("joints_reversed", {"joints": joints}), *others]
-    return ", and ".join(map(str, notes))
-
-
-def _pairs(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
-    """Every two mistakes of different kinds, but those of :func:`_several_columns`, and of a table
-    and a column.
-    """
-    mistakes = [one for (one,) in single]
-    tried = {*combinations([m for m in mistakes if m.kind.startswith(("sign", "zero"))], 2)}
-    pairs: list[tuple[_Mistake, ...]] = []
-    for pair in combinations(mistakes, 2):
-        one, other = pair
-        of_table = one.changes_tips and other.changes_tips and (one.arm or other.arm)
-        if one.kind != other.kind and not of_table and pair not in tried:
-            pairs.append(pair)
-    return pairs

@@ -79,17 +79,17 @@ class Columns:
         twists: list[Array] = []
         numbers: list[int] = []
         of_reference: list[bool] = []
-        for effect, own in vector:
+        for effect, entries in vector:
             straight = type(effect).exact is Effect.exact
             displacements = [] if effect.elastic else effect.displacements(state)
             for d in displacements:
                 if not (len(displacements) == len(d.columns) == 1 and straight):
-                    varying.append(_Varying(d, own, effect.of_reference, straight))
+                    varying.append(_Varying(d, entries, effect.of_reference, straight))
                     continue
-                width = own.stop - own.start
+                width = entries.stop - entries.start
                 places += width * [d.place]
                 twists.append(d.columns[0].T)
-                numbers += range(own.start, own.stop)
+                numbers += range(entries.start, entries.stop)
                 of_reference += width * [effect.of_reference]
         same = _Same(
             np.array(places, dtype=np.intp),
@@ -103,37 +103,37 @@ class Columns:
     @cached_property
     def _given_twists(self) -> tuple[Twists, Twists]:
         """Twists by the effects that stay: of the arm, and of the references."""
-        found: tuple[Twists, Twists] = ({}, {})
+        twists: tuple[Twists, Twists] = ({}, {})
         for effect in self.given:
             for place, twist in [] if effect.elastic else effect.exact(self.state):
-                _sum(found[effect.of_reference], {place: twist})
-        return found
+                _sum(twists[effect.of_reference], {place: twist})
+        return twists
 
     @cached_property
     def _elastic(self) -> list[tuple[Effect, slice]]:
-        return [(effect, own) for effect, own in self.vector if effect.elastic]
+        return [(effect, entries) for effect, entries in self.vector if effect.elastic]
 
     @cached_property
     def _curved(self) -> list[tuple[Effect, slice]]:
-        found = []
-        for effect, own in self.vector:
+        curved = []
+        for effect, entries in self.vector:
             is_linear = effect.elastic or type(effect).exact is Effect.exact
             if not is_linear:
-                found.append((effect, own))
-        return found
+                curved.append((effect, entries))
+        return curved
 
     @cached_property
     def _same_twists(self) -> list[tuple[list[int], Array]]:
         """Places with the same twist in every record, and that by one unit of each parameter
         (places, 6, p): of the arm, and of the references.
         """
-        found = []
+        twists = []
         for chosen in (~self.same.of_reference, self.same.of_reference):
             places, at = np.unique(self.same.place[chosen], return_inverse=True)
             per_unit = np.zeros((places.size, 6, self.vector.size))
             per_unit[at, :, self.same.number[chosen]] = self.same.twist[chosen]
-            found.append((places.tolist(), per_unit))
-        return found
+            twists.append((places.tolist(), per_unit))
+        return twists
 
     @property
     def alike(self) -> Index:
@@ -144,14 +144,16 @@ class Columns:
 
     def bends(self, x: Array) -> bool:
         """Whether any effect bends under weight, these at the values ``x`` (p,)."""
-        values = [x[own] for _, own in self._elastic]
+        values = [x[entries] for _, entries in self._elastic]
         return any(effect.elastic for effect in self.given) or any(map(np.any, values))
 
     def at(self, x: Array) -> State:
         """The arm with all effects, these at the values ``x`` (p,), as the references state it."""
         state = replace(self.state, twists=self._twists(x, False))
         elastic = [effect for effect in self.given if effect.elastic]
-        elastic += [effect.at(tuple(x[own])) for effect, own in self._elastic if x[own].any()]
+        elastic += [
+            effect.at(tuple(x[entries])) for effect, entries in self._elastic if x[entries].any()
+        ]
         state = static_equilibrium(elastic, state) if elastic else state
         of_reference = self._twists(x, True)
         return (
@@ -169,8 +171,8 @@ class Columns:
             total[:, :, self.same.number] = self._same_columns(state)
         for part in self.varying:
             total[:, :, part.number] += point_sensitivity(state, part.displacement)
-        for effect, own in self._elastic:
-            total[:, :, own] = sensitivity(effect, state)
+        for effect, entries in self._elastic:
+            total[:, :, entries] = sensitivity(effect, state)
         return total
 
     def _same_columns(self, state: State) -> Array:
@@ -194,9 +196,9 @@ class Columns:
         for part in self.varying:
             if part.of_reference == of_reference and part.straight and x[part.number].any():
                 _sum(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})
-        for effect, own in self._curved:
-            if effect.of_reference == of_reference and x[own].any():
-                for place, twist in effect.at(tuple(x[own])).exact(self.state):
+        for effect, entries in self._curved:
+            if effect.of_reference == of_reference and x[entries].any():
+                for place, twist in effect.at(tuple(x[entries])).exact(self.state):
                     _sum(twists, {place: twist})
         return twists
 

@@ -1,17 +1,210 @@
 """The linear model of the records at a point: predictions and derivatives there, whitened, with the
 seats eliminated.
+
+``r + A δ + B s``: A by the parameters, B by the unknown points of the seats. A row comes from a
+record, from the stated coordinates of a seat, or from a bar.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.sparse import csr_array
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin.calibration.linear_model import LinearModel, Prior, RowBlock, SeatElimination
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.calibration.least_squares import LinearModel, Prior
 from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Prediction
+from aacmm_pin.measurements import NOTHING_KNOWN, Observations
+
+OPEN_CENTRE = 3e-4
+"""Part of all information on a sphere or plane that is added in every direction, for contacts on a
+great circle tell nothing of the centre across it."""
+
+
+class SeatElimination:
+    """Projection of whitened rows onto what no coordinates of seats can change: variable projection
+    (Golub, Pereyra 1973).
+
+    With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ
+    R``; a bar, which couples two seats, then gives one row more, see :meth:`eliminated`. No loop
+    over records or seats.
+    """
+
+    def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
+        """At seats ``points`` (s, 3), with ``by_seat`` the derivative of each record's whitened
+        residual by the place of the seat that it touches (n, 3 or 6, 3).
+        """
+        self.observations = observations
+        self._touched = np.flatnonzero(observations.seat >= 0)
+        self._numbers = observations.seat[self._touched]
+        shape = (len(observations.labels), self._touched.size)
+        ones = np.ones(self._touched.size)
+        columns = np.arange(self._touched.size)
+        self._sum = csr_array((ones, (self._numbers, columns)), shape=shape)
+        self._orthonormal(by_seat[self._touched])
+        self._bar_residual, along = observations.of_bars(points)
+        self._seat_residual = observations.of_seats(points)
+        inverse, (first, second) = np.linalg.inv(self._root), observations.ends.T
+        self._bar_ends = along[:, None, :] @ inverse[first], -along[:, None, :] @ inverse[second]
+
+    def _orthonormal(self, by: Array) -> None:
+        """Q of the derivatives of records (touched, 3 or 6, 3) and of stated coordinates, and C.
+
+        Cholesky QR twice: orthonormal to rounding, however uneven a seat's directions are known.
+        """
+        placed = self.observations.known[:, None]
+        count = len(self.observations.labels)
+        weight = np.where(placed, 1.0 / np.where(placed, self.observations.stated_u, 1.0), 0.0)
+        by_tie = weight[:, :, None] * np.eye(3)
+        # Contacts of a sphere or plane may leave a direction of it open.
+        may_be_open = self.observations.surfaces & ~self.observations.known
+        leeway = np.where(may_be_open, OPEN_CENTRE, 0.0)[:, None, None] * np.eye(3)
+        self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
+        for least in (NOTHING_KNOWN, np.where(may_be_open, np.inf, 0.5)):
+            square = (
+                self._seat_sums(by.transpose(0, 2, 1) @ by) + by_tie.transpose(0, 2, 1) @ by_tie
+            )
+            # The others have nothing to be made orthonormal.
+            some = np.trace(square, axis1=1, axis2=2) > least
+            square = np.where(some[:, None, None], square, np.eye(3))
+            square += leeway * np.trace(square, axis1=1, axis2=2)[:, None, None]
+            upper = np.linalg.cholesky(square).transpose(0, 2, 1)
+            inverse = np.linalg.inv(upper)
+            by, by_tie, self._root = (
+                by @ inverse[self._numbers],
+                by_tie @ inverse,
+                upper @ self._root,
+            )
+        self._q, self._q_tie = by, by_tie
+
+    def _seat_sums(self, each: Array) -> Array:
+        """Sums over the records of each seat of arrays (touched, …): (s, …)."""
+        shape = each.shape[1:]
+        flat = each.reshape(len(each), int(np.prod(shape)))
+        sums = np.asarray(self._sum @ flat)
+        return sums.reshape(len(sums), *shape)
+
+    def eliminated(self, rows: Array, residual: bool) -> tuple[Array, tuple[Array, Array, Array]]:
+        """Whitened rows (n, 3 or 6, c) with the seats at their best; where ``residual``, the last
+        column is the residual.
+
+        Returns:
+            ``Qᵀ R`` (s, 3, c); and the records' rows (n, 3 or 6, c), in place, the seats' own (s,
+            3, c), and one for each bar (b, c).
+        """
+        along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
+        ties = np.zeros_like(along)
+        if residual:
+            ties[:, :, -1] = self._seat_residual
+            along += self._q_tie.transpose(0, 2, 1) @ ties
+        rows[self._touched] -= self._q @ along[self._numbers]
+        return along, (rows, ties - self._q_tie @ along, self._bar_rows(along, residual))
+
+    def along(self, rows: Array, records: Index) -> Array:
+        """``Qᵀ R`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
+        inside = np.flatnonzero(self.observations.seat[records] >= 0)
+        touching = records[inside]
+        q = self._q[np.searchsorted(self._touched, touching)]
+        shape = (len(self.observations.labels), touching.size)
+        seats = (self.observations.seat[touching], np.arange(touching.size))
+        projected = (q.transpose(0, 2, 1) @ rows[inside]).reshape(touching.size, 3 * rows.shape[2])
+        sums = np.asarray(csr_array((np.ones(touching.size), seats), shape=shape) @ projected)
+        return sums.reshape(shape[0], 3, rows.shape[2])
+
+    def squares(self, along: Array, seats: Index, bars: Index) -> tuple[Array, Array]:
+        """Rows whose squares some seats and bars add to those of the records' rows, and take from
+        them, where the seats are at their best (m, c); the last column is the residual.
+
+        Args:
+            along: ``Qᵀ R`` of all records (s, 3, c).
+            seats, bars: which.
+        """
+        ties = self._seat_residual
+        along = along.copy()
+        along[:, :, -1] += np.einsum("sji,sj->si", self._q_tie, ties)
+        of_ties = np.zeros((1, along.shape[2]))
+        of_ties[0, -1] = np.linalg.norm(ties[seats])
+        of_bars = self._bar_rows(along, residual=True)[bars]
+        return np.concatenate([of_ties, of_bars]), along[seats].reshape(-1, along.shape[2])
+
+    def _bar_rows(self, along: Array, residual: bool) -> Array:
+        """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``,
+        H of the bars.
+        """
+        rows = -self._by_bars(along)
+        if residual:
+            rows[:, -1] += self._bar_residual
+        return (
+            np.asarray(solve_triangular(self._bar_factor, rows, lower=True)) if len(rows) else rows
+        )
+
+    def _by_bars(self, along: Array) -> Array:
+        """``H`` times vectors of the seats (s, 3, c): (b, c)."""
+        first, second = self.observations.ends.T
+        moved = self._bar_ends[0] @ along[first] + self._bar_ends[1] @ along[second]
+        return np.asarray(moved[:, 0])
+
+    @cached_property
+    def _bar_jacobian(self) -> Array:
+        """``H`` (b, 3 s)."""
+        ends = self.observations.ends
+        dense = np.zeros((len(ends), len(self.observations.labels), 3))
+        for k, by_end in enumerate(self._bar_ends):
+            dense[np.arange(len(ends)), ends[:, k]] += by_end[:, 0]
+        return dense.reshape(len(ends), -1)
+
+    @cached_property
+    def _bar_factor(self) -> Array:
+        outer = self._bar_jacobian @ self._bar_jacobian.T
+        return np.asarray(np.linalg.cholesky(np.eye(len(outer)) + outer))
+
+    def step(self, along: Array) -> Array:
+        """Best step of the seats (s, 3) [m] for ``Qᵀ`` of the residual, its ties included (s, 3,
+        1).
+        """
+        if not len(along):
+            return np.zeros((0, 3))
+        best = -along
+        if len(self.observations.ends):
+            rows = self._bar_residual[:, None] - self._by_bars(along)
+            once = solve_triangular(self._bar_factor, rows, lower=True)
+            twice = solve_triangular(self._bar_factor.T, once, lower=False)
+            best = best - (self._bar_jacobian.T @ twice).reshape(best.shape)
+        return np.asarray(np.linalg.solve(self._root, best)[:, :, 0])
+
+
+def seat_columns(
+    observations: Observations, points: Array, by_seat: Array
+) -> tuple[Array, Array, Array]:
+    """Derivative by the seats where these are kept as columns: of records, of stated coordinates,
+    of bars.
+
+    Args:
+        observations: of n records, s seats and b bars.
+        points: where the seats are (s, 3) [m].
+        by_seat: see :class:`SeatElimination` (n, k, 3).
+
+    Returns:
+        (n, k, s, 3), (s, 3, s, 3), zero where nothing is stated, and (b, s, 3) [1/m].
+    """
+    count = len(observations.labels)
+    placed = observations.known
+    ends = observations.ends
+    touched = np.flatnonzero(observations.seat >= 0)
+    bars = np.arange(len(ends))
+    of_records = np.zeros((*by_seat.shape[:2], count, 3))
+    of_records[touched, :, observations.seat[touched]] = by_seat[touched]
+    of_seats = np.zeros((count, 3, count, 3))
+    of_seats[placed, :, placed] = (1.0 / observations.stated_u[placed])[:, :, None] * np.eye(3)
+    of_bars = np.zeros((len(ends), count, 3))
+    _, along = observations.of_bars(points)
+    of_bars[bars, ends[:, 0]] = along
+    of_bars[bars, ends[:, 1]] = -along
+    return of_records, of_seats, of_bars
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,18 +273,18 @@ def linearise(
     rows = correlation.whitened(rows)
     by_seats = correlation.whitened(observations.by_seats(whitening))
     elimination = SeatElimination(observations, points, by_seats)
-    along_seats, all_rows = elimination.eliminated(rows, residual=True)
-    records = np.flatnonzero(has_target)
-    seats = np.flatnonzero(observations.known)
-    bars = np.arange(len(observations.ends))
-    block = RowBlock(records, seats, bars, len(observations.labels))
+    along_seats, (rows, of_seats, of_bars) = elimination.eliminated(rows, residual=True)
+    placed = observations.known
+    parts = [rows if has_target.all() else rows[has_target], of_seats[placed], of_bars]
+    some = [part.reshape(-1, p + 1) for part in parts if part.size]
+    unknown = int((~placed).sum())
     return Linearisation(
-        rows=block.stack(all_rows),
+        rows=some[0] if len(some) == 1 else np.concatenate([np.empty((0, p + 1)), *some]),
         prior=prior,
         distance=np.where(has_target, tip_distance, np.nan),
         turn_distance=np.where(observations.counts > 3, turn_distance, np.nan),
         deviations=deviations,
-        free=block.free(observations.counts),
+        free=int(observations.counts[has_target].sum()) + len(of_bars) - 3 * unknown,
         elimination=elimination,
         along_seats=along_seats,
     )

@@ -109,9 +109,9 @@ class NoiseModel:
             tips_there = problem.poses(x, frame)[:, :3]
             centres = observations.start(tips_there) if seats is None else seats
             observations = observations.with_normals(tips_there, centres)
-        each = scatters.covariance(observations.covariance.shape[1])
-        tips = np.broadcast_to(each, (n, *each.shape))
-        by_reading = np.zeros((n, len(each), 0))
+        scatter = scatters.covariance(observations.covariance.shape[1])
+        tips = np.broadcast_to(scatter, (n, *scatter.shape))
+        by_reading = np.zeros((n, len(scatter), 0))
         together: tuple[Index, ...] = ()
         if setup.encoder_noise is not None and setup.encoder_noise.any():
             by_reading = problem.reading_jacobian(x, frame) * setup.encoder_noise
@@ -140,9 +140,9 @@ class NoiseModel:
 
         As a triangle it leaves the first three numbers what they are without turns.
         """
-        found = np.linalg.inv(np.linalg.cholesky(self.of_residuals))
-        found[~self.observations.oriented, 3:] = 0.0
-        return self.observations.along_normals(found)
+        whitening = np.linalg.inv(np.linalg.cholesky(self.of_residuals))
+        whitening[~self.observations.oriented, 3:] = 0.0
+        return self.observations.along_normals(whitening)
 
     @property
     def without_scatter(self) -> Array:
@@ -160,31 +160,33 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     seat repeat its coordinates, those that are off by more than twice the uncertainty, for less may
     be rounding; elsewhere all, unless they differ by less than a third of it.
     """
-    known = measurements.placed
+    stated_place = measurements.placed
     contact = setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)
     u = reference_u(measurements, setup, np.nan)
-    stating = known & (seat >= 0)
-    of = seat[stating]
+    stating = stated_place & (seat >= 0)
+    at_seat = seat[stating]
     count = len(labels)
-    least = np.nan_to_num(np.fmin.reduce(_of_each(np.fmin, u[stating], of, count), axis=1))
-    repeated, most = _repeated(of, measurements.reference[stating], count)
+    least = np.nan_to_num(np.fmin.reduce(_of_each(np.fmin, u[stating], at_seat, count), axis=1))
+    repeated, most = _repeated(at_seat, measurements.reference[stating], count)
     if repeated.any():
-        off = np.abs(measurements.reference - most[seat]).max(axis=1)
-        far = off > np.maximum(SAME_PLACE, ROUNDED * least)[seat]
+        from_repeated = np.abs(measurements.reference - most[seat]).max(axis=1)
+        far = from_repeated > np.maximum(SAME_PLACE, ROUNDED * least)[seat]
         seat = np.where(stating & repeated[seat] & far, -1, seat)
-        stating = known & (seat >= 0)
-    of = seat[stating]
+        stating = stated_place & (seat >= 0)
+    at_seat = seat[stating]
     stated = measurements.reference[stating]
-    combined = [_of_each(combine, stated, of, count) for combine in (np.add, np.fmax, np.fmin)]
+    combined = [_of_each(combine, stated, at_seat, count) for combine in (np.add, np.fmax, np.fmin)]
     total, high, low = combined
-    records = np.maximum(np.bincount(of, minlength=count), 1)
+    records = np.maximum(np.bincount(at_seat, minlength=count), 1)
     at = total / records[:, None]
-    at_u = _of_each(np.fmax, u[stating], of, count)
+    at_u = _of_each(np.fmax, u[stating], at_seat, count)
     extent = (high - low).max(axis=1)
     mixed = ~repeated & (extent > np.maximum(SAME_PLACE, MEASURED * least))
     # A seat whose records state coordinates of their own is none, as is a surface of few contacts.
-    mixed |= _undetermined_surfaces(measurements, seat, np.asarray(np.isfinite(at).all(axis=1)))
+    contacts = np.bincount(seat[measurements.on_surface & (seat >= 0)], minlength=count)
+    few = (contacts > 0) & (contacts < FEWEST_CONTACTS)
+    mixed |= few & ~np.isfinite(at).all(axis=1)
     number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
     seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
     radius = np.where(seat >= 0, measurements.contact_radius, np.nan)
@@ -192,19 +194,19 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     alone = measurements.known & (seat < 0)
     # What is not stated is in the covariance of the tips already.
     of_reference = np.hypot(reference_u(measurements, setup, 0.0), contact)
-    own = np.where(alone[:, None], of_reference, contact)
+    noise = np.where(alone[:, None], of_reference, contact)
     if measurements.orientation is not None:
         turn = np.zeros(measurements.n)
         if measurements.orientation_u is not None:
             turn = np.nan_to_num(measurements.orientation_u)
-        own = np.hstack([own, np.repeat(turn[:, None], 3, axis=1)])
+        noise = np.hstack([noise, np.repeat(turn[:, None], 3, axis=1)])
     chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
     place = {label: k for k, label in enumerate(chosen)}
     ends, length, length_u = _bars(measurements, setup, place)
     return Observations(
         reference=np.where(alone[:, None], measurements.reference, np.nan),
         seat=seat.astype(np.intp),
-        covariance=own[:, :, None] ** 2 * np.eye(own.shape[1]),
+        covariance=noise[:, :, None] ** 2 * np.eye(noise.shape[1]),
         labels=tuple(chosen),
         stated=at[~mixed],
         stated_u=at_u[~mixed],
@@ -220,32 +222,22 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     )
 
 
-def _undetermined_surfaces(measurements: Measurements, seat: Index, placed: Mask) -> Mask:
-    """Which seats (s,) are spheres or planes that neither are ``placed`` (s,) nor shown by their
-    contacts, of records at a ``seat`` (n,).
-    """
-    on_surface = measurements.on_surface & (seat >= 0)
-    contacts = np.bincount(seat[on_surface], minlength=len(placed))
-    few = (contacts > 0) & (contacts < FEWEST_CONTACTS)
-    return np.asarray(few & ~placed)
-
-
 def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> list[Note]:
     """Seats whose records state coordinates farther apart than their noise allows, and bars that do
     not fit between the coordinates of their ends.
     """
     u = reference_u(measurements, setup, max(scatters.tip, scatters.seat))
-    known = measurements.placed
+    placed = measurements.placed
     seat, labels = _numbered(measurements)
-    at_seats = known & (seat >= 0)
+    at_seats = placed & (seat >= 0)
     repeats, _ = _repeated(seat[at_seats], measurements.reference[at_seats], len(labels))
     repeated = dict(zip(labels, repeats, strict=True))
     stating = {
-        label: records[known[records]]
+        label: records[placed[records]]
         for label, records in measurements.seats().items()
-        if known[records].any()
+        if placed[records].any()
     }
-    found = _bars_between(measurements, setup, stating, u)
+    notes = _bars_between(measurements, setup, stating, u)
     for label, records in stating.items():
         at = measurements.reference[records]
         over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME_PLACE)
@@ -253,8 +245,8 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
             ends = records[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
             apart = float(np.linalg.norm(np.diff(measurements.reference[ends], axis=0)))
             rows = np.sort(measurements.row[ends]).tolist()
-            found.append(Note("seat_contradicted", {"seat": label, "apart": apart, "rows": rows}))
-    return found
+            notes.append(Note("seat_contradicted", {"seat": label, "apart": apart, "rows": rows}))
+    return notes
 
 
 def _bars_between(
@@ -263,7 +255,7 @@ def _bars_between(
     """Bars whose length is not the distance of their ends, where records state coordinates
     of both.
     """
-    found = []
+    notes = []
     for bar in measurements.bars():
         ends = [stating[seat] for seat in (bar.seat_a, bar.seat_b) if seat in stating]
         if len(ends) < 2:
@@ -273,8 +265,8 @@ def _bars_between(
         allowed = [*(u[records].max() for records in ends), _length_u(bar, setup)]
         if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
             data = {"bar": bar.bar, "length": bar.length, "apart": float(apart)}
-            found.append(Note("bar_contradicted", data))
-    return found
+            notes.append(Note("bar_contradicted", data))
+    return notes
 
 
 def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:
@@ -293,18 +285,18 @@ def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
     labels = measurements.conditions.seat
     if labels is None:
         return np.full(measurements.n, -1, dtype=np.intp), []
-    numbers, found = pd.factorize(pd.Series(labels).replace("", None))
-    return np.asarray(numbers, dtype=np.intp), [str(label) for label in found]
+    numbers, labels_of_seats = pd.factorize(pd.Series(labels).replace("", None))
+    return np.asarray(numbers, dtype=np.intp), [str(label) for label in labels_of_seats]
 
 
 def _of_each(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array:
     """Sum, least or largest (``np.add``, ``np.fmin``, ``np.fmax``) of the values (n, 3) at each
     seat (s, 3); else NaN.
     """
-    found = np.full((count, 3), np.nan)
-    found[seat] = 0.0 if combine is np.add else np.nan
-    combine.at(found, seat, values)
-    return found
+    combined = np.full((count, 3), np.nan)
+    combined[seat] = 0.0 if combine is np.add else np.nan
+    combine.at(combined, seat, values)
+    return combined
 
 
 def _repeated(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
@@ -315,13 +307,15 @@ def _repeated(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
     """
     rows = np.column_stack([seat, stated])
     different, times = np.unique(rows, axis=0, return_counts=True)
-    of = different[:, 0].astype(np.intp)
-    distinct = np.bincount(of, minlength=count)
-    repeated = (distinct > 0) & (np.bincount(of, times, minlength=count) >= REPEATED * distinct)
-    order = np.lexsort((-times, of))
+    at_seat = different[:, 0].astype(np.intp)
+    distinct = np.bincount(at_seat, minlength=count)
+    repeated = (distinct > 0) & (
+        np.bincount(at_seat, times, minlength=count) >= REPEATED * distinct
+    )
+    order = np.lexsort((-times, at_seat))
     most = np.full((count, 3), np.nan)
-    found, first = np.unique(of[order], return_index=True)
-    most[found] = different[order[first], 1:]
+    numbers, first = np.unique(at_seat[order], return_index=True)
+    most[numbers] = different[order[first], 1:]
     return repeated, most
 
 

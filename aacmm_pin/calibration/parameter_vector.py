@@ -59,22 +59,22 @@ class ParameterVector:
     @cached_property
     def slices(self) -> tuple[slice, ...]:
         """The entries of each effect."""
-        found = []
+        slices = []
         start = 0
         for effect in self.effects:
             end = start + len(effect.terms)
-            found.append(slice(start, end))
+            slices.append(slice(start, end))
             start = end
-        return tuple(found)
+        return tuple(slices)
 
     def __iter__(self) -> Iterator[tuple[Effect, slice]]:
         return zip(self.effects, self.slices, strict=True)
 
     def of_sessions(self) -> Iterator[tuple[str, slice]]:
         """Labels of the sessions whose frames of references are unknown, with their entries."""
-        for effect, own in self:
+        for effect, entries in self:
             if isinstance(effect, ReferenceFrame) and effect.session is not None:
-                yield effect.session, own
+                yield effect.session, entries
 
     @property
     def size(self) -> int:
@@ -89,34 +89,34 @@ class ParameterVector:
     @cached_property
     def typical(self) -> Array:
         """Typical magnitude of each entry on a measuring arm (p,) [their units]."""
-        found: list[float] = []
+        typical: list[float] = []
         for effect in self.effects:
-            found += [term.typical for term in effect.terms]
-        return np.array(found)
+            typical += [term.typical for term in effect.terms]
+        return np.array(typical)
 
     @cached_property
     def arm_parameters(self) -> tuple[Parameter | None, ...]:
         """The arm's own parameter that each entry changes (p entries); None for effects
         that are not geometric.
         """
-        found: list[Parameter | None] = []
+        parameters: list[Parameter | None] = []
         for effect in self.effects:
             own_parameters = geometric_parameters(self.arm, effect)
-            found += own_parameters or [None] * len(effect.terms)
-        return tuple(found)
+            parameters += own_parameters or [None] * len(effect.terms)
+        return tuple(parameters)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The entries with name, unit and value; geometric ones by the names that the arm has for
         them.
         """
-        found: list[Parameter] = []
+        parameters: list[Parameter] = []
         for effect in self.effects:
-            found += effect.parameters()
+            parameters += effect.parameters()
         for k, arm_parameter in enumerate(self.arm_parameters):
             if arm_parameter is not None:
-                found[k] = replace(found[k], name=arm_parameter.name)
-        return tuple(found)
+                parameters[k] = replace(parameters[k], name=arm_parameter.name)
+        return tuple(parameters)
 
     @property
     def names(self) -> list[str]:
@@ -141,5 +141,5 @@ class ParameterVector:
 
     def at(self, x: Array) -> tuple[Effect, ...]:
         """The effects with the values ``x`` (p,)."""
-        found = [effect.at(tuple(x[own])) for effect, own in self]
-        return tuple(found)
+        effects = [effect.at(tuple(x[entries])) for effect, entries in self]
+        return tuple(effects)

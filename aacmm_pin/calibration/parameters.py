@@ -77,11 +77,15 @@ def problem_of(
         if unknown[0].label not in asked
     ]
     if setup.frame_of_session:
-        chosen += _of_sessions(measurements)
+        nobody = np.zeros(FRAME_WIDTHS.size, dtype=bool)
+        others = sessions_of(measurements)[1:]
+        chosen += [(ReferenceFrame(label), FRAME_WIDTHS, nobody) for label in others]
     named = named_parameters(model.arm, items)
     for item in items:
         if isinstance(item, Effect):
-            chosen.append(_of_effect(item))
+            u = np.array(item.u)
+            bounds = [BEYOND_TYPICAL * term.typical for term in item.terms]
+            chosen.append((item, np.where(u > 0, u, bounds), u > 0))
         elif item == "tool":
             if setup.target != "unknown":
                 chosen += _of_target(measurements, "unknown")
@@ -131,8 +135,8 @@ def named_parameters(arm: Arm, items: Iterable[str | Effect]) -> dict[str, list[
     for; only of items that stand for any.
     """
     names = [parameter.name for parameter in arm.parameters]
-    found = {item: fnmatch.filter(names, item) for item in items if isinstance(item, str)}
-    return {item: those for item, those in found.items() if those}
+    matches = {item: fnmatch.filter(names, item) for item in items if isinstance(item, str)}
+    return {item: those for item, those in matches.items() if those}
 
 
 def _of_names(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
@@ -141,12 +145,12 @@ def _of_names(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
     if arm.dh is not None:
         effects = [of_parameter(arm, parameter) for parameter in parameters]
         return [_geometric(arm, effect, setup.prior) for effect in effects]
-    found = []
+    unknowns = []
     for row in sorted({parameter.joint for parameter in parameters if parameter.joint}):
         effect, widths, stated = _geometric(arm, JointPlacement(row), setup.prior)
         stays = np.array([p.name not in names for p in geometric_parameters(arm, effect)])
-        found.append((effect, np.where(stays, HELD_WIDTH, widths), stated | stays))
-    return found
+        unknowns.append((effect, np.where(stays, HELD_WIDTH, widths), stated | stays))
+    return unknowns
 
 
 def asked_again(problem: Problem, model: ErrorModel, setup: Setup, *others: Effect) -> Problem:
@@ -158,9 +162,9 @@ def asked_again(problem: Problem, model: ErrorModel, setup: Setup, *others: Effe
         if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT))
         and not is_of_setup(effect)
     ]
-    whole = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
+    geometry = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
     zeros = any(isinstance(effect, JointZeroOffset) for effect in effects)
-    sets = ["geometry"] if whole else ["zero-offsets"] if zeros else []
+    sets = ["geometry"] if geometry else ["zero-offsets"] if zeros else []
     return problem_of(model, problem.measurements, [*sets, *named, *others], setup)
 
 
@@ -182,8 +186,8 @@ def scale_is_unidentifiable(problem: Problem) -> list[str]:
     records = problem.measurements
     if records.known.any() or records.bars() or not records.seats():
         return []
-    own = zip(problem.vector.arm_parameters, problem.stated, strict=True)
-    return [p.name for p, stated in own if p is not None and p.unit == "m" and not stated]
+    parameters = zip(problem.vector.arm_parameters, problem.stated, strict=True)
+    return [p.name for p, stated in parameters if p is not None and p.unit == "m" and not stated]
 
 
 def length_held(problem: Problem) -> Effect | None:
@@ -194,13 +198,13 @@ def length_held(problem: Problem) -> Effect | None:
         return None
     vector = problem.vector
     sizes: dict[Effect, float] = {}
-    for effect, own in vector:
+    for effect, entries in vector:
         if isinstance(effect, JointPlacement):
             sizes[effect] = float(
                 np.linalg.norm(vector.arm.chain.constant[end(effect.joint - 1), :3, 3])
             )
         elif isinstance(effect, LinkLength | JointDistance):
-            sizes[effect] = float(np.abs(vector.stated_values[own]).sum())
+            sizes[effect] = float(np.abs(vector.stated_values[entries]).sum())
     return max(sizes, key=lambda effect: sizes[effect]).at(())
 
 
@@ -211,9 +215,9 @@ def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
     The search starts with ``stated`` u (p,), NaN where there is none; a parameter that is given
     another one than the file's, such as a cause that may have changed, is known by itself.
     """
-    found = np.eye(stated.size)
+    correlation = np.eye(stated.size)
     if arm.covariance is None:
-        return found
+        return correlation
     names = vector.names
     place = {name: i for i, name in enumerate(arm.covariance.parameters)}
     u = np.array(arm.covariance.standard_uncertainty_si)
@@ -223,8 +227,8 @@ def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
         if name in place and np.isclose(stated[i], u[place[name]], rtol=1e-9, atol=0.0)
     ]
     theirs = [place[names[i]] for i in mine]
-    found[np.ix_(mine, mine)] = arm.covariance.matrix_of_correlation()[np.ix_(theirs, theirs)]
-    return found
+    correlation[np.ix_(mine, mine)] = arm.covariance.matrix_of_correlation()[np.ix_(theirs, theirs)]
+    return correlation
 
 
 def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
@@ -235,18 +239,14 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
         parameters = [p for p in arm.parameters if not (setup.prior and p.half_width == 0.0)]
         effects = [of_parameter(arm, parameter) for parameter in parameters]
         effects += [LinkTilt(row) for row in _before_parallel_axes(arm)]
-    held = "" if setup.held is None else setup.held.label
-    return [
-        _held(effect) if effect.label == held else _geometric(arm, effect, setup.prior)
-        for effect in effects
-    ]
-
-
-def _held(effect: Effect) -> _Unknown:
-    """Its lengths stay; angles of the same placement do not."""
-    possible = ASSEMBLED | {"m": HELD_WIDTH}
-    widths = np.array([possible[term.unit] for term in effect.terms])
-    return effect, widths, np.ones(widths.size, dtype=bool)
+    unknowns = [_geometric(arm, effect, setup.prior) for effect in effects]
+    for k, effect in enumerate(effects):
+        if setup.held is not None and effect.label == setup.held.label:
+            # Its lengths stay; angles of the same placement do not.
+            possible = ASSEMBLED | {"m": HELD_WIDTH}
+            widths = np.array([possible[term.unit] for term in effect.terms])
+            unknowns[k] = effect, widths, np.ones(widths.size, dtype=bool)
+    return unknowns
 
 
 def _before_parallel_axes(arm: Arm) -> list[int]:
@@ -254,12 +254,12 @@ def _before_parallel_axes(arm: Arm) -> list[int]:
     tilts.
     """
     dh = arm.require_dh("geometry by DH rows")
-    found = []
+    parallel = []
     for row in range(1, dh.rows):
         twist = dh.alpha[row - 1] if dh.standard else dh.alpha[row]
         if dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL_SINE:
-            found.append(row if dh.standard else row + 1)
-    return found
+            parallel.append(row if dh.standard else row + 1)
+    return parallel
 
 
 def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
@@ -268,19 +268,6 @@ def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
     stated = (u > 0) & prior
     assembled = np.array([ASSEMBLED[t.unit] for t in effect.terms])
     return effect, np.where(stated, u, assembled), stated
-
-
-def _of_effect(effect: Effect) -> _Unknown:
-    u = np.array(effect.u)
-    stated = u > 0
-    return effect, np.where(stated, u, [BEYOND_TYPICAL * t.typical for t in effect.terms]), stated
-
-
-def _of_sessions(measurements: Measurements) -> list[_Unknown]:
-    """How far the frame of each session but the first is from that of the first."""
-    unstated = np.zeros(FRAME_WIDTHS.size, dtype=bool)
-    others = sessions_of(measurements)[1:]
-    return [(ReferenceFrame(label), FRAME_WIDTHS, unstated) for label in others]
 
 
 def _turned_targets(measurements: Measurements) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.linear_model import seat_columns
+from aacmm_pin.calibration.linearisation import seat_columns
 
 RECORDS_FOR_MEAN = 1500
 """So many records tell the mean square."""

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.arm import exp, skew
 from aacmm_pin.calibration.jacobian import Columns
-from aacmm_pin.calibration.linear_model import Prior
+from aacmm_pin.calibration.least_squares import Prior
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import ErrorModel, State, StylusOffset
@@ -160,13 +160,13 @@ class Problem:
     @property
     def names(self) -> list[str]:
         """Names of all columns, the frame's included."""
-        found = [*self.vector.names]
+        names = [*self.vector.names]
         if self.external:
-            found += FRAME
+            names += FRAME
         for label in self.targets:
             place = f":{label}" if label else ""
-            found += [f"target.{axis}{place}" for axis in ("rx", "ry", "rz")]
-        return found
+            names += [f"target.{axis}{place}" for axis in ("rx", "ry", "rz")]
+        return names
 
     @cached_property
     def scales(self) -> Array:
@@ -189,8 +189,8 @@ class Problem:
         parameters are.
         """
         variances, combinations = np.linalg.eigh(self.correlation)
-        known = np.where(variances > UNTOLD_VARIANCE, variances, 1.0)
-        rows = combinations.T / np.sqrt(known)[:, None]
+        told = np.where(variances > UNTOLD_VARIANCE, variances, 1.0)
+        rows = combinations.T / np.sqrt(told)[:, None]
         if not self.held.size:
             return rows
         return np.concatenate([rows, HELD_PRECISION * self.held])
@@ -229,7 +229,7 @@ class Problem:
             x: values of the parameters (p,); those of targets count.
             frame: where the base is in the frame of the references.
         """
-        effects = [*self.model.effects, *(e.at(tuple(x[own])) for e, own in self.vector)]
+        effects = [*self.model.effects, *(e.at(tuple(x[entries])) for e, entries in self.vector)]
         of_targets = [effect for effect in effects if isinstance(effect, StylusOffset)]
         state = Columns.of(self._drawn, (), of_targets).at(np.zeros(0))
         shifts, turns = self.model.arm.chain.jacobian(state.rotation, state.origin, state.position)
@@ -292,8 +292,8 @@ class Problem:
         turned = tip.transpose(0, 2, 1) @ self._stated
         targets = np.zeros((len(self.targets), 3, 3))
         for k in range(len(targets)):
-            own = self.measurements.oriented & (self._target == k)
-            targets[k] = orientation.mean(turned[own])
+            of_target = self.measurements.oriented & (self._target == k)
+            targets[k] = orientation.mean(turned[of_target])
         return replace(frame, targets=targets)
 
     @cached_property
@@ -308,11 +308,11 @@ class Problem:
         without one.
         """
         marker = self.measurements.conditions.marker
-        found: Index = np.zeros(self.measurements.n, dtype=np.intp)
+        numbers: Index = np.zeros(self.measurements.n, dtype=np.intp)
         if marker is not None:
             for k, label in enumerate(self.targets):
-                found[marker == label] = k
-        return found
+                numbers[marker == label] = k
+        return numbers
 
     def bends(self, x: Array) -> bool:
         """Whether the arm bends under weight with the parameters ``x`` (p,)."""

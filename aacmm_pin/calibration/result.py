@@ -18,7 +18,7 @@ from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
-from aacmm_pin.calibration.cross_validation import HeldOut, rms
+from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.identifiability import Observability
@@ -57,11 +57,11 @@ def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
     for name in ("record", "operator", "seat", "marker", "session"):
         labels = getattr(records.conditions if name in CONDITION_COLUMNS else records, name)
         table |= {} if labels is None else {name: labels}
-    for name, each in fits.items():
-        deviation = each.system.deviation
+    for name, solution in fits.items():
+        deviation = solution.system.deviation
         table |= {f"{axis}_{name}_mm": deviation[:, k] / MM for k, axis in enumerate("xyz")}
         table[f"{name}_mm"] = np.linalg.norm(deviation, axis=1) / MM
-        table |= {f"turn_{name}_rad": each.turns} if each.problem.turns else {}
+        table |= {f"turn_{name}_rad": solution.turns} if solution.problem.turns else {}
     return pd.DataFrame(table)
 
 
@@ -95,12 +95,12 @@ class Calibration(Shown):
     @property
     def rms_before(self) -> float:
         """The RMS residual of the used records with the arm before calibration [m]."""
-        return _rms(self.before, self.fit)
+        return rms_residual(self.before, self.fit.used)
 
     @property
     def rms(self) -> float:
         """The RMS residual of the used records with the calibrated arm [m]."""
-        return _rms(self.fit, self.fit)
+        return rms_residual(self.fit, self.fit.used)
 
     @property
     def noise(self) -> float:
@@ -119,7 +119,7 @@ class Calibration(Shown):
         if not turned.any():
             return None
         noise = np.sqrt(np.trace(self.fit.residual_noise[turned, 3:, 3:], axis1=1, axis2=2).mean())
-        before, after = (rms(each.turns[turned]) for each in (self.before, self.fit))
+        before, after = (rms(fit.turns[turned]) for fit in (self.before, self.fit))
         return {"simulation": before, "calibrated": after, "noise": float(noise)}
 
     @property
@@ -180,7 +180,7 @@ class Calibration(Shown):
         table["change"] = change / factor
         table["u"] = u / factor
         table["U"] = COVERAGE_FACTOR * u / factor
-        table["known"] = [self._known(i, each) for i, each in enumerate(u.tolist())]
+        table["known"] = [self._known(i, standard_u) for i, standard_u in enumerate(u.tolist())]
         return table
 
     def _known(self, i: int, u: float) -> str:
@@ -189,13 +189,9 @@ class Calibration(Shown):
             return "in combination"
         if problem.stated[i]:
             of_stated = u / problem.widths[i]
-            return (
-                "as stated"
-                if of_stated > UNCHANGED
-                else "hardly"
-                if of_stated > LESS
-                else "measured"
-            )
+            if of_stated > UNCHANGED:
+                return "as stated"
+            return "hardly" if of_stated > LESS else "measured"
         return "hardly" if u > HARDLY_KNOWN * problem.widths[i] else "measured"
 
     @cached_property
@@ -236,35 +232,35 @@ class Calibration(Shown):
     def summary(self) -> dict[str, Any]:
         """Return the content of the JSON file with the schema ``aacmm-pin/calibration/1``."""
         scatters = self.fit.noise.scatters
-        found: dict[str, Any] = {"schema": CALIBRATION_SCHEMA, "arm": self.model.arm.name}
-        found["records"] = self._records()
+        content: dict[str, Any] = {"schema": CALIBRATION_SCHEMA, "arm": self.model.arm.name}
+        content["records"] = self._records()
         rms_mm = {"simulation": self.rms_before, "calibrated": self.rms, "noise": self.noise}
-        found["rms_mm"] = {name: value / MM for name, value in rms_mm.items()}
-        found["chi2"] = None
+        content["rms_mm"] = {name: value / MM for name, value in rms_mm.items()}
+        content["chi2"] = None
         if self.fit.chi2_stated is not None:
             value, dof = self.fit.chi2_stated
-            found["chi2"] = {"value": value, "dof": dof, "p_value": self.p_value}
-        found["rms_rad"] = self.turns
-        found["unmodelled_mm"] = self.fit.unmodelled / MM
-        found["unmodelled_rad"] = scatters.turn if self.turns else None
-        found["unmodelled_seat_mm"] = scatters.seat / MM or None
-        found["noise_stated"] = self.fit.stated
-        found["parameters"] = [_plain_values(row) for row in self.parameters.to_dict("records")]
-        found["undetermined"] = list(self.undetermined)
-        found["observability"] = _plain_values(vars(self.observability))
-        found["held_out"] = [held.summary() for held in self.held_out]
-        return found | notes_in_json(self.notes)
+            content["chi2"] = {"value": value, "dof": dof, "p_value": self.p_value}
+        content["rms_rad"] = self.turns
+        content["unmodelled_mm"] = self.fit.unmodelled / MM
+        content["unmodelled_rad"] = scatters.turn if self.turns else None
+        content["unmodelled_seat_mm"] = scatters.seat / MM or None
+        content["noise_stated"] = self.fit.stated
+        content["parameters"] = [_plain_values(row) for row in self.parameters.to_dict("records")]
+        content["undetermined"] = list(self.undetermined)
+        content["observability"] = _plain_values(vars(self.observability))
+        content["held_out"] = [held.summary() for held in self.held_out]
+        return content | notes_in_json(self.notes)
 
     def _records(self) -> dict[str, Any]:
         """How many records were used, and which were excluded."""
         table = self.excluded[["row", "reason", "residual_mm"]]
         used = self.fit.used
         excluded = self.fit.excluded
-        found: dict[str, Any] = {"used": int(used.sum())}
-        found["silent"] = int((~used & ~excluded).sum())
-        found["excluded"] = [_plain_values(row) for row in table.to_dict("records")]
-        found["exclusions"] = self.exclusions.summary()
-        return found
+        records: dict[str, Any] = {"used": int(used.sum())}
+        records["silent"] = int((~used & ~excluded).sum())
+        records["excluded"] = [_plain_values(row) for row in table.to_dict("records")]
+        records["exclusions"] = self.exclusions.summary()
+        return records
 
     def __str__(self) -> str:
         left = self.exclusions
@@ -289,16 +285,11 @@ class Calibration(Shown):
         return cast("Figure", report().plots.plot_residual_views(self, ax))
 
 
-def _rms(fit: Fit, judge: Fit) -> float:
-    squares = np.square(fit.system.deviation[judge.used])
-    return float(np.sqrt(squares.sum(axis=1).mean()))
-
-
 def _plain_values(given: Mapping[Any, Any]) -> dict[str, Any]:
     """Values as JSON has them: None for numbers that are not finite."""
-    found = {}
+    values = {}
     for key, value in given.items():
         plain = value.item() if isinstance(value, np.generic) else value
         is_number = not isinstance(plain, float) or math.isfinite(plain)
-        found[str(key)] = plain if is_number else None
-    return found
+        values[str(key)] = plain if is_number else None
+    return values

@@ -22,7 +22,7 @@ from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import initial_point
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements import Measurements, orientation
 
 FEWEST_OF_A_FRAME = 8
 """Fewer excluded records than this fit many frames."""
@@ -65,16 +65,20 @@ def _in_one_frame(
     first, *others = sessions_of(records)
     stated = records.conditions.require("session", "reference frame")
     records = _without_frames(records)
-    stays = _frame_of_session(model, records, setup, first)
+    session = records.conditions.require("session", "reference frame")
+    frames = {}
+    for label in (first, *others):
+        alone = replace(records.take(session == label), source=f"{records.source}: session {label}")
+        frames[label] = _registration(model, alone, setup)
+    stays = frames.pop(first)
     moved = {}
-    for label in others:
-        own = records.conditions.require("session", "reference frame") == label
-        frame = _frame_of_session(model, records, setup, label)
+    for label, frame in frames.items():
+        of_session = session == label
         rotation = stays.rotation @ frame.rotation.T
         shift = stays.shift - rotation @ frame.shift
-        there = records.reference[own & records.placed]
+        there = records.reference[of_session & records.placed]
         if np.abs(there @ rotation.T + shift - there).max(initial=0.0) >= ONE_FRAME:
-            records = _moved(records, own, rotation, shift)
+            records = _moved(records, of_session, rotation, shift)
             records = _with_directions(records, stated == label, rotation)
             moved[label] = (rotation, shift)
     return records, replace(setup, moved_frames=moved)
@@ -101,15 +105,17 @@ def session_notes(fit: Fit) -> list[Note]:
     """
     notes = []
     moved = fit.problem.setup.moved_frames
-    for session, own in fit.problem.vector.of_sessions():
+    for session, entries in fit.problem.vector.of_sessions():
         data = {"session": session, "first": sessions_of(fit.problem.measurements)[0]}
         if session in moved:
             rotation, _ = moved[session]
             turn = float(scipy.spatial.transform.Rotation.from_matrix(rotation).magnitude())
             notes.append(Note("session_moved", data | {"turn": turn}))
             continue
-        step = fit.point.x[own]
-        distance = float(step @ np.linalg.pinv(fit.covariance[own, own], hermitian=True) @ step)
+        step = fit.point.x[entries]
+        distance = float(
+            step @ np.linalg.pinv(fit.covariance[entries, entries], hermitian=True) @ step
+        )
         p_value = float(chi2_sf(distance, step.size))
         shift, turn = np.linalg.norm(step.reshape(2, 3), axis=1).tolist()
         code = "sessions_agree" if p_value > AGREES else "sessions_differ"
@@ -131,7 +137,7 @@ def another_frame(after: Fit) -> Note | None:
         alone = fit(problem_of(calibrated_model(after), records, [], setup))
     except AacmmError:
         return None
-    own, others, before = (
+    alone_median, others, before = (
         float(np.nanmedian(np.linalg.norm(deviation, axis=1)))
         for deviation in (
             alone.system.deviation[alone.used],
@@ -139,8 +145,8 @@ def another_frame(after: Fit) -> Note | None:
             after.system.deviation[out],
         )
     )
-    fits = alone.used.sum() >= MOST_OF_THEM * out.sum() and own < AS_CLOSE * others
-    if not fits or own > REMAINS * before:
+    fits = alone.used.sum() >= MOST_OF_THEM * out.sum() and alone_median < AS_CLOSE * others
+    if not fits or alone_median > REMAINS * before:
         return None
     turn = alone.point.frame.rotation @ after.point.frame.rotation.T
     centre = records.reference.mean(axis=0)
@@ -148,13 +154,6 @@ def another_frame(after: Fit) -> Note | None:
     data = {"rows": records.row.tolist(), "shift": float(np.linalg.norm(there - centre))}
     angle = scipy.spatial.transform.Rotation.from_matrix(turn).magnitude()
     return Note("rows_in_another_frame", data | {"turn": float(angle)})
-
-
-def _frame_of_session(model: ErrorModel, records: Measurements, setup: Setup, label: str) -> Frame:
-    """The base in the frame of one session."""
-    own = records.conditions.require("session", "reference frame") == label
-    alone = replace(records.take(own), source=f"{records.source}: session {label}")
-    return _registration(model, alone, setup)
 
 
 def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Frame:
@@ -182,9 +181,7 @@ def _moved(records: Measurements, own: Mask, rotation: Array, shift: Array) -> M
     moved = replace(records, reference=reference, reference_u=reference_u)
     if records.orientation is None:
         return moved
-    orientation = records.orientation.copy()
-    stated = own & records.oriented
-    seen = scipy.spatial.transform.Rotation.from_quat(orientation[stated], scalar_first=True)
-    turned = scipy.spatial.transform.Rotation.from_matrix(rotation) * seen
-    orientation[stated] = turned.as_quat(scalar_first=True)
-    return replace(moved, orientation=orientation)
+    stated = records.orientation.copy()
+    turned = own & records.oriented
+    stated[turned] = orientation.quaternions(rotation @ orientation.matrices(stated[turned]))
+    return replace(moved, orientation=stated)

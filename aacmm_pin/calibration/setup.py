@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Mask, vector
+from aacmm_pin._support.checks import Array, vector
 from aacmm_pin._support.notes import Note
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import Effect, ErrorModel, GivenModel, known_range_in_words
@@ -94,12 +94,8 @@ class Setup:
         encoder = arm.encoder_noise
         if encoder_noise is not None:
             stated = np.asarray(encoder_noise, dtype=np.float64)
-            encoder = vector(
-                np.full(arm.nq, stated) if stated.ndim == 0 else stated,
-                arm.nq,
-                "encoder_noise",
-                "rad",
-            )
+            stated = np.full(arm.nq, stated) if stated.ndim == 0 else stated
+            encoder = vector(stated, arm.nq, "encoder_noise", "rad")
         return Setup(
             reference_frame, target, prior, encoder, reference_noise, probe_noise, length_noise
         )
@@ -107,9 +103,9 @@ class Setup:
     @property
     def keywords(self) -> dict[str, Any]:
         """The keywords of :meth:`of` that give this set-up."""
-        found = dict(vars(self))
-        del found["held"], found["moved_frames"]
-        return found
+        values = dict(vars(self))
+        del values["held"], values["moved_frames"]
+        return values
 
     @property
     def external(self) -> bool:
@@ -124,31 +120,22 @@ class Setup:
     def unstated(self, measurements: Measurements) -> list[str]:
         """Whose noise is not stated although χ² needs it; empty where χ² can be judged."""
         seats = measurements.conditions.seat
-        touched = (
-            np.zeros(measurements.n, dtype=bool)
-            if seats is None
-            else np.asarray(seats != "", dtype=bool)
-        )
+        touched = seats is not None and (seats != "").any()
         placed = [measurements.placed[records].any() for records in measurements.seats().values()]
         stated = np.asarray(np.isfinite(measurements.reference_u).all(axis=1))
-        found = []
+        unstated = []
         if self.reference_noise is None and not stated[measurements.placed].all():
-            found.append("reference coordinates")
-        turn_u = (
-            np.full(measurements.n, np.nan)
-            if measurements.orientation_u is None
-            else measurements.orientation_u
-        )
+            unstated.append("reference coordinates")
+        turn_u = measurements.orientation_u
+        if turn_u is None:
+            turn_u = np.full(measurements.n, np.nan)
         if not np.isfinite(turn_u[measurements.oriented]).all():
-            found.append("orientations")
+            unstated.append("orientations")
         # Without these a seat touched again would have to give the very same tip.
-        if (
-            touched.any()
-            and self.probe_noise is None
-            and (self.encoder_noise is None or not all(placed))
-        ):
-            found.append("contacts in seats")
-        return found
+        exact = self.encoder_noise is None or not all(placed)
+        if touched and self.probe_noise is None and exact:
+            unstated.append("contacts in seats")
+        return unstated
 
 
 def sessions_of(measurements: Measurements) -> list[str]:
@@ -188,23 +175,17 @@ def checked_input(
             f"{measurements.source} has angles of {measurements.nq} joints; expected "
             f"{model.arm.nq}, as many as {model.arm.name} has"
         )
-    known = model.known_at(measurements.q) | np.array(
+    inside_range = model.known_at(measurements.q) | np.array(
         [effect.label in asked for effect in model.effects], dtype=bool
     )
-    used = known.all(axis=1)
+    used = inside_range.all(axis=1)
     if used.all() or not used.any():
         return model, measurements
-    outside = [
-        (effect, ~inside)
-        for effect, inside in zip(model.effects, known.T, strict=True)
-        if not inside.all()
-    ]
-    notes = tuple(_outside_known_range(effect, measurements, rows) for effect, rows in outside)
-    return model, replace(measurements.take(used), read_as=measurements.read_as + notes)
-
-
-def _outside_known_range(effect: Effect, measurements: Measurements, outside: Mask) -> Note:
-    cause = f"{effect.label}{known_range_in_words(effect)}"
-    rows = measurements.row[outside].tolist()
-    counts = {"records": len(rows), "of": measurements.n}
-    return Note("outside_known_range", {**counts, "cause": cause, "rows": rows})
+    notes = [*measurements.read_as]
+    for effect, inside in zip(model.effects, inside_range.T, strict=True):
+        if not inside.all():
+            cause = f"{effect.label}{known_range_in_words(effect)}"
+            rows = measurements.row[~inside].tolist()
+            data = {"records": len(rows), "of": measurements.n, "cause": cause, "rows": rows}
+            notes.append(Note("outside_known_range", data))
+    return model, replace(measurements.take(used), read_as=tuple(notes))

@@ -19,7 +19,6 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
-from aacmm_pin.effects import LEAST_SPREAD
 from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements
 
 TOGETHER = 1e-3
@@ -34,10 +33,6 @@ SURELY = 1e-6
 """Chance, over all that is known of the records, below which what the excluded ones share is no
 chance.
 """
-PARTS = 20
-"""Parts of the range of a number that are looked at."""
-KUIPER_TERMS = 20
-"""Terms of the series of Kuiper's statistic."""
 MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
 NARROW = 0.5
@@ -127,36 +122,38 @@ class Exclusions:
 
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON; SI."""
-        found: dict[str, Any] = {"doubtful": self.doubtful, "too_many": self.too_many}
-        found["shared"] = None if self.shared is None else asdict(self.shared)
-        found["narrowed"] = [asdict(joint) for joint in self.narrowed]
-        return found
+        content: dict[str, Any] = {"doubtful": self.doubtful, "too_many": self.too_many}
+        content["shared"] = None if self.shared is None else asdict(self.shared)
+        content["narrowed"] = [asdict(joint) for joint in self.narrowed]
+        return content
 
 
-def exclusions_of(found: Fit) -> Exclusions:
+def exclusions_of(fit: Fit) -> Exclusions:
     """Whether what a fit excluded are gross errors."""
-    excluded = int(found.excluded.sum())
-    used = int(found.used.sum())
-    shared = shared_by(found)
-    narrowed = tuple(_narrowed(found))
-    return Exclusions(excluded, used, found.too_many_excluded, shared, narrowed)
+    return Exclusions(
+        int(fit.excluded.sum()),
+        int(fit.used.sum()),
+        fit.too_many_excluded,
+        shared_by(fit),
+        tuple(_narrowed(fit)),
+    )
 
 
-def _narrowed(found: Fit) -> Iterator[Narrowed]:
+def _narrowed(fit: Fit) -> Iterator[Narrowed]:
     """Joints that the used records move over a part below :data:`NARROW` of the range which all
     records give them.
 
     Three excluded records at least reach beyond the used range, for one or two may be wrong
     readings.
     """
-    if not (found.excluded.any() and found.used.any()):
+    if not (fit.excluded.any() and fit.used.any()):
         return
-    chain = found.problem.model.arm.chain
-    q = found.problem.measurements.q
+    chain = fit.problem.model.arm.chain
+    q = fit.problem.measurements.q
     for j, row in enumerate(chain.moving_rows()):
-        low = q[found.used, j].min()
-        high = q[found.used, j].max()
-        values = q[found.excluded, j]
+        low = q[fit.used, j].min()
+        high = q[fit.used, j].max()
+        values = q[fit.excluded, j]
         beyond = np.maximum(low - values, values - high)
         if (beyond > 0.0).sum() < FEWEST_TOGETHER:
             continue
@@ -167,29 +164,33 @@ def _narrowed(found: Fit) -> Iterator[Narrowed]:
             yield Narrowed(row, float(high - low), float(seen), bool(chain.prismatic[j]))
 
 
-def shared_by(found: Fit) -> Shared | None:
+def shared_by(fit: Fit) -> Shared | None:
     """What the excluded records of a fit share that the used ones do not, by the smallest chance;
     None if nothing.
 
-    The stretch of time first, see :func:`clusters`. Then the other clusters; numbers by Kuiper's
-    statistic (Kuiper 1960), labels by the binomial chance of so many excluded ones with one of
-    them; Bonferroni's bound over all that were looked at.
+    The stretch of time first, see :func:`clusters`. Then the other clusters, those of numbers known
+    of single records among them, and labels by the binomial chance of so many excluded ones with
+    one of them; Bonferroni's bound over all that were looked at.
     """
-    arm = found.problem.model.arm
-    records = found.problem.measurements
-    excluded = found.excluded
-    used = found.used
-    dense = [cluster.shared for cluster in clusters(arm, records, excluded, used)]
-    if dense and dense[0].name == "time":
-        return dense[0]
-    columns = _columns(arm, records) if excluded.sum() >= FEWEST_EXCLUDED else ()
-    found_by = (_of_values(name, values, excluded, used) for name, values in columns)
-    each = [shared for shared in found_by if shared is not None]
-    bounds = [replace(shared, p_value=shared.p_value * len(each)) for shared in each]
-    sure = [*dense, *(shared for shared in bounds if shared.p_value < SURELY)]
+    arm = fit.problem.model.arm
+    records = fit.problem.measurements
+    excluded = fit.excluded
+    shared = [found.shared for found in clusters(arm, records, excluded, fit.used)]
+    if shared and shared[0].name == "time":
+        return shared[0]
+    if excluded.sum() >= FEWEST_EXCLUDED:
+        numbers, labels = _columns(arm, records)
+        shared += [found.shared for found in _clusters(numbers, records, excluded, fit.used)]
+        by_label = [_of_labels(name, labels[name], excluded, fit.used) for name in labels]
+        chances = [len(by_label) * found.p_value for found in by_label]
+        shared += [
+            replace(found, p_value=chance)
+            for found, chance in zip(by_label, chances, strict=True)
+            if chance < SURELY
+        ]
     # These say more than the rows of a file that have one.
-    labels = [shared for shared in sure if shared.name in LABELS]
-    return min(labels or sure, key=lambda shared: shared.p_value, default=None)
+    named = [found for found in shared if found.name in LABELS]
+    return min(named or shared, key=lambda found: found.p_value, default=None)
 
 
 class Cluster(NamedTuple):
@@ -199,6 +200,22 @@ class Cluster(NamedTuple):
 
     records: Mask
     shared: Shared
+
+
+class Scale(NamedTuple):
+    """Numbers of records by which neighbours are looked for.
+
+    Attributes:
+        name: of what they are.
+        words: what stands in front of a range of them.
+        values: (n, 1 or 3), in the unit of the words.
+        kinds: of how many like scales it is one.
+    """
+
+    name: str
+    words: str
+    values: Array
+    kinds: int
 
 
 def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> list[Cluster]:
@@ -212,55 +229,60 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
     the neighbours with m, the fewest are the least likely. Records of one posture share an error
     and count once. Wrong readings, and their tips, are beyond the range of the used records.
     """
+    return _clusters(_scales(arm, records), records, excluded, used)
+
+
+def _clusters(
+    scales: Iterable[Scale], records: Measurements, excluded: Mask, used: Mask
+) -> list[Cluster]:
     postures = records.postures
     single = np.zeros(records.n, dtype=bool)
     single[np.unique(np.stack([postures, excluded], axis=1), axis=0, return_index=True)[1]] = True
     counted = single & (excluded | used)
     if np.sum(counted & excluded) < FEWEST_TOGETHER or not used.any():
         return []
-    found = []
-    for name, values, kinds in _scales(arm, records):
-        like = counted & np.all(
-            (values >= values[used].min(axis=0)) & (values <= values[used].max(axis=0)), axis=1
-        )
-        if name in ("time", "record"):
-            like = counted
-        window, chance = (_ball if values.shape[1] > 1 else _stretch)(
-            values, np.flatnonzero(like), excluded
-        )
-        if (chance := chance * kinds) < TOGETHER:
+    dense = []
+    for name, words, values, kinds in scales:
+        like = counted
+        if name not in ("time", "record"):
+            low = values[used].min(axis=0)
+            high = values[used].max(axis=0)
+            like = counted & ((values >= low) & (values <= high)).all(axis=1)
+        neighbours = _ball if values.shape[1] > 1 else _stretch
+        window, chance = neighbours(values, np.flatnonzero(like), excluded)
+        if chance * kinds < TOGETHER:
             inside = np.isin(postures, postures[window])
-            mine, every = (int((inside & some).sum()) for some in (excluded, excluded | used))
-            shared = Shared(
-                name, chance, _extent(name, values[window]), mine, every, int(excluded.sum())
+            mine, counting = (int((inside & some).sum()) for some in (excluded, excluded | used))
+            where = _extent(words, values[window])
+            count = int(excluded.sum())
+            dense.append(
+                Cluster(inside, Shared(name, chance * kinds, where, mine, counting, count))
             )
-            found.append(Cluster(inside, shared))
-    return found
+    return dense
 
 
-def _scales(arm: Arm, records: Measurements) -> Iterator[tuple[str, Array, int]]:
-    """Where neighbours are looked for: name, values (n, 1 or 3) in the unit of words, and of how
-    many kinds it is one.
-    """
+def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
     time = records.conditions.time
     chain = arm.chain
-    order = records.row if time is None else time
-    yield "record" if time is None else "time", np.asarray(order, dtype=np.float64)[:, None], 1
+    if time is None:
+        yield Scale("record", "row numbers", records.row[:, None].astype(np.float64), 1)
+    else:
+        yield Scale("time", "time_s", time[:, None], 1)
     kinds = records.q.shape[1] + 1
     for j, row in enumerate(chain.moving_rows()):
-        yield f"joint {row}", records.q[:, j : j + 1] / (MM if chain.prismatic[j] else DEG), kinds
-    yield "place", arm.positions(records.q) / MM, kinds
+        values = records.q[:, j : j + 1] / (MM if chain.prismatic[j] else DEG)
+        yield Scale(f"joint {row}", f"joint {row}", values, kinds)
+    yield Scale("place", "the tip", arm.positions(records.q) / MM, kinds)
 
 
-def _extent(name: str, values: Array) -> str:
+def _extent(words: str, values: Array) -> str:
     """Where values (m, 1 or 3) are, in words."""
     low = values.min(axis=0)
     high = values.max(axis=0)
-    if name == "place":
-        middle = ", ".join(f"{each:.0f}" for each in (low + high) / 2)
-        return f"the tip within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
-    words = {"record": "row numbers from", "time": "time_s from"}.get(name, f"{name} from")
-    return f"{words} {low[0]:.6g} to {high[0]:.6g}"
+    if low.size == 1:
+        return f"{words} from {low[0]:.6g} to {high[0]:.6g}"
+    middle = ", ".join(f"{x:.0f}" for x in (low + high) / 2)
+    return f"{words} within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
 
 
 def _stretch(values: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
@@ -291,7 +313,7 @@ def _ball(places: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
     k = int(excluded[like].sum())
     count = like.size
     number: Index = np.arange(FEWEST_TOGETHER, k + 1)
-    found: tuple[Index, float] = like[:0], 1.0
+    least: tuple[Index, float] = like[:0], 1.0
     for centre in like[excluded[like]] if number.size else ():
         order = like[
             np.argsort(np.linalg.norm(places[like] - places[centre], axis=1), kind="stable")
@@ -300,9 +322,9 @@ def _ball(places: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
         best, chance = _least_likely(
             among, number, np.full(number.size, float(count) ** 2), count, k
         )
-        if chance < found[1]:
-            found = order[: among[best]], chance
-    return found
+        if chance < least[1]:
+            least = order[: among[best]], chance
+    return least
 
 
 def round_excluded(found: Fit, off: Array) -> Shared | None:
@@ -331,15 +353,9 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
         k = int(np.argmin(chances))
         if chances[k] < (TOGETHER if best is None else best.p_value):
             inside = order[: sizes[k]]
-            where = f"{_extent('place', tips[inside])}, where used records deviate similarly"
-            best = Shared(
-                "place",
-                float(chances[k]),
-                where,
-                int(out[inside].sum()),
-                inside.size,
-                int(out.sum()),
-            )
+            where = f"{_extent('the tip', tips[inside])}, where used records deviate similarly"
+            mine = int(out[inside].sum())
+            best = Shared("place", float(chances[k]), where, mine, inside.size, int(out.sum()))
     return best
 
 
@@ -356,8 +372,8 @@ def _least_likely(w: Index, m: Index, tried: Array, count: int, k: int) -> tuple
 def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
     """``log C(n, k)``."""
     others = np.subtract(n, k)
-    whole, chosen, left = (gammaln(np.add(count, 1)) for count in (n, k, others))
-    return np.asarray(whole - chosen - left)
+    of_all, of_chosen, of_others = (gammaln(np.add(count, 1)) for count in (n, k, others))
+    return np.asarray(of_all - of_chosen - of_others)
 
 
 def as_numbers(values: Iterable[object]) -> pd.Series | None:
@@ -368,87 +384,39 @@ def as_numbers(values: Iterable[object]) -> pd.Series | None:
     return numbers if numbers.notna().all() and numbers.nunique() > MOST_LABELS else None
 
 
-def _columns(arm: Arm, measurements: Measurements) -> Iterator[tuple[str, pd.Series]]:
-    """All that is known of single records, by the name of what it is; a name says the unit."""
-    q = measurements.q
-    for j, row in enumerate(arm.chain.moving_rows()):
-        if np.ptp(q[:, j]) > LEAST_SPREAD:
-            slides = arm.chain.prismatic[j]
-            name, unit = (f"joint{row}_mm", MM) if slides else (f"theta{row}_deg", DEG)
-            yield f"joint {row}", pd.Series(q[:, j] / unit, name=name)
-    for column in measurements.covariate_columns():
+def _columns(arm: Arm, records: Measurements) -> tuple[list[Scale], dict[str, pd.Series]]:
+    """What else is known of single records: numbers, and labels by the name of what they are."""
+    tips = arm.positions(records.q) / MM
+    numbers = {axis: (f"tip_{axis}_mm", tips[:, k]) for k, axis in enumerate("xyz")}
+    numbers["scale"] = "distance_mm", np.linalg.norm(tips, axis=1)
+    labels = {}
+    for column in records.covariate_columns():
         values = pd.Series(column.values, name=column.name)
         if column.entry is UNKNOWN_COLUMN:
-            numbers = as_numbers(values)
-            values = values.astype(str) if numbers is None else numbers
-        yield column.quantity, values
-    tip = arm.positions(q) / MM
-    yield from ((axis, pd.Series(tip[:, k], name=f"tip_{axis}_mm")) for k, axis in enumerate("xyz"))
-    yield "scale", pd.Series(np.linalg.norm(tip, axis=1), name="distance_mm")
+            of_numbers = as_numbers(values)
+            values = values.astype(str) if of_numbers is None else of_numbers
+        if not pd.api.types.is_numeric_dtype(values):
+            labels[column.quantity] = values.astype(str)
+        elif not values.isna().any():
+            numbers[column.quantity] = column.name, values.to_numpy(dtype=np.float64)
+    kinds = len(numbers)
+    scales = [
+        Scale(name, words, values[:, None], kinds) for name, (words, values) in numbers.items()
+    ]
+    return scales, labels
 
 
-def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
-    """The range or the label that excluded records share; None of numbers with gaps."""
-    if pd.api.types.is_numeric_dtype(values):
-        if values.isna().any():
-            return None
-        return _of_numbers(name, values, excluded, used)
-    codes, labels = pd.factorize(values.astype(str))
+def _of_labels(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared:
+    """The label that excluded records share, by Bonferroni's bound over the labels; one that all
+    records have says nothing.
+    """
+    codes, labels = pd.factorize(values)
     there = np.bincount(codes[excluded], minlength=len(labels))
     mine = np.bincount(codes[excluded | used], minlength=len(labels))
     count = int(excluded.sum())
-    every = mine.sum()
-    # Bonferroni's bound over the labels; one that all records have says nothing.
-    chances = len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / every)
-    chances[(there == 0) | (mine == every) | (chances > 1.0)] = 1.0
+    total = mine.sum()
+    chances = len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / total)
+    chances[(there == 0) | (mine == total) | (chances > 1.0)] = 1.0
     best = int(np.argmin(chances))
-    chance = float(chances[best])
     where = f"{values.name} {labels[best]}"
-    return Shared(name, chance, where, int(there[best]), int(mine[best]), count)
-
-
-def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
-    """The range in which most of the excluded ones are, and fewest of the others.
-
-    In parts of the range, and not far beyond that of the used ones: wrong readings, and their tips,
-    are elsewhere anyway.
-    """
-    numbers = values.to_numpy(dtype=np.float64)
-    counted = excluded | used
-    low = numbers[used].min()
-    high = numbers[used].max()
-    from_middle = np.abs(numbers - (low + high) / 2)
-    near = numbers[counted & (from_middle <= high - low)]
-    edges = np.linspace(near.min(), near.max(), PARTS + 1)
-    like = (numbers >= edges[0]) & (numbers <= edges[-1])
-    of_excluded, _ = np.histogram(numbers[excluded & like], edges)
-    of_used, _ = np.histogram(numbers[used & like], edges)
-    n_excluded = of_excluded.sum()
-    n_used = of_used.sum()
-    if n_excluded < FEWEST_EXCLUDED or edges[0] == edges[-1]:
-        return None
-    part = of_excluded / n_excluded - of_used / n_used
-    ahead = np.cumsum(np.concatenate([[0.0], part]))
-    least = int(ahead.argmin())
-    most = int(ahead.argmax())
-    size = np.sqrt(1.0 / (1.0 / n_excluded + 1.0 / n_used))
-    chance = _kuiper(float((size + 0.155 + 0.24 / size) * np.ptp(ahead)))
-    first = edges[min(least, most)]
-    last = edges[max(least, most)]
-    outside = least > most  # the excluded ones are on both sides of the range
-    inside = (numbers >= first) & (numbers < last)
-    where = f"{values.name} from {first:.4g} to {last:.4g}"
-    if outside:
-        where = f"{values.name} below {first:.4g} or above {last:.4g}"
-    there = like & (inside != outside)
-    mine = int((there & excluded).sum())
-    every = int((there & counted).sum())
-    return Shared(name, chance, where, mine, every, int(excluded.sum()))
-
-
-def _kuiper(size: float) -> float:
-    """Chance of a larger statistic (Kuiper 1960; Press et al., Numerical Recipes, 14.3)."""
-    if size < 0.4:
-        return 1.0
-    squares: Array = np.square(size * np.arange(1, KUIPER_TERMS))
-    return float(min(1.0, 2.0 * ((4.0 * squares - 1.0) * np.exp(-2.0 * squares)).sum()))
+    return Shared(name, float(chances[best]), where, int(there[best]), int(mine[best]), count)

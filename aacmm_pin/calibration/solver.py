@@ -13,12 +13,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_isf, chi2_sf
 from aacmm_pin.calibration.first_placement import placed
-from aacmm_pin.calibration.linear_model import Spectrum
+from aacmm_pin.calibration.least_squares import bounded_step
 from aacmm_pin.calibration.linearisation import Linearisation, linearise
 from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
@@ -49,8 +48,6 @@ SMALLEST_STEP = 1e-12
 """A trust region smaller than this part of the first step has no better point in it."""
 ROUNDING = 1e-12
 """χ² is no more certain than this part of it."""
-SINGULAR_RATIO = 1e-13
-"""Directions with smaller singular values, beside the largest, are rounding."""
 WILD = 2.0
 """Records this many standard deviations off have half weight in the robust search (Cauchy's weight
 function)."""
@@ -142,9 +139,9 @@ class Solution:
         counts = self.observations.counts
         if not self.problem.turns:
             return 0.0
-        known = int((counts > 0).sum())
-        rows = self.system.jacobian[: 6 * known] @ self.system.independent_steps
-        turns = rows.reshape(known, 6, rows.shape[1])[:, 3:]
+        counting = int((counts > 0).sum())
+        rows = self.system.jacobian[: 6 * counting] @ self.system.independent_steps
+        turns = rows.reshape(counting, 6, rows.shape[1])[:, 3:]
         stated = (counts == 6) & (self.weights > 0.0)
         return 3.0 * int(stated.sum()) - float(np.square(turns).sum())
 
@@ -162,22 +159,30 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     """
     frame = Frame.identity(len(problem.targets))
     x = problem.start
-    known = problem.measurements.known
+    stating = problem.measurements.known
     prediction = problem.predict(x, frame)
-    offsets = _offsets(problem)
+    entries = [
+        np.r_[entries] for effect, entries in problem.vector if isinstance(effect, StylusOffset)
+    ]
+    offsets: Index = np.concatenate([np.arange(0), *entries])
+    offsets = offsets[~problem.stated[offsets]]
     tips = prediction.tips
-    enough = known.sum() >= FEWEST_PLACED
-    at, stated = tips[known], problem.measurements.reference[known]
+    enough = stating.sum() >= FEWEST_PLACED
+    at, stated = tips[stating], problem.measurements.reference[stating]
     if problem.external and not enough:
-        at, stated = _with_centres(observations, tips, at, stated)
+        for k in np.flatnonzero(observations.spheres & observations.known):
+            contacts = observations.seat == k
+            centre = centre_of_sphere(tips[contacts], float(observations.radius[contacts][0]))
+            at = np.concatenate([at, centre[None]])
+            stated = np.concatenate([stated, observations.stated[k : k + 1]])
     if problem.external and len(at) < FEWEST_PLACED:
         raise AacmmError(
             f"{problem.measurements.source}: {len(at)} records or spheres have reference "
             "coordinates; expected 3 or more to estimate their frame"
         )
     if offsets.size and enough:
-        found, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
-        frame = replace(found, targets=frame.targets)
+        placement, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
+        frame = replace(placement, targets=frame.targets)
         x = x.copy()
         x[offsets] += moved
     elif problem.external:
@@ -189,28 +194,6 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     elif problem.external:
         prediction = Prediction(frame.apply(tips), frame.rotation @ prediction.jacobian)
     return Point(x, frame, observations.start(prediction.tips), prediction)
-
-
-def _with_centres(
-    observations: Observations, tips: Array, at: Array, stated: Array
-) -> tuple[Array, Array]:
-    """Points in the base and in the frame of the references (n, 3) [m], with the centres of spheres
-    that the records state.
-    """
-    places = [at]
-    for k in np.flatnonzero(observations.spheres & observations.known):
-        own = observations.seat == k
-        radius = float(observations.radius[own][0])
-        places.append(centre_of_sphere(tips[own], radius)[None])
-        stated = np.concatenate([stated, observations.stated[k : k + 1]])
-    return np.concatenate(places), stated
-
-
-def _offsets(problem: Problem) -> Index:
-    """Places of the unknown offsets of targets among the parameters (m,); nobody states these."""
-    own = [np.r_[own] for effect, own in problem.vector if isinstance(effect, StylusOffset)]
-    places: Index = np.concatenate([np.arange(0), *own])
-    return places[~problem.stated[places]]
 
 
 def solve(
@@ -259,25 +242,25 @@ class _Search:
                 del system
                 system = self.system(point)
             point, system = self.seats_at_best(point, system)
-            step = _Step.of(system, self.units)
-            self.units, predicted = step.units, step.predicted_reduction
+            self.units = np.maximum(self.units, system.lengths)
+            step = bounded_step(system, self.units, self.radius)
             # Of a mere start it need not be taken.
-            if predicted < (NO_STEP if self.final else self.tolerance):
+            if step.reduction < (NO_STEP if self.final else self.tolerance):
                 message = ""
                 break
             cost = system.cost
-            delta = step.within(self.radius)
-            seats = point.seats + system.seat_step(delta.parameters)
-            del step, system  # the rows of one system are most of what a search holds
-            trial, reduction = self.trial(point, seats, delta.parameters, cost)
-            ratio = reduction / delta.predicted if delta.predicted > 0 else 0.0
-            self.adapt_radius(delta.length, ratio)
+            seats = point.seats + system.seat_step(step.parameters)
+            del system  # the rows of one system are most of what a search holds
+            trial, reduction = self.trial(point, seats, step.parameters, cost)
+            ratio = reduction / step.predicted if step.predicted > 0 else 0.0
+            self.adapt_radius(step.length, ratio)
             if trial is not None and reduction >= -ROUNDING * cost:
                 point, system = trial
             else:
                 system = self.system(point)
             del trial
-            if predicted < self.tolerance or (predicted < FLAT_REDUCTION and reduction < SETTLED):
+            flat = step.reduction < FLAT_REDUCTION and reduction < SETTLED
+            if step.reduction < self.tolerance or flat:
                 message = ""
                 break
             if self.radius < SMALLEST_STEP * self.first_length:
@@ -368,103 +351,10 @@ class _Search:
         return point, system
 
 
-class Delta(NamedTuple):
-    """A step of the parameters (p,) [units], its length, and by how much it lowers χ² if the
-    problem is linear.
-    """
-
-    parameters: Array
-    length: float
-    predicted: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """Steps in a trust region, each column divided by its length: what its parameter moves the tips
-    by.
-
-    Attributes:
-        system: the linear model.
-        units: lengths of its columns, never less than in the steps before (p,).
-    """
-
-    system: Linearisation
-    units: Array
-
-    @staticmethod
-    def of(system: Linearisation, before: Array) -> _Step:
-        """Of a system, after steps in units ``before`` (p,)."""
-        normal = system.normal
-        lengths = (
-            np.linalg.norm(system.triangle[:, :-1], axis=0) if normal is None else normal.lengths
-        )
-        return _Step(system, np.maximum(before, lengths))
-
-    @cached_property
-    def _divisors(self) -> Array:
-        return np.where(self.units > 0.0, self.units, 1.0)
-
-    @cached_property
-    def _spectrum(self) -> tuple[Array, Array, Array]:
-        """Singular values, directions, the residual along them; for steps that are too long, or
-        where some are unknown.
-        """
-        spectrum = Spectrum.of(self.system.triangle, self._divisors)
-        return spectrum.above(SINGULAR_RATIO * spectrum.values.max(initial=0.0))
-
-    @property
-    def predicted_reduction(self) -> float:
-        """How much the Gauss–Newton step lowers χ² if the problem is linear."""
-        if self.system.normal is None:
-            return float(np.square(self._spectrum[2]).sum())
-        return self.system.normal.predicted_reduction
-
-    def within(self, radius: float) -> Delta:
-        """The best step no longer than ``radius`` in these units."""
-        normal = self.system.normal
-        if normal is not None:
-            step = normal.step * (self.units / normal.lengths)
-            length = float(np.linalg.norm(step))
-            if length <= radius:
-                return Delta(self._in_parameters(step), length, normal.predicted_reduction)
-        values, directions, along = self._spectrum
-        damping = self._damping(radius)
-        part = -values * along / (values**2 + damping)
-        remaining = damping / (values**2 + damping)
-        predicted = float(np.sum(along**2 * (1.0 - remaining**2)))
-        return Delta(self._in_parameters(directions @ part), float(np.linalg.norm(part)), predicted)
-
-    def _in_parameters(self, step: Array) -> Array:
-        relative = step / self._divisors
-        return relative * self.system.prior.scales
-
-    def _damping(self, radius: float) -> float:
-        """What is added to the squared singular values so that the step is as long as ``radius``; 0
-        if it is shorter.
-        """
-        values, _, along = self._spectrum
-
-        def excess(log_damping: float) -> float:
-            step = values * along / (values**2 + np.exp(log_damping))
-            return float(np.linalg.norm(step) - radius)
-
-        if np.linalg.norm(along / values) <= radius:
-            return 0.0
-        high = max(float(np.linalg.norm(values * along) / radius), 1e-290)
-        return float(np.exp(scipy.optimize.brentq(excess, np.log(1e-300), np.log(high), rtol=1e-3)))
-
-
 def solution_at(problem: Problem, noise: NoiseModel, point: Point, weights: Array) -> Solution:
     """The linear model at a point, as if the search ended there."""
     system = linearise(point.prediction, problem.prior(point.x), noise, point.seats, weights)
     return Solution(point, system, problem, noise, weights, 0, "")
-
-
-def deviations(observations: Observations, point: Point) -> Array:
-    """Tip minus target (n, 3) [m], the turn behind it where orientations are stated (n, 6) [rad];
-    NaN where it has none.
-    """
-    return observations.deviations(point.prediction.poses, point.seats)
 
 
 def _robust_weights(distance: Array) -> Array:

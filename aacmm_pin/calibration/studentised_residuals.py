@@ -26,24 +26,26 @@ def deleted_distances(solution: Solution) -> Array:
     """
     observations = solution.observations
     covariance = solution.noise.of_residuals[:, :3, :3].copy()
-    off = solution.system.deviation.copy()
+    deviations = solution.system.deviation.copy()
     touched = np.flatnonzero(observations.seat >= 0)
     if touched.size:
         seat = observations.seat[touched]
-        whole, _, weighted = information_of_seats(solution)
-        others = np.linalg.inv(whole[seat] - weighted + NOTHING_KNOWN * np.eye(3))
-        pulls = pulls_on_seats(solution, off)
+        information, _, weighted = information_of_seats(solution)
+        others = np.linalg.inv(information[seat] - weighted + NOTHING_KNOWN * np.eye(3))
+        pulls = pulls_on_seats(solution, deviations)
         # By one unit of a seat a deviation changes by minus these.
-        changes = -observations.by_seats(np.tile(np.eye(3), (len(off), 1, 1)))[touched]
-        off[touched] += np.einsum("nij,njk,nk->ni", changes, others, pulls)
+        changes = -observations.by_seats(np.tile(np.eye(3), (len(deviations), 1, 1)))[touched]
+        deviations[touched] += np.einsum("nij,njk,nk->ni", changes, others, pulls)
         covariance[touched] += changes @ others @ changes.transpose(0, 2, 1)
     covariance = observations.counting(covariance)
-    off = observations.along_normals(off[:, None, :])[:, 0]
+    deviations = observations.along_normals(deviations[:, None, :])[:, 0]
     has_target = observations.has_target
     turns = np.nan_to_num(solution.system.turn_distance[has_target])
-    found = np.full(len(off), np.inf)
-    found[has_target] = squared_distances(off[has_target], covariance[has_target]) + turns
-    return found
+    distances = np.full(len(deviations), np.inf)
+    distances[has_target] = (
+        squared_distances(deviations[has_target], covariance[has_target]) + turns
+    )
+    return distances
 
 
 def studentised_distances(solution: Solution) -> Array:
@@ -69,6 +71,6 @@ def studentised_distances(solution: Solution) -> Array:
     alone = correlation.whitened_back(whitened)[has_target]
     along = alone[:, :, :-1]
     remaining = np.eye(width) - along @ along.transpose(0, 2, 1)
-    found = np.full(len(has_target), np.inf)
-    found[has_target] = squared_distances(alone[:, :, -1], remaining)
-    return found
+    distances = np.full(len(has_target), np.inf)
+    distances[has_target] = squared_distances(alone[:, :, -1], remaining)
+    return distances

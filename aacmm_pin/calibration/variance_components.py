@@ -96,18 +96,18 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     """
     noise = solution.noise
     system = solution.system
-    known = solution.noise.observations.known
-    ties = 3 * int(known.sum())
+    placed = solution.noise.observations.known
+    ties = 3 * int(placed.sum())
     bars = len(noise.observations.ends)
     first = len(system.residual) - ties - bars
     steps = system.jacobian[first : first + ties] @ system.independent_steps
     by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
     information, tie, _ = information_of_seats(solution)
-    variances = np.diagonal(np.linalg.inv(information[known]), axis1=1, axis2=2)
-    parts = 1.0 - tie[known] * variances - by_parameters
-    dof_of_seat = np.where(open_[known], parts, 0.0).sum(axis=1)
+    variances = np.diagonal(np.linalg.inv(information[placed]), axis1=1, axis2=2)
+    parts = 1.0 - tie[placed] * variances - by_parameters
+    dof_of_seat = np.where(open_[placed], parts, 0.0).sum(axis=1)
     residuals = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)
-    squares = np.square(residuals[known]).sum(axis=1)
+    squares = np.square(residuals[placed]).sum(axis=1)
     dof = float(dof_of_seat.sum())
     is_shown = dof_of_seat > LEAST_DOF_OF_SEAT
     squares = squares[is_shown]

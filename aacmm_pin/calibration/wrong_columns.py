@@ -66,10 +66,10 @@ def likely_columns(arm: Arm, records: Measurements, external: bool) -> list[tupl
         records: their readings are to be changed.
         external: the references are in an unknown frame.
     """
-    every = [*_combinations(arm.chain.prismatic)]
-    signs = np.ones((len(every), arm.nq))
-    offsets = np.zeros((len(every), arm.nq))
-    for number, several in enumerate(every):
+    tried = [*_combinations(arm.chain.prismatic)]
+    signs = np.ones((len(tried), arm.nq))
+    offsets = np.zeros((len(tried), arm.nq))
+    for number, several in enumerate(tried):
         for joint, sign, degrees in several:
             signs[number, joint] = sign
             offsets[number, joint] = degrees * DEG
@@ -79,9 +79,9 @@ def likely_columns(arm: Arm, records: Measurements, external: bool) -> list[tupl
     if not misfit.size:
         return []
     alike = misfit <= SIMILAR_RATIO * misfit.min()
-    joints = np.array([len(several) for several in every])
+    joints = np.array([len(several) for several in tried])
     simplest = np.lexsort((misfit, np.where(alike, joints, arm.nq + 1)))
-    return [every[number] for number in simplest[:NEAREST]]
+    return [tried[number] for number in simplest[:NEAREST]]
 
 
 def likely_orders(arm: Arm, records: Measurements, external: bool) -> list[tuple[int, ...]]:
@@ -127,12 +127,12 @@ def likely_scales(arm: Arm, records: Measurements) -> Array | None:
     The tips are an affine function of the references, a rotation of scaled coordinates: its columns
     are as long as the scales.
     """
-    known = np.flatnonzero(records.known)
-    if known.size < KNOWN_RECORDS:
+    placed = np.flatnonzero(records.known)
+    if placed.size < KNOWN_RECORDS:
         return None
-    tips = arm.chain.positions(records.q[known])
-    references = np.column_stack([records.reference[known], np.ones(known.size)])
-    weights = np.ones(known.size)
+    tips = arm.chain.positions(records.q[placed])
+    references = np.column_stack([records.reference[placed], np.ones(placed.size)])
+    weights = np.ones(placed.size)
     for _ in range(REWEIGHTED):
         root = np.sqrt(weights)[:, None]
         affine = np.linalg.lstsq(root * references, root * tips)[0]
@@ -190,10 +190,10 @@ def _after_best_steps(deviations: Array, jacobian: Array) -> Array:
 
 def _judges(records: Measurements) -> tuple[Index, Index | None]:
     """Records with references, or else records of seats with the number of the seat of each."""
-    known = np.flatnonzero(records.known)
-    if known.size:
-        spread = np.linspace(0, known.size - 1, min(KNOWN_RECORDS, known.size))
-        return known[np.round(spread).astype(np.intp)], None
+    placed = np.flatnonzero(records.known)
+    if placed.size:
+        spread = np.linspace(0, placed.size - 1, min(KNOWN_RECORDS, placed.size))
+        return placed[np.round(spread).astype(np.intp)], None
     seats = sorted(records.seats().values(), key=len, reverse=True)[:SEATS]
     of_seats = [members[:PER_SEAT] for members in seats if len(members) > 1]
     rows = np.concatenate([np.empty(0, dtype=np.intp), *of_seats])
@@ -209,8 +209,8 @@ def _combinations(prismatic: Mask) -> Iterator[tuple[Turned, ...]]:
     changes = {}
     for joint in joints:
         degrees = QUARTERS[:1] if prismatic[joint] else QUARTERS
-        every = [Turned(joint, *change) for change in product((1, -1), degrees)]
-        changes[joint] = every[1:]  # the first changes nothing
+        ways = [Turned(joint, *change) for change in product((1, -1), degrees)]
+        changes[joint] = ways[1:]  # the first changes nothing
     for count in range(2, min(most_turned, len(prismatic)) + 1):
         for several in combinations(joints, count):
             yield from product(*(changes[joint] for joint in several))

@@ -18,6 +18,7 @@ from aacmm_pin.arm import Parameter
 from aacmm_pin.calibration.calibrated_arm import moved_arm
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.least_squares import remaining_triangle
 from aacmm_pin.calibration.parameters import asked_again, unstated
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.effects import StylusOffset
@@ -85,9 +86,10 @@ def wrong_value(after: Fit) -> WrongValue | None:
     values = _free_geometry(after)
     if values is None:
         return None
-    problem = after.problem
+    problem = _thinned(after.problem)
+    described = problem.model.arm
     for wrong in _wrong_values(values):
-        arm = moved_arm(problem.model.arm, wrong.errors, problem.model.arm.covariance)
+        arm = moved_arm(described, wrong.errors, described.covariance)
         try:
             corrected = fit(asked_again(problem, replace(problem.model, arm=arm), problem.setup))
         except AacmmError:
@@ -107,13 +109,11 @@ def _free_geometry(after: Fit) -> _Geometry | None:
     geometric = np.flatnonzero([p is not None for p in problem.vector.arm_parameters])
     if not geometric.size or not after.tells_noise:
         return None
-    off = np.abs(after.point.x - problem.start)[geometric]
+    moved = np.abs(after.point.x - problem.start)[geometric]
     usual = _usual(problem, geometric)
-    if after.unmodelled == 0.0 and (off < FAR_OFF * usual).all():
+    if after.unmodelled == 0.0 and (moved < FAR_OFF * usual).all():
         return None
-    records = problem.measurements
-    some = records.take(np.arange(0, records.n, -(-records.n // RECORDS_FOR_VALUES)))
-    asked = problem.of(some)
+    asked = _thinned(problem)
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
     if problem.model.arm.dh is None and not has_offset:
         asked = asked_again(asked, problem.model, problem.setup, TIP_OFFSET)
@@ -128,6 +128,12 @@ def _free_geometry(after: Fit) -> _Geometry | None:
     if values.zeros.size == geometric.size and not asked.stated[geometric].any():
         return None  # they were looked for, and nothing is known of them
     return values
+
+
+def _thinned(problem: Problem) -> Problem:
+    """The problem with enough of its records."""
+    records = problem.measurements
+    return problem.of(records.take(np.arange(0, records.n, -(-records.n // RECORDS_FOR_VALUES))))
 
 
 def _usual(problem: Problem, geometric: Index) -> Array:
@@ -159,8 +165,8 @@ class _Geometry(NamedTuple):
         problem = free.problem
         rows, residual = _rows_of(free, geometric)
         measured = rows @ (free.point.x - problem.start)[geometric] - residual
-        every = problem.vector.arm_parameters
-        parameters = tuple(p for k in geometric if (p := every[k]) is not None)
+        of_entries = problem.vector.arm_parameters
+        parameters = tuple(p for k in geometric if (p := of_entries[k]) is not None)
         chain = problem.model.arm.chain
         turning = {
             row
@@ -201,8 +207,7 @@ def _rows_of(free: Fit, geometric: Index) -> tuple[Array, Array]:
     of_others = prior[(prior[:, geometric] == 0.0).all(axis=1)]
     together = np.concatenate([of_others, system.measured_triangle])
     others = np.setdiff1d(np.arange(system.prior.scales.size), geometric)
-    triangle = np.linalg.qr(together[:, [*others, *geometric, -1]], mode="r")
-    mine = np.asarray(triangle)[others.size :, others.size :]
+    mine = remaining_triangle(together[:, [*others, *geometric, -1]], others.size)
     rows = mine[:, :-1] / system.prior.scales[geometric]
     largest = np.abs(rows).max()
     scale = min(1.0, np.sqrt(free.problem.measurements.n) / (LEAST_NOISE * largest))
@@ -213,10 +218,10 @@ def _wrong_values(values: _Geometry) -> Iterator[WrongValue]:
     """Zeros that are all off; or values that each explain more than all others together, the best
     first.
     """
-    every = np.arange(len(values.parameters))
-    least, _ = values.with_free(every[:0])
-    most, _ = values.with_free(every)
-    freed = [values.with_free(np.array([k])) for k in every]
+    numbers = np.arange(len(values.parameters))
+    least, _ = values.with_free(numbers[:0])
+    most, _ = values.with_free(numbers)
+    freed = [values.with_free(np.array([k])) for k in numbers]
     gains = np.array([gain for gain, _ in freed])
     best = int(np.argmax(gains))
     if values.zeros.size > 1:

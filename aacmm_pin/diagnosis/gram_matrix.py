@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg.blas import dsyrk
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.calibration import RowBlock, SeatElimination
+from aacmm_pin.calibration import SeatElimination
 from aacmm_pin.diagnosis.design_matrix import ROWS_OF_A_GROUP, Design
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -169,9 +169,9 @@ def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask)
     added, taken = elimination.squares(along, seats, bars)
     _add_squares(upper, added, 1.0)
     _add_squares(upper, taken, -1.0)
-    stated = seats[observations.known[seats]]
-    counted = RowBlock(np.flatnonzero(chosen), stated, bars, seats.size)
-    return max(counted.free(observations.counts), 0)
+    unknown = int((~observations.known[seats]).sum())
+    counted = int(observations.counts[chosen].sum()) + bars.size
+    return max(counted - 3 * unknown, 0)
 
 
 def _add_squares(upper: Array, rows: Array, factor: float) -> None:

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.linalg import cho_solve
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.calibration import Fit
-from aacmm_pin.diagnosis.linear_model import lower_factor
+from aacmm_pin.calibration import Fit, lower_factor
 from aacmm_pin.effects import Effect
 
 if TYPE_CHECKING:

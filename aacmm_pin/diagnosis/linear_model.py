@@ -14,10 +14,10 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from scipy.linalg.blas import dtrsm
 from scipy.special import gammaln, log_ndtr
 
 from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin.calibration import inverse_of_factor, lower_factor, solve_lower
 from aacmm_pin.diagnosis.design_matrix import Block, Family
 from aacmm_pin.diagnosis.gram_matrix import Gram, numbers_of
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -27,9 +27,6 @@ UNKNOWN = 1e-9
 products already."""
 HELD = 1e12
 """What is added to that of one which is held where it is stated."""
-ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
-"""Inner products are no more certain than this part of them, the first with which they are positive
-definite."""
 LARGE = 6
 """From so many columns on, a Cholesky factor for each width costs less than all eigenvalues."""
 KEPT = 16
@@ -142,7 +139,7 @@ class Base:
     @cached_property
     def whitened(self) -> Array:
         """``L⁻¹`` times their products with all columns and the residual (b, columns + 1)."""
-        return divided(self.factor, self._products[0])
+        return solve_lower(self.factor, self._products[0])
 
     @cached_property
     def left(self) -> Array:
@@ -198,7 +195,7 @@ class Base:
         """How many parameters of nuisances and background the records, apart from priors,
         determine.
         """
-        inverse = divided(self.factor, np.eye(len(self.factor)))
+        inverse = solve_lower(self.factor, np.eye(len(self.factor)))
         first = self.nuisances
         prior = self.gram.design.prior[:, :-1]
         of_nuisances = np.square(inverse[:, :first] @ prior.T).sum()
@@ -307,12 +304,7 @@ class Conditional:
     @cached_property
     def inverse(self) -> Array:
         """Their posterior covariance for noise of unit variance (m, m)."""
-        if not self.blocks:
-            return np.zeros((0, 0))
-        lower = scipy.linalg.lapack.dpotri(self.factor, lower=1)[0]
-        whole = lower + lower.T
-        whole.flat[:: len(whole) + 1] *= 0.5
-        return np.asarray(whole)
+        return inverse_of_factor(self.factor)
 
     @property
     def covariance(self) -> Array:
@@ -380,7 +372,7 @@ class Conditional:
     @cached_property
     def whitened(self) -> Array:
         """``L⁻¹`` times the products with all columns and the residual (m, columns + 1)."""
-        return divided(self.factor, self.members.rows) if self.blocks else self.members.rows
+        return solve_lower(self.factor, self.members.rows) if self.blocks else self.members.rows
 
     def inside(self, columns: slice | Index) -> Array:
         """Products of some columns with one another beside the set, see :meth:`Base.inside`;
@@ -389,7 +381,7 @@ class Conditional:
         key = _key(columns)
         if key not in self._inside:
             if isinstance(columns, slice) and "whitened" not in vars(self) and self.blocks:
-                whitened = divided(self.factor, self.members.rows[:, columns])
+                whitened = solve_lower(self.factor, self.members.rows[:, columns])
             else:
                 whitened = self.whitened[:, columns]
             self._inside[key] = self.base.inside(columns) - _squares(whitened)
@@ -539,7 +531,7 @@ class Beside:
         factor = lower_factor(
             information + np.eye(len(information)) / scale**2, np.diag(information)
         )
-        more = divided(factor, rows)
+        more = solve_lower(factor, rows)
         chi2 = self.chi2 - float(more[:, -1] @ more[:, -1])
         above_zero = 0.0
         if self.conditional.design_blocks[block].positive:
@@ -678,19 +670,6 @@ def _squares(rows: Array) -> Array:
     return np.asarray(each.swapaxes(-1, -2) @ each)
 
 
-def lower_factor(matrix: Array, sizes: Array) -> Array:
-    """Lower Cholesky factor, with the least rounding, in parts of ``sizes`` (m,), at which there
-    is one.
-    """
-    for rounding in ROUNDINGS:
-        found, failed = scipy.linalg.lapack.dpotrf(
-            matrix + np.diag(rounding * sizes), lower=1, clean=1
-        )
-        if not failed:
-            break
-    return np.asarray(found)
-
-
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
     """What blocks gain in log likelihood at each width, and ``½ log det(1 + τ² S)``.
 
@@ -741,14 +720,3 @@ def log_sum(logs: Array) -> Array:
     handful of numbers.
     """
     return np.asarray(np.logaddexp.reduce(logs, axis=-1))
-
-
-def divided(factor: Array, right: Array) -> Array:
-    """``L⁻¹ R``, row by row in memory.
-
-    As ``Rᵀ L⁻ᵀ``, whose arrays lie in memory as BLAS wants them: half the time of LAPACK's solver
-    with its copies.
-    """
-    rows = np.ascontiguousarray(right).T
-    found = dtrsm(1.0, factor.T, rows, side=1, lower=0, overwrite_b=False)
-    return np.asarray(found.T)

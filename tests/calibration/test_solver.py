@@ -14,7 +14,6 @@ from scipy.stats import chi2
 from aacmm_pin.arm import Arm, exp
 from aacmm_pin.calibration import Observability, solver
 from aacmm_pin.calibration.cross_validation import distances
-from aacmm_pin.calibration.linear_model import NormalEquations
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, contradictions, observations_of
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
@@ -87,15 +86,6 @@ def system_of(problem: Problem, off: float = 0.0) -> solver.Solution:
     return solver.solution_at(problem, noise, point, np.ones(problem.measurements.n))
 
 
-def test_records_without_weight_count_for_nothing(sino6, rng):
-    problem, weights = external(sino6, rng, off=1e-4), np.ones(12)
-    weights[[2, 7]] = 0.0
-    here = system_of(problem)
-    found = solver.solution_at(problem, here.noise, here.point, weights).chi2
-    fewer = system_of(problem.of(problem.measurements.take(np.flatnonzero(weights))))
-    assert tuple(found) == pytest.approx(tuple(fewer.chi2), rel=1e-6)
-
-
 @pytest.mark.parametrize("known", [True, False])
 def test_distance_from_where_the_others_put_a_seat(sino6, rng, known):
     """Each record's seat anew from all others, and from what is stated of it, by weighted least
@@ -125,22 +115,6 @@ def test_distance_from_where_the_others_put_a_seat(sino6, rng, known):
         u = np.linalg.inv(sum(information for information, _ in told))
         off = tips[k] - u @ sum(information @ place for information, place in told)
         assert found[k] == pytest.approx(off @ np.linalg.solve(covariance[k] + u, off), rel=1e-4)
-
-
-def test_distances_grow_by_the_share_in_the_parameters(sino6, rng):
-    """Of residuals, by each record's block of the hat matrix of the rows and the prior."""
-    found = system_of(external(sino6, rng, off=1e-4, n=20))
-    system, scales = found.system, found.system.prior.scales
-    rows, prior = system.jacobian * scales, system.prior.rows[:, :-1]
-    share = np.linalg.qr(np.concatenate([rows, prior])).Q[: len(rows)]
-    distances = studentised_distances(found)
-    for k in range(20):
-        own = slice(3 * k, 3 * k + 3)
-        residual = system.residual[own]
-        remaining = np.eye(3) - share[own] @ share[own].T
-        wanted = residual @ np.linalg.solve(remaining, residual)
-        assert distances[k] == pytest.approx(wanted, rel=1e-6)
-        assert wanted > 1.01 * residual @ residual
 
 
 def several_targets(arm: Arm, rng: np.random.Generator, turned: bool) -> Problem:
@@ -282,17 +256,3 @@ def test_chi2_that_the_noise_does_not_explain():
     for chance, acceptable in ((2e-3, True), (5e-4, False)):
         assert solver.Chi2(float(chi2.isf(chance, 300)), 300.0).acceptable == acceptable
     assert solver.Chi2(5.0, 0.4).acceptable  # nothing to judge it by
-
-
-def test_normal_equations_give_the_step_or_way(rng):
-    """None where columns are nearly the same, or where one is nothing."""
-    rows, residual = rng.normal(size=(30, 4)) * [1.0, 1e3, 1e-3, 1.0], rng.normal(size=30)
-    found = NormalEquations.of(rows.T @ rows, rows.T @ residual)
-    assert found is not None
-    step = np.linalg.lstsq(rows, -residual, rcond=None)[0]
-    np.testing.assert_allclose(found.step / found.lengths, step, rtol=1e-9)
-    left = np.square(residual + rows @ step).sum()
-    close(found.predicted_reduction, np.square(residual).sum() - left, 1e-9)
-    for last in (rows[:, 0] + 1e-7 * rows[:, 3], 0.0 * residual):
-        rows[:, 3] = last
-        assert NormalEquations.of(rows.T @ rows, rows.T @ residual) is None

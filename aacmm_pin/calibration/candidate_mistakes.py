@@ -1,0 +1,440 @@
+"""The table of mistakes that a measurement file or an arm file may have, and what undoes each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from itertools import combinations, permutations, product
+from typing import Any
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import Note
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm import Arm, ArmFile
+from aacmm_pin.calibration.calibrated_arm import moved_arm
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.parameters import asked_again
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.wrong_columns import (
+    QUARTERS,
+    likely_columns,
+    likely_orders,
+    likely_ratios,
+    likely_scales,
+)
+from aacmm_pin.calibration.wrong_values import wrong_value
+from aacmm_pin.effects import StylusOffset
+
+TURN = 2 * np.pi
+"""An angle beyond this was hardly in radians [rad]."""
+SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
+"""Factors by which a length is mistyped: another sign, a decimal place."""
+LEAST_LENGTH = 2e-3
+"""A shorter length of a row is not looked at [m]."""
+EXCHANGED = {
+    ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"): "rows_exchanged",
+    ("a_mm",): "values_exchanged",
+    ("d_mm",): "values_exchanged",
+}
+"""Values of two rows of an arm file that may be exchanged, and the codes of the notes."""
+PRISMATIC = {
+    "kind": "prismatic",
+    "limits_mm": (-1e4, 1e4),
+    "limits_rad": None,
+    "encoder_noise_rad": None,
+}
+"""What makes a revolute joint of an arm file a prismatic one."""
+SLIDE_UNITS = {"mm": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
+"""Units that the readings of a prismatic joint may have come in, in metres."""
+LEAST_SINE = 0.01
+"""A twist with a smaller sine has no sign."""
+MOST_IN_RADIANS = 0.06
+"""Twists that are all below this were hardly in degrees: a right angle in radians under such a key
+[rad]."""
+SMALL = 0.25
+"""The lengths of an arm hardly add up to less [m]."""
+GON = 0.9
+"""One gon [°]."""
+LENGTH_UNITS = {
+    ("metres", "mm"): 1e3,
+    ("centimetres", "mm"): 10.0,
+    ("inches", "mm"): 25.4,
+    ("micrometres", "mm"): 1e-3,
+    ("mm", "metres"): MM,
+}
+"""Units that lengths may have come in and what they were taken as, and the factor that undoes it.
+"""
+ANGLE_UNITS = {
+    ("degrees", "radians"): DEG,
+    ("radians", "degrees"): 1 / DEG,
+    ("gon", "degrees"): GON,
+    ("minutes of arc", "degrees"): 1 / 60,
+    ("milliradians", "radians"): 1e-3,
+    ("turns", "degrees"): 360.0,
+    ("turns", "radians"): 360.0 * DEG,
+}
+"""Units that angles may have come in and what they were taken as, and the factor that undoes it."""
+
+
+_Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """A mistake in a file, and what undoes it.
+
+    Attributes:
+        code, data: of the note that says what the mistake is.
+        kind: of two mistakes of one kind only one is tried at a time.
+        angles: the readings as they should be, of the readings in the file (n, nq).
+        axes: the coordinates in the file times this (3, 3) are those that they should be; their
+            uncertainties stay, which may be right.
+        bar_factor: factor of the bars' lengths.
+        options: of the set-up that were left out.
+        arm: the arm that the records are of; None for the arm as it is described.
+        chosen: it is one of many that the records choose among: a value, a ratio.
+    """
+
+    kind: str
+    code: str
+    data: Mapping[str, Any] = field(default_factory=dict)
+    angles: Callable[[Array], Array] | None = None
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    bar_factor: float = 1.0
+    options: Mapping[str, Any] = field(default_factory=dict)
+    arm: Arm | None = None
+    chosen: bool = False
+
+    @property
+    def changes_tips(self) -> bool:
+        """Whether undoing it changes the computed tips, not the coordinates or lengths touched."""
+        return "target" in self.options or self.angles is not None or self.arm is not None
+
+    @property
+    def free(self) -> int:
+        """How many numbers it leaves open, which may take up other mistakes; more than an option if
+        it is chosen among many.
+        """
+        of_options = {"reference_frame": 6, "target": 3}
+        return 10 * self.chosen + sum(of_options[option] for option in self.options)
+
+    def undone(self, problem: Problem) -> Problem:
+        """The problem without the mistake."""
+        records = problem.measurements
+        length = records.bar_length
+        readings = records.readings
+        changed = replace(
+            records,
+            q=readings if self.angles is None else self.angles(readings),
+            of_encoders=None,
+            reference=records.reference @ self.axes,
+            reference_u=records.reference_u[:, np.abs(self.axes).argmax(axis=0)],
+            bar_length=None if length is None else self.bar_factor * length,
+            orientation=None,  # tips alone show what is wrong with them
+        ).with_joint_angles(problem.model.arm)
+        setup = replace(problem.setup, **self.options)
+        if "target" in self.options or self.arm:
+            model = problem.model if self.arm is None else replace(problem.model, arm=self.arm)
+            problem = asked_again(problem, model, setup)
+        return replace(problem, measurements=changed, setup=setup, targets=())
+
+
+OTHER_FRAME = Mistake("axes", "other_frame", options={"reference_frame": "external"})
+
+
+def single_mistakes(problem: Problem) -> Iterator[Mistake]:
+    """Every single mistake, but those that the records choose among."""
+    arm = problem.model.arm
+    yield from _of_readings(problem)
+    if isinstance(arm.file, ArmFile):
+        yield from _of_table(arm.file)
+    if arm.dh is None and not arm.mimics:
+        yield from _of_placements(arm)
+    yield from _of_standards(problem)
+
+
+def _of_readings(problem: Problem) -> Iterator[Mistake]:
+    """Columns of joint angles: signs, units, zeros, order, couplings."""
+    arm = problem.model.arm
+    readings = problem.measurements.readings
+    for j, largest in enumerate(np.abs(readings).max(axis=0)):
+        yield _reversed(j, arm.nq)
+        slides = arm.chain.prismatic[j]
+        for unit, factor in (SLIDE_UNITS if slides else _units_of_angle(largest)).items():
+            column = "rad" if unit == "degrees" else "deg"
+            data = {"joint": j + 1, "unit": unit, "column": column}
+            code = "slide_unit" if slides else "joint_angles_unit"
+            yield Mistake(f"unit {j}", code, data, angles=_times(j, factor, arm.nq))
+    for j, degrees in product(range(arm.nq), QUARTERS[1:]):
+        yield _turned(j, degrees, arm.nq)
+    for j, k in combinations(range(arm.nq), 2):
+        order = np.arange(arm.nq)
+        order[[j, k]] = k, j
+        data = {"joints": (j + 1, k + 1)}
+        exchanged = partial(np.take, indices=order, axis=1)
+        yield Mistake("columns", "joints_exchanged", data, angles=exchanged)
+    yield from _of_couplings(arm)
+    for (unit, taken), factor in ANGLE_UNITS.items():
+        data = {"unit": unit, "taken": taken}
+        yield Mistake("angles", "angles_unit", data, angles=partial(np.multiply, factor))
+
+
+def _units_of_angle(largest: float) -> dict[str, float]:
+    """Units that the angles of a joint may have come in, by the largest as it was read [rad], and
+    the factors that undo it.
+    """
+    units = {"gon": GON}
+    if largest > TURN:
+        units["degrees"] = DEG
+    elif largest <= TURN * DEG:
+        units["radians"] = 1 / DEG
+    return units
+
+
+def _times(joint: int, factor: float, nq: int) -> Callable[[Array], Array]:
+    """The readings of a joint (from 0) times a factor."""
+    return partial(np.multiply, np.where(np.arange(nq) == joint, factor, 1.0))
+
+
+def _combined(matrix: Array, readings: Array) -> Array:
+    return np.asarray(readings @ matrix)
+
+
+@cache
+def _reversed(joint: int, nq: int) -> Mistake:
+    """Angles of a joint (from 0) with the opposite sign."""
+    reversed_ = _times(joint, -1.0, nq)
+    return Mistake(f"sign {joint}", "joint_reversed", {"joint": joint + 1}, angles=reversed_)
+
+
+@cache
+def _turned(joint: int, degrees: int, nq: int) -> Mistake:
+    """Angles of a joint (from 0) that are off by quarter turns."""
+    data = {"joint": joint + 1, "degrees": degrees}
+    offset = degrees * DEG * np.eye(nq)[joint]
+    return Mistake(f"zero {joint}", "zero_turned", data, angles=partial(np.add, offset))
+
+
+def _of_couplings(arm: Arm) -> Iterator[Mistake]:
+    """The ratio of a stated coupling with the opposite sign, inverted or left out; a coupling of
+    neighbours that is not stated.
+    """
+    stated = arm.coupling_matrix
+    without = np.eye(arm.nq)
+    rows = arm.chain.moving_rows()
+    for j, k in np.argwhere(stated != without):
+        ratio = float(stated[j, k])
+        inverse = 1.0 / ratio if j == k else 0.0
+        for expected in {-ratio, inverse, float(without[j, k])} - {ratio}:
+            changed = stated.copy()
+            changed[j, k] = expected
+            data = {"joint": rows[j], "of": rows[k], "ratio": ratio, "expected": expected}
+            matrix = np.asarray(np.linalg.solve(stated, changed).T)
+            yield Mistake("sum", "coupling_ratio", data, angles=partial(_combined, matrix))
+    upwards = [(joint + 1, joint) for joint in range(arm.nq - 1)]
+    downwards = [(joint, other) for other, joint in upwards]
+    for (j, k), sign in product([*upwards, *downwards], (1.0, -1.0)):
+        if stated[j, k]:
+            continue
+        code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
+        matrix = without + sign * np.outer(without[k], without[j])
+        ratio = float((stated @ matrix.T)[j, k])
+        data = {"joint": j + 1, "other": k + 1, "row": rows[j], "of": rows[k], "ratio": ratio}
+        yield Mistake("sum", code, data, angles=partial(_combined, matrix))
+
+
+def _of_table(file: ArmFile) -> Iterator[Mistake]:
+    """Values of a DH table that are mistyped, exchanged, or in other units; a table that is read by
+    the other convention.
+    """
+    other = "modified-dh" if file.convention == "standard-dh" else "standard-dh"
+    conventions = {"other": other, "convention": file.convention}
+    changed = Arm.from_file(file.model_copy(update={"convention": other}))
+    yield Mistake("convention", "other_convention", conventions, arm=changed)
+    for number in range(len(file.joints)):
+        for kind, code, data, values in _of_row(file, number):
+            arm = _with_values(file, {number: values})
+            yield Mistake(f"{kind} {number}", code, data, arm=arm)
+    for code, data, rows in _exchanges(file):
+        yield Mistake("table", code, data, arm=_with_values(file, rows))
+    if 0.0 < max(abs(row.alpha_rad) for row in file.joints) < MOST_IN_RADIANS:
+        changed = _scaled(file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
+        yield Mistake("table", "table_in_radians", arm=changed)
+    for (unit, _), factor in LENGTH_UNITS.items():
+        if _is_small(file) and factor > 1.0:
+            changed = _scaled(file, ("a_mm", "d_mm"), factor)
+            yield Mistake("table", "table_unit", {"unit": unit}, arm=changed)
+
+
+def _of_row(file: ArmFile, number: int) -> Iterator[tuple[str, str, _Values, _Values]]:
+    """What may be mistyped in one row (from 0), and its values without that: another sign, decimal
+    place or quarter turn; a joint of another kind.
+    """
+    row = file.joints[number]
+    twist = {"row": number + 1, "alpha": row.alpha_rad}
+    if abs(np.sin(row.alpha_rad)) > LEAST_SINE:
+        yield "alpha", "twist_reversed", twist, {"alpha_rad": -row.alpha_rad}
+    for key in ("a_mm", "d_mm"):
+        stated = getattr(row, key)
+        for factor in SLIPS_OF_LENGTHS if abs(stated) * MM > LEAST_LENGTH else ():
+            data = {"parameter": f"{key[0]}{number + 1}", "stated": stated * MM}
+            data["likely"] = factor * stated * MM
+            yield key, "length_mistyped", data, {key: factor * stated}
+    for turn in QUARTERS[1:]:
+        alpha = float(np.remainder(row.alpha_rad + turn * DEG + np.pi, TURN) - np.pi)
+        if abs(alpha + row.alpha_rad) >= LEAST_SINE:  # not the opposite sign
+            yield "alpha", "twist_mistyped", twist | {"likely": alpha}, {"alpha_rad": alpha}
+    if not row.fixed and not row.slides:
+        yield "kind", "kind_of_joint", {"row": number + 1}, PRISMATIC
+
+
+def _exchanges(file: ArmFile) -> Iterator[tuple[str, _Values, Mapping[int, _Values]]]:
+    """The lengths of a row, or values of two rows, that may be exchanged, and the rows (from 0)
+    without that.
+    """
+    rows = file.joints
+    for number, row in enumerate(rows):
+        lengths = {"a_mm": row.d_mm, "d_mm": row.a_mm}
+        yield "row_exchanged", {"row": number + 1}, {number: lengths}
+    for j, k in combinations(range(len(rows)), 2):
+        for keys, code in EXCHANGED.items():
+            exchanged = {row: rows[j + k - row].model_dump(include={*keys}) for row in (j, k)}
+            yield code, {"rows": (j + 1, k + 1), "value": keys[0][0]}, exchanged
+
+
+def _scaled(file: ArmFile, keys: Sequence[str], factor: float) -> Arm:
+    """The arm with some values of every row times a factor."""
+    rows = [{key: factor * getattr(row, key) for key in keys} for row in file.joints]
+    return _with_values(file, dict(enumerate(rows)))
+
+
+def _with_values(file: ArmFile, values: Mapping[int, _Values]) -> Arm:
+    """The arm with other values in some rows (from 0)."""
+    rows = [row.model_copy(update=values.get(k, {})) for k, row in enumerate(file.joints)]
+    return Arm.from_file(file.model_copy(update={"joints": rows}))
+
+
+def _is_small(file: object) -> bool:
+    """Whether the lengths of a DH table are hardly in the unit that their keys state."""
+    if not isinstance(file, ArmFile):
+        return False
+    size = sum(abs(row.a_mm) + abs(row.d_mm) for row in file.joints)
+    return size * MM < SMALL
+
+
+def _of_placements(arm: Arm) -> Iterator[Mistake]:
+    """A placement in a URDF that is turned by quarter turns, or the axis of a joint that is another
+    one.
+    """
+    names = [parameter.name for parameter in arm.parameters]
+    for joint in range(arm.nq):
+        of_joint = names[6 * joint + 3 : 6 * joint + 6]
+        for name, degrees in product(of_joint, QUARTERS[1:]):
+            data = {"joint": joint + 1, "axis": name[1], "degrees": degrees}
+            changed = moved_arm(arm, {name: degrees * DEG}, None)
+            yield Mistake(f"placement {joint}", "placement_turned", data, arm=changed)
+    for joint, (axis, letter) in product(range(arm.nq - 1), zip(np.eye(3), "xyz", strict=True)):
+        if abs(axis @ arm.joint_axes[joint]) < LEAST_SINE:
+            changed = arm.with_joint_axis(joint + 1, axis)
+            data = {"joint": joint + 1, "axis": letter}
+            yield Mistake(f"axis {joint}", "axis_mistyped", data, arm=changed)
+
+
+def _of_standards(problem: Problem) -> Iterator[Mistake]:
+    """Axes, frame, target and units of the coordinates; units of the bars' lengths."""
+    records = problem.measurements
+    if records.known.any():
+        yield from _of_axes(problem.external)
+        effects = problem.vector.effects
+        has_offset = any(isinstance(effect, StylusOffset) for effect in effects)
+        if problem.setup.target != "unknown" and not has_offset:
+            yield Mistake("target", "target_off_tip", options={"target": "unknown"})
+        units = {} if _is_small(problem.model.arm.file) else LENGTH_UNITS
+        for (unit, taken), factor in units.items():
+            data = {"unit": unit, "taken": taken}
+            yield Mistake("unit", "coordinates_unit", data, axes=factor * np.eye(3))
+        for k, axis in enumerate("xyz"):
+            axes = np.diag(np.where(np.arange(3) == k, 1e3, 1.0))
+            yield Mistake("unit", "coordinate_in_metres", {"axis": axis}, axes=axes)
+    if records.bars():
+        for (unit, taken), factor in LENGTH_UNITS.items():
+            data = {"unit": unit, "taken": taken}
+            yield Mistake("bars", "bars_unit", data, bar_factor=factor)
+
+
+def _of_axes(external: bool) -> Iterator[Mistake]:
+    """Coordinates along other axes; in an unknown frame all mirror images are alike."""
+    if external:
+        yield Mistake("axes", "coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
+        return
+    changes = [*product(permutations(range(3)), product((1, -1), repeat=3))]
+    for order, signs in changes[1:]:  # the first changes nothing
+        letters = [f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)]
+        axes = np.eye(3)[:, order] * signs
+        yield Mistake("axes", "other_axes", {"axes": ", ".join(letters)}, axes=axes)
+    yield OTHER_FRAME
+
+
+def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake]:
+    """A wrong value of the arm file, the ratio of a joint, the scale of the coordinates."""
+    arm = problem.model.arm
+    wrong = None if after is None else wrong_value(after)
+    if wrong is not None:
+        changed = moved_arm(arm, wrong.errors, arm.covariance)
+        yield Mistake("value", wrong.note.code, wrong.note.data, arm=changed, chosen=True)
+    rows = arm.chain.moving_rows()
+    records = problem.measurements
+    for joint, factor in enumerate(likely_ratios(arm, records, problem.external)):
+        ratio = float(arm.coupling_matrix[joint, joint]) * factor
+        data = {"joint": joint + 1, "row": rows[joint], "ratio": ratio}
+        times = _times(joint, factor, arm.nq)
+        yield Mistake("ratio", "joint_ratio", data, angles=times, chosen=True)
+    scales = likely_scales(arm, records)
+    if scales is None:
+        return
+    for letters in ("xyz", *"xyz"):
+        scaled = [letter in letters for letter in "xyz"]
+        scale = float(np.mean(scales[scaled]))
+        scaling = {"axes": [*letters], "factor": 1 / scale}
+        axes = np.diag(np.where(scaled, scale, 1.0))
+        yield Mistake("unit", "coordinates_scaled", scaling, axes=axes, chosen=True)
+
+
+def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
+    """Columns in another order; signs and quarter turns of two joints or more, the signs first."""
+    records = problem.measurements
+    arm = problem.model.arm
+    mistakes: list[tuple[Mistake, ...]] = []
+    for order in likely_orders(arm, records, problem.external):
+        data = {"joints": [joint + 1 for joint in order]}
+        ordered = partial(np.take, indices=np.argsort(order), axis=1)
+        mistakes.append((Mistake("columns", "columns_in_order", data, angles=ordered),))
+    for columns in likely_columns(arm, records, problem.external):
+        signs = [_reversed(one.joint, arm.nq) for one in columns if one.sign < 0]
+        turns = [_turned(one.joint, one.degrees, arm.nq) for one in columns if one.degrees]
+        mistakes.append((*signs, *turns))
+    return mistakes
+
+
+def in_words(mistakes: tuple[Mistake, ...]) -> str:
+    """Several mistakes in one sentence, joints with the opposite sign together."""
+    joints = [one.data["joint"] for one in mistakes if one.code == "joint_reversed"]
+    notes = [Note(one.code, one.data) for one in mistakes]
+    if len(joints) > 1:
+        others = [note for note in notes if note.code != "joint_reversed"]
+        notes = [Note("joints_reversed", {"joints": joints}), *others]
+    return ", and ".join(map(str, notes))
+
+
+def pairs(mistakes: Sequence[Mistake]) -> Iterator[tuple[Mistake, ...]]:
+    """Every two mistakes of different kinds, but those of :func:`several_columns`, and of a table
+    and a column.
+    """
+    for one, other in combinations(mistakes, 2):
+        of_columns = all(mistake.kind.startswith(("sign", "zero")) for mistake in (one, other))
+        of_table = one.changes_tips and other.changes_tips and (one.arm or other.arm)
+        if one.kind != other.kind and not of_table and not of_columns:
+            yield one, other
