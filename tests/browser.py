@@ -190,24 +190,6 @@ class Page:
         self._ask("Input.dispatchKeyEvent", type="keyDown", key=key, **text)
         self._ask("Input.dispatchKeyEvent", type="keyUp", key=key)
 
-    def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
-        """Press the mouse at one place and let it go at another."""
-        for kind, (x, y), held in (
-            ("mousePressed", start, 1),
-            ("mouseMoved", end, 1),
-            ("mouseReleased", end, 0),
-        ):
-            button = "none" if kind == "mouseMoved" else "left"
-            self._ask(
-                "Input.dispatchMouseEvent",
-                type=kind,
-                x=x,
-                y=y,
-                button=button,
-                buttons=held,
-                clickCount=1,
-            )
-
     def screenshot(
         self, size: tuple[int, int] | None = None, path: Path | None = None
     ) -> np.ndarray:

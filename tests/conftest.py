@@ -77,7 +77,6 @@ LONGEST = (
     "test_diagnosis_report",
     "test_input_mistakes",
     "test_diagnosis_edges",
-    "test_prediction",
     "test_configurations",
     "test_guards",
     "test_cli",

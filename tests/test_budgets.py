@@ -63,7 +63,7 @@ SENTENCES: dict[str, int] = {
     "effects": 1,
 }
 """English of six words or more that is no docstring, is not raised and is no label: the report says
-it. A label is what a class states of itself, such as ``words: ClassVar[str] = "drift of a zero"``.
+it. A label is what a class states of itself, such as ``words = "drift of a zero"``.
 """
 INNER: dict[str, int] = {
     "calibration": 1,

@@ -45,7 +45,7 @@ def _row(cause: type[Effect]) -> dict[str, str]:
     row = {"cause": f"{cause.cause}{f':{site.upper()}' if site else ''} ({cause_in_words(cause)})"}
     if effect is None:
         return row | {"parameters": ", ".join(inner), "typical magnitude": "", "needs": ""}
-    keys = list(effect.notation.parameters(effect))
+    keys = list(effect.file_values())
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
     needs = ", ".join(CONDITION_COLUMNS[condition] for condition in effect.needs)
     return row | {

@@ -211,7 +211,7 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
     """Refuse effects without a size, and those that no record shows."""
     for given in effects:
         if not any(given.values):
-            values = ",".join(f"{name}=VALUE" for name in given.notation.parameters(given))
+            values = ",".join(f"{name}=VALUE" for name in given.file_values())
             raise AacmmError(f"--cause {given.key}: no value; expected {given.key},{values}")
         require_shown(given, model.arm, data.q, data.conditions, "these records")
         if given.of_reference and not data.known.any():

@@ -1,5 +1,14 @@
 from .causes import CAUSES, all_candidates, cause_named, example, raised, register
-from .compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
+from .compliance import (
+    BaseCompliance,
+    BearingTilt,
+    Counterbalance,
+    GravityEffect,
+    JointCompliance,
+    LinkBending,
+    TorsionalWindup,
+    load_variants,
+)
 from .conditions import (
     CONDITION_COLUMNS,
     CONDITION_UNITS,
@@ -9,20 +18,33 @@ from .conditions import (
     Records,
     labels_of,
 )
-from .discrepancy import Carrier, Discrepancy, Part, discrepancy_of
+from .discrepancy import (
+    RECORDED,
+    Bumps,
+    Carrier,
+    Cosines,
+    Discrepancy,
+    Moment,
+    Part,
+    Smooth,
+    Waves,
+    discrepancy_of,
+    product_of,
+)
 from .effect import (
     Displacement,
     Effect,
-    Notation,
     Reading,
     Term,
     about_axis,
     axis,
     corrects_seat,
+    extra_uncertainty_effects,
     fields_of,
     point_sensitivity,
     require_row,
     sensitivity,
+    tubes,
     twist,
 )
 from .encoder import (
@@ -39,7 +61,6 @@ from .encoder import (
     strongest_waves,
 )
 from .environment import (
-    BaseCompliance,
     FrameShift,
     ProbeBending,
     ReferenceFrame,
@@ -72,7 +93,6 @@ from .geometry import (
     of_geometry,
     of_parameter,
 )
-from .gravity import GravityEffect, load_variants
 from .joint_commands import joint_commands
 from .labels import (
     cause_in_words,
@@ -89,12 +109,9 @@ from .labels import (
     values_with_u,
 )
 from .nonlinear import Nonlinear, TimeConstant
-from .nonlinear_uncertainty import extra_uncertainty_effects
-from .smooth_functions import RECORDED, Bumps, Cosines, Moment, Smooth, Waves, product_of
 from .state import State
 from .text import cause_of, effect_from, entries_of, require_plausible, stated_cause, text_of
 from .time_dependent import EncoderSlip, ZeroDrift
-from .tube import tubes
 
 __all__ = [
     "CAUSES",
@@ -137,7 +154,6 @@ __all__ = [
     "LinkTwist",
     "Moment",
     "Nonlinear",
-    "Notation",
     "OfAngle",
     "Part",
     "ProbeBending",

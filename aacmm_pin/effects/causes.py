@@ -8,15 +8,13 @@ import re
 import reprlib
 import traceback
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import cache, wraps
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm import Arm, GivenArm, as_arm
 from aacmm_pin.effects import compliance, encoder, environment, geometry, time_dependent
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions, Records
@@ -31,10 +29,10 @@ LIBRARY = (encoder, time_dependent, compliance, environment, geometry)
 
 def _defined_in(module: ModuleType) -> Iterator[type[Effect]]:
     """The classes of a module that state the name of a cause, in the order of its text."""
-    for found in vars(module).values():
-        own = isinstance(found, type) and found.__module__ == module.__name__
-        if own and issubclass(found, Effect) and "cause" in vars(found):
-            yield found
+    for value in vars(module).values():
+        is_defined = isinstance(value, type) and value.__module__ == module.__name__
+        if is_defined and issubclass(value, Effect) and "cause" in vars(value):
+            yield value
 
 
 CAUSES = {effect.cause: effect for module in LIBRARY for effect in _defined_in(module)}
@@ -65,22 +63,21 @@ def register(cause: _Own) -> _Own:
     """
     if not (isinstance(cause, type) and issubclass(cause, Effect)):
         raise AacmmError(f"{cause!r} is no cause; expected a subclass of Effect")
-    own = cause.__name__
+    class_name = cause.__name__
     name = getattr(cause, "cause", None)
     if not (isinstance(name, str) and re.fullmatch("[a-z][a-z0-9_]*", name)):
-        raise AacmmError(f"{own}: cause is {name!r}; expected lower-case letters, digits and _")
+        raise AacmmError(
+            f"{class_name}: cause is {name!r}; expected lower-case letters, digits and _"
+        )
     there = CAUSES.get(name, cause)
     if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
         taken = f"{there.__module__}.{there.__qualname__}"
         raise AacmmError(
-            f"{own}: {taken} has already registered the cause {name}; expected another name"
+            f"{class_name}: {taken} has already registered the cause {name}; expected another name"
         )
     if cause.__abstractmethods__:
-        raise CauseError(
-            name,
-            f"{own} lacks {', '.join(sorted(cause.__abstractmethods__))}; define these methods or "
-            "properties",
-        )
+        lacking = ", ".join(sorted(cause.__abstractmethods__))
+        raise CauseError(name, f"{class_name} lacks {lacking}; define these methods or properties")
     _check_attributes(cause)
     for method in ("displacements", "exact"):
         given = getattr(cause, method)
@@ -93,35 +90,17 @@ def register(cause: _Own) -> _Own:
 def _check_attributes(cause: type[Effect]) -> None:
     """Refuse what a class states of itself, if that is no property."""
     fields = ("", *fields_of(cause))
-    _check_attribute(cause, "terms", tuple, _are_terms, "a tuple of Terms")
-    some = f"a tuple of some of {', '.join(CONDITION_COLUMNS)}"
-    _check_attribute(cause, "needs", tuple, {*CONDITION_COLUMNS}.issuperset, some)
-    _check_attribute(cause, "prior_weight", (int, float), _is_weight, "a number above 0")
-    _check_attribute(
-        cause, "nonlinear", Nonlinear, lambda one: one.field in fields, "a Nonlinear of a field"
+    columns = f"a tuple of some of {', '.join(CONDITION_COLUMNS)}"
+    checks: tuple[tuple[str, type | tuple[type, ...], Callable[[Any], bool], str], ...] = (
+        ("terms", tuple, lambda terms: {*map(type, terms)} == {Term}, "a tuple of Terms"),
+        ("needs", tuple, {*CONDITION_COLUMNS}.issuperset, columns),
+        ("prior_weight", (int, float), lambda weight: 0.0 < weight < np.inf, "a number above 0"),
+        ("nonlinear", Nonlinear, lambda one: one.field in fields, "a Nonlinear of a field"),
     )
-
-
-def _are_terms(terms: tuple[object, ...]) -> bool:
-    return {*map(type, terms)} == {Term}
-
-
-def _is_weight(weight: float) -> bool:
-    return 0.0 < weight < np.inf
-
-
-def _check_attribute(
-    cause: type[Effect],
-    name: str,
-    kind: type | tuple[type, ...],
-    check: Callable[[Any], bool],
-    expected: str,
-) -> None:
-    """Refuse an attribute of another kind, or that does not pass the check."""
-    stated = inspect.getattr_static(cause, name)
-    if isinstance(stated, property):
-        return
-    if not isinstance(stated, kind) or not check(stated):
+    for name, kind, is_valid, expected in checks:
+        stated = inspect.getattr_static(cause, name)
+        if isinstance(stated, property) or (isinstance(stated, kind) and is_valid(stated)):
+            continue
         raise CauseError(cause.cause, f"{name} is {stated!r}; expected {expected}")
 
 
@@ -132,14 +111,14 @@ def _checked(method: _Method, name: str) -> _Method:
     @wraps(method)
     def checked(self: Effect, state: State) -> list[Any]:
         try:
-            found = list(method(self, state))
-            for moved in found:
+            moves = list(method(self, state))
+            for moved in moves:
                 _check(self, name, moved, state)
         except AacmmError:
             raise
         except (Exception, SystemExit) as error:
             raise CauseError(self.label, f"{name}: {raised(error, file)}") from error
-        return found
+        return moves
 
     return checked
 
@@ -155,9 +134,10 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
         (place, given), what, width = moved, "twists", (6,)
     numbers = np.asarray(given)
     last = state.arm.chain.tip
-    if numbers.shape not in ((state.n, *width), (1, *width)):
+    shapes = ((state.n, *width), (1, *width))
+    if numbers.shape not in shapes:
         came = f"{method}: {what} have shape {numbers.shape}"
-        raise CauseError(effect.label, f"{came}; expected {(state.n, *width)} or {(1, *width)}")
+        raise CauseError(effect.label, f"{came}; expected {shapes[0]} or {shapes[1]}")
     if place not in range(last + 1):
         raise CauseError(effect.label, f"{method}: place is {place!r}; expected 0 to {last}")
     rows = np.abs(numbers.reshape(len(numbers), -1))
@@ -211,10 +191,9 @@ def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tu
     arm = as_arm(arm)
     free = (cause for cause in CAUSES.values() if not cause.refitted)
     for _, kinds in itertools.groupby(free, key=lambda cause: cause.location_field()):
-        found: list[tuple[Effect, ...]] = []
-        for cause in kinds:
-            found += _candidates(cause, arm, records)
-        yield from sorted(found, key=lambda variants: variants[0].row or 0)
+        places = [_candidates(cause, arm, records) for cause in kinds]
+        alike = itertools.chain.from_iterable(places)
+        yield from sorted(alike, key=lambda variants: variants[0].row or 0)
 
 
 def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[tuple[Effect, ...]]:
@@ -223,8 +202,8 @@ def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[
     Raises:
         CauseError: it gives something else.
     """
-    found = cause.candidates(arm, records)
-    given = list(found) if isinstance(found, Iterable) else [found]
+    places = cause.candidates(arm, records)
+    given = list(places) if isinstance(places, Iterable) else [places]
     for variants in given:
         effects = variants if isinstance(variants, tuple) else ()
         if not effects or not all(isinstance(effect, cause) for effect in effects):
@@ -232,15 +211,6 @@ def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[
             came = f"candidates yields {reprlib.repr(variants)}"
             raise CauseError(cause.cause, f"{came}; {expected}")
     return given
-
-
-@dataclass(frozen=True, eq=False)
-class SyntheticRecords:
-    """Records as far as :class:`Records` asks of them."""
-
-    q: Array
-    conditions: Conditions
-    known: Mask
 
 
 @cache
@@ -254,7 +224,6 @@ def example(cause: type[Effect]) -> Effect | None:
     n = 360
     low, high = joint_bounds(arm).T
     part = np.linspace(0.0, 1.0, n)
-    seat = np.array(list("ABC") * (n // 3), dtype=object)
     waves = np.arange(1, n + 1)[:, None] * np.arange(1, arm.nq + 1)
     conditions = Conditions(
         n,
@@ -262,10 +231,10 @@ def example(cause: type[Effect]) -> Effect | None:
         temperature=20.0 + part,
         approach=np.sign(np.sin(waves)),
         probe_direction=np.tile(np.eye(3), (n // 3, 1)),
-        seat=seat,
+        seat=np.array(list("ABC") * (n // 3), dtype=object),
         marker=np.full(n, "1", dtype=object),
     )
     q = low + part[:, None] * (high - low)
-    records = SyntheticRecords(q, conditions, np.ones(n, dtype=bool))
-    found = _candidates(cause, arm, records)
-    return found[0][0] if found else None
+    records = SimpleNamespace(q=q, conditions=conditions, known=np.ones(n, dtype=bool))
+    variants = _candidates(cause, arm, records)
+    return variants[0][0] if variants else None

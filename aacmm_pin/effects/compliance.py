@@ -1,7 +1,12 @@
-"""What bends under weight: joints, bearings, tubes, and the spring that should carry it."""
+"""What deflects under weight: joints, bearings, tubes, the stand, and the spring that should carry
+it.
+
+Known masses give one flexibility, unknown masses give more free parameters.
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
@@ -9,16 +14,252 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import Arm, axis, end
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm import BASE, Arm, axis, end
 from aacmm_pin.effects.conditions import Records
-from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, is_possible, twist
-from aacmm_pin.effects.gravity import GravityEffect, LoadedEffect, bodies_beyond
+from aacmm_pin.effects.effect import (
+    Displacement,
+    Effect,
+    Term,
+    about_axis,
+    tubes,
+    twist,
+)
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.tube import Tube, length_of
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 VERTICAL = 0.01
 """An axis within this angle of the vertical has no moment of a weight about it [rad]."""
+SHORTEST_TUBE = 1e-3
+"""A body shorter than this is no tube [m]."""
+TYPICAL_SAG = 5e-4
+"""Usual turn under a moment that nobody knows [rad]: measuring arms have 1e-4, the joints of robots
+up to 5e-3.
+"""
+TYPICAL_LOAD = 1e-4
+"""Usual turn under a load of one metre's lever [rad/m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadedEffect(Effect):
+    """The base class of elastic causes with one compliance.
+
+    A load that the arm file does not state may act at the end of a body. The parameter is then
+    compliance times weight, for a unit force downwards. The load acts in addition to the known
+    masses.
+
+    Attributes:
+        load_at: row of the body at whose end the load acts; None for the masses of the arm.
+    """
+
+    load_at: int | None = None
+    flexibility: ClassVar[Term]
+    """The parameter if the masses are known."""
+    of_load = Term("", "rad/m", TYPICAL_LOAD, "load_rad_per_m")
+    """The parameter for an unknown load."""
+    elastic = True
+    function_of = "load"
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The compliance, or the compliance times a load."""
+        return (self.flexibility if self.load_at is None else self.of_load,)
+
+    @property
+    def key(self) -> str:
+        """The label with the place of the load."""
+        if self.load_at is None:
+            return super().key
+        return f"{self.label},load_at={self.load_at}"
+
+    @property
+    def details(self) -> list[str]:
+        """The place of the load as text."""
+        return [] if self.load_at is None else [f"load at end of body {self.load_at}"]
+
+    def load_variants(self, arm: Arm) -> tuple[Self, ...]:
+        """Return variants with a load at the end of each tube that the cause carries, and at the
+        tip.
+        """
+        ends = dict.fromkeys((*tubes(arm), arm.chain.rows))
+        carried = [row for row in ends if row >= (self.row or 0)]
+        return tuple(replace(self, load_at=row, values=(), u=()) for row in carried)
+
+    def unit_load(self, state: State, row: int, about: Array) -> Array:
+        """Return the moment of a unit load about points ``(n, 3)`` [m] in the base, if body ``row``
+        carries the load.
+
+        Raises:
+            AacmmError: the load is at a body before ``row``.
+        """
+        at = state.known_row(self.load_at or 0)
+        if at < row:
+            raise AacmmError(f"{self.label}: load_at is {at}; expected {row} or a later row")
+        return np.cross(state.origin[end(at)] - about, state.down)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GravityEffect(LoadedEffect):
+    """The base class of causes that are proportional to a static moment.
+
+    If the arm has masses, the only parameter is a compliance. If not, ``bodies`` names the rows
+    whose weight acts. The static moment is linear in the first moments of these bodies. The
+    parameters are then compliance × first moment × |g|: three numbers for each body, in its own
+    axes. Weights farther out act at the ends of the bodies, so that records determine some
+    parameters only in combination.
+
+    Attributes:
+        bodies: rows of the bodies with unknown masses, from the row of the axis on; () for the
+            masses of the arm. The last body includes all bodies that it carries.
+    """
+
+    bodies: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Files have lists only; a load and unknown masses exclude each other."""
+        object.__setattr__(self, "bodies", tuple(self.bodies))
+        super().__post_init__()
+        if self.bodies and self.load_at is not None:
+            raise AacmmError(
+                f"{self.label}: load_at and bodies are both stated; expected one of the two"
+            )
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The compliance, three numbers for each body of unknown mass, or one number for a load."""
+        if not self.bodies:
+            return super().terms
+        names = [f"{body}{component}" for body in self.bodies for component in "xyz"]
+        return tuple(Term(name, "rad", TYPICAL_SAG, f"sag{name}_rad") for name in names)
+
+    def basis(self, arm: Arm, records: Records) -> Effect | None:
+        """Return the effect with all bodies of unknown mass; None with the masses of the arm."""
+        if not self.bodies:
+            return None
+        return replace(self, bodies=bodies_beyond(arm, self.bodies[0]), values=(), u=())
+
+    def load_variants(self, arm: Arm) -> tuple[Self, ...]:
+        """Return the variants with a load; none if the cause does not use the masses of the arm."""
+        if self.bodies or "torque" in self.needs:
+            return ()
+        return super().load_variants(arm)
+
+    def moments(self, state: State, row: int) -> Array:
+        """Return the moment about the bearing of ``row`` per unit of each parameter, in the base:
+        ``(n, 3, p)``.
+
+        Raises:
+            UnsupportedArmError: the arm has no masses and ``bodies`` is empty.
+            AacmmError: ``bodies`` are not the first bodies at and beyond this axis, or the load is
+                before the axis.
+        """
+        if self.load_at is not None:
+            return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
+        if not self.bodies:
+            return state.moment_at_axis(row)[:, :, None]
+        beyond = bodies_beyond(state.arm, row)
+        count = len(self.bodies)
+        if self.bodies != beyond[:count]:
+            raise AacmmError(
+                f"{self.label}: bodies is {self.bodies}; expected {beyond}, which are the bodies "
+                f"at and beyond row {row}, or the first of them"
+            )
+        return state.unit_moments(row)[:, :, : 3 * count]
+
+
+def compliance(typical: float) -> Term:
+    """The rotation per moment of a weight."""
+    return Term("", "rad/(N·m)", typical, "compliance_rad_per_nm", positive=True)
+
+
+def bodies_beyond(arm: Arm, row: int) -> tuple[int, ...]:
+    """Return the rows of the bodies at and beyond an axis."""
+    return tuple(k for k in arm.chain.joint_rows() if k >= row)
+
+
+def load_variants(effect: Effect, arm: Arm) -> tuple[Effect, ...]:
+    """Return the variants of an effect with an unknown load; none for an effect without weights."""
+    return effect.load_variants(arm) if isinstance(effect, LoadedEffect) else ()
+
+
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """A tube along the axis of its row or across it, whichever the body is longer along; the rest
+    of the body is rigid.
+
+    Attributes:
+        along: unit vector from its clamp to its end (n, 3).
+        length: (n, 1) [m].
+        stub: from its end to the end of the body (n, 3) [m].
+        weight: of what hangs at its end, a lump of the body itself included (n, 3) [N].
+        moment: of that about its end (n, 3) [N·m].
+        spread: weight that is spread evenly over its length (n, 3) [N].
+    """
+
+    along: Array
+    length: Array
+    stub: Array
+    weight: Array
+    moment: Array
+    spread: Array
+
+    @staticmethod
+    def of(state: State, row: int, label: str) -> Tube:
+        """The tube of body ``row``.
+
+        As much of the body's weight is spread over the tube as its centre of mass allows; the rest
+        is a lump at the end of the tube or, where the centre of mass is in the nearer half, at its
+        clamp.
+
+        Raises:
+            AacmmError: the body is too short.
+            UnsupportedArmError: the arm states no masses.
+        """
+        place = axis(row)
+        body = row - 1
+        span = state.span(row)
+        z = state.rotation[place][:, :, 2]
+        upward = np.einsum("ni,ni->n", span, z)[:, None] * z
+        outward = span - upward
+        lengthwise = np.linalg.norm(upward) >= np.linalg.norm(outward)
+        tube, clamp = (upward, np.zeros_like(upward)) if lengthwise else (outward, upward)
+        length = length_of(tube, state, row, label)
+        stub = span - clamp - tube
+        from_bearing = state.origin[place] - state.origin[state.bearing(row)]
+        from_axis = state.rotation[place] @ state.arm.centres_of_mass[body]
+        centre = from_bearing + from_axis - clamp
+        part = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
+        share = np.clip(2 * np.minimum(part, 1 - part), 0.0, 1.0)
+        body_weight = state.masses[body] * state.arm.gravity
+        beyond = state.weight_beyond(row)
+        # The first moment of the lump about the end is the body's less that of the tube, whose
+        # middle is half a length back.
+        lump = np.where(part > 0.5, 1.0, 0.0)
+        lever = lump * (centre - (1 - share / 2) * tube)
+        moment = state.moment(row + 1, state.origin[end(row)])
+        moment = moment + np.cross(stub, beyond) + np.cross(lever, body_weight)
+        weight = beyond + lump * (1 - share) * body_weight
+        return Tube(tube / length, length, stub, weight, moment, share * body_weight)
+
+    def across(self, vectors: Array) -> Array:
+        """Vectors (n, 3) without their part along the tube."""
+        along = np.einsum("ni,ni->n", vectors, self.along)
+        return np.asarray(vectors - along[:, None] * self.along)
+
+
+def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
+    """Lengths (n, 1) [m] of vectors along body ``row``.
+
+    Raises:
+        AacmmError: too short for a tube.
+    """
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if (length < SHORTEST_TUBE).any():
+        raise AacmmError(
+            f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3g} mm long; expected "
+            f"a tube of at least {SHORTEST_TUBE / MM:g} mm"
+        )
+    return np.asarray(length)
 
 
 @dataclass(frozen=True)
@@ -37,15 +278,11 @@ class JointCompliance(GravityEffect):
 
     joint: int
     torque: Literal["gravity", "measured"] = "gravity"
-    cause: ClassVar[str] = "joint_compliance"
-    function_of: ClassVar[str] = "load"
-    words: ClassVar[str] = "compliance under gravity"
-    flexibility: ClassVar[Term] = Term(
-        "", "rad/(N·m)", 2e-5, "compliance_rad_per_nm", positive=True
-    )
+    cause = "joint_compliance"
+    words = "compliance under gravity"
+    flexibility = compliance(2e-5)
 
     def __post_init__(self) -> None:
-        """Check the origin of the torque."""
         super().__post_init__()
         if self.torque not in ("gravity", "measured"):
             raise AacmmError(
@@ -104,7 +341,7 @@ class JointCompliance(GravityEffect):
             UnsupportedArmError: the joint is prismatic; see also :meth:`GravityEffect.moments`.
         """
         number = state.joint(self.joint)
-        if state.arm.chain.prismatic[number]:
+        if state.slides(self.joint):
             raise UnsupportedArmError(
                 f"{self.label}: joint {self.joint} of {state.arm.name} is prismatic; expected a "
                 "revolute joint"
@@ -112,18 +349,14 @@ class JointCompliance(GravityEffect):
         if self.torque == "measured":
             torques = state.conditions.require("torque", self.label)
             return [about_axis(state, self.joint, -torques[:, number, None])]
-        return [
-            about_axis(
-                state, self.joint, state.along_axis(self.joint, self.moments(state, self.joint))
-            )
-        ]
+        moments = state.along_axis(self.joint, self.moments(state, self.joint))
+        return [about_axis(state, self.joint, moments)]
 
 
 def _first_axis_is_vertical(arm: Arm) -> bool:
     rotation, _ = arm.chain.walk(np.zeros((1, arm.nq)))
-    place = arm.chain.moving_axes()[0]
-    sine = np.linalg.norm(np.cross(rotation[place, 0, :, 2], arm.up))
-    return float(sine) < VERTICAL
+    z = rotation[arm.chain.moving_axes()[0], 0, :, 2]
+    return float(np.linalg.norm(np.cross(z, arm.up))) < VERTICAL
 
 
 @dataclass(frozen=True)
@@ -138,13 +371,10 @@ class BearingTilt(GravityEffect):
     """
 
     joint: int
-    cause: ClassVar[str] = "bearing_tilt"
-    function_of: ClassVar[str] = "load"
-    words: ClassVar[str] = "bearing tilt under gravity"
-    prior_weight: ClassVar[float] = 0.2
-    flexibility: ClassVar[Term] = Term(
-        "", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True
-    )
+    cause = "bearing_tilt"
+    words = "bearing tilt under gravity"
+    prior_weight = 0.2
+    flexibility = compliance(1e-5)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the rotation that is proportional to the moment across the axis."""
@@ -161,22 +391,22 @@ class _OfTube(LoadedEffect):
 
     link: int
 
+    @abstractmethod
     def _deflection(self, tube: Tube) -> tuple[Array, Array]:
         """Shift and turn of the end of the tube per unit of the parameter, in the base (n, 3)
         [m/unit, rad/unit].
         """
-        raise NotImplementedError
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the displacement of the end of the body; the body is rigid after the tube."""
         tube = Tube.of(state, self.link, self.label)
         place = end(self.link)
         if self.load_at is not None:
-            moment = self.unit_load(state, self.link, state.origin[place] - tube.rest)
+            moment = self.unit_load(state, self.link, state.origin[place] - tube.stub)
             weight = np.broadcast_to(state.down, moment.shape)
-            tube = replace(tube, weight=weight, moment=moment, own=0.0 * moment)
+            tube = replace(tube, weight=weight, moment=moment, spread=0.0 * moment)
         shift, rotation = self._deflection(tube)
-        shift = shift + np.cross(rotation, tube.rest)
+        shift = shift + np.cross(rotation, tube.stub)
         linear = state.in_axes_of(place, shift)[:, :, None]
         angular = state.in_axes_of(place, rotation)[:, :, None]
         return [Displacement(place, twist(linear, angular))]
@@ -192,13 +422,10 @@ class TorsionalWindup(_OfTube):
     along the tube, such as joints 3 and 5 of SINO6.
     """
 
-    cause: ClassVar[str] = "torsional_windup"
-    function_of: ClassVar[str] = "load"
-    words: ClassVar[str] = "torsional wind-up"
-    prior_weight: ClassVar[float] = 0.2
-    flexibility: ClassVar[Term] = Term(
-        "", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True
-    )
+    cause = "torsional_windup"
+    words = "torsional wind-up"
+    prior_weight = 0.2
+    flexibility = compliance(1e-5)
 
     def _deflection(self, tube: Tube) -> tuple[Array, Array]:
         turn = np.einsum("ni,ni->n", tube.along, tube.moment)[:, None] * tube.along
@@ -219,21 +446,18 @@ class LinkBending(_OfTube):
     ``joint_compliance`` of the joint before the tube.
     """
 
-    cause: ClassVar[str] = "link_bending"
-    function_of: ClassVar[str] = "load"
-    words: ClassVar[str] = "bending"
-    flexibility: ClassVar[Term] = Term(
-        "", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True
-    )
-    of_load: ClassVar[Term] = Term("", "rad/m²", 2e-4, "load_rad_per_m2")
+    cause = "link_bending"
+    words = "bending"
+    flexibility = Term("", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True)
+    of_load = Term("", "rad/m²", 2e-4, "load_rad_per_m2")
 
     def _deflection(self, tube: Tube) -> tuple[Array, Array]:
         u = tube.along
         length = tube.length
-        by_weight = np.cross(u, tube.weight / 2 + tube.own / 6)
+        by_weight = np.cross(u, tube.weight / 2 + tube.spread / 6)
         slope = length**2 * by_weight + length * tube.moment
         by_moment = np.cross(tube.moment, u)
-        sag = length**3 * (tube.weight / 3 + tube.own / 8) + length**2 / 2 * by_moment
+        sag = length**3 * (tube.weight / 3 + tube.spread / 8) + length**2 / 2 * by_moment
         return tube.across(sag), tube.across(slope)
 
 
@@ -252,20 +476,19 @@ class Counterbalance(Effect):
     """
 
     joint: int
-    cause: ClassVar[str] = "counterbalance"
-    function_of: ClassVar[str] = "load"
-    words: ClassVar[str] = "counterbalance error"
-    prior_weight: ClassVar[float] = 0.2
-    elastic: ClassVar[bool] = True
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "level_turn_rad"),)
+    cause = "counterbalance"
+    function_of = "load"
+    words = "counterbalance error"
+    prior_weight = 0.2
+    elastic = True
+    terms = (Term("", "rad", 1e-4, "level_turn_rad"),)
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Return a candidate for the second joint, which lifts the arm."""
-        for row in arm.chain.moving_rows()[1:2]:
-            effect = cls(row)
-            if is_possible(effect, arm, records):
-                yield (effect,)
+        for variants in super().candidates(arm, records):
+            if variants[0].joint in arm.chain.moving_rows()[1:2]:
+                yield variants
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the rotation that is proportional to the horizontal part of the body across the
@@ -285,3 +508,27 @@ class Counterbalance(Effect):
                 return np.asarray(state.rotation[end(self.joint)] @ following)
         span = state.span(self.joint)
         return np.asarray(span / length_of(span, state, self.joint, self.label))
+
+
+@dataclass(frozen=True)
+class BaseCompliance(GravityEffect):
+    """The stand tilts under the moment of the whole arm: ``δφ = c m``, with the moment m of the
+    weight about the base origin.
+
+    The unit is rad/(N·m); the typical magnitude is 5e-6 to 2e-5 (magnetic base, tripod). Source:
+    rotational stiffness of the mount. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``,
+    ``encoder_eccentricity:2``.
+    """
+
+    cause = "base_compliance"
+    function_of = ""
+    words = "tilting stand (base compliance)"
+    flexibility = compliance(1e-5)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Return the rotation of the base that is proportional to the moment about its origin."""
+        if self.bodies or self.load_at is not None:
+            moments = self.moments(state, 1)
+        else:
+            moments = state.moment(1, np.zeros((state.n, 3)))[:, :, None]
+        return [Displacement(BASE, twist(angular=moments))]

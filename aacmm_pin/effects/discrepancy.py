@@ -1,32 +1,293 @@
-"""What no cause explains, as smooth functions of what was recorded: described, and not named."""
+"""What no cause explains: smooth functions of what was recorded, as plain data that have the same
+values at new records.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import re
+import reprlib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
+from aacmm_pin._support.plausible import expected_words
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import BASE, DiscrepancyEntry, DiscrepancyPart, axis
 from aacmm_pin.effects.conditions import CONDITION_UNITS, Conditions
-from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
+from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, tubes, twist
 from aacmm_pin.effects.environment import growth_of_body
-from aacmm_pin.effects.smooth_functions import (
-    Cosines,
-    Smooth,
-    as_filed,
-    as_read,
-    needs_of,
-    product_of,
-)
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError
+
+MOST_KNOTS = 50
+"""Between so many quantiles the rank of a value is interpolated; fewer different values have their
+own.
+"""
+MOST_FUNCTIONS = 100
+"""Functions of one kind in a file; those that diagnosis looks at are 25 at most."""
+
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Cosines:
+    """The functions ``cos kπp`` for k from 0 to ``count``, with the rank p of a value among the
+    fitted records.
+
+    p is the share of the fitted records with a smaller value, interpolated between knots. Outside
+    the range of the fitted records, p is that of the nearest record.
+
+    Attributes:
+        of: ``joint 2``, ``time`` or ``temperature``.
+        at_si: values at the knots in ascending order [rad, m for a prismatic joint, s, °C].
+        below: number of fitted records below each knot, plus half of the records at the knot.
+        records: number of fitted records.
+        count: largest k.
+    """
+
+    of: str
+    at_si: tuple[float, ...]
+    below: tuple[float, ...]
+    records: int
+    count: int
+    kind: Literal["cosines"] = "cosines"
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    def __post_init__(self) -> None:
+        if not len(self.at_si) == len(self.below) >= 1 or np.any(np.diff(self.at_si) <= 0.0):
+            raise AacmmError(
+                f"cosines of {self.of}: at_si does not ascend, or below has another length; "
+                "expected ascending at_si, and as many numbers in below"
+            )
+        if self.records < 1 or not 0 <= self.count <= MOST_FUNCTIONS:
+            raise AacmmError(
+                f"cosines of {self.of}: records or count is out of range; expected records above "
+                f"0, and a count from 0 to {MOST_FUNCTIONS}"
+            )
+
+    @property
+    def number(self) -> int:
+        """The number of functions."""
+        return self.count + 1
+
+    @staticmethod
+    def over(of: str, values: ArrayLike, count: int) -> Cosines:
+        """Return the cosines over the ranks of ``values`` ``(n,)``."""
+        numbers = np.asarray(values, dtype=np.float64)
+        at, times = np.unique(numbers, return_counts=True)
+        below = np.cumsum(times) - 0.5 * times
+        if at.size > MOST_KNOTS:
+            evenly = np.linspace(below[0], below[-1], MOST_KNOTS)
+            knots = np.unique(np.searchsorted(below, evenly))
+            at = at[knots]
+            below = below[knots]
+        return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), numbers.size, count)
+
+    def of_values(self, values: ArrayLike) -> Array:
+        """Return the functions of ``values`` ``(n,)``: ``(n, count + 1)``."""
+        numbers = np.asarray(values, dtype=np.float64)
+        part = np.interp(numbers, self.at_si, self.below) / self.records
+        frequency = np.pi * np.arange(self.count + 1)
+        return np.cos(frequency * part[:, None])
+
+    def values(self, state: State) -> Array:
+        """Return the functions in the records, ``(n, count + 1)``."""
+        return self.of_values(_recorded(self.of, state))
+
+
+@dataclass(frozen=True)
+class Waves:
+    """The functions ``cos kq`` and ``sin kq`` of one joint, optionally after the constant 1.
+
+    Attributes:
+        of: ``joint 2``.
+        constant: whether the constant is included.
+        order: order k.
+    """
+
+    of: str
+    constant: bool = False
+    order: int = 1
+    kind: Literal["waves"] = "waves"
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.order <= MOST_FUNCTIONS:
+            raise AacmmError(
+                f"waves of {self.of}: order is {self.order}; expected 1 to {MOST_FUNCTIONS}"
+            )
+
+    @property
+    def number(self) -> int:
+        """The number of functions."""
+        return 2 + self.constant
+
+    def values(self, state: State) -> Array:
+        """Return the functions in the records, ``(n, 2 or 3)``."""
+        angle = self.order * _recorded(self.of, state)
+        constant = [np.ones_like(angle)] if self.constant else []
+        return np.stack([*constant, np.cos(angle), np.sin(angle)], axis=1)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The moment of the weights about the axis of one joint, from the masses of the arm.
+
+    The function may subtract a first-order wave of the joint angle.
+
+    Attributes:
+        of: ``joint 2``.
+        less_nm: constant, and factors of ``cos q`` and ``sin q``, to subtract [N·m].
+    """
+
+    of: str
+    less_nm: Point = (0.0, 0.0, 0.0)
+    kind: Literal["moment"] = "moment"
+    number: ClassVar[int] = 1
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    @staticmethod
+    def beyond_own_angle(of: str, state: State) -> Moment:
+        """Return the part of the moment that a first-order wave of the joint angle does not explain
+        (least squares).
+        """
+        moment = Moment(of).values(state)[:, 0]
+        first_order = Waves(of, constant=True).values(state)
+        (c0, c1, c2), *_ = np.linalg.lstsq(first_order, moment, rcond=None)
+        return Moment(of, (float(c0), float(c1), float(c2)))
+
+    def values(self, state: State) -> Array:
+        """Return the moment in the records, ``(n, 1)`` [N·m].
+
+        Raises:
+            UnsupportedArmError: the arm has no masses.
+        """
+        row = _row_of(self.of)
+        moment = state.along_axis(row, state.moment_at_axis(row))
+        less = Waves(self.of, constant=True).values(state) @ self.less_nm
+        return np.asarray((moment - less)[:, None])
+
+
+@dataclass(frozen=True)
+class Bumps:
+    """The functions ``exp(-½ (r / width)²)`` with the distance r of the tip from each of several
+    points.
+
+    Attributes:
+        centres_si: points in the base [m].
+        width_si: width [m].
+    """
+
+    centres_si: tuple[Point, ...]
+    width_si: float
+    kind: Literal["bumps"] = "bumps"
+    of: ClassVar[str] = "place"
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    def __post_init__(self) -> None:
+        if not (0 < len(self.centres_si) <= MOST_FUNCTIONS and self.width_si > 0.0):
+            raise AacmmError(
+                "bumps: centres_si or width_si is out of range; expected 1 to "
+                f"{MOST_FUNCTIONS} centres_si, and width_si above 0"
+            )
+
+    @property
+    def number(self) -> int:
+        """The number of functions."""
+        return len(self.centres_si)
+
+    def values(self, state: State) -> Array:
+        """Return the functions in the records, ``(n, centres)``."""
+        tip = state.origin[state.arm.chain.tip]
+        distance = np.linalg.norm(tip[:, None] - np.array(self.centres_si), axis=2)
+        squares = np.square(distance / self.width_si)
+        return np.asarray(np.exp(-0.5 * squares))
+
+
+Smooth = Cosines | Waves | Moment | Bumps
+_FILED: TypeAdapter[Smooth] = TypeAdapter(Annotated[Smooth, Field(discriminator="kind")])
+
+RECORDED = ("time", "temperature")
+"""Conditions that functions may be of."""
+_JOINT = r"joint [1-9]\d{0,2}"
+QUANTITIES_OF_KIND = {
+    "cosines": "|".join([_JOINT, *RECORDED]),
+    "waves": _JOINT,
+    "moment": _JOINT,
+    "bumps": "place",
+}
+"""What functions of each kind may be of."""
+
+
+def product_of(functions: Sequence[Smooth], state: State) -> Array:
+    """Return all products of one function of each set, ``(n, m)``, with the last set varying
+    fastest.
+
+    Without sets the result is the constant 1, ``(n, 1)``.
+    """
+    columns = np.ones((state.n, 1))
+    for functions_of_one in functions:
+        values = functions_of_one.values(state)
+        products = np.einsum("na,nb->nab", columns, values)
+        columns = products.reshape(state.n, columns.shape[1] * values.shape[1])
+    return columns
+
+
+def needs_of(functions: Iterable[Smooth]) -> tuple[str, ...]:
+    """Conditions that the functions are of."""
+    names = dict.fromkeys(each.of for each in functions)
+    return tuple(name for name in names if name in RECORDED)
+
+
+def as_filed(functions: Smooth) -> dict[str, Any]:
+    """The functions as a file has them."""
+    fields: dict[str, Any] = _FILED.dump_python(functions)
+    return {"kind": functions.kind} | fields
+
+
+def as_read(filed: dict[str, Any]) -> Smooth:
+    """The functions that a file has.
+
+    Raises:
+        AacmmError: it has none.
+    """
+    try:
+        functions = _FILED.validate_json(json.dumps(filed, default=str), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"][1:]))
+        came = f"{key + ': ' if key else ''}{reprlib.repr(first['input'])}"
+        raise AacmmError(f"functions: {came}; expected {expected_words(first)}") from None
+    quantities = QUANTITIES_OF_KIND[functions.kind]
+    if not re.fullmatch(quantities, functions.of):
+        raise AacmmError(f"functions: {functions.kind} of {functions.of!r}; expected {quantities}")
+    return functions
+
+
+def _recorded(of: str, state: State) -> Array:
+    """What was recorded (n,) [rad, m, s, °C].
+
+    Raises:
+        MissingConditionError: the records lack it.
+        AacmmError: the arm has no such joint.
+    """
+    if of.startswith("joint "):
+        return state.angle(_row_of(of))
+    return state.conditions.require(of, f"the discrepancy that depends on {of}")
+
+
+def _row_of(joint: str) -> int:
+    return int(joint.removeprefix("joint "))
+
 
 OF_ROW = r"(before|angle|slide|tube) [1-9]\d{0,2}"
 CARRIERS = re.compile(f"room|target|lengths|tubes|{OF_ROW}")
@@ -123,11 +384,8 @@ class Carrier:
     @property
     def quantities(self) -> dict[str, float]:
         """The names of the changed quantities, with their units in SI."""
-        names = map(self._with_row, self.kind.quantities)
-        return dict(zip(names, self.kind.quantities.values(), strict=True))
-
-    def _with_row(self, text: str) -> str:
-        return text.format(row=self.name.partition(" ")[2])
+        _, _, row = self.name.partition(" ")
+        return {name.format(row=row): unit for name, unit in self.kind.quantities.items()}
 
     def displacements(self, state: State, shifts: Array) -> list[Displacement]:
         """Return the displacements of the places that move.
@@ -184,7 +442,7 @@ class Part:
 
     def filed(self) -> DiscrepancyPart:
         """Return the entry of the part in an arm file."""
-        functions = [as_filed(each) for each in self.functions]
+        functions = list(map(as_filed, self.functions))
         directions = tuple(map(_rounded, self.directions))
         return DiscrepancyPart(
             acts_on=self.carrier.name, functions=functions, directions=directions
@@ -192,7 +450,6 @@ class Part:
 
 
 def _rounded(row: tuple[float, ...]) -> tuple[float, ...]:
-    """A row of directions to :data:`DIRECTION_DIGITS`."""
     texts = [f"{number:.{DIRECTION_DIGITS}g}" for number in row]
     return tuple(map(float, texts))
 
@@ -215,10 +472,9 @@ class Discrepancy(Effect):
     covariate: str
     parts: tuple[Part, ...] = field(repr=False)
     size: int
-    cause: ClassVar[str] = "discrepancy"
+    cause = "discrepancy"
 
     def __post_init__(self) -> None:
-        """Check that all parts have the same parameters."""
         first, *others = self.parts
         if others or first.directions:
             self._check_directions()
@@ -265,7 +521,7 @@ class Discrepancy(Effect):
 
     @property
     def _functions(self) -> list[Smooth]:
-        return [each for part in self.parts for each in part.functions]
+        return [functions for part in self.parts for functions in part.functions]
 
     @property
     def details(self) -> list[str]:
@@ -289,26 +545,24 @@ class Discrepancy(Effect):
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """Return notes about records outside the fitted range of time or temperature."""
-        found: dict[str, Note] = {}
-        for each in self._functions:
-            if not (isinstance(each, Cosines) and each.of in self.needs):
+        notes: dict[str, Note] = {}
+        for cosines in self._functions:
+            if not (isinstance(cosines, Cosines) and cosines.of in RECORDED):
                 continue
-            values = conditions.require(each.of, self.label)
-            low = each.at_si[0]
-            high = each.at_si[-1]
-            outside = int(np.sum((values < low) | (values > high)))
-            fitted = {
+            values = conditions.require(cosines.of, self.label)
+            low, high = cosines.at_si[0], cosines.at_si[-1]
+            data = {
+                "records": int(np.sum((values < low) | (values > high))),
+                "of": conditions.n,
                 "cause": self.label,
-                "condition": each.of,
-                "unit": CONDITION_UNITS[each.of],
+                "condition": cosines.of,
+                "unit": CONDITION_UNITS[cosines.of],
                 "low": float(low),
                 "high": float(high),
             }
-            if outside:
-                found[each.of] = Note(
-                    "outside_fitted_range", {"records": outside, "of": conditions.n, **fitted}
-                )
-        return list(found.values())
+            if data["records"]:
+                notes[cosines.of] = Note("outside_fitted_range", data)
+        return list(notes.values())
 
 
 def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
@@ -317,13 +571,10 @@ def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
     Raises:
         AacmmError: the functions, carriers or directions are invalid.
     """
-    parts = tuple(_part(part) for part in entry.parts)
+    parts = []
+    for part in entry.parts:
+        functions = tuple(map(as_read, part.functions))
+        parts.append(Part(Carrier(part.acts_on), functions, part.directions))
     values = entry.values_si
     u = entry.standard_uncertainty_si
-    return Discrepancy(entry.depends_on, parts, len(values), values=values, u=u)
-
-
-def _part(entry: DiscrepancyPart) -> Part:
-    """A part that an arm file has."""
-    functions = tuple(as_read(each) for each in entry.functions)
-    return Part(Carrier(entry.acts_on), functions, entry.directions)
+    return Discrepancy(entry.depends_on, tuple(parts), len(values), values=values, u=u)

@@ -7,7 +7,7 @@ import re
 import reprlib
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import cache
 from numbers import Integral
@@ -20,20 +20,26 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST, MOST_ROWS
 from aacmm_pin._support.units import MM, prefixed
-from aacmm_pin.arm import Arm, Parameter
+from aacmm_pin.arm import Arm, Parameter, end
 from aacmm_pin.arm import axis as axis
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError, CauseError, MissingConditionError, UnknownNameError
 
-LOCATION_FIELDS = ("joint", "link", "seat", "marker", "session")
+ROW_FIELDS = ("joint", "link")
+"""Fields that state a cause's row."""
+LOCATION_FIELDS = (*ROW_FIELDS, "seat", "marker", "session")
 """Fields that state where a cause sits."""
 NUMBERS = ("values", "u", "nonlinear_u")
 """Fields of every cause, which do not state which one it is."""
 UNIT_OF_KEY = re.compile(r"_(rad|deg|mm|um|m|s|k|kg|n|nm)?(_?per_\w+)?$")
 """What a key of a file ends with."""
+
+BENDS = 0.15
+"""A body longer than this bends enough to be asked about [m]."""
+RELATIVE_STEP = 1e-4
+"""Step of the derivative by a nonlinear parameter, over its value."""
 
 
 class Reading(NamedTuple):
@@ -105,36 +111,6 @@ class Displacement:
     columns: Array
 
 
-class Notation:
-    """How files and outputs state the values of a cause: by default one number for each term."""
-
-    def parameters(self, effect: Effect) -> dict[str, float]:
-        """Return the values with the names and units of a file."""
-        pairs = zip(effect.terms, effect.values, strict=True)
-        return {term.key: value / term.scale for term, value in pairs}
-
-    def jacobian(self, effect: Effect) -> Array:
-        """Return ∂(parameters of the file)/∂(values), ``(parameters, p)``."""
-        return np.diag([1.0 / term.scale for term in effect.terms])
-
-    def readings(self, effect: Effect) -> dict[str, Reading]:
-        """Return the name, unit and factor in outputs for each parameter of the file."""
-        return {term.key: term.reading for term in effect.terms}
-
-    def phase_is_free(self, effect: Effect) -> bool:
-        """Return whether the values state only a magnitude, so that the phase is free."""
-        return False
-
-    def values(self, effect: Effect, parameters: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the values of a cause from the parameters of a file [SI]; a missing parameter is
-        zero.
-
-        Raises:
-            UnknownNameError: the cause does not have a parameter of this name.
-        """
-        return values_by_key(effect, parameters, "parameter")
-
-
 @dataclass(frozen=True, kw_only=True)
 class Effect(Shown, ABC):
     """A cause of error with the values of its parameters.
@@ -182,22 +158,19 @@ class Effect(Shown, ABC):
     """
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
     """The field whose value the records determine by trial; :attr:`key` contains the value."""
-    notation: ClassVar[Notation] = Notation()
-    """How files and outputs state the values."""
 
     values: tuple[float, ...] = ()
     u: tuple[float, ...] = ()
     nonlinear_u: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("joint", "link"):
-            default = getattr(type(self), name, MISSING)
-            row = getattr(self, name, default)
-            if row is not default and not is_row(row):
-                raise AacmmError(
-                    f"{self.cause}: {name} is {reprlib.repr(row)}; expected the number of a row, "
-                    f"from 1 to at most {MOST_ROWS}"
-                )
+        name = str(self.location_field())
+        is_stated = name in ROW_FIELDS and self.place is not getattr(type(self), name, MISSING)
+        if is_stated and not is_row(self.place):
+            raise AacmmError(
+                f"{self.cause}: {name} is {reprlib.repr(self.place)}; expected the number of a "
+                f"row, from 1 to at most {MOST_ROWS}"
+            )
         count = len(self.terms)
         for name in ("values", "u"):
             numbers = tuple(map(float, getattr(self, name))) or (0.0,) * count
@@ -238,7 +211,7 @@ class Effect(Shown, ABC):
         twists.
         """
         values = np.array(self.values)
-        return [(each.place, each.columns @ values) for each in self.displacements(state)]
+        return [(moved.place, moved.columns @ values) for moved in self.displacements(state)]
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -316,7 +289,7 @@ class Effect(Shown, ABC):
     @property
     def row(self) -> int | None:
         """The DH row of the cause; None for the whole arm."""
-        if self.place is None or self.location_field() not in ("joint", "link"):
+        if self.place is None or self.location_field() not in ROW_FIELDS:
             return None
         return int(self.place)
 
@@ -359,20 +332,61 @@ class Effect(Shown, ABC):
         """Return the cause with other values and uncertainties [SI]."""
         return replace(self, values=tuple(values), u=tuple(u))
 
+    def file_values(self) -> dict[str, float]:
+        """Return the values with the names and units of a file; by default one number for each
+        term.
+        """
+        pairs = zip(self.terms, self.values, strict=True)
+        return {term.key: value / term.scale for term, value in pairs}
+
+    def file_jacobian(self) -> Array:
+        """Return ∂(values of the file)/∂(values), ``(numbers of the file, p)``."""
+        return np.diag([1.0 / term.scale for term in self.terms])
+
+    def from_file(self, file_values: Mapping[str, float]) -> tuple[float, ...]:
+        """Return values from the numbers of a file [SI]; a missing number is zero.
+
+        Raises:
+            UnknownNameError: the cause does not have a parameter of this name.
+        """
+        return values_by_key(self, file_values, "parameter")
+
+    def readings(self) -> dict[str, Reading]:
+        """Return the name, unit and factor in outputs for each number of a file."""
+        return {term.key: term.reading for term in self.terms}
+
+    @property
+    def phase_is_free(self) -> bool:
+        """Whether the values state only a magnitude, so that the phase is free."""
+        return False
+
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of the cause with their values and uncertainties."""
-        found = []
+        parameters = []
         for term, value, u in zip(self.terms, self.values, self.u, strict=True):
             name = f"{self.key}.{term.name}" if term.name else self.key
-            found.append(Parameter(name, self.cause, self.row, term.unit, value, None, u, "arm"))
-        return tuple(found)
+            parameters.append(
+                Parameter(name, self.cause, self.row, term.unit, value, None, u, "arm")
+            )
+        return tuple(parameters)
 
 
 @cache
 def fields_of(kind: type[Effect]) -> tuple[str, ...]:
     """Return the names of the fields that identify a cause, such as ``joint`` and ``order``."""
-    names = [field.name for field in fields(kind)]
-    return tuple(name for name in names if name not in NUMBERS)
+    positional_first = sorted(fields(kind), key=lambda field: field.kw_only is True)
+    return tuple(field.name for field in positional_first if field.name not in NUMBERS)
+
+
+def require_names(stated: Iterable[str], names: Sequence[str], what: str) -> None:
+    """Check names of a file.
+
+    Raises:
+        UnknownNameError: a name is none of ``names``; ``what`` says of what.
+    """
+    for name in stated:
+        if name not in names:
+            raise UnknownNameError(what, name, list(names))
 
 
 def values_by_key(effect: Effect, stated: Mapping[str, float], what: str) -> tuple[float, ...]:
@@ -381,10 +395,7 @@ def values_by_key(effect: Effect, stated: Mapping[str, float], what: str) -> tup
     Raises:
         UnknownNameError: a key that is of no term; ``what`` says of what.
     """
-    keys = [term.key for term in effect.terms]
-    for key in stated:
-        if key not in keys:
-            raise UnknownNameError(f"{what} of {effect.label}", key, keys)
+    require_names(stated, [term.key for term in effect.terms], f"{what} of {effect.label}")
     return tuple(float(stated.get(term.key, 0.0)) * term.scale for term in effect.terms)
 
 
@@ -426,17 +437,29 @@ def corrects_seat(effect: Effect) -> bool:
 
 def _places(location: str | None, arm: Arm, records: Records | None) -> list[dict[str, Any]]:
     """The places where a cause with the field ``location`` could sit, as that field."""
-    found: Sequence[Any] = []
+    places: Sequence[Any] = []
     if location == "joint":
-        found = arm.chain.moving_rows()
+        places = arm.chain.moving_rows()
     elif location == "link":
-        found = tubes(arm)
+        places = tubes(arm)
     elif location is not None and records is not None:
         labels = getattr(records.conditions, location)
         touched = Counter(label for label in ([] if labels is None else labels) if label)
         least = 2 if location == "seat" else 1
-        found = [label for label, count in touched.items() if count >= least]
-    return [{str(location): place} for place in found]
+        places = [label for label, count in touched.items() if count >= least]
+    return [{str(location): place} for place in places]
+
+
+def tubes(arm: Arm) -> list[int]:
+    """Return the rows of the tubes: bodies that are long enough to bend."""
+    _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+    rows = range(1, arm.chain.rows + 1)
+    long_rows = []
+    for row in rows:
+        span = origin[end(row)] - origin[arm.foot(row)]
+        if np.linalg.norm(span) > BENDS:
+            long_rows.append(row)
+    return long_rows
 
 
 def is_row(row: Any) -> bool:
@@ -486,8 +509,8 @@ def point_sensitivity(state: State, displacement: Displacement) -> Array:
     for k in np.flatnonzero(moving):  # most displacements have one component, or three
         direction = rotation[:, :, k % 3]
         by_unit = direction if k < 3 else np.cross(direction, lever)
-        own = by_unit[:, :, None] * columns[:, k, None]
-        motion = own if motion is None else np.add(motion, own, out=motion)
+        part = by_unit[:, :, None] * columns[:, k, None]
+        motion = part if motion is None else np.add(motion, part, out=motion)
     if motion is None:
         motion = np.zeros((state.n, 3, columns.shape[2]))
     if not state.turns:
@@ -531,3 +554,76 @@ def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
     assert given is not None
     halves = [np.zeros_like(given) if half is None else half for half in (linear, angular)]
     return np.concatenate(halves, axis=1)
+
+
+def extra_uncertainty_effects(effect: Effect) -> tuple[Effect, ...]:
+    """Return effects with value zero whose u describes the uncertainty of ``effect`` beyond the u
+    of its values.
+    """
+    nonlinear = effect.nonlinear
+    terms = nonlinear.extrapolation_terms(effect)
+    if effect.nonlinear_u and nonlinear.prior_sd(effect):
+        return (*terms, NonlinearSensitivity(base=effect, u=(effect.nonlinear_u,)))
+    return terms
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class UncertaintyOf(Effect):
+    """The base class of uncertainties of a cause that its values do not carry.
+
+    Attributes:
+        base: the cause.
+    """
+
+    base: Effect
+    cause = "uncertainty"
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Conditions that the cause needs."""
+        return self.base.needs
+
+    @property
+    def label(self) -> str:
+        """Label of the cause."""
+        return self.base.label
+
+    @property
+    def key(self) -> str:
+        """Key of the cause."""
+        return self.base.key
+
+    @property
+    def row(self) -> int | None:
+        """DH row of the cause."""
+        return self.base.row
+
+
+class NonlinearSensitivity(UncertaintyOf):
+    """Deviation of the nonlinear parameter of a cause from its value, such as of the time constant
+    of a drift.
+    """
+
+    cause = "nonlinear_sensitivity"
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The nonlinear parameter."""
+        nonlinear = self.base.nonlinear
+        name = nonlinear.field
+        typical = nonlinear.value(self.base)
+        return (Term(name, nonlinear.unit, typical, name),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Derivative by the nonlinear parameter, at the values of the cause."""
+        nonlinear = self.base.nonlinear
+        values = np.array(self.base.values)
+        value = nonlinear.value(self.base)
+        step = RELATIVE_STEP * value
+        above = nonlinear.at(self.base, value + step).displacements(state)
+        below = nonlinear.at(self.base, value - step).displacements(state)
+        slopes = []
+        for upper, lower in zip(above, below, strict=True):
+            slope = (upper.columns - lower.columns) @ values / (2 * step)
+            slopes.append(Displacement(upper.place, slope[..., None]))
+        return slopes

@@ -26,16 +26,16 @@ from aacmm_pin.effects.conditions import Records
 from aacmm_pin.effects.effect import (
     Displacement,
     Effect,
-    Notation,
     Reading,
     Term,
     about_axis,
     is_row,
     of_encoder,
+    require_names,
 )
 from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import AacmmError
 
 SAMPLES = 4096
 """Points of a curve of which its spectrum is taken."""
@@ -90,14 +90,16 @@ class OfAngle(Effect):
     """
 
     joint: int
-    function_of: ClassVar[str] = "angle"
+    function_of = "angle"
     of_reading: ClassVar[bool] = False
     """True if the reading of the encoder has the error, and not the joint."""
+    of_slides: ClassVar[bool] = False
+    """True if a prismatic joint can have the error too."""
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every revolute joint that moves far enough to show the cause."""
-        for row, _ in _turning(arm, records):
+        """Return a candidate for every joint that moves far enough to show the cause."""
+        for row, _ in _moving(arm, records, cls.of_slides):
             yield (cls(row),)
 
     @abstractmethod
@@ -136,7 +138,6 @@ class OfAngle(Effect):
 
 @cache
 def _coefficients(count: int) -> tuple[Term, ...]:
-    """The coefficients of a spline."""
     names = [f"c{i}" for i in range(1, count + 1)]
     return tuple(Term(name, "rad", 1e-4, f"{name}_rad") for name in names)
 
@@ -164,72 +165,22 @@ def _finest(low: float, high: float) -> int:
     return COARSER[0] * eights + DEGREE
 
 
-def _moving(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
+def _moving(
+    arm: Arm, records: Records | None, of_slides: bool = False
+) -> Iterator[tuple[int, Array]]:
     """Rows whose joints move by enough, and the angles (n,); one whole turn without records."""
     for number, row in enumerate(arm.chain.moving_rows()):
         angle = np.array([-np.pi, np.pi]) if records is None else records.q[:, number]
-        if np.ptp(angle) >= LEAST_SPREAD:
+        turns = of_slides or not arm.chain.prismatic[number]
+        if turns and np.ptp(angle) >= LEAST_SPREAD:
             yield row, angle
-
-
-def _turning(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
-    """Those that turn."""
-    slides = dict(zip(arm.chain.moving_rows(), arm.chain.prismatic, strict=True))
-    for row, angle in _moving(arm, records):
-        if not slides[row]:
-            yield row, angle
-
-
-class _Polar(Notation):
-    """Amplitude A and phase φ of ``A cos φ`` and ``A sin φ``."""
-
-    def parameters(self, effect: Effect) -> dict[str, float]:
-        """Amplitude and phase [rad]; the phase is kθ at which δ is largest."""
-        cos, sin = effect.values
-        return {
-            "amplitude_rad": float(np.hypot(cos, sin)),
-            "phase_rad": float(np.arctan2(sin, cos)),
-        }
-
-    def readings(self, effect: Effect) -> dict[str, Reading]:
-        """Amplitude and phase."""
-        amplitude = Reading("amplitude", "µrad", 1e6)
-        phase = Reading("phase", "°", 1.0 / DEG)
-        return {"amplitude_rad": amplitude, "phase_rad": phase}
-
-    def phase_is_free(self, effect: Effect) -> bool:
-        """With a phase of exactly zero: it was not stated."""
-        return self.parameters(effect)["phase_rad"] == 0.0
-
-    def jacobian(self, effect: Effect) -> Array:
-        """∂(A, φ)/∂(A cos φ, A sin φ); of no meaning at A = 0, where there is no phase."""
-        amplitude, phase = self.parameters(effect).values()
-        c = np.cos(phase)
-        s = np.sin(phase)
-        of_phase = [-s, c] / np.maximum(amplitude, 1e-300)
-        return np.array([[c, s], of_phase])
-
-    def values(self, effect: Effect, parameters: Mapping[str, float]) -> tuple[float, ...]:
-        """From amplitude and phase, or from the linear parts."""
-        if set(parameters) <= {"cos_rad", "sin_rad"}:
-            return super().values(effect, parameters)
-        keys = ["amplitude_rad", "phase_rad"]
-        for key in parameters:
-            if key not in keys:
-                raise UnknownNameError(f"parameter of {effect.label}", key, keys)
-        amplitude, phase = (parameters.get(key, 0.0) for key in keys)
-        if abs(phase) > LARGEST_ANGLE:
-            expected = f"expected at most {LARGEST_ANGLE:g}"
-            raise AacmmError(f"{effect.label}: phase_rad is {phase:g}; {expected}")
-        return (amplitude * np.cos(phase), amplitude * np.sin(phase))
 
 
 @dataclass(frozen=True)
 class _Periodic(OfAngle):
     """A periodic error ``δ = A cos(kθ - φ)``, linear in ``A cos φ`` and ``A sin φ``."""
 
-    notation: ClassVar[Notation] = _Polar()
-    terms: ClassVar[tuple[Term, ...]] = (
+    terms = (
         Term("cos", "rad", 1e-4, "cos_rad"),
         Term("sin", "rad", 1e-4, "sin_rad"),
     )
@@ -243,6 +194,43 @@ class _Periodic(OfAngle):
         """Return ``cos kθ`` and ``sin kθ``."""
         phase = self.turns * angle
         return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+
+    def file_values(self) -> dict[str, float]:
+        """Return amplitude and phase [rad]; the phase is kθ at which δ is largest."""
+        cos, sin = self.values
+        amplitude = float(np.hypot(cos, sin))
+        return {"amplitude_rad": amplitude, "phase_rad": float(np.arctan2(sin, cos))}
+
+    def file_jacobian(self) -> Array:
+        """Return ∂(A, φ)/∂(A cos φ, A sin φ); without meaning at A = 0, where there is no phase."""
+        amplitude, phase = self.file_values().values()
+        c = np.cos(phase)
+        s = np.sin(phase)
+        of_phase = [-s, c] / np.maximum(amplitude, 1e-300)
+        return np.array([[c, s], of_phase])
+
+    def from_file(self, file_values: Mapping[str, float]) -> tuple[float, ...]:
+        """Return values from amplitude and phase, or from the linear parts."""
+        if set(file_values) <= {"cos_rad", "sin_rad"}:
+            return super().from_file(file_values)
+        keys = ["amplitude_rad", "phase_rad"]
+        require_names(file_values, keys, f"parameter of {self.label}")
+        amplitude, phase = (file_values.get(key, 0.0) for key in keys)
+        if abs(phase) > LARGEST_ANGLE:
+            expected = f"expected at most {LARGEST_ANGLE:g}"
+            raise AacmmError(f"{self.label}: phase_rad is {phase:g}; {expected}")
+        return (amplitude * np.cos(phase), amplitude * np.sin(phase))
+
+    def readings(self) -> dict[str, Reading]:
+        """Return the forms of amplitude and phase."""
+        amplitude = Reading("amplitude", "µrad", 1e6)
+        phase = Reading("phase", "°", 1.0 / DEG)
+        return {"amplitude_rad": amplitude, "phase_rad": phase}
+
+    @property
+    def phase_is_free(self) -> bool:
+        """Whether the phase is exactly zero: it was not stated."""
+        return self.file_values()["phase_rad"] == 0.0
 
 
 @dataclass(frozen=True)
@@ -258,9 +246,9 @@ class EncoderEccentricity(_Periodic):
     covers only a part of a turn.
     """
 
-    cause: ClassVar[str] = "encoder_eccentricity"
-    of_reading: ClassVar[bool] = True
-    turns: ClassVar[float] = 1.0
+    cause = "encoder_eccentricity"
+    of_reading = True
+    turns = 1.0
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
         """Return the exact rotation with the arcsine.
@@ -277,7 +265,7 @@ class EncoderEccentricity(_Periodic):
         waves = self.function(state.reading(self.joint))
         errors = np.arcsin(waves @ np.array(self.values))
         moved = of_encoder(state, self.joint, errors[:, None])
-        return [(each.place, each.columns[:, :, 0]) for each in moved]
+        return [(body.place, body.columns[:, :, 0]) for body in moved]
 
 
 @dataclass(frozen=True)
@@ -290,10 +278,10 @@ class EncoderEllipticity(_Periodic):
     similar order, if the joint covers only a part of a turn.
     """
 
-    cause: ClassVar[str] = "encoder_ellipticity"
-    of_reading: ClassVar[bool] = True
-    words: ClassVar[str] = "encoder ellipticity (twice per turn)"
-    turns: ClassVar[float] = 2.0
+    cause = "encoder_ellipticity"
+    of_reading = True
+    words = "encoder ellipticity (twice per turn)"
+    turns = 2.0
 
 
 @dataclass(frozen=True)
@@ -305,9 +293,8 @@ class _Order(Nonlinear["JointPeriodicError"]):
     def refine(self, effect: JointPeriodicError, records: Records) -> list[JointPeriodicError]:
         """Orders up to half a period per turn away, and the nearest whole one."""
         steps = effect.order + np.linspace(-0.5, 0.5, 2 * ORDERS_NEAR + 1)
-        tried = [order for order in (*steps, round(effect.order)) if order > LEAST_ORDER]
-        orders = {round(float(order), 4) for order in tried}
-        return [self.at(effect, order) for order in sorted(orders)]
+        orders = np.union1d(np.round(steps, 4), round(effect.order))
+        return [self.at(effect, order) for order in orders[orders > LEAST_ORDER].tolist()]
 
     def prior_sd(self, effect: JointPeriodicError) -> float:
         """Half a period to either side, or next to nothing of a whole order."""
@@ -329,9 +316,9 @@ class JointPeriodicError(_Periodic):
     """
 
     order: float
-    cause: ClassVar[str] = "joint_periodic_error"
-    words: ClassVar[str] = "periodic error"
-    nonlinear: ClassVar[Nonlinear[Any]] = _Order("order")
+    cause = "joint_periodic_error"
+    words = "periodic error"
+    nonlinear = _Order("order")
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
@@ -340,13 +327,13 @@ class JointPeriodicError(_Periodic):
 
         A longer period is similar to :class:`EncoderGain`.
         """
-        for row, angle in _turning(arm, records):
+        for row, angle in _moving(arm, records):
             turns = float(np.ptp(angle)) / (2 * np.pi)
             periods = np.arange(1.0, HIGHEST_ORDER * turns, ORDER_STEP)
             apart = [np.abs(periods - order * turns) >= OWN_WITHIN for order in OWN_ORDERS]
             orders = periods[np.all(apart, axis=0)] / turns
-            whole = np.arange(max(OWN_ORDERS) + 1.0, HIGHEST_ORDER)
-            orders = np.union1d(orders, whole[whole * turns >= 1.0])
+            integers = np.arange(max(OWN_ORDERS) + 1.0, HIGHEST_ORDER)
+            orders = np.union1d(orders, integers[integers * turns >= 1.0])
             if orders.size:
                 yield tuple(cls(row, order) for order in np.round(orders, 4).tolist())
 
@@ -365,9 +352,9 @@ class SecondPeriodicError(JointPeriodicError):
     ``joint_periodic_error``; ``joint_error_curve``, which has periodic errors of many orders.
     """
 
-    cause: ClassVar[str] = "second_periodic_error"
-    words: ClassVar[str] = "second periodic error"
-    follows: ClassVar[str] = "joint_periodic_error"
+    cause = "second_periodic_error"
+    words = "second periodic error"
+    follows = "joint_periodic_error"
 
 
 @dataclass(frozen=True)
@@ -383,13 +370,12 @@ class JointErrorCurve(OfAngle):
     lower_rad: float
     upper_rad: float
     coefficients: int
-    cause: ClassVar[str] = "joint_error_curve"
-    words: ClassVar[str] = "error curve"
-    prior_weight: ClassVar[float] = 0.3
-    free_form: ClassVar[bool] = True
+    cause = "joint_error_curve"
+    words = "error curve"
+    prior_weight = 0.3
+    free_form = True
 
     def __post_init__(self) -> None:
-        """Check the range."""
         in_order = -LARGEST_ANGLE <= self.lower_rad < self.upper_rad <= LARGEST_ANGLE
         if not (in_order and 4 <= self.coefficients <= MOST_CURVE_COEFFICIENTS):
             raise AacmmError(
@@ -405,7 +391,7 @@ class JointErrorCurve(OfAngle):
 
         Without records, the method returns no candidate.
         """
-        for row, angle in _turning(arm, records) if records is not None else ():
+        for row, angle in _moving(arm, records) if records is not None else ():
             low, high = _range_of(angle)
             intervals = _finest(low, high) - DEGREE
             counts = (intervals // times + DEGREE for times in COARSER)
@@ -479,15 +465,10 @@ class EncoderGain(OfAngle):
     ``encoder_ellipticity`` of the same joint, if the joint covers only a part of a turn.
     """
 
-    cause: ClassVar[str] = "encoder_gain"
-    of_reading: ClassVar[bool] = True
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-4, "gain"),)
-
-    @classmethod
-    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every joint that moves far enough to show the cause."""
-        for row, _ in _moving(arm, records):
-            yield (cls(row),)
+    cause = "encoder_gain"
+    of_reading = True
+    of_slides = True
+    terms = (Term("", "1", 1e-4, "gain"),)
 
     def function(self, angle: Array) -> Array:
         """Return the angle itself."""
@@ -507,14 +488,13 @@ class JointCoupling(Effect):
 
     joint: int
     of: int
-    cause: ClassVar[str] = "joint_coupling"
-    words: ClassVar[str] = "coupling"
-    load: ClassVar[str] = "reading of the other joint"
-    prior_weight: ClassVar[float] = 0.3
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-3, "ratio_change"),)
+    cause = "joint_coupling"
+    words = "coupling"
+    load = "reading of the other joint"
+    prior_weight = 0.3
+    terms = (Term("", "1", 1e-3, "ratio_change"),)
 
     def __post_init__(self) -> None:
-        """Check that they are two joints."""
         super().__post_init__()
         if not is_row(self.of) or self.of == self.joint:
             raise AacmmError(
@@ -532,10 +512,10 @@ class JointCoupling(Effect):
         rows = arm.chain.moving_rows()
         mimicked = [(m.of, m.joint) for m in arm.mimics if m.of != m.joint]
         sliding = np.array(arm.chain.joint_rows())[arm.chain.slides]
-        shown = [row for row, _ in _turning(arm, records)]
-        for of, joint in (*pairwise(rows), *mimicked):
-            if of in shown and joint not in sliding:
-                yield (cls(joint, of),)
+        shown = [row for row, _ in _moving(arm, records)]
+        for leader, joint in (*pairwise(rows), *mimicked):
+            if leader in shown and joint not in sliding:
+                yield (cls(joint, leader),)
 
     @classmethod
     def default_fields(
@@ -573,11 +553,11 @@ class JointHysteresis(Effect):
     """
 
     joint: int
-    cause: ClassVar[str] = "joint_hysteresis"
-    function_of: ClassVar[str] = "approach"
-    words: ClassVar[str] = "hysteresis"
-    needs: ClassVar[tuple[str, ...]] = ("approach",)
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "half_width_rad"),)
+    cause = "joint_hysteresis"
+    function_of = "approach"
+    words = "hysteresis"
+    needs = ("approach",)
+    terms = (Term("", "rad", 1e-4, "half_width_rad"),)
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
@@ -585,10 +565,8 @@ class JointHysteresis(Effect):
         directions.
         """
         approach = None if records is None else records.conditions.approach
-        if records is None:
-            approach = np.stack([-np.ones(arm.nq), np.ones(arm.nq)])
         for number, row in enumerate(arm.chain.moving_rows()):
-            if approach is not None and np.ptp(approach[:, number]) > 0:
+            if records is None or (approach is not None and np.ptp(approach[:, number]) > 0):
                 yield (cls(row),)
 
     def displacements(self, state: State) -> list[Displacement]:
@@ -611,7 +589,7 @@ def strongest_waves(effect: Effect, peaks: int = 6) -> list[tuple[float, float]]
     curve = scipy.interpolate.BSpline(effect.knots, np.array(effect.values), 3)(angle)
     how = {"nfft": 8 * SAMPLES, "detrend": "linear", "scaling": "spectrum"}
     order, power = scipy.signal.periodogram(curve, SAMPLES / turns, "hann", **how)
-    found, _ = scipy.signal.find_peaks(power, height=1e-2 * power.max())
-    tops = [k for k in found if order[k] * turns >= 1.0]
+    maxima, _ = scipy.signal.find_peaks(power, height=1e-2 * power.max())
+    tops = [k for k in maxima if order[k] * turns >= 1.0]
     strongest = sorted(tops, key=lambda k: -power[k])[:peaks]
     return [(float(order[k]), float(np.sqrt(2 * power[k]))) for k in strongest]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -14,10 +14,8 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm import BASE, Arm, axis, end
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.effect import Displacement, Effect, Term, shifts, turns, twist
-from aacmm_pin.effects.gravity import GravityEffect
-from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.time_dependent import AT_ENDS, InGap, StepInTime, TimeOfStep
+from aacmm_pin.effects.time_dependent import AT_ENDS, StepInTime, TimeOfStep, midpoints
 from aacmm_pin.errors import UnsupportedArmError
 
 LEAST_SEATS = 3
@@ -32,33 +30,26 @@ ANOTHER_POINT = 5e-4
 """No ball is so far from where its qualification has it: it is another point [m]."""
 
 
-@dataclass(frozen=True)
-class BaseCompliance(GravityEffect):
-    """The stand tilts under the moment of the whole arm: ``δφ = c m``, with the moment m of the
-    weight about the base origin.
-
-    The unit is rad/(N·m); the typical magnitude is 5e-6 to 2e-5 (magnetic base, tripod). Source:
-    rotational stiffness of the mount. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``,
-    ``encoder_eccentricity:2``.
+class _OfLabel(Effect):
+    """The base class of causes that act in the records with the label of their place; without a
+    label in all records.
     """
 
-    cause: ClassVar[str] = "base_compliance"
-    words: ClassVar[str] = "tilting stand (base compliance)"
-    flexibility: ClassVar[Term] = Term(
-        "", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True
-    )
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The condition with the labels, if the cause names one."""
+        return () if self.place is None else (str(self.location_field()),)
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """Return the rotation of the base that is proportional to the moment about its origin."""
-        if self.bodies or self.load_at is not None:
-            moments = self.moments(state, 1)
-        else:
-            moments = state.moment(1, np.zeros((state.n, 3)))[:, :, None]
-        return [Displacement(BASE, twist(angular=moments))]
+    def acts(self, state: State) -> Array:
+        """1 in the records with the label, 0 in others (n, 1, 1)."""
+        if self.place is None:
+            return np.ones((1, 1, 1))
+        labels = state.conditions.require(str(self.location_field()), self.label)
+        return np.asarray(labels == self.place, np.float64)[:, None, None]
 
 
 @dataclass(frozen=True)
-class SeatError(Effect):
+class SeatError(_OfLabel):
     """The stated position of one seat has an error e: true position = stated position + e. The arm
     has no error.
 
@@ -68,11 +59,11 @@ class SeatError(Effect):
     """
 
     seat: str
-    cause: ClassVar[str] = "seat_error"
-    words: ClassVar[str] = "error of the stated coordinates"
-    needs: ClassVar[tuple[str, ...]] = ("seat",)
-    of_reference: ClassVar[bool] = True
-    terms: ClassVar[tuple[Term, ...]] = shifts(2e-5)
+    cause = "seat_error"
+    words = "error of the stated coordinates"
+    needs = ("seat",)
+    of_reference = True
+    terms = shifts(2e-5)
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
@@ -83,13 +74,11 @@ class SeatError(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return -e as a translation of the stated coordinates in the records of the seat."""
-        touched = state.conditions.require("seat", self.label) == self.seat
-        shift = -np.eye(3) * touched[:, None, None]
-        return [Displacement(BASE, twist(shift))]
+        return [Displacement(BASE, twist(-np.eye(3) * self.acts(state)))]
 
 
 @dataclass(frozen=True)
-class ReferenceFrame(Effect):
+class ReferenceFrame(_OfLabel):
     """The frame of the references has a small translation and rotation relative to the base.
 
     The error is a twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. With ``session``,
@@ -100,17 +89,12 @@ class ReferenceFrame(Effect):
     """
 
     session: str | None = None
-    cause: ClassVar[str] = "reference_frame"
-    words: ClassVar[str] = "error of the reference frame"
-    of_reference: ClassVar[bool] = True
-    refitted: ClassVar[bool] = True
-    prior_weight: ClassVar[float] = 0.2
-    terms: ClassVar[tuple[Term, ...]] = (*shifts(1e-3), *turns(1e-3))
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """The condition ``session`` if the cause names a session."""
-        return () if self.session is None else ("session",)
+    cause = "reference_frame"
+    words = "error of the reference frame"
+    of_reference = True
+    refitted = True
+    prior_weight = 0.2
+    terms = (*shifts(1e-3), *turns(1e-3))
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
@@ -119,15 +103,11 @@ class ReferenceFrame(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the unit twists of the base."""
-        columns = np.eye(6)[None]
-        if self.session is not None:
-            own = state.conditions.require("session", self.label) == self.session
-            columns = columns * own[:, None, None]
-        return [Displacement(BASE, columns)]
+        return [Displacement(BASE, np.eye(6) * self.acts(state))]
 
 
 @dataclass(frozen=True)
-class StylusOffset(Effect):
+class StylusOffset(_OfLabel):
     """The ball or target is not at the tip, but has a constant translation in the axes of the last
     frame.
 
@@ -138,15 +118,10 @@ class StylusOffset(Effect):
     """
 
     marker: str | None = None
-    cause: ClassVar[str] = "stylus_offset"
-    refitted: ClassVar[bool] = True
-    prior_weight: ClassVar[float] = 0.2
-    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST_TARGET)
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """The condition ``marker`` if the cause names a marker."""
-        return () if self.marker is None else ("marker",)
+    cause = "stylus_offset"
+    refitted = True
+    prior_weight = 0.2
+    terms = shifts(5e-5, FARTHEST_TARGET)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """Return a note if the coordinates are of a target, and not of the tip in the geometry of
@@ -159,13 +134,7 @@ class StylusOffset(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the unit translations at the tip."""
-        columns = twist(np.eye(3)[None])
-        if self.marker is not None:
-            columns = (
-                columns
-                * (state.conditions.require("marker", self.label) == self.marker)[:, None, None]
-            )
-        return [Displacement(state.arm.chain.tip, columns)]
+        return [Displacement(state.arm.chain.tip, twist(np.eye(3) * self.acts(state)))]
 
 
 @dataclass(frozen=True)
@@ -179,18 +148,16 @@ class FrameShift(StepInTime):
     """
 
     time_s: float
-    between_s: tuple[float, ...] = ()
-    sessions: tuple[str, ...] = ()
-    cause: ClassVar[str] = "frame_shift"
-    words: ClassVar[str] = "movement of the stand or of the references"
-    remedy: ClassVar[str] = (
+    cause = "frame_shift"
+    words = "movement of the stand or of the references"
+    remedy = (
         "label the records before and after the movement in the column session, and use "
         "--reference-frame session"
     )
-    of_reference: ClassVar[bool] = True
-    prior_weight: ClassVar[float] = 0.2
-    nonlinear: ClassVar[Nonlinear[Any]] = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
-    terms: ClassVar[tuple[Term, ...]] = (*shifts(2e-4), *turns(2e-4))
+    of_reference = True
+    prior_weight = 0.2
+    nonlinear = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
+    terms = (*shifts(2e-4), *turns(2e-4))
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the unit twists of the base in the later records."""
@@ -209,16 +176,14 @@ class StylusShift(StepInTime):
     """
 
     time_s: float
-    between_s: tuple[float, ...] = ()
-    sessions: tuple[str, ...] = ()
-    cause: ClassVar[str] = "stylus_shift"
-    words: ClassVar[str] = "movement of the stylus or target on the last body"
-    remedy: ClassVar[str] = (
+    cause = "stylus_shift"
+    words = "movement of the stylus or target on the last body"
+    remedy = (
         "qualify the stylus again, and label the records before and after the movement in the "
         "column marker"
     )
-    nonlinear: ClassVar[Nonlinear[Any]] = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
-    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST_TARGET)
+    nonlinear = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
+    terms = shifts(5e-5, FARTHEST_TARGET)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the unit translations at the tip in the later records."""
@@ -227,15 +192,7 @@ class StylusShift(StepInTime):
 
 
 @dataclass(frozen=True)
-class _StylusShiftInGap(InGap, StylusShift):
-    terms: ClassVar[tuple[Term, ...]] = tuple(
-        replace(term, name=f"in_gap_{term.name}", key=f"in_gap_{term.key}")
-        for term in StylusShift.terms
-    )
-
-
-@dataclass(frozen=True)
-class SeatShift(StepInTime):
+class SeatShift(StepInTime, _OfLabel):
     """One seat moved once: true position = stated position + e from ``time_s`` on. The arm has no
     error.
 
@@ -246,39 +203,31 @@ class SeatShift(StepInTime):
 
     seat: str
     time_s: float
-    between_s: tuple[float, ...] = ()
-    sessions: tuple[str, ...] = ()
-    cause: ClassVar[str] = "seat_shift"
-    words: ClassVar[str] = "later displacement"
-    remedy: ClassVar[str] = "give the seat another label in the records after the movement"
-    needs: ClassVar[tuple[str, ...]] = ("seat", "time")
-    of_reference: ClassVar[bool] = True
-    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5)
+    cause = "seat_shift"
+    words = "later displacement"
+    remedy = "give the seat another label in the records after the movement"
+    needs = ("seat", "time")
+    of_reference = True
+    terms = shifts(5e-5)
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Return a candidate for every seat that is touched often enough, with times of its own."""
-        if records is None:
-            return
-        labels, times = records.conditions.seat, records.conditions.time
+        labels = None if records is None else records.conditions.seat
+        times = None if records is None else records.conditions.time
         if labels is None or times is None or len(np.unique(labels)) < LEAST_SEATS:
             return
-        for seat in dict.fromkeys(labels.tolist()):
+        for seat in filter(None, dict.fromkeys(labels.tolist())):
             touched = np.unique(times[labels == seat])
-            inside = touched[AT_ENDS - 1 : 1 - AT_ENDS] if seat else touched[:0]
-            between = (inside[1:] + inside[:-1]) / 2
+            between = midpoints(touched[AT_ENDS - 1 : 1 - AT_ENDS])
             some = np.linspace(0, between.size - 1, min(between.size, STEPS_OF_SEAT)).astype(int)
             if between.size:
                 yield tuple(cls(str(seat), time) for time in between[some].tolist())
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return -e as a translation of the stated coordinates in the later records of the seat."""
-        touched = state.conditions.require("seat", self.label) == self.seat
-        part = self.part(state.conditions) * touched
-        return [Displacement(BASE, twist(-np.eye(3) * part[:, None, None]))]
-
-
-StylusShift.in_gap = _StylusShiftInGap
+        part = self.acts(state) * self.part(state.conditions)[:, None, None]
+        return [Displacement(BASE, twist(-np.eye(3) * part))]
 
 
 @dataclass(frozen=True)
@@ -291,10 +240,10 @@ class StylusBending(Effect):
     joint.
     """
 
-    cause: ClassVar[str] = "stylus_bending"
-    prior_weight: ClassVar[float] = 0.2
-    elastic: ClassVar[bool] = True
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 1e-5, "level_sag_mm", MM, positive=True),)
+    cause = "stylus_bending"
+    prior_weight = 0.2
+    elastic = True
+    terms = (Term("", "m", 1e-5, "level_sag_mm", MM, positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the translation of the tip along gravity across the stylus."""
@@ -315,10 +264,10 @@ class ProbeBending(Effect):
     with the same side of the stylus.
     """
 
-    cause: ClassVar[str] = "probe_bending"
-    words: ClassVar[str] = "bending under the probing force"
-    needs: ClassVar[tuple[str, ...]] = ("probe_direction",)
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 2e-5, "deflection_mm", MM, positive=True),)
+    cause = "probe_bending"
+    words = "bending under the probing force"
+    needs = ("probe_direction",)
+    terms = (Term("", "m", 2e-5, "deflection_mm", MM, positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the translation of the tip against the motion of the probe, across the stylus."""
@@ -342,37 +291,29 @@ class ThermalExpansion(Effect):
     """
 
     link: int | None = None
-    cause: ClassVar[str] = "thermal_expansion"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
-    terms: ClassVar[tuple[Term, ...]] = (
-        Term("", "1/K", 2e-5, "expansion_per_k", read_in=("µm/(m·K)", 1e-6), positive=True),
-    )
+    cause = "thermal_expansion"
+    needs = ("temperature",)
+    terms = (Term("", "1/K", 2e-5, "expansion_per_k", read_in=("µm/(m·K)", 1e-6), positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the growth of each length per unit of α, proportional to the difference
         from T0.
         """
-        rows = (
-            range(state.arm.chain.rows + 1) if self.link is None else [state.known_row(self.link)]
-        )
-        found = []
-        for row in rows:
-            warmer = self._warmer(state, row)
-            found += growth_of_body(state, row, warmer[:, None])
-        return found
+        all_rows = range(state.arm.chain.rows + 1)
+        rows = all_rows if self.link is None else [state.known_row(self.link)]
+        growths = [growth_of_body(state, row, self._warmer(state, row)[:, None]) for row in rows]
+        return [body for bodies in growths for body in bodies]
 
     def _warmer(self, state: State, row: int) -> Array:
         conditions = state.conditions
-        reference = state.arm.reference_temperature
-        if (
-            conditions.link_temperature is not None
-            and 1 <= row <= conditions.link_temperature.shape[1]
-        ):
-            return np.asarray(conditions.link_temperature[:, row - 1] - reference)
-        if conditions.link_temperature is not None and conditions.temperature is None:
-            # The stand: nobody measured it.
-            return np.asarray(conditions.link_temperature.mean(axis=1) - reference)
-        return np.asarray(conditions.require("temperature", self.label) - reference)
+        of_rows = conditions.link_temperature
+        if of_rows is not None and 1 <= row <= of_rows.shape[1]:
+            temperature = of_rows[:, row - 1]
+        elif of_rows is not None and conditions.temperature is None:  # nobody measured the stand
+            temperature = of_rows.mean(axis=1)
+        else:
+            temperature = conditions.require("temperature", self.label)
+        return np.asarray(temperature - state.arm.reference_temperature)
 
 
 def _stylus_axis(effect: Effect, arm: Arm) -> Array:
@@ -401,18 +342,12 @@ def growth_of_body(state: State, row: int, growth: Array) -> list[Displacement]:
     Args:
         growth: relative, per unit of each parameter (n, p) [1/unit].
     """
-    found = []
+    displacements = []
     for place in (axis(row), end(row)) if row else (end(0),):
-        length = _length_before(state, place)
+        # The shift from the place before; a joint turns it only where it is along z.
+        constant = state.arm.chain.constant[place]
+        length = constant[:3, :3].T @ constant[:3, 3]
         if length.any():
             shifts = length[:, None] * growth[:, None]
-            found.append(Displacement(place, twist(shifts)))
-    return found
-
-
-def _length_before(state: State, place: int) -> Array:
-    """The constant shift from the place before to ``place``, in its own axes; a joint turns it only
-    where it is along z.
-    """
-    constant = state.arm.chain.constant[place]
-    return np.asarray(constant[:3, :3].T @ constant[:3, 3])
+            displacements.append(Displacement(place, twist(shifts)))
+    return displacements

@@ -27,11 +27,10 @@ from aacmm_pin.arm import (
     whole_turn_notes,
 )
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
-from aacmm_pin.effects.effect import Effect, axis, sensitivity
+from aacmm_pin.effects.effect import Effect, axis, extra_uncertainty_effects, sensitivity
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.effects.labels import known_range_in_words
 from aacmm_pin.effects.nonlinear import TimeConstant
-from aacmm_pin.effects.nonlinear_uncertainty import extra_uncertainty_effects
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
@@ -78,11 +77,10 @@ class ErrorModel(Shown):
                 "into one"
             )
         if self.arm.covariance is not None:
-            uncertain: set[str] = set()
-            for effect in self.effects:
-                uncertain.update(p.name for p in _extra_uncertainty_parameters(effect))
+            uncertain = [p for e in self.effects for p in _extra_uncertainty_parameters(e)]
+            permitted = {*names, *(p.name for p in uncertain)}
             for name in self.arm.covariance.parameters:
-                if name not in names and name not in uncertain:
+                if name not in permitted:
                     raise UnknownNameError("parameter of the covariance", name, names)
 
     def __repr__(self) -> str:
@@ -100,11 +98,19 @@ class ErrorModel(Shown):
         """
         if isinstance(model, ErrorModel):
             return model
-        return (
-            ErrorModel.load(model)
-            if isinstance(model, str | Path)
-            else _extended(as_arm(model, "model"), model.name)
-        )
+        arm = as_arm(model, "model")
+        path = arm.name if isinstance(model, Arm) else str(model)
+        effects: tuple[Effect, ...] = ()
+        if arm.file is not None and (arm.file.effects or arm.file.discrepancy):
+            from aacmm_pin.effects.text import effects_of_file  # loads every cause
+
+            effects = effects_of_file(arm, path)
+        try:
+            return ErrorModel(arm, effects)
+        except UnknownNameError as error:
+            raise ArmFileError(path, "covariance.parameters", str(error)) from None
+        except AacmmError as error:
+            raise ArmFileError(path, "effects", str(error)) from None
 
     @staticmethod
     def arm_of(model: GivenModel) -> Arm:
@@ -124,7 +130,7 @@ class ErrorModel(Shown):
             UnknownNameError, ArmFileError: see :meth:`aacmm_pin.Arm.load`; also for an invalid
                 cause.
         """
-        return _extended(Arm.load(name_or_path), str(name_or_path))
+        return ErrorModel.of(name_or_path)
 
     def file(self) -> ArmFile | UrdfArmFile:
         """Return the content of the arm file of this model.
@@ -142,11 +148,9 @@ class ErrorModel(Shown):
         from aacmm_pin.effects.text import entries_of  # loads every cause
 
         file = file.model_copy(update=entries_of(self.effects))
-        return (
-            validated(UrdfArmFile, file.model_dump(by_alias=True), file.name)
-            if isinstance(file, UrdfArmFile)
-            else file
-        )
+        if isinstance(file, UrdfArmFile):
+            return validated(UrdfArmFile, file.model_dump(by_alias=True), file.name)
+        return file
 
     def text(self, comment: str = "", path: str | Path | None = None) -> str:
         """Return the arm file of this model as TOML; see :func:`aacmm_pin.arm.file.arm_text` and
@@ -181,17 +185,19 @@ class ErrorModel(Shown):
         """The model without a covariance, and without uncertainties of the parameters in the
         covariance.
         """
-        known = set(() if self.arm.covariance is None else self.arm.covariance.parameters)
-        untold = [
-            replace(p, half_width=None, u=0.0) if p.name in known else p
+        if self.arm.covariance is None:
+            return self
+        names = {*self.arm.covariance.parameters}
+        parameters = [
+            replace(p, half_width=None, u=0.0) if p.name in names else p
             for p in self.arm.parameters
         ]
         effects = []
         for effect in self.effects:
-            is_known = known.intersection(p.name for p in effect.parameters())
-            effects.append(replace(effect, u=(), nonlinear_u=0.0) if is_known else effect)
-        arm = replace(self.arm, parameters=tuple(untold), covariance=None)
-        return ErrorModel(arm, tuple(effects))
+            is_named = names.intersection(p.name for p in effect.parameters())
+            effects.append(replace(effect, u=(), nonlinear_u=0.0) if is_named else effect)
+        arm = replace(self.arm, parameters=tuple(parameters), covariance=None)
+        return ErrorModel(arm, effects)
 
     def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
         """Return the arm with only the given causes, and the part of the covariance for their
@@ -199,11 +205,11 @@ class ErrorModel(Shown):
         """
         if self.arm.covariance is None:
             return replace(self, effects=effects)
-        held = [*self.arm.parameters]
+        parameters = [*self.arm.parameters]
         for effect in effects:
-            held += [*effect.parameters(), *_extra_uncertainty_parameters(effect)]
-        known = self.arm.covariance.restricted(p.name for p in held)
-        return ErrorModel(replace(self.arm, covariance=known), effects)
+            parameters += [*effect.parameters(), *_extra_uncertainty_parameters(effect)]
+        covariance = self.arm.covariance.restricted(p.name for p in parameters)
+        return ErrorModel(replace(self.arm, covariance=covariance), effects)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -212,14 +218,12 @@ class ErrorModel(Shown):
 
         The covariance in the arm file replaces the u of each parameter that it names.
         """
-        known = self.arm.covariance
+        covariance = self.arm.covariance
         u = {}
-        if known is not None:
-            u = dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
-        found = [*self.arm.parameters]
-        for effect in self.effects:
-            found += [replace(p, u=u.get(p.name, p.u)) for p in effect.parameters()]
-        return tuple(found)
+        if covariance is not None:
+            u = dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
+        of_effects = [p for effect in self.effects for p in effect.parameters()]
+        return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
 
     def covariance(self) -> Array:
         """Return the covariance of all parameters, ``(p, p)`` [their units].
@@ -228,11 +232,13 @@ class ErrorModel(Shown):
         """
         parameters = self.parameters
         matrix = np.diag([p.u**2 for p in parameters])
+        if self.arm.covariance is None:
+            return matrix
         position = {p.name: i for i, p in enumerate(parameters)}
-        known = None if self.arm.covariance is None else self.arm.covariance.restricted(position)
-        if known is not None:
-            where = np.array([position[name] for name in known.parameters])
-            matrix[np.ix_(where, where)] = known.matrix()
+        stated = self.arm.covariance.restricted(position)
+        if stated is not None:
+            rows = np.array([position[name] for name in stated.parameters])
+            matrix[np.ix_(rows, rows)] = stated.matrix()
         return matrix
 
     def predict(
@@ -282,28 +288,28 @@ class ErrorModel(Shown):
         Raises:
             MissingConditionError: a condition that a cause needs is missing.
         """
-        found = [*whole_turn_notes(q, self.arm.limits, self.arm.chain.prismatic)]
+        notes = [*whole_turn_notes(q, self.arm.limits, self.arm.chain.prismatic)]
         if any(isinstance(effect.nonlinear, TimeConstant) for effect in self.effects):
-            found += conditions.odd_clock
+            notes += conditions.odd_clock
         reference = self.arm.reference_temperature
         if any("temperature" in effect.needs for effect in self.effects):
-            found += conditions.odd_temperatures(reference)
+            notes += conditions.odd_temperatures(reference)
         else:
-            found += conditions.other_temperatures(reference)
+            notes += conditions.other_temperatures(reference)
         others = self.other_targets(conditions)
         if others:
-            found.append(Note("markers_unknown", {"arm": self.arm.name, "markers": others}))
+            notes.append(Note("markers_unknown", {"arm": self.arm.name, "markers": others}))
         for effect in self.effects:
-            found += effect.validity_notes(conditions)
-        return found
+            notes += effect.validity_notes(conditions)
+        return notes
 
     def other_targets(self, conditions: Conditions) -> list[str]:
         """Return the labels of markers whose place the arm does not state; :meth:`predict` then
         returns the tip.
         """
-        known = {effect.place for effect in self.effects if effect.location_field() == "marker"}
+        stated = {effect.place for effect in self.effects if effect.location_field() == "marker"}
         labels = [] if conditions.marker is None else conditions.marker.tolist()
-        return [label for label in dict.fromkeys(labels) if label and label not in known]
+        return [label for label in dict.fromkeys(labels) if label and label not in stated]
 
     def known_at(self, q: ArrayLike) -> Mask:
         """Return True for each cause that is known at the angles ``q`` ``(n, nq)``: ``(n,
@@ -317,13 +323,13 @@ class ErrorModel(Shown):
         """
         q = batch(q, self.arm.nq, "q", "rad or another unit")
         state = State(self.arm, q, Conditions(len(q)), self.arm.place())
-        known = np.ones((len(q), len(self.effects)), dtype=bool)
+        is_known = np.ones((len(q), len(self.effects)), dtype=bool)
         for k, effect in enumerate(self.effects):
             if effect.known_range is not None and effect.row is not None:
                 low, high = effect.known_range
                 angle = state.angle(effect.row)
-                known[:, k] = (angle >= low) & (angle <= high)
-        return known
+                is_known[:, k] = (angle >= low) & (angle <= high)
+        return is_known
 
     def restricted_to_known_range(self) -> ErrorModel:
         """Return the model with joint limits reduced to the known ranges of its causes.
@@ -407,9 +413,8 @@ def displaced(
     """
     acting = [effect for effect in effects if any(effect.values)]
     of_reference = [effect for effect in acting if effect.of_reference]
-    of_arm = [effect for effect in acting if not effect.of_reference]
-    stiff = [effect for effect in of_arm if not effect.elastic]
     elastic = [effect for effect in acting if effect.elastic]
+    stiff = [effect for effect in acting if not (effect.elastic or effect.of_reference)]
     nominal = State(arm, q, conditions, target)
     state = replace(nominal, twists=_twists(stiff, nominal, {}))
     state = static_equilibrium(elastic, state)
@@ -500,18 +505,19 @@ def as_causes(
         UnknownNameError, AacmmError: see :func:`aacmm_pin.effects.cause_of`; an item has another
             type.
     """
-    each = [causes] if isinstance(causes, Effect | str) else list(causes)
-    if wrong := [given for given in each if not isinstance(given, Effect | str)]:
-        came = f"a cause is of type {type(wrong[0]).__name__}"
-        raise AacmmError(f"{came}; expected an Effect, or text such as 'encoder_gain:5'")
-    effects = tuple(given for given in each if isinstance(given, Effect))
-    if len(effects) == len(each):
-        return effects
-    from aacmm_pin.effects.text import cause_of  # loads every cause
+    effects: list[Effect] = []
+    several: Iterable[object] = [causes] if isinstance(causes, Effect | str) else causes
+    for given in several:
+        if isinstance(given, Effect):
+            effects.append(given)
+        elif isinstance(given, str):
+            from aacmm_pin.effects.text import cause_of  # loads every cause
 
-    return tuple(
-        cause_of(given, model, present) if isinstance(given, str) else given for given in each
-    )
+            effects.append(cause_of(given, model, present))
+        else:
+            came = f"a cause is of type {type(given).__name__}"
+            raise AacmmError(f"{came}; expected an Effect, or text such as 'encoder_gain:5'")
+    return tuple(effects)
 
 
 GivenModel = Arm | ErrorModel | str | Path
@@ -525,21 +531,6 @@ def loaded(model: GivenModel) -> Arm | ErrorModel:
         UnknownNameError, ArmFileError: see :meth:`ErrorModel.load`.
     """
     return ErrorModel.load(model) if isinstance(model, str | Path) else model
-
-
-def _extended(arm: Arm, path: str) -> ErrorModel:
-    """An arm with the effects of its file; ``path`` is what errors call this."""
-    effects: tuple[Effect, ...] = ()
-    if arm.file is not None and (arm.file.effects or arm.file.discrepancy):
-        from aacmm_pin.effects.text import effects_of_file  # loads every cause
-
-        effects = effects_of_file(arm, path)
-    try:
-        return ErrorModel(arm, effects)
-    except UnknownNameError as error:
-        raise ArmFileError(path, "covariance.parameters", str(error)) from None
-    except AacmmError as error:
-        raise ArmFileError(path, "effects", str(error)) from None
 
 
 def _extra_uncertainty_parameters(effect: Effect) -> list[Parameter]:

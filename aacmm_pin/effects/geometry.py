@@ -21,8 +21,8 @@ class _RowValue(Effect):
     """
 
     joint: int
-    refitted: ClassVar[bool] = True
-    along_slide: ClassVar[bool] = False
+    refitted = True
+    along_slide = False
     component: ClassVar[int]
     """The component of the displacement that the parameter changes.
 
@@ -57,11 +57,11 @@ class JointZeroOffset(_RowValue):
     same effect.
     """
 
-    cause: ClassVar[str] = "joint_zero_offset"
-    words: ClassVar[str] = "zero offset"
-    along_slide: ClassVar[bool] = True
-    component: ClassVar[int] = 5
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 3e-4, "offset_rad"),)
+    cause = "joint_zero_offset"
+    words = "zero offset"
+    along_slide = True
+    component = 5
+    terms = (Term("", "rad", 3e-4, "offset_rad"),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return a unit motion of the joint; a row without joint rotates."""
@@ -79,11 +79,11 @@ class LinkLength(_RowValue):
     ``thermal_expansion``; ``stylus_offset``, if the row is the last row.
     """
 
-    cause: ClassVar[str] = "link_length"
-    words: ClassVar[str] = "length a"
-    prior_weight: ClassVar[float] = 0.2
-    component: ClassVar[int] = 0
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 5e-5, "a_mm", MM),)
+    cause = "link_length"
+    words = "length a"
+    prior_weight = 0.2
+    component = 0
+    terms = (Term("", "m", 5e-5, "a_mm", MM),)
 
 
 @dataclass(frozen=True)
@@ -95,11 +95,11 @@ class JointDistance(_RowValue):
     the height of the reference frame.
     """
 
-    cause: ClassVar[str] = "joint_distance"
-    words: ClassVar[str] = "distance d"
-    prior_weight: ClassVar[float] = 0.2
-    component: ClassVar[int] = 2
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 5e-5, "d_mm", MM),)
+    cause = "joint_distance"
+    words = "distance d"
+    prior_weight = 0.2
+    component = 2
+    terms = (Term("", "m", 5e-5, "d_mm", MM),)
 
 
 @dataclass(frozen=True)
@@ -110,11 +110,11 @@ class LinkTwist(_RowValue):
     ``bearing_tilt``, if the load hardly changes.
     """
 
-    cause: ClassVar[str] = "link_twist"
-    words: ClassVar[str] = "twist α"
-    prior_weight: ClassVar[float] = 0.2
-    component: ClassVar[int] = 3
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "alpha_rad"),)
+    cause = "link_twist"
+    words = "twist α"
+    prior_weight = 0.2
+    component = 3
+    terms = (Term("", "rad", 1e-4, "alpha_rad"),)
 
 
 @dataclass(frozen=True)
@@ -127,11 +127,11 @@ class SlideAngle(_RowValue):
     parallel axis.
     """
 
-    cause: ClassVar[str] = "slide_angle"
-    words: ClassVar[str] = "angle θ"
-    prior_weight: ClassVar[float] = 0.2
-    component: ClassVar[int] = 5
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "theta_rad"),)
+    cause = "slide_angle"
+    words = "angle θ"
+    prior_weight = 0.2
+    component = 5
+    terms = (Term("", "rad", 1e-4, "theta_rad"),)
 
 
 @dataclass(frozen=True)
@@ -144,10 +144,10 @@ class LinkTilt(_RowValue):
     parallel.
     """
 
-    cause: ClassVar[str] = "link_tilt"
-    words: ClassVar[str] = "tilt β"
-    component: ClassVar[int] = 4
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "beta_rad"),)
+    cause = "link_tilt"
+    words = "tilt β"
+    component = 4
+    terms = (Term("", "rad", 1e-4, "beta_rad"),)
 
 
 @dataclass(frozen=True)
@@ -161,10 +161,10 @@ class JointPlacement(Effect):
     """
 
     joint: int
-    cause: ClassVar[str] = "joint_placement"
-    words: ClassVar[str] = "placement"
-    refitted: ClassVar[bool] = True
-    terms: ClassVar[tuple[Term, ...]] = (*shifts(5e-5), *turns(1e-4))
+    cause = "joint_placement"
+    words = "placement"
+    refitted = True
+    terms = (*shifts(5e-5), *turns(1e-4))
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the unit twists after the placement and before the joint."""

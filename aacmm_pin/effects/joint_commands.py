@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin.arm import OF_A_POSE
@@ -81,27 +82,18 @@ def joint_commands(
     for _ in range(MOST_STEPS):
         state = model.state(commands, conditions)
         shift = position - state.position
-        turn = _turn(axes, state.rotation[-1])
-        if model.arm.nq < OF_A_POSE:
-            turn = np.zeros_like(turn)
-        off = np.concatenate([shift, turn], axis=1)
-        arrived = (np.linalg.norm(shift, axis=1) < ARRIVED) & (
-            np.linalg.norm(turn, axis=1) < ARRIVED
-        )
+        turn = Rotation.from_matrix(axes @ state.rotation[-1].transpose(0, 2, 1)).as_rotvec()
+        missing = [shift, turn] if model.arm.nq >= OF_A_POSE else [shift]
+        arrived = (np.linalg.norm(missing, axis=2) < ARRIVED).all(axis=0)
         if arrived.all():
             break
-        jacobian = np.concatenate(
-            model.arm.chain.jacobian(state.rotation, state.origin, state.position), axis=1
-        )
-        if model.arm.nq < OF_A_POSE:
-            jacobian = jacobian[:, :3]
-            off = shift
-        step = (np.linalg.pinv(jacobian, rcond=SINGULAR_MOTION) @ off[:, :, None])[:, :, 0]
+        jacobian = model.arm.chain.jacobian(state.rotation, state.origin, state.position)
+        motions = np.concatenate(jacobian[: len(missing)], axis=1)
+        twists = np.concatenate(missing, axis=1)[:, :, None]
+        step = (np.linalg.pinv(motions, rcond=SINGULAR_MOTION) @ twists)[:, :, 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)
-        further = np.clip(
-            commands + step * (LONGEST_JOINT_STEP / np.maximum(length, LONGEST_JOINT_STEP)), *bounds
-        )
-        commands[~arrived] = further[~arrived]
+        step *= LONGEST_JOINT_STEP / np.maximum(length, LONGEST_JOINT_STEP)
+        commands[~arrived] = np.clip(commands + step, *bounds)[~arrived]
     return commands, arrived
 
 
@@ -110,16 +102,5 @@ def _has_tip_on_target(model: ErrorModel) -> bool:
     if model.arm.tip_on_target:
         return True
     offsets = [effect for effect in model.effects if isinstance(effect, StylusOffset)]
-    far = [float(np.linalg.norm(each.values)) for each in offsets if each.marker is None]
+    far = [float(np.linalg.norm(tip.values)) for tip in offsets if tip.marker is None]
     return max(far, default=0.0) > OTHER_TIP
-
-
-def _turn(to: Array, of: Array) -> Array:
-    """Rotation vectors (n, 3) [rad] of small turns from axes ``of`` to axes ``to``, each
-    (n, 3, 3).
-    """
-    turn = to @ of.transpose(0, 2, 1)
-    x, y, z = [0, 1, 2]
-    lower = turn[:, [z, x, y], [y, z, x]]
-    upper = turn[:, [y, z, x], [z, x, y]]
-    return 0.5 * (lower - upper)

@@ -42,8 +42,8 @@ def name_in_words(effect: Effect, arm: Arm | None = None) -> str:
     words = cause_in_words(type(effect))
     if effect.place is not None:
         return f"{words} of {_place_words(effect, arm)} {effect.place}"
-    whole = WHOLE_ARM.get(effect.cause)
-    return f"{words} of {whole}" if whole else words
+    arm_words = WHOLE_ARM.get(effect.cause)
+    return f"{words} of {arm_words}" if arm_words else words
 
 
 def in_words(effect: Effect, arm: Arm | None = None) -> str:
@@ -54,29 +54,23 @@ def in_words(effect: Effect, arm: Arm | None = None) -> str:
 
 def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
     """Return a list of causes as text, grouped by kind: ``error curve of joints 1, 2 and 3``."""
-    kinds: dict[tuple[str, str], list[Effect]] = {}
+    kinds: dict[tuple[type[Effect], str], list[Effect]] = {}
     for effect in effects:
-        kinds.setdefault(
-            (effect.cause, "" if effect.place is None else _place_words(effect, arm)), []
-        ).append(effect)
-    found = []
-    for alike in kinds.values():
-        one = alike[0]
-        if len({effect.place for effect in alike}) < len(alike) or len(alike) == 1:
-            found += [in_words(effect, arm) for effect in alike]
+        kind = "" if effect.place is None else _place_words(effect, arm)
+        kinds.setdefault((type(effect), kind), []).append(effect)
+    texts = []
+    for (cause, kind), alike in kinds.items():
+        places = {effect.place for effect in alike if effect.place is not None}
+        if len(places) < len(alike) or len(alike) == 1:
+            texts += [in_words(effect, arm) for effect in alike]
         else:
-            places = [
-                str(place)
-                for place in sorted(effect.place for effect in alike if effect.place is not None)
-            ]
-            words = cause_in_words(type(one))
-            place = _place_words(one, arm)
-            found.append(f"{words} of {PLURAL.get(place, f'{place}s')} {listed(places)}")
-    return listed(found)
+            numbers = [str(place) for place in sorted(places)]
+            plural = PLURAL.get(kind, f"{kind}s")
+            texts.append(f"{cause_in_words(cause)} of {plural} {listed(numbers)}")
+    return listed(texts)
 
 
 def _place_words(effect: Effect, arm: Arm | None) -> str:
-    """What the place is called."""
     location = str(effect.location_field())
     if arm is not None and location == "joint" and effect.row is not None:
         return row_in_words(effect.row, arm)
@@ -107,11 +101,11 @@ def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, f
 
     The covariance ``(p, p)`` of the parameters gives u.
     """
-    jacobian = effect.notation.jacobian(effect)
-    values = effect.notation.parameters(effect)
+    jacobian = effect.file_jacobian()
     variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
     u = np.sqrt(np.maximum(variance, 0.0)).tolist()
-    return dict(zip(values, zip(values.values(), u, strict=True), strict=True))
+    values = effect.file_values().items()
+    return {key: (value, its_u) for (key, value), its_u in zip(values, u, strict=True)}
 
 
 def known_range_in_words(effect: Effect) -> str:
@@ -134,19 +128,17 @@ def values_in_words(
     """
     if len(values) > FEW_VALUES:
         return f"curve with {len(values)} values"
-    readings = effect.notation.readings(effect)
+    readings = effect.readings()
     if slides:
         for key, reading in readings.items():
             readings[key] = reading._replace(unit=reading.unit.replace("rad", "m"))
-    in_um = [key for key in values if readings[key].unit == "µm"]
-    sizes = [abs(values[key][0]) * readings[key].factor for key in in_um]
+    in_um = {key: readings[key] for key in values if readings[key].unit == "µm"}
+    sizes = [abs(values[key][0]) * reading.factor for key, reading in in_um.items()]
     if max(sizes, default=0.0) >= LARGE_IN_MICRO:
-        for key in in_um:
-            readings[key] = readings[key]._replace(unit="mm", factor=readings[key].factor * MM)
-    stated = []
-    for key, (value, u) in values.items():
-        stated.append(_value(readings[key], value, COVERAGE_FACTOR * u))
-    return ", ".join(stated)
+        for key, reading in in_um.items():
+            readings[key] = reading._replace(unit="mm", factor=reading.factor * MM)
+    pairs = values.items()
+    return ", ".join(_value(readings[key], value, COVERAGE_FACTOR * u) for key, (value, u) in pairs)
 
 
 def _value(reading: Reading, value: float, expanded: float) -> str:
@@ -168,9 +160,8 @@ def _value(reading: Reading, value: float, expanded: float) -> str:
             places = max(0, int(np.floor(np.log10(max(abs(value), expanded)))) + digits)
             text = f"{value:.{places}e} ± {expanded:.1e}"
         else:
-            text = " ± ".join(
-                f"{round(number, digits):z.{max(digits, 0)}f}" for number in (value, expanded)
-            )
+            form = f"z.{max(digits, 0)}f"
+            text = f"{round(value, digits):{form}} ± {round(expanded, digits):{form}}"
     if reading.unit.startswith("·"):
         text = f"({text})"
     space = "" if reading.unit[:1] in ("", "°", "·") else " "

@@ -16,7 +16,13 @@ from aacmm_pin.arm import Arm, DiscrepancyEntry, EffectEntry
 from aacmm_pin.effects.causes import cause_named
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Discrepancy, discrepancy_of
-from aacmm_pin.effects.effect import Effect, fields_of, require_row, values_by_key
+from aacmm_pin.effects.effect import (
+    Effect,
+    fields_of,
+    require_names,
+    require_row,
+    values_by_key,
+)
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, UnknownNameError
 
@@ -48,11 +54,11 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
         UnknownNameError: a cause, field or parameter is unknown.
         AacmmError: a field is missing or invalid, or the arm does not have the row.
     """
-    cause, *rest = re.split("[:,]", text, maxsplit=1)
+    cause, *details = re.split("[:,]", text, maxsplit=1)
     kind = cause_named(cause)
     fields: dict[str, Any] = {}
     parameters: dict[str, float] = {}
-    for name, value in _items(text, rest, kind):
+    for name, value in _items(text, details, kind):
         if name in fields or name in parameters:
             raise AacmmError(f"{text!r}: {name} occurs twice; expected each name once")
         if name in fields_of(kind):
@@ -63,12 +69,12 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
         defaults = kind.default_fields(fields, model.arm, tuple(present))
         effect = require_row(effect_from(kind, defaults | fields, parameters), model.arm)
     except UnknownNameError as error:
-        known = [*fields_of(kind), *error.known]
-        raise UnknownNameError(f"parameter of {cause}", error.name, known, f"in {text!r}") from None
+        names = [*fields_of(kind), *error.known]
+        raise UnknownNameError(f"parameter of {cause}", error.name, names, f"in {text!r}") from None
     except AacmmError as error:
         raise AacmmError(f"{error}; the form is {_form(kind)}") from None
     if not parameters:
-        same = (known for known in model.effects if known.identity == effect.identity)
+        same = (stated for stated in model.effects if stated.identity == effect.identity)
         effect = next(same, effect)
     return effect
 
@@ -89,24 +95,24 @@ def text_of(effect: Effect) -> str:
     """
     if not any(effect.values) or len(effect.terms) > VALUES_IN_TEXT:
         return effect.key
-    parameters = effect.notation.parameters(effect).items()
+    parameters = effect.file_values().items()
     values = ",".join(f"{name}={value:.4g}" for name, value in parameters)
     return f"{effect.key}{',' if ':' in effect.key else ':'}{values}"
 
 
-def _items(text: str, rest: list[str], kind: type[Effect]) -> list[tuple[str, str]]:
+def _items(text: str, details: list[str], kind: type[Effect]) -> list[tuple[str, str]]:
     """Names and values in a text; the first value may be the place alone, as in encoder_gain:3."""
     location = kind.location_field()
-    found: list[tuple[str, str]] = []
-    for item in filter(None, ",".join(rest).split(",")):
+    items: list[tuple[str, str]] = []
+    for item in filter(None, ",".join(details).split(",")):
         name, equals, value = item.partition("=")
-        if not equals and not found and location is not None:
+        if not equals and not items and location is not None:
             name = location
             value = item
         elif not (equals and name):
             raise AacmmError(f"{text!r}: {item!r} has no value; expected {_form(kind)}")
-        found.append((name, value))
-    return found
+        items.append((name, value))
+    return items
 
 
 def _field(kind: type[Effect], name: str, value: str) -> Any:
@@ -131,7 +137,6 @@ def _number(text: str, name: str, value: str) -> float:
 
 
 def _form(kind: type[Effect]) -> str:
-    """How a cause is typed."""
     location = kind.location_field()
     field = kind.nonlinear.field
     place = f":{location.upper()}" if location else ""
@@ -150,9 +155,7 @@ def effect_from(
         UnknownNameError: the cause does not have a field or parameter of this name.
         AacmmError: a field is missing or invalid, or a number is implausible.
     """
-    for name in stated:
-        if name not in fields_of(kind):
-            raise UnknownNameError(f"field of {kind.cause}", name, list(fields_of(kind)))
+    require_names(stated, fields_of(kind), f"field of {kind.cause}")
     missing = [name for name in fields_of(kind) if name not in stated and not hasattr(kind, name)]
     if missing:
         raise AacmmError(f"{kind.cause}: {', '.join(missing)} is missing; expected a value")
@@ -160,7 +163,7 @@ def effect_from(
     nonlinear_u = u.pop(kind.nonlinear.field, 0.0)
     fields = {name: _checked_field(kind, name, value) for name, value in stated.items()}
     bare = kind(**fields, nonlinear_u=float(nonlinear_u))
-    values = bare.notation.values(bare, parameters)
+    values = bare.from_file(parameters)
     return require_plausible(bare.at(values, values_by_key(bare, u, "uncertainty")))
 
 
@@ -168,7 +171,7 @@ def _checked_field(kind: type[Effect], name: str, value: Any) -> Any:
     """A field as a file states it, if it has the type that the class declares."""
     adapter = TypeAdapter(get_type_hints(kind)[name], config=STRICT)
     try:
-        return adapter.validate_python(tuple(value) if isinstance(value, list) else value)
+        return adapter.validate_python(value)
     except ValidationError as error:
         expected = expected_words(error.errors()[0])
         came = reprlib.repr(value)
@@ -209,17 +212,16 @@ def require_sign(effect: AnyEffect) -> AnyEffect:
 
 def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | DiscrepancyEntry]]:
     """Return the entries of effects in an arm file: causes by name, and the discrepancy."""
-    found: dict[str, list[EffectEntry | DiscrepancyEntry]] = {"effects": [], "discrepancy": []}
+    entries: dict[str, list[EffectEntry | DiscrepancyEntry]] = {"effects": [], "discrepancy": []}
     for effect in effects:
         if isinstance(effect, Discrepancy):
-            found["discrepancy"].append(effect.filed())
+            entries["discrepancy"].append(effect.filed())
         else:
-            found["effects"].append(_entry_of(effect))
-    return found
+            entries["effects"].append(_entry_of(effect))
+    return entries
 
 
 def _entry_of(effect: Effect) -> EffectEntry:
-    """A cause as an arm file has it."""
     entry: dict[str, Any] = {"cause": effect.cause}
     for name in fields_of(type(effect)):
         value = getattr(effect, name)
@@ -231,7 +233,7 @@ def _entry_of(effect: Effect) -> EffectEntry:
         uncertainty = {term.key: float(u / term.scale) for term, u in pairs}
     if effect.nonlinear_u:
         uncertainty[effect.nonlinear.field] = float(effect.nonlinear_u)
-    entry |= {"parameters": effect.notation.parameters(effect), "uncertainty": uncertainty}
+    entry |= {"parameters": effect.file_values(), "uncertainty": uncertainty}
     return EffectEntry.model_validate(entry)
 
 
@@ -243,43 +245,39 @@ def effects_of_file(arm: Arm, path: str) -> tuple[Effect, ...]:
     """
     if arm.file is None:
         return ()
-    found: list[Effect] = []
-    for k, entry in enumerate(arm.file.effects, start=1):
-        found.append(_cause_of_entry(entry, arm, path, f"effects[{k}]"))
-    for k, described in enumerate(arm.file.discrepancy, start=1):
-        found.append(_discrepancy_of_entry(described, arm, path, f"discrepancy[{k}]"))
-    return tuple(found)
+    entries: dict[str, EffectEntry | DiscrepancyEntry] = {}
+    for section in ("effects", "discrepancy"):
+        for k, entry in enumerate(getattr(arm.file, section), start=1):
+            entries[f"{section}[{k}]"] = entry
+    effects = []
+    for key, entry in entries.items():
+        try:
+            effects.append(_effect_of_entry(entry, arm))
+        except (AacmmError, TypeError, ValueError) as error:
+            is_name = getattr(error, "name", "") == getattr(entry, "cause", None)
+            place = f"{key}.cause" if is_name else key
+            raise ArmFileError(path, place, str(error)) from None
+    return tuple(effects)
 
 
-def _cause_of_entry(entry: EffectEntry, arm: Arm, path: str, key: str) -> Effect:
-    try:
+def _effect_of_entry(entry: EffectEntry | DiscrepancyEntry, arm: Arm) -> Effect:
+    """The cause or the discrepancy of an entry, if it can act on the arm."""
+    if isinstance(entry, EffectEntry):
         kind = cause_named(entry.cause)
-    except UnknownNameError as error:
-        raise ArmFileError(path, f"{key}.cause", str(error)) from None
-    try:
         effect = effect_from(kind, entry.structure, entry.parameters, entry.uncertainty)
         _require_all(entry, effect)
         return require_row(require_sign(effect), arm)
-    except (AacmmError, TypeError, ValueError) as error:
-        raise ArmFileError(path, key, str(error)) from None
-
-
-def _discrepancy_of_entry(entry: DiscrepancyEntry, arm: Arm, path: str, key: str) -> Discrepancy:
-    """The discrepancy of an entry, if it can act on the arm."""
+    discrepancy = require_plausible(discrepancy_of(entry))
     nothing = np.zeros(0)
     conditions = Conditions(0, time=nothing, temperature=nothing)
-    try:
-        found = require_plausible(discrepancy_of(entry))
-        found.displacements(State(arm, np.zeros((0, arm.nq)), conditions, arm.chain.tip))
-        return found
-    except AacmmError as error:
-        raise ArmFileError(path, key, str(error)) from None
+    discrepancy.displacements(State(arm, np.zeros((0, arm.nq)), conditions, arm.chain.tip))
+    return discrepancy
 
 
 def _require_all(entry: EffectEntry, effect: Effect) -> None:
     """Refuse an entry that states some of the parameters, or of their u, but not the others."""
     linear = [term.key for term in effect.terms]
-    by_notation = [*effect.notation.parameters(effect)]
+    by_notation = [*effect.file_values()]
     names = linear if {*entry.parameters} <= {*linear} else by_notation
     for what, stated, expected in (
         ("parameters", entry.parameters, names),

@@ -11,13 +11,14 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import LATEST
+from aacmm_pin.arm import Parameter
 from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.effect import (
     Displacement,
     Effect,
     Term,
+    UncertaintyOf,
     about_axis,
-    fields_of,
     of_encoder,
 )
 from aacmm_pin.effects.nonlinear import Nonlinear, TimeConstant
@@ -77,12 +78,12 @@ class ZeroDrift(Effect):
     joint: int
     time_constant_s: float
     until_s: float | None = None
-    cause: ClassVar[str] = "zero_drift"
-    function_of: ClassVar[str] = "time"
-    words: ClassVar[str] = "drift of the zero"
-    needs: ClassVar[tuple[str, ...]] = ("time",)
-    nonlinear: ClassVar[Nonlinear[Any]] = _TimeOfDrift("time_constant_s")
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "drift_rad"),)
+    cause = "zero_drift"
+    function_of = "time"
+    words = "drift of the zero"
+    needs = ("time",)
+    nonlinear = _TimeOfDrift("time_constant_s")
+    terms = (Term("", "rad", 2e-4, "drift_rad"),)
 
     @property
     def identity(self) -> tuple[object, ...]:
@@ -114,13 +115,18 @@ class ZeroDrift(Effect):
 class _DriftExtrapolation(ZeroDrift):
     """How much faster or slower than thought a drift goes on after what was seen of it."""
 
-    terms: ClassVar[tuple[Term, ...]] = (Term("later", "rad/s", 1e-7, "later_rad_per_s"),)
+    terms = (Term("later", "rad/s", 1e-7, "later_rad_per_s"),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The time since then."""
         time = state.conditions.require("time", self.label)
         later = np.maximum(time - (self.until_s or 0.0), 0.0)
         return [about_axis(state, self.joint, later[:, None])]
+
+
+def midpoints(times: Array) -> Array:
+    """The middles of neighbouring times (n,) [s]: (n - 1,)."""
+    return (times[1:] + times[:-1]) / 2
 
 
 @dataclass(frozen=True)
@@ -137,7 +143,7 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         times = np.zeros(0) if records is None else records.conditions.times
         if times.size < 2:
             return ()
-        between = (times[1:] + times[:-1]) / 2
+        between = midpoints(times)
         gaps = np.diff(times)
         pauses = between[gaps > PAUSE_RATIO * np.median(gaps)][: self.tried]
         first = min(AT_ENDS, (len(between) + 1) // 2) - 1
@@ -148,8 +154,8 @@ class TimeOfStep(Nonlinear["StepInTime"]):
     def refine(self, effect: StepInTime, records: Records) -> list[StepInTime]:
         """In every gap between records near it, counted by records: a pause is far in time."""
         times = records.conditions.times
-        between = np.concatenate([times[:1], (times[1:] + times[:-1]) / 2])
-        place = int(np.searchsorted(between, effect.time_s))
+        between = np.concatenate([times[:1], midpoints(times)])
+        place = int(np.searchsorted(between, effect.when))
         first = max(place - GAPS_NEAR // 2, 0)
         near = between[first : first + GAPS_NEAR]
         return [self.at(effect.with_gap((), ()), time) for time in near.tolist()]
@@ -175,8 +181,8 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         times = records.conditions.times
         labels = records.conditions.session
         # Other causes may have moved the likeliest gap since.
-        low = min(low, effect.time_s)
-        high = max(high, effect.time_s)
+        low = min(low, effect.when)
+        high = max(high, effect.when)
         before = float(times[times < low].max(initial=-LATEST))
         behind = float(times[times > high].min(initial=LATEST))
         sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
@@ -184,30 +190,32 @@ class TimeOfStep(Nonlinear["StepInTime"]):
 
     def extrapolation_terms(self, effect: StepInTime) -> tuple[Effect, ...]:
         """Whether a reading between the two times is of before or after."""
-        if effect.in_gap is None or not (effect.between_s and any(effect.values)):
+        if effect.of_reference or not (effect.between_s and any(effect.values)):
             return ()
-        fields = {name: getattr(effect, name) for name in fields_of(type(effect))}
-        return (effect.in_gap(**fields, u=tuple(abs(value) / 2.0 for value in effect.values)),)
+        return (_InGap(base=effect, u=tuple(abs(value) / 2.0 for value in effect.values)),)
 
 
+@dataclass(frozen=True, kw_only=True)
 class StepInTime(Effect):
     """The base class of causes that are zero before ``time_s``, and constant from then on.
 
-    A subclass has the fields of its place, ``time_s``, ``between_s`` and ``sessions``. The step is
-    between the two times ``between_s``. Between these times the model uses half of the values, with
+    A subclass has the fields of its place and ``time_s``. The step is between the two times
+    ``between_s``. Between these times the model uses half of the values, with
     half of the values as standard uncertainties (JCGM 100:2008, 4.3: two equally probable values).
     The times are by the clock of the ``sessions``. Records of other sessions count as later and
     have the whole step.
     """
 
-    time_s: float
-    between_s: tuple[float, ...]
-    sessions: tuple[str, ...]
-    function_of: ClassVar[str] = "time"
+    between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
+    function_of = "time"
     needs: ClassVar[tuple[str, ...]] = ("time",)
-    nonlinear: ClassVar[Nonlinear[Any]] = TimeOfStep("time_s")
-    in_gap: ClassVar[type[StepInTime] | None] = None
-    """The same cause between the two times alone."""
+    nonlinear = TimeOfStep("time_s")
+
+    @property
+    def when(self) -> float:
+        """The time of the step [s]."""
+        return self.nonlinear.value(self)
 
     def with_gap(self, between_s: tuple[float, ...], sessions: tuple[str, ...]) -> Self:
         """Return the cause with another gap, by the clock of other sessions."""
@@ -217,31 +225,28 @@ class StepInTime(Effect):
     def __post_init__(self) -> None:
         super().__post_init__()
         gap = self.between_s
-        if gap and not (len(gap) == 2 and gap[0] <= self.time_s <= gap[1]):
-            expected = f"expected two times around time_s ({self.time_s:g})"
+        if gap and not (len(gap) == 2 and gap[0] <= self.when <= gap[1]):
+            expected = f"expected two times around time_s ({self.when:g})"
             raise AacmmError(f"{self.label}: between_s is {gap}; {expected}")
 
     @property
     def identity(self) -> tuple[object, ...]:
         """The name, the place and the time."""
-        return (self.cause, self.place, self.time_s)
+        return (self.cause, self.place, self.when)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """Return notes about records before the step, and about records of later sessions."""
-        found = []
-        if self.sessions and (before := self.part(conditions) == 0.0).any():
-            step = {"cause": self.label, "time": self.time_s}
-            found.append(
-                Note("before_slip", {"records": int(before.sum()), "of": conditions.n, **step})
-            )
+        notes = []
+        step = {"of": conditions.n, "cause": self.label}
+        before = int(np.sum(self.part(conditions) == 0.0)) if self.sessions else 0
+        if before:
+            notes.append(Note("before_slip", {"records": before, **step, "time": self.when}))
         later = self._is_of_later_session(conditions)
         if later.any():
             sessions = [*dict.fromkeys(conditions.require("session", self.label)[later])]
-            step = {"cause": self.label, "sessions": sessions}
-            found.append(
-                Note("after_slip", {"records": int(later.sum()), "of": conditions.n, **step})
-            )
-        return found
+            step |= {"records": int(later.sum()), "sessions": sessions}
+            notes.append(Note("after_slip", step))
+        return notes
 
     def part(self, conditions: Conditions) -> Array:
         """Return the part of the step in each record, ``(n,)``: 0 before, 1 after, 0.5 between the
@@ -252,9 +257,9 @@ class StepInTime(Effect):
             return np.ones(conditions.n)
         or_else = " without the column `session`" if self.sessions else ""
         time = conditions.require("time", self.label + or_else)
-        low, high = self.between_s or (self.time_s, self.time_s)
+        low, high = self.between_s or (self.when, self.when)
         is_between = (low < time) & (time < high)
-        by_clock = np.where(is_between, 0.5, time >= self.time_s)
+        by_clock = np.where(is_between, 0.5, time >= self.when)
         return np.where(later | (time >= high), 1.0, by_clock)
 
     def _is_of_later_session(self, conditions: Conditions) -> Mask:
@@ -265,12 +270,28 @@ class StepInTime(Effect):
         return np.asarray((labels != "") & ~np.isin(labels.astype(str), self.sessions))
 
 
-class InGap(StepInTime):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _InGap(UncertaintyOf):
     """What is missing of a step, or too much, between the two times."""
 
-    def part(self, conditions: Conditions) -> Array:
-        """One between the two times."""
-        return np.where(super().part(conditions) == 0.5, 1.0, 0.0)
+    base: StepInTime
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Those of the step."""
+        names = [f"in_gap_{term.name}".rstrip("_") for term in self.base.terms]
+        pairs = zip(self.base.terms, names, strict=True)
+        return tuple(replace(term, name=name) for term, name in pairs)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Of the kind of the step."""
+        return tuple(replace(p, kind=self.base.cause) for p in super().parameters())
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Those of the step, of which half is there between the two times and nowhere else."""
+        twice = 2.0 * (self.base.part(state.conditions) == 0.5)[:, None, None]
+        steps = self.base.displacements(state)
+        return [Displacement(step.place, step.columns * twice) for step in steps]
 
 
 @dataclass(frozen=True)
@@ -284,20 +305,10 @@ class EncoderSlip(StepInTime):
 
     joint: int
     time_s: float
-    between_s: tuple[float, ...] = ()
-    sessions: tuple[str, ...] = ()
-    cause: ClassVar[str] = "encoder_slip"
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "step_rad"),)
+    cause = "encoder_slip"
+    terms = (Term("", "rad", 2e-4, "step_rad"),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the part of the slip in each record as an error of the reading."""
         part = self.part(state.conditions)
         return of_encoder(state, self.joint, part[:, None])
-
-
-@dataclass(frozen=True)
-class _SlipInGap(InGap, EncoderSlip):
-    terms: ClassVar[tuple[Term, ...]] = (Term("in_gap", "rad", 2e-4, "in_gap_rad"),)
-
-
-EncoderSlip.in_gap = _SlipInGap

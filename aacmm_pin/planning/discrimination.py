@@ -201,7 +201,7 @@ def _sizes_in_words(split: tuple[Effect, Effect], before: Power | None) -> Itera
     for effect, other in (split, split[::-1]):
         if any(effect.values):
             continue
-        option = f"{effect.key},{next(iter(effect.notation.parameters(effect)))}=…"
+        option = f"{effect.key},{next(iter(effect.file_values()))}=…"
         data = {"cause": effect.label, "option": option}
         if before is not None and any(other.values):
             yield Note("planned_as_large_as", {**data, "other": other.label})

@@ -39,7 +39,7 @@ def size_of(effect: Effect) -> Array:
     scaled = np.array(effect.values) / [term.typical for term in effect.terms]
     if not scaled.any():
         return np.eye(scaled.size)
-    if effect.notation.phase_is_free(effect):
+    if effect.phase_is_free:
         return np.eye(scaled.size) * float(np.linalg.norm(scaled) / np.sqrt(scaled.size))
     return scaled[:, None]
 

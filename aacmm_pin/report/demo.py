@@ -258,7 +258,7 @@ def _measured(found: Diagnosis, hidden: Effect, planned: str) -> list[Block]:
 
 
 def _hidden_and_found(found: Diagnosis, hidden: Effect) -> pd.DataFrame:
-    true = {key: (value, 0.0) for key, value in hidden.notation.parameters(hidden).items()}
+    true = {key: (value, 0.0) for key, value in hidden.file_values().items()}
     rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
     for finding in found.findings:
         values = values_in_words(finding.effect, finding.parameters)

@@ -9,29 +9,9 @@ from tests.benchmarks.robots.__main__ import main, robot
 from tests.benchmarks.robots.evaluation import score
 from tests.benchmarks.robots.page import page
 from tests.benchmarks.robots.plain_model import Plain, recalibrated
-from tests.benchmarks.robots.robot import COMPLIANCE, NOISE_MM, RANGES, Robot, chain, rms
+from tests.benchmarks.robots.robot import COMPLIANCE, NOISE_MM, RANGES, Robot, rms
 
 MIXED = Robot.of(11, "cep-lc")
-
-
-def test_columns_are_differences_of_tips():
-    data, step = MIXED.measured(5), 1e-6
-    rows, target = MIXED.rows, np.array([8.0, -6.0, 88.0])
-    arm = chain(data.q, rows, target)
-    columns = arm.columns()
-    for row in range(6):
-        for value in range(3):
-            moved = rows.copy()
-            moved[row, value] += step
-            difference = (chain(data.q, moved, target).tips - arm.tips) / step
-            np.testing.assert_allclose(columns[:, :, 6 * value + row], difference, atol=1e-3)
-        turned = data.q + step * np.eye(6)[row]
-        difference = (chain(turned, rows, target).tips - arm.tips) / step
-        np.testing.assert_allclose(columns[:, :, 18 + row], difference, atol=1e-3)
-    for axis, unit in enumerate(np.eye(3)):
-        difference = chain(data.q, rows, target + unit).tips - arm.tips
-        np.testing.assert_allclose(columns[:, :, 24 + axis], difference, atol=1e-6)
-        np.testing.assert_allclose(columns[:, :, 27 + axis], np.cross(unit, arm.tips), atol=1e-6)
 
 
 def test_least_squares_recovers_what_is_planted():

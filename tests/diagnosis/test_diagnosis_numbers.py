@@ -54,8 +54,8 @@ from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.discrepancy import Cosines
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.smooth_functions import Cosines
 from aacmm_pin.measurements.records import Measurements
 from tests.again import again
 from tests.oracle import close

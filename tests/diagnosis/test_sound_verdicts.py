@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -109,8 +108,8 @@ class SquareTilt(Effect):
     """A bearing that tilts with the square of its moment, which no cause of the library does."""
 
     joint: int
-    cause: ClassVar[str] = "square_tilt"
-    elastic: ClassVar[bool] = True
+    cause = "square_tilt"
+    elastic = True
 
     @property
     def terms(self) -> tuple[Term, ...]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ import pytest
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import (
-    CAUSES,
     BearingTilt,
     Conditions,
     Effect,
@@ -112,19 +109,11 @@ def test_an_error_that_moves_several_joints_has_no_basis(sino6, rng):
 class Step(OfAngle):
     """A cause of one's own that states its function alone."""
 
-    cause: ClassVar[str] = "rounded_step"
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "step_rad"),)
+    cause = "rounded_step"
+    terms = (Term("", "rad", 1e-4, "step_rad"),)
 
     def function(self, angle: Array) -> Array:
         return np.tanh(5.0 * angle)[:, None]
-
-
-@pytest.fixture
-def known() -> Iterator[None]:
-    before = dict(CAUSES)
-    yield
-    CAUSES.clear()
-    CAUSES.update(before)
 
 
 def test_an_own_function_of_the_angle(sino6, rng):

@@ -93,9 +93,7 @@ def test_texts_are_read(sino6):
     for effect in (BaseCompliance(values=(4.138e-6,)), KNOWN, JointPeriodicError(6, 7.0)):
         again = cause_of(text_of(effect), ErrorModel(sino6))
         assert again.identity == effect.identity
-        assert again.notation.parameters(again) == pytest.approx(
-            effect.notation.parameters(effect), rel=1e-3
-        )
+        assert again.file_values() == pytest.approx(effect.file_values(), rel=1e-3)
 
 
 def test_texts_of_no_use_are_refused(sino6):
@@ -120,7 +118,7 @@ def test_every_cause_has_words_places_and_units(sino6):
         effect = example(cause)
         assert isinstance(effect, cause)
         assert cause_in_words(cause) in name_in_words(effect)
-        assert set(effect.notation.readings(effect)) == set(effect.notation.parameters(effect))
+        assert set(effect.readings()) == set(effect.file_values())
         for term in effect.terms:
             assert 0.999 <= term.typical / term.scale * term.reading.factor < 1000, term
     tried = [variants[0] for variants in all_candidates(sino6)]

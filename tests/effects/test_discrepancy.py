@@ -15,8 +15,17 @@ from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
-from aacmm_pin.effects.smooth_functions import MOST_KNOTS, Bumps, Cosines, Moment, Smooth, Waves
+from aacmm_pin.effects.discrepancy import (
+    MOST_KNOTS,
+    Bumps,
+    Carrier,
+    Cosines,
+    Discrepancy,
+    Moment,
+    Part,
+    Smooth,
+    Waves,
+)
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import ArmFileError, MissingConditionError
 from tests.oracle import close, gravity_torques, placements, with_dh_errors
@@ -163,6 +172,14 @@ def test_of_an_arm_that_came_as_urdf(robot_file, rng, tmp_path):
     close(model.predict(q), arm.poses(moved).position, 1e-12)
 
 
+COSINES = {
+    "kind": "cosines",
+    "of": "time",
+    "at_si": [0.0, 60.0],
+    "below": [0.5, 9.5],
+    "records": 10,
+    "count": 1,
+}
 ENTRY = {
     "depends_on": "joint 2 × time",
     "parts": [
@@ -170,14 +187,7 @@ ENTRY = {
             "acts_on": "angle 2",
             "functions": [
                 {"kind": "waves", "of": "joint 2"},
-                {
-                    "kind": "cosines",
-                    "of": "time",
-                    "at_si": [0.0, 60.0],
-                    "below": [0.5, 9.5],
-                    "records": 10,
-                    "count": 1,
-                },
+                COSINES,
             ],
         }
     ],
@@ -209,28 +219,8 @@ OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
     ({"kind": "splines"}, "expected tags"),
     ({"kind": "waves", "of": "joint 2", "order": 0}, "order is 0"),
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, math.inf]], "width_si": 1.0}, "finite"),
-    (
-        {
-            "kind": "cosines",
-            "of": "time",
-            "at_si": [1, 0],
-            "below": [0, 1],
-            "records": 2,
-            "count": 1,
-        },
-        "ascending",
-    ),
-    (
-        {
-            "kind": "cosines",
-            "of": "time",
-            "at_si": [0, 1],
-            "below": [0, 1],
-            "records": 2,
-            "count": 10**9,
-        },
-        "to 100",
-    ),
+    (COSINES | {"at_si": [1, 0]}, "ascending"),
+    (COSINES | {"count": 10**9}, "to 100"),
 ]
 
 

@@ -19,10 +19,9 @@ import pinocchio as pin
 import pytest
 import tomli_w
 from numpy.typing import ArrayLike
-from scipy.integrate import solve_ivp
 from scipy.interpolate import make_lsq_spline
 from scipy.linalg import expm
-from scipy.optimize import brentq, root
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
@@ -70,8 +69,8 @@ from aacmm_pin.effects import (
     strongest_waves,
 )
 from aacmm_pin.effects.causes import all_candidates
+from aacmm_pin.effects.compliance import GravityEffect
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
-from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
 from tests.again import again
 from tests.arm_files import RIGID, changed, craig
@@ -245,22 +244,6 @@ def test_columns_are_the_derivatives(arms, rng):
                 close(stated[:, :, k], (there - back) / (2 * h), 1e-9 * size + rounding)
 
 
-def test_exact_form_converges_quadratically(arms, rng):
-    for arm, effect in cases(arms):
-        q = postures(arm, rng, 10)
-        conditions = known(arm, 10, rng)
-        stated = columns(arm, effect, q, conditions)
-        values = typical(effect) * rng.uniform(0.5, 1.0, len(effect.terms))
-        values *= 1e-3 / np.abs(stated @ values).max(initial=1e-15)
-        beyond = []
-        for scale in (1.0, 0.5):
-            exact = positions(arm, effect, scale * values, q, conditions) - ErrorModel(arm).predict(
-                q
-            )
-            beyond.append(np.abs(exact - stated @ (scale * values)).max())
-        assert beyond[0] < 1e-14 or 3.9 < beyond[0] / beyond[1] < 4.1
-
-
 def test_typical_values_are_in_si(arms, rng):
     """From a tenth of a micrometre to ten millimetres: millimetres or degrees taken for SI would be
     outside.
@@ -415,7 +398,8 @@ def test_an_arm_that_cannot_stand(sino6, rng):
         positions(sino6, JointCompliance(joint=2), [1.0], postures(sino6, rng, 20), Conditions(20))
 
 
-# --- the physics of each cause ---
+# --- the physics of each cause; tests/blind/test_blind_plant.py holds more of them, such as the
+# bending and the wind-up of tubes, against the plant ---
 
 
 def turned(arm: Arm, q: Array, joint: int, delta: ArrayLike) -> Array:
@@ -446,12 +430,6 @@ class Bodies:
 @pytest.fixture
 def q(sino6: Arm, rng: np.random.Generator) -> Array:
     return postures(sino6, rng, 30)
-
-
-@pytest.fixture
-def bodies(sino6: Arm, q: Array) -> Bodies:
-    assert sino6.file is not None
-    return Bodies(sino6.file, placements(sino6, q))
 
 
 def test_geometry_is_the_arm_with_other_values(arm_file, rng):
@@ -528,19 +506,17 @@ def test_periodic_errors_turn_the_joint(sino6, q):
         (EncoderEllipticity(joint=4), 2.0),
         (JointPeriodicError(joint=4, order=16.5), 16.5),
     ):
-        values = effect.notation.values(effect, {"amplitude_rad": amplitude, "phase_rad": phase})
+        values = effect.from_file({"amplitude_rad": amplitude, "phase_rad": phase})
         expected = turned(sino6, q, 4, amplitude * np.cos(order * q[:, 3] - phase))
         close(positions(sino6, effect, values, q, Conditions(len(q))), expected)
-        polar, wave = effect.notation, effect.at(values)
-        assert polar.parameters(wave) == pytest.approx(
-            {"amplitude_rad": amplitude, "phase_rad": phase}, rel=1e-12
-        )
+        polar = {"amplitude_rad": amplitude, "phase_rad": phase}
+        assert effect.at(values).file_values() == pytest.approx(polar, rel=1e-12)
         moved = [
-            [*polar.parameters(effect.at(np.array(values) + step * unit)).values()]
+            [*effect.at(np.array(values) + step * unit).file_values().values()]
             for unit in np.eye(2)
         ]
         numeric = (np.array(moved).T - np.array([[amplitude], [phase]])) / step
-        np.testing.assert_allclose(polar.jacobian(wave), numeric, rtol=1e-3)
+        np.testing.assert_allclose(effect.at(values).file_jacobian(), numeric, rtol=1e-3)
 
 
 def test_error_curve_has_linear_precision(sino6, q):
@@ -640,72 +616,6 @@ def test_weights_are_those_of_pinocchio(name, arms, rng):
             across = moments[k, joint - 1] - z * (z @ moments[k, joint - 1])
             tilted[k] = np.cross(across, poses.position[k] - data.oMi[joint].translation)
         close(columns(arm, BearingTilt(joint=joint), q, still)[:, :, 0], tilted)
-
-
-def test_link_bends_as_the_beam_equation_says(sino6, q, bodies):
-    """dφ/dx = κ m(x), dw/dx = φ × u along the tube, m(x) the moment of all that hangs beyond x,
-    without its torsion.
-
-    Pieces of the tube stand for its even weight to 1/(their number)².
-    """
-    frames = placements(sino6, q)
-    some = range(0, len(q), 4)  # each takes many pieces
-    for link in (3, 5):
-        expected = np.array([bent(bodies, k, link, frames[k]) for k in some])
-        found = columns(sino6, LinkBending(link=link), q[::4], Conditions(len(some)))[:, :, 0]
-        close(found, expected, 2e-6 * np.abs(expected).max())
-        assert np.abs(expected).max() > 1e-4
-
-
-PIECES = 400
-
-
-def bent(bodies: Bodies, k: int, link: int, frames: Array) -> Array:
-    """Displacement of the tip of one posture per unit of 1/EI.
-
-    The tube of SINO6 runs along the axis of its row by d, what is left of the body (a) is rigid.
-    Its body is many equal pieces along it and one lump at its end, of which the weights and the
-    first moments are those of the whole body.
-    """
-    root_, tip = frames[link - 1, :3, 3], frames[-1, :3, 3]
-    z, span = frames[link - 1, :3, 2], frames[link, :3, 3] - root_
-    end_of_tube = root_ + z * (z @ span)
-    length = abs(z @ span)
-    along = (end_of_tube - root_) / length
-    mass, centre = bodies.masses[link - 1], bodies.centres[k, link - 1]
-    share = 2 * (1 - along @ (centre - root_) / length)
-    assert 0 < share < 1
-    at = (np.arange(PIECES) + 0.5) / PIECES * length
-    pieces = np.tile(share * mass / PIECES * bodies.gravity, (PIECES, 1))
-    lump = (1 - share) * mass
-    lump_at = (mass * centre - share * mass * (root_ + along * length / 2)) / lump
-    weights = np.vstack([bodies.masses[link:, None] * bodies.gravity, lump * bodies.gravity])
-    centres = np.vstack([bodies.centres[k, link:], lump_at])
-
-    def slopes(x: float, state: Array) -> Array:
-        here = root_ + x * along
-        moment = np.cross(centres - here, weights).sum(axis=0)
-        moment = moment + np.cross((np.maximum(at - x, 0.0))[:, None] * along, pieces).sum(axis=0)
-        return np.concatenate([moment - along * (along @ moment), np.cross(state[:3], along)])
-
-    state = solve_ivp(
-        slopes, (0.0, length), np.zeros(6), rtol=1e-9, atol=1e-12, max_step=length / 100
-    ).y[:, -1]
-    return np.asarray(state[3:] + np.cross(state[:3], tip - end_of_tube))
-
-
-def test_windup_turns_the_rest_about_the_tube(sino6, q, bodies):
-    frames = placements(sino6, q)
-    for link in (3, 5):
-        start, stop, tip = (frames[:, i, :3, 3] for i in (link - 1, link, -1))
-        z = frames[:, link - 1, :3, 2]
-        along = z * np.sign(np.einsum("ni,ni->n", z, stop - start))[:, None]
-        tube = start + along * np.abs(np.einsum("ni,ni->n", z, stop - start))[:, None]
-        # The body's own weight counts: what of it is tube lies on the line and has no moment about
-        # it.
-        torque = np.einsum("ni,ni->n", along, bodies.moment(link, start))
-        expected = torque[:, None] * np.cross(along, tip - tube)
-        close(columns(sino6, TorsionalWindup(link=link), q, Conditions(len(q)))[:, :, 0], expected)
 
 
 @pytest.mark.parametrize("of_links", [False, True], ids=["whole", "links"])
@@ -979,23 +889,3 @@ def test_weight_bends_an_arm_alike_in_both_conventions(sino6, rng):
         [cause.link for (cause,) in LinkBending.candidates(arm)] for arm in (standard, modified)
     ]
     assert bodies[0] == bodies[1] != []
-
-
-def test_base_turns_until_it_carries_the_turned_arm(sino6, q):
-    """The turn of the stand, found by SciPy: c times the moment of the arm as it is turned."""
-    c = 1e-3
-    found = positions(sino6, BaseCompliance(), [c], q, Conditions(len(q)))
-    for k, frames in enumerate(placements(sino6, q)):
-        bodies = Bodies(sino6.file, frames[None])
-        weights = bodies.masses[:, None] * bodies.gravity
-
-        def unbalanced(
-            turn: Array, centres: Array = bodies.centres[0], weights: Array = weights
-        ) -> Array:
-            return np.asarray(
-                turn - c * np.cross(Rotation.from_rotvec(turn).apply(centres), weights).sum(axis=0)
-            )
-
-        turn = root(unbalanced, np.zeros(3), tol=1e-14).x
-        assert np.linalg.norm(turn) < 0.1
-        close(found[k], Rotation.from_rotvec(turn).apply(frames[-1, :3, 3]))

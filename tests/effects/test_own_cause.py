@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -214,7 +214,7 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose, folder, tmp_
     tried = ("diagnose", "sino6", str(records))
     given = ("simulate", "sino6", "--records", "20", "--cause", "hose_pull:3,turn_rad_per_m=1e-4")
     moment, last = "moment[:, None]", "return [about_axis(state, self.joint, moment[:, None])]"
-    terms = 'terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/m", 1e-4, "turn_rad_per_m"),)'
+    terms = 'terms = (Term("", "rad/m", 1e-4, "turn_rad_per_m"),)'
     for old, new, words, said in (
         (
             moment,
@@ -233,13 +233,13 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose, folder, tmp_
             last,
             "raise SystemExit(0)",
             given,
-            ":3: displacements: SystemExit: 0 (wrong.py, line 26)",
+            ":3: displacements: SystemExit: 0 (wrong.py, line 25)",
         ),
         (
             last,
             "return nothing",
             tried,
-            ":1: displacements: NameError: name 'nothing' is not defined (wrong.py, line 26)",
+            ":1: displacements: NameError: name 'nothing' is not defined (wrong.py, line 25)",
         ),
         ("def displacements", "def displacement", ("causes",), ": HosePull lacks displacements"),
         (
@@ -309,8 +309,8 @@ class Coupled(Effect):
     """A joint that turns with the angle of the one before it, and is not said to be elastic."""
 
     joint: int
-    cause: ClassVar[str] = "coupled"
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-4, "gain"),)
+    cause = "coupled"
+    terms = (Term("", "1", 1e-4, "gain"),)
 
     def displacements(self, state: State) -> list[Displacement]:
         return [

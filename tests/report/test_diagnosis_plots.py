@@ -105,9 +105,7 @@ def knowing(
 
     extended = fitted(["geometry", effect.at((), tuple(3 * t.typical for t in effect.terms))])
     (found,) = (e for e in extended.effects if e.cause == effect.cause)
-    finding = Finding(
-        found, dict.fromkeys(found.notation.parameters(found), (0.0, 0.0)), 1.0, 0.0, 1.0, ()
-    )
+    finding = Finding(found, dict.fromkeys(found.file_values(), (0.0, 0.0)), 1.0, 0.0, 1.0, ())
     fits = {"before": fitted([]), "recalibrated": fitted(["geometry"]), "extended": extended}
     return replace(base, findings=(finding,), **fits), finding
 

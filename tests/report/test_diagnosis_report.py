@@ -123,7 +123,7 @@ def test_a_robot_without_table_or_stated_uncertainties(robot_file):
 
 
 def finding(effect: Effect, probability: float, *aliases: Alias) -> Finding:
-    values = {key: (value, 1e-6) for key, value in effect.notation.parameters(effect).items()}
+    values = {key: (value, 1e-6) for key, value in effect.file_values().items()}
     return Finding(effect, values, probability, 0.0, 0.3, aliases)
 
 

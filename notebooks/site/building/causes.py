@@ -43,7 +43,7 @@ def _row(cause: type[Effect]) -> list[str]:
         for name in fields_of(cause)
         if name not in PLACES and name not in ("bodies", "torque")
     ]
-    keys = [f"`{key}`" for key in effect.notation.parameters(effect)]
+    keys = [f"`{key}`" for key in effect.file_values()]
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
     which = f"; fields {', '.join(inner)}" if inner else ""
     return [

@@ -69,7 +69,6 @@ def effects() -> str:
         "Effect",
         "Nonlinear",
         "TimeConstant",
-        "Notation",
         "Term",
         "Reading",
         "Displacement",
