@@ -141,7 +141,7 @@ class Unexplained(Shown):
         the tip [mm], or as angle of a joint [µrad] or growth of all lengths [µm/m]; and these
         quantities by each record alone (``_of_record``).
         """
-        return dict(report().structure_shapes.shapes_of(self.choice))
+        return dict(report().residual_tables.shapes_of(self.choice))
 
     @property
     def left(self) -> bool:

@@ -4,7 +4,7 @@ sheet.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
@@ -107,17 +107,20 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
         return Document(
             TITLE, ["The file has no probed points for a test of this standard."], result.path
         )
-    table = _readable(result)
+    table = result.to_frame()
+    table["coordinates"] = table["coordinates"].map(partial(brief, most=SHORT_TEXT))
+    table["standard"] = table["standard"].replace(EDITIONS)
     if details is not None:  # one column: a characteristic with a place lacks nothing
         missing = table.pop("missing")
         table["where"] = table["where"].where(missing == "", "missing: " + missing)
     definitions = table[["figure", "standard", "test", "definition"]].drop_duplicates()
     values = table[_columns(table, len(result.overall) > 1, details is None)]
+    marked = {"non-conformity": f"{MARK} {shown_verdict('non-conformity')}"}
     blocks: list[Block] = [
         Table(
             values,
             "Test values and MPEs (maximum permissible errors)",
-            {"verdict": _marked},
+            {"verdict": lambda verdict: marked.get(verdict) or shown_verdict(verdict)},
             HEADS,
             spare="where",
         ),
@@ -130,89 +133,67 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     if details.history is not None:
         blocks += history_blocks(details.history)
     mark = f"{MARK} " if result.failed else ""
-    opening: list[Block] = [
-        Paragraph(ORIGIN),
-        Paragraph(_conditions(result, details), head="Conditions:"),
-        Paragraph(f"{result}.", finding=True, head=f"{mark}Acceptance:"),
+    points = "probed_points.xlsx" if is_workbook(result.data) else "probed_points.csv"
+    data: list[Block] = [
+        Table(definitions, DEFINED, heads=HEADS),
+        Download(
+            "acceptance.json", "all numbers of this page", json_text(result.summary()).encode()
+        ),
+        Download(points, "the probed points", result.data),
     ]
-    title = f"{TITLE}: {details.instrument}" if details.instrument else TITLE
-    made = f"{details.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}"
-    closing: list[Block] = [Notes(result.notes), _data(result, definitions)]
-    return Document(title, [*opening, *blocks, *closing], made, sheet=len(table))
-
-
-def _readable(result: AcceptanceResult) -> pd.DataFrame:
-    table = result.to_frame()
-    table["coordinates"] = table["coordinates"].map(partial(brief, most=SHORT_TEXT))
-    table["standard"] = table["standard"].replace(EDITIONS)
-    return table
+    return Document(
+        f"{TITLE}: {details.instrument}" if details.instrument else TITLE,
+        [
+            ORIGIN,
+            Paragraph(_conditions(result, details), head="Conditions:"),
+            Paragraph(f"{result}.", finding=True, head=f"{mark}Acceptance:"),
+            *blocks,
+            Notes(result.notes),
+            Folded(f"{DEFINED}, and the data", data),
+        ],
+        f"{details.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}",
+        sheet=len(table),
+    )
 
 
 def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
     """Columns that are not empty; with ``several`` sets of coordinates also which one. A ``plain``
     document has the standard in another table.
     """
-    columns = ["figure"]
-    for name in ("verdict", "value_mm", "U_mm", "mpe_mm"):
-        if name == "value_mm" or table[name].notna().any():
-            columns.append(name)
-    if several:
-        columns.append("coordinates")
-    elif not plain:
-        columns.append("standard")
-    columns.append("had")
-    texts = [name for name in ("where", "missing") if name in table]
-    return columns + [name for name in texts if (table[name] != "").any()]
+    numbers = [name for name in ("U_mm", "mpe_mm") if table[name].notna().any()]
+    verdict = ["verdict"] if table["verdict"].notna().any() else []
+    texts = [name for name in ("where", "missing") if name in table and table[name].any()]
+    source = "coordinates" if several else "standard"
+    sources = [] if plain and not several else [source]
+    return ["figure", *verdict, "value_mm", *numbers, *sources, "had", *texts]
 
 
-def _data(result: AcceptanceResult, definitions: pd.DataFrame) -> Folded:
-    summary = json_text(result.summary()).encode()
-    points = "probed_points.xlsx" if is_workbook(result.data) else "probed_points.csv"
-    return Folded(
-        f"{DEFINED}, and the data",
-        [
-            Table(definitions, DEFINED, heads=HEADS),
-            Download("acceptance.json", "all numbers of this page", summary),
-            Download(points, "the probed points", result.data),
-        ],
-    )
-
-
-def history_blocks(history: History) -> list[Block]:
+def history_blocks(history: History) -> Iterator[Block]:
     """Test values outside their control limits, and the control charts."""
     from aacmm_pin.report.plots.history import charts_drawn, plot_history
 
-    charts = history.charts()
-    drawn = charts_drawn(history)
+    charts, drawn = history.charts(), charts_drawn(history)
     several = len({chart.arm for chart in charts}) > 1
-    outside = [_departure(chart, several) for chart in charts if chart.left_range]
-    earlier_checks = [len(chart.usual) for chart in charts if not np.isfinite(chart.limits[1])]
+    outside = []
+    for chart in charts:
+        if chart.left_range:  # the last value of the chart
+            by = f" by {chart.arm}" if several else ""
+            low, high = np.nan_to_num(chart.limits[0]) / MM, chart.limits[1] / MM
+            value = f"{chart.values[-1] / MM:.4f} mm"
+            outside.append(f"{chart.figure}{by} is {value} (limits {low:.4f} to {high:.4f} mm)")
     sentences = [f"{'; '.join(outside)}."] if outside else []
+    earlier_checks = [len(chart.usual) for chart in charts if not np.isfinite(chart.limits[1])]
     if earlier_checks:
-        fewest, most = min(earlier_checks), max(earlier_checks)
-        there_are = f"{fewest} to {most}" if most > fewest else f"{fewest}"
+        there_are = " to ".join(dict.fromkeys([str(min(earlier_checks)), str(max(earlier_checks))]))
         sentences.append(
             f"{len(earlier_checks)} of {len(charts)} characteristics have only {there_are} of the "
             f"{LEAST_CHECKS} earlier checks that control limits need."
         )
-    text = " ".join(sentences) or "No test value is outside its limits."
     head = "Outside the control limits:" if outside else "Control limits:"
-    said = Paragraph(text, head=head)
-    if not drawn:
-        return [said]
-    caption = CHART_CAPTION + _not_drawn(charts, drawn, several)
-    return [
-        said,
-        Figure(lambda: plot_history(history), "Control charts of the test values", caption),
-    ]
-
-
-def _departure(chart: ControlChart, several: bool) -> str:
-    """The last value of a chart with its limits."""
-    by = f" by {chart.arm}" if several else ""
-    low, high = np.nan_to_num(chart.limits[0]) / MM, chart.limits[1] / MM
-    value = f"{chart.values[-1] / MM:.4f} mm"
-    return f"{chart.figure}{by} is {value} (limits {low:.4f} to {high:.4f} mm)"
+    yield Paragraph(" ".join(sentences) or "No test value is outside its limits.", head=head)
+    if drawn:
+        caption = CHART_CAPTION + _not_drawn(charts, drawn, several)
+        yield Figure(lambda: plot_history(history), "Control charts of the test values", caption)
 
 
 def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:
@@ -223,15 +204,8 @@ def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], se
         if len(chart.values) > 1 and (chart.arm, chart.figure) not in drawn_keys:
             by = f" by {brief(chart.arm, SHORT_TEXT)}" if several else ""
             names.setdefault(by, []).append(chart.figure)
-    if not names:
-        return ""
     listed = [", ".join(figures) + by for by, figures in names.items()]
-    return f" The figure leaves out {'; '.join(listed)}."
-
-
-def _marked(verdict: str) -> str:
-    mark = f"{MARK} " if verdict == "non-conformity" else ""
-    return f"{mark}{shown_verdict(verdict)}"
+    return f" The figure leaves out {'; '.join(listed)}." if listed else ""
 
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
@@ -245,8 +219,8 @@ def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
             lines[name] = _listed(values) + unit
     if result.measuring_range is not None:
         part = plain_mm(LONGEST_PART * result.measuring_range)
-        whole = plain_mm(result.measuring_range)
-        lines["measuring range"] = f"{whole} mm, of which 66 % are {part} mm"
+        full = plain_mm(result.measuring_range)
+        lines["measuring range"] = f"{full} mm, of which 66 % are {part} mm"
         for test, length in result.longest.items():
             lines[f"longest length of {test}"] = f"{plain_mm(length)} mm"
     lines |= details.about

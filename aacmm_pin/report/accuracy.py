@@ -13,7 +13,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import COVERED, AccuracyVolume, LengthUncertainty, WorkspaceMap
 from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.postures import Flexibility, PosturesAtPoint, sector_centres
-from aacmm_pin.report.document import Block, Document, Paragraph, Table, document_of
+from aacmm_pin.report.document import NO_NUMBER, Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import in_one_unit, percent, spread
 
 SHOWN_SOURCES = 8
@@ -50,11 +50,11 @@ def postures_document(postures: PosturesAtPoint) -> Document:
 @document_of.register
 def flexibility_document(flexibility: Flexibility) -> Document:
     """Which sectors have a posture."""
-    number = len(flexibility.sectors)  # none of an arm without an elbow that goes round
-    centres = sector_centres(number) if number else ()
     works = {}
-    for centre, yes in zip(centres, flexibility.sectors, strict=True):
-        works[f"{centre / DEG:.4g}°"] = ["works" if yes else "–"]
+    if flexibility.sectors:  # none of an arm without an elbow that goes round
+        centres = sector_centres(len(flexibility.sectors)) / DEG
+        for centre, yes in zip(centres, flexibility.sectors, strict=True):
+            works[f"{centre:.4g}°"] = ["works" if yes else NO_NUMBER]
     table = Table(pd.DataFrame(works), "Swivel angle of each sector's centre")
     return Document("Flexibility", [Paragraph(str(flexibility), head="Flexibility ζ:"), table])
 
@@ -83,20 +83,30 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     values = values.rename(columns={"largest_deviation_mm": "worst-case deviation_mm"})
     values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
     over = spread(values, "all postures")
-    budget = accuracy.budget()[["parameter", "u_mm", "share"]]
-    postures, over, budget = in_one_unit(postures, over, budget)
-    origin = HIGHEST if "swivel [°]" in postures else ""
-    tables: list[Block] = [Table(postures, EXTREMES), origin, Table(over), _budget(budget)]
-    caveats = map(str, accuracy.sources.caveats)
-    words = [str(accuracy), what_k_covers(), comprehensive]
-    return Document("Accuracy", [*words, *tables, *caveats])
+    postures, over, budget = in_one_unit(postures, over, _budget(accuracy))
+    return Document(
+        "Accuracy",
+        [
+            str(accuracy),
+            what_k_covers(),
+            comprehensive,
+            Table(postures, EXTREMES),
+            HIGHEST if "swivel [°]" in postures else "",
+            Table(over),
+            _budget_table(budget),
+            *map(str, accuracy.sources.caveats),
+        ],
+    )
 
 
-def _budget(budget: pd.DataFrame) -> Table:
+def _budget(result: AccuracyVolume | LengthUncertainty) -> pd.DataFrame:
+    return result.budget()[["parameter", "u_mm", "share"]].rename(columns={"share": SHARE})
+
+
+def _budget_table(budget: pd.DataFrame) -> Table:
     number = min(SHOWN_SOURCES, len(budget))
-    shown = budget.head(number).rename(columns={"share": SHARE})
     return Table(
-        shown,
+        budget.head(number),
         f"Uncertainty budget with the {number} largest of {len(budget)} sources",
         {SHARE: lambda share: percent(share, 1)},
     )
@@ -105,24 +115,21 @@ def _budget(budget: pd.DataFrame) -> Table:
 @document_of.register
 def length_document(length: LengthUncertainty) -> Document:
     """Uncertainty of a length, the best and the worst pair of postures for it, and its sources."""
-    rows = [_posture_pair(length, "smallest U", int(length.u.argmin()))]
-    rows.append(_posture_pair(length, "largest U", int(length.u.argmax())))
-    budget = length.budget()[["parameter", "u_mm", "share"]]
-    ends, budget = in_one_unit(pd.DataFrame(rows), budget)
-    tables = [
-        Table(ends, "Pairs of postures at the points A and B with the smallest and the largest U"),
-        _budget(budget),
-    ]
+    rows = []
+    for words, number in (("smallest U", length.u.argmin()), ("largest U", length.u.argmax())):
+        a, b = length.pair(int(number))
+        rows.append(
+            {
+                "postures": words,
+                EXPANDED: COVERAGE_FACTOR * length.u[a, b] / MM,
+                "theta at A_deg": _degrees(length.q_a[a] / DEG),
+                "theta at B_deg": _degrees(length.q_b[b] / DEG),
+            }
+        )
+    ends, budget = in_one_unit(pd.DataFrame(rows), _budget(length))
+    caption = "Pairs of postures at the points A and B with the smallest and the largest U"
+    tables = [Table(ends, caption), _budget_table(budget)]
     return Document("Length", [str(length), *tables, *map(str, length.sources.caveats)])
-
-
-def _posture_pair(length: LengthUncertainty, words: str, number: int) -> dict[str, Any]:
-    """The pair of postures of this number."""
-    a, b = length.pair(number)
-    row: dict[str, Any] = {"postures": words, EXPANDED: COVERAGE_FACTOR * length.u[a, b] / MM}
-    row["theta at A_deg"] = _degrees(length.q_a[a] / DEG)
-    row["theta at B_deg"] = _degrees(length.q_b[b] / DEG)
-    return row
 
 
 def _degrees(angles: Iterable[float]) -> str:

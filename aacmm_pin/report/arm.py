@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.checks import Index
 from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.accuracy import ErrorSources
 from aacmm_pin.arm import COVERAGE_FACTOR, KINDS, Arm, ArmFile, DHTable, Parameter, Poses
@@ -18,7 +19,7 @@ from aacmm_pin.effects import (
     values_in_words,
     values_with_u,
 )
-from aacmm_pin.report.document import Block, Document, Paragraph, Table, document_of
+from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import quantity, small, vector
 
 DH_HEADS = dict(zip(KINDS, ("a [mm]", "d [mm]", "α [°]", "θ offset [°]"), strict=True))
@@ -32,44 +33,40 @@ MOST_SOURCES = 40
 def arm_document(arm: Arm) -> Document:
     """Geometry with its uncertainty, limits and noise."""
     origin = f"{arm.dh.rows} rows of {arm.dh.convention}" if arm.dh else "from a URDF"
-    words = [f"{count(arm.nq, 'joint')} ({origin})", f"the tip at frame {arm.tip}"]
-    words.append(f"gravity {vector(arm.gravity)} m/s²")
+    words = [
+        f"{count(arm.nq, 'joint')} ({origin})",
+        f"the tip at frame {arm.tip}",
+        f"gravity {vector(arm.gravity)} m/s²",
+    ]
     if arm.stylus_axis is not None:
         words.append(f"the stylus along {vector(arm.stylus_axis)} of the tip's frame")
     words.append(f"lengths that hold at {arm.reference_temperature:g} °C")
-    table = _joints(arm) if arm.dh is None else _rows(arm, arm.dh)
-    blocks: list[Block] = [
-        Paragraph(f"has {listed(words)}.", head=arm.name),
-        Paragraph(arm.source, head="Source:" if arm.source else ""),
-        Table(table),
-        Paragraph(_uncertainty_in_words(arm)),
-    ]
-    if arm.unexplained:
-        blocks.append(
-            Paragraph(f"The last calibration left an error unexplained ({arm.unexplained}).")
-        )
-    return Document(arm.name, blocks)
-
-
-def _uncertainty_in_words(arm: Arm) -> str:
-    exact = arm.without_uncertainty
-    if len(exact) == len(arm.parameters):
-        return "The arm file states no uncertainty, so that the accuracy is unknown."
-    calibrated = ""
-    if arm.covariance is not None:
+    uncertainty = "± precedes half-widths; values without ± are exact."
+    if len(arm.without_uncertainty) == len(arm.parameters):
+        uncertainty = "The arm file states no uncertainty, so that the accuracy is unknown."
+    elif arm.covariance is not None:
         number = len(arm.covariance.parameters)
-        calibrated = f", or U (k = 2) for the {number} parameters of a calibration"
-    return f"± precedes half-widths{calibrated}; values without ± are exact."
+        uncertainty = (
+            f"± precedes half-widths, or U (k = 2) for the {number} parameters of a calibration; "
+            "values without ± are exact."
+        )
+    left = f"The last calibration left an error unexplained ({arm.unexplained})."
+    return Document(
+        arm.name,
+        [
+            Paragraph(f"has {listed(words)}.", head=arm.name),
+            Paragraph(arm.source, head="Source:" if arm.source else ""),
+            Table(_joints(arm) if arm.dh is None else _rows(arm, arm.dh)),
+            uncertainty,
+            left if arm.unexplained else "",
+        ],
+    )
 
 
 def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
     """One row a DH row: its values ± half-widths, limits, noise, mass."""
     table = _dh_cells(dh, {p.name: p.half_width for p in arm.parameters})
-    moving = np.flatnonzero(dh.moving)
-    table[_limits_head(arm)] = "fixed"
-    table.loc[moving, _limits_head(arm)] = [_limits(arm, j) for j in range(arm.nq)]
-    if arm.encoder_noise is not None:
-        table.loc[moving, _noise_head(arm)] = arm.encoder_noise / UM
+    _add_limits_and_noise(table, arm, np.flatnonzero(dh.moving), "fixed")
     if isinstance(arm.file, ArmFile) and any(row.mass_kg for row in arm.file.joints):
         table["mass [kg]"] = [row.mass_kg for row in arm.file.joints]
     return table
@@ -79,50 +76,46 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
     table = pd.DataFrame({"row": range(1, dh.rows + 1)})
     for kind, values in zip(KINDS, dh.values().T, strict=True):
         scale = MM if kind in ("a", "d") else DEG
-        halves = [half_widths.get(f"{kind}{row}") for row in table["row"]]
-        cells = zip(values / scale, halves, strict=True)
-        table[DH_HEADS[kind]] = [_dh_cell(value, half, scale) for value, half in cells]
+        cells = []
+        for row, value in enumerate(values / scale, 1):
+            half_width = half_widths.get(f"{kind}{row}")
+            known = f" ± {half_width / scale:.5f}" if half_width else ""
+            cells.append(f"{value:z.5f}{known}")
+        table[DH_HEADS[kind]] = cells
     return table
-
-
-def _dh_cell(value: float, half_width: float | None, scale: float) -> str:
-    known = f" ± {half_width / scale:.5f}" if half_width else ""
-    return f"{value:z.5f}{known}"
 
 
 def _joints(arm: Arm) -> pd.DataFrame:
     """One row a joint of an arm that came as URDF."""
     half = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(-1, 6)
-    table = pd.DataFrame({"name": arm.joint_names})
-    table.insert(0, "joint", table.index + 1)
-    table["moves"] = np.where(arm.chain.slides, "along", "about")
-    table["axis"] = [vector(axis) for axis in arm.joint_axes]
-    table[_limits_head(arm)] = ""
-    own = arm.chain.drive.own
-    table.loc[own, _limits_head(arm)] = [_limits(arm, j) for j in range(arm.nq)]
+    table = pd.DataFrame(
+        {
+            "joint": range(1, len(arm.joint_names) + 1),
+            "name": arm.joint_names,
+            "moves": np.where(arm.chain.slides, "along", "about"),
+            "axis": [*map(vector, arm.joint_axes)],
+        }
+    )
+    limits = _add_limits_and_noise(table, arm, arm.chain.drive.own, "")
     for mimic in arm.mimics:
-        of = "reading" if mimic.of == mimic.joint else f"joint {mimic.of}"
-        follows = f"{mimic.ratio:.5g} × {of}"
-        table.loc[mimic.joint - 1, _limits_head(arm)] = follows
-    table["placement ± [mm]"] = [*map(tuple, half[:, :3] / MM)]
-    table["placement ± [µrad]"] = [*map(tuple, half[:, 3:] / UM)]
-    if arm.encoder_noise is not None:
-        table.loc[own, _noise_head(arm)] = arm.encoder_noise / UM
+        leader = "reading" if mimic.of == mimic.joint else f"joint {mimic.of}"
+        table.loc[mimic.joint - 1, limits] = f"{mimic.ratio:.5g} × {leader}"
+    table.insert(5, "placement ± [mm]", [*map(tuple, half[:, :3] / MM)])
+    table.insert(6, "placement ± [µrad]", [*map(tuple, half[:, 3:] / UM)])
     return table
 
 
-def _limits_head(arm: Arm) -> str:
-    return "limits [°, or mm]" if arm.chain.slides.any() else "limits [°]"
-
-
-def _noise_head(arm: Arm) -> str:
-    return "encoder u [µrad, or µm]" if arm.chain.slides.any() else "encoder u [µrad]"
-
-
-def _limits(arm: Arm, joint: int) -> str:
-    unit = MM if arm.chain.prismatic[joint] else DEG
-    low, high = arm.limits[joint] / unit
-    return f"{low:z.5g} to {high:z.5g}"
+def _add_limits_and_noise(table: pd.DataFrame, arm: Arm, rows: Index, fixed: str) -> str:
+    """Add them in the rows of the joints with a reading; return the head of the limits."""
+    lengths = ", or mm" if arm.chain.slides.any() else ""
+    head = f"limits [°{lengths}]"
+    table[head] = fixed
+    limits = arm.limits / np.where(arm.chain.prismatic, MM, DEG)[:, None]
+    table.loc[rows, head] = [f"{low:z.5g} to {high:z.5g}" for low, high in limits]
+    if arm.encoder_noise is not None:
+        noise = "encoder u [µrad, or µm]" if lengths else "encoder u [µrad]"
+        table.loc[rows, noise] = arm.encoder_noise / UM
+    return head
 
 
 @document_of.register
@@ -134,15 +127,17 @@ def dh_document(dh: DHTable) -> Document:
 
 def _parameters(parameters: Sequence[Parameter]) -> pd.DataFrame:
     """One row a parameter: value, U, half-width, each with its unit, and to what it belongs."""
-    return pd.DataFrame([_parameter(parameter) for parameter in parameters])
-
-
-def _parameter(p: Parameter) -> dict[str, str | None]:
-    row: dict[str, str | None] = {"parameter": p.name, "value": quantity(p.value, p.unit)}
-    row["U (k = 2)"] = small(COVERAGE_FACTOR * p.u, p.unit)
-    row["half-width"] = None if p.half_width is None else small(p.half_width, p.unit)
-    row["scope"] = p.scope
-    return row
+    rows = [
+        {
+            "parameter": p.name,
+            "value": quantity(p.value, p.unit),
+            "U (k = 2)": small(COVERAGE_FACTOR * p.u, p.unit),
+            "half-width": None if p.half_width is None else small(p.half_width, p.unit),
+            "scope": p.scope,
+        }
+        for p in parameters
+    ]
+    return pd.DataFrame(rows)
 
 
 @document_of.register
@@ -154,14 +149,13 @@ def parameter_document(parameter: Parameter) -> Document:
 @document_of.register
 def effect_document(effect: Effect) -> Document:
     """A cause of error with its parameters."""
-    words = _values(effect)
+    name, words = in_words(effect), _values(effect)
     if any(effect.u):
         words += ", ± U (k = 2)"
     if effect.needs:
         words += f"; the cause depends on {', '.join(effect.needs)}"
     rows = _parameters(effect.parameters()).drop(columns="half-width")
     rows["typical"] = [small(term.typical, term.unit) for term in effect.terms]
-    name = in_words(effect)
     return Document(name, [Paragraph(words, head=f"{name}:"), Table(rows)])
 
 
@@ -174,10 +168,14 @@ def _values(effect: Effect) -> str:
 @document_of.register
 def error_model_document(model: ErrorModel) -> Document:
     """An arm and its causes of error."""
-    rows = []
-    for effect in model.effects:
-        cause = {"cause": in_words(effect, model.arm), "label": effect.label}
-        rows.append({**cause, "value ± U (k = 2)": _values(effect)})
+    rows = [
+        {
+            "cause": in_words(effect, model.arm),
+            "label": effect.label,
+            "value ± U (k = 2)": _values(effect),
+        }
+        for effect in model.effects
+    ]
     none = "" if rows else "The model has no causes of error other than geometry."
     causes = Table(pd.DataFrame(rows), f"Causes of error ({len(rows)})")
     return Document(model.arm.name, [*arm_document(model.arm).blocks, causes, none])
@@ -186,18 +184,21 @@ def error_model_document(model: ErrorModel) -> Document:
 @document_of.register
 def poses_document(poses: Poses) -> Document:
     """Angles and tip positions of the first configurations; of all there may be a million."""
-    name, table = poses.model.name, {}
-    for j, values in enumerate(poses.q.T):
-        kind = poses.model.joints[j + 1].shortname()
-        slides = kind.startswith("JointModelP")  # prismatic; planar ones are refused
-        head = f"joint {j + 1} [mm]" if slides else f"θ{j + 1} [°]"
-        table[head] = values[:POSTURES_LISTED] / (MM if slides else DEG)
-    some = Poses(poses.model, poses.q[:POSTURES_LISTED], poses.frame_id)
+    model, number = poses.model, len(poses.q)
+    some = Poses(model, poses.q[:POSTURES_LISTED], poses.frame_id)
+    table = {}
+    for j, values in enumerate(some.q.T, 1):
+        if model.joints[j].shortname().startswith("JointModelP"):  # prismatic; planar are refused
+            table[f"joint {j} [mm]"] = values / MM
+        else:
+            table[f"θ{j} [°]"] = values / DEG
     table |= {f"{axis} [mm]": some.position[:, k] / MM for k, axis in enumerate("xyz")}
-    frame = poses.model.frames[poses.frame_id].name
-    words = f"has {count(len(poses.q), 'posture')} of frame {frame}, computed by Pinocchio."
-    more = f"… and {len(poses.q) - POSTURES_LISTED} more" if len(poses.q) > POSTURES_LISTED else ""
-    return Document(name, [Paragraph(words, head=name), Table(pd.DataFrame(table)), more])
+    frame = model.frames[poses.frame_id].name
+    words = f"has {count(number, 'posture')} of frame {frame}, computed by Pinocchio."
+    more = f"… and {number - POSTURES_LISTED} more" if number > POSTURES_LISTED else ""
+    return Document(
+        model.name, [Paragraph(words, head=model.name), Table(pd.DataFrame(table)), more]
+    )
 
 
 @document_of.register

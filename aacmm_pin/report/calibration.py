@@ -360,8 +360,8 @@ def _result(result: Calibration) -> Iterator[Block]:
     yield Heading("Result")
     yield Paragraph(verdict(result), finding=True)
     yield Paragraph(open_in_words(result), finding=True)
-    yield Paragraph(fit_in_words(result))
-    yield Paragraph(frame_in_words(result.fit))
+    yield fit_in_words(result)
+    yield frame_in_words(result.fit)
     yield Table(estimated_causes(result), "Causes of error")
     noise = "The noise alone"
     if result.fit.scatters:
@@ -447,7 +447,7 @@ def _parameters(result: Calibration) -> Iterator[Block]:
     yield Heading("Parameters")
     rows = readable_parameters(result)
     if not len(rows):
-        yield Paragraph(NOTHING_ESTIMATED)
+        yield NOTHING_ESTIMATED
         return
     yield _parameter_table(rows)
     beyond = listed([*rows["parameter"][rows["beyond"]]])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.planning import CalibrationPlan, MeasurementPlan
 from aacmm_pin.postures import articulations, places
@@ -46,21 +45,20 @@ def calibration_plan_document(plan: CalibrationPlan) -> Document:
 
 def calibration_plan_line(plan: CalibrationPlan) -> str:
     """How many records, and their observability and u compared with those of random ones."""
-    name, records = plan.model.arm.name, f"Take {len(plan.records)} records"
     beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
-    u, after_random = plan.u / MM, float(np.median(plan.u_random)) / MM
     return (
-        f"{records} to calibrate {name}{beside}. After calibration, the standard uncertainty u "
-        f"of the tip is {u:.4f} mm (RMS over the postures). Random records would give "
-        f"{after_random:.4f} mm. The observability index O1 is {plan.ratio:.2f} times as large as "
-        "with random records"
+        f"Take {len(plan.records)} records to calibrate {plan.model.arm.name}{beside}. After "
+        f"calibration, the standard uncertainty u of the tip is {plan.u / MM:.4f} mm (RMS over the "
+        f"postures). Random records would give {float(np.median(plan.u_random)) / MM:.4f} mm. The "
+        f"observability index O1 is {plan.ratio:.2f} times as large as with random records"
     )
 
 
 def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
     """The records of a plan on a page to print, with the CSV to be filled in inside."""
-    arm, q = plan.model.arm, plan.measurements.q
-    tips = plan.model.predict(q, plan.measurements.conditions)
+    arm, measurements = plan.model.arm, plan.measurements
+    q, readings = measurements.q, measurements.readings
+    tips = plan.model.predict(q, measurements.conditions)
     marks = [("", tip[None]) for tip in tips]
     figure = Figure(
         lambda: two_views(arm, q[:1], {"records": (BLUE, marks)}),
@@ -68,34 +66,23 @@ def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
         "The figure shows the arm in the first posture (black), and the planned positions of the "
         "tip.",
     )
-    table = _records(plan, places(arm, tips))
+    planned = plan.records.filter(regex=COLUMNS_NOT_LISTED)
+    others = plan.records.drop(columns=[*planned, "record"], errors="ignore").astype(str)
+    others = others.rename(columns={"temperature_c": "temperature [°C]"})
+    # a file that is appended to may have no column record
+    label = pd.Series(measurements.record, name="record")
+    place = places(arm, tips).map(lambda value: f"{value:z.0f}")
+    place = place.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)
+    table = pd.concat([label, others, place], axis=1)
+    table["posture"] = articulations(arm, q)
+    shown = np.where(arm.chain.prismatic, readings, readings / DEG)
+    table["joints [°]"] = [" ".join(f"{x:z.0f}" for x in row) for row in shown]
+    moved = plan.records.filter(regex=r"^approach\d").to_numpy()
+    if moved.size:
+        table["last motion"] = [" ".join("-0+"[int(sign) + 1] for sign in row) for row in moved]
     return [
         Heading("Where to go"),
         figure,
         Table(table, "Records, in order", explained=HOW_TO_GO, detail=True),
         Download("plan.csv", "the file to fill in", plan.csv().encode()),
     ]
-
-
-def _records(plan: CalibrationPlan | MeasurementPlan, where: pd.DataFrame) -> pd.DataFrame:
-    arm, q = plan.model.arm, plan.measurements.q
-    planned = plan.records.filter(regex=COLUMNS_NOT_LISTED)
-    others = plan.records.drop(columns=[*planned, "record"], errors="ignore").astype(str)
-    others = others.rename(columns={"temperature_c": "temperature [°C]"})
-    # a file that is appended to may have no column record
-    label = pd.Series(plan.measurements.record, name="record")
-    whole = where.map(lambda value: f"{value:z.0f}")
-    whole = whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)
-    table = pd.concat([label, others, whole], axis=1)
-    table["posture"] = articulations(arm, q)
-    readings = plan.measurements.readings
-    shown = np.where(arm.chain.prismatic, readings, readings / DEG)
-    table["joints [°]"] = [" ".join(f"{x:z.0f}" for x in row) for row in shown]
-    moved = plan.records.filter(regex=r"^approach\d").to_numpy()
-    if moved.size:
-        table["last motion"] = [_signs(row) for row in moved]
-    return table
-
-
-def _signs(motions: Array) -> str:
-    return " ".join("-0+"[int(sign) + 1] for sign in motions)

@@ -24,8 +24,8 @@ def comparison_in_words(found: Comparison, first: str) -> str:
         what = f"{what} with u = {found.u / MM:.4f} mm"
     names = [f"for {first}", "after correction"][-len(found.rms) :]
     sizes = zip(names, found.rms, found.largest, strict=True)
-    each = [f"{r / MM:.4f} mm {name} (at most {most / MM:.4f} mm)" for name, r, most in sizes]
-    return f"The RMS {what}) is {' and '.join(each)}"
+    errors = [f"{r / MM:.4f} mm {name} (at most {most / MM:.4f} mm)" for name, r, most in sizes]
+    return f"The RMS {what}) is {' and '.join(errors)}"
 
 
 def comparison_warning(found: Comparison, arm: str) -> str:

@@ -7,6 +7,7 @@ Every number in the text is computed when the page is made; the sentences around
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +22,6 @@ from aacmm_pin._support.text_escaping import csv_text, encodable
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy import (
     AccuracyVolume,
-    Quantity,
     WorkspaceMap,
     circle_accuracy,
     map_workspace,
@@ -136,37 +136,41 @@ class DemoSummary:
 
 def _at_the_point(
     circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]
-) -> list[Block]:
-    curves = len(circle.components.curves)
-    can_move = f"With the wrist at this point, the elbow can move along {curves} closed curves."
-    ends = postures_at_the_ends(summary)
-    return [
-        Heading("Accuracy at one point"),
-        Paragraph(f"{circle}. {can_move}"),
-        Paragraph(_uncertainty_at_the_point(summary["u_mm"]), finding=True),
-        Paragraph(what_k_covers()),
-        Paragraph(_volume_at_the_point(summary), finding=True),
-        _circle_figure(circle, accuracy),
-        Table(ends, EXTREMES, explained=HIGHEST),
-        _budget_figure(accuracy),
-    ]
-
-
-def _circle_figure(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Figure:
+) -> Iterator[Block]:
     def draw() -> Any:
         figure = Drawing(figsize=(7.2, 6.6), layout="constrained")
         return plots.plot_circle(circle, accuracy, ax=figure.add_subplot(projection="3d"))
 
-    return Figure(
+    curves, volume = len(circle.components.curves), summary["volume_mm3"]
+    least, most = (COVERAGE_FACTOR * summary["u_mm"][end] for end in ("min", "max"))
+    budget = summary["budget"][:LARGEST]
+    largest = listed([f"{row['parameter']} ({percent(row['share'])})" for row in budget])
+    yield Heading("Accuracy at one point")
+    yield Paragraph(
+        f"{circle}. With the wrist at this point, the elbow can move along {curves} closed curves."
+    )
+    yield Paragraph(
+        f"The expanded uncertainty of the position is U (k = 2) = {least:.3f} to {most:.3f} mm, "
+        "depending on the posture.",
+        finding=True,
+    )
+    yield what_k_covers()
+    yield Paragraph(
+        "If all parameters are within their half-widths, the position error is in an accuracy "
+        f"volume of {volume['min']:.4f} to {volume['max']:.4f} mm³, depending on the posture. The "
+        "comprehensive accuracy volume (weighted mean over the postures) is "
+        f"{volume['comprehensive']:.4f} mm³. The largest shares of the variance come from "
+        f"{largest}. The parameter theta_offset is the zero offset of a joint.",
+        finding=True,
+    )
+    yield Figure(
         draw,
         f"The elbow's path round the working point and {circle.arm.name} in five postures",
         "The figure shows five postures and the path of the elbow. The colour of "
         "the path shows the accuracy volume of each posture within the joint limits.",
     )
-
-
-def _budget_figure(accuracy: AccuracyVolume) -> Figure:
-    return Figure(
+    yield Table(postures_at_the_ends(summary), EXTREMES, explained=HIGHEST)
+    yield Figure(
         lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
         "Bars of the shares of the variance by parameter",
         "The bars show the share of each parameter in the variance, and the standard uncertainty "
@@ -174,30 +178,23 @@ def _budget_figure(accuracy: AccuracyVolume) -> Figure:
     )
 
 
-def _uncertainty_at_the_point(u_mm: dict[str, float]) -> str:
-    least, most = COVERAGE_FACTOR * u_mm["min"], COVERAGE_FACTOR * u_mm["max"]
-    return (
-        f"The expanded uncertainty of the position is U (k = 2) = {least:.3f} to {most:.3f} mm, "
-        "depending on the posture."
-    )
-
-
-def _volume_at_the_point(summary: dict[str, Any]) -> str:
-    volume = summary["volume_mm3"]
-    budget = summary["budget"][:LARGEST]
-    largest = listed([f"{row['parameter']} ({percent(row['share'])})" for row in budget])
-    return (
-        "If all parameters are within their half-widths, the position error is in an accuracy "
-        f"volume of {volume['min']:.4f} to {volume['max']:.4f} mm³, depending on the posture. The "
-        "comprehensive accuracy volume (weighted mean over the postures) is "
-        f"{volume['comprehensive']:.4f} mm³. The largest shares of the variance come from "
-        f"{largest}. The parameter theta_offset is the zero offset of a joint."
-    )
-
-
-def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list[Block]:
+def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> Iterator[Block]:
     x, z = map_.data.sizes["x_mm"], map_.data.sizes["z_mm"]
-    figure = Figure(
+    u_mm, cells = map_.data["smallest_u_mm"], map_.working_sectors()
+    least, most = COVERAGE_FACTOR * float(u_mm.min()), COVERAGE_FACTOR * float(u_mm.max())
+    flexibility = float(map_.data["flexibility"].mean())
+    yield Heading("Accuracy over the workspace")
+    yield Paragraph(
+        "Joint 1 rotates the arm about the z axis, so that one half-plane represents the whole "
+        f"workspace. The map has {x} × {z} cells."
+    )
+    yield Paragraph(
+        f"In the best posture of each cell, U (k = 2) = {least:.3f} to {most:.3f} mm. "
+        f"{cells[map_.sectors]} of {sum(cells.values())} reachable cells have postures within the "
+        f"joint limits in all sectors. The mean flexibility is {flexibility:.3f}.",
+        finding=True,
+    )
+    yield Figure(
         lambda: _maps(map_, circle),
         f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and "
         "flexibility",
@@ -205,65 +202,39 @@ def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list
         "each cell. The star is the working point, rotated into the half-plane about joint axis "
         "1.",
     )
-    return [
-        Heading("Accuracy over the workspace"),
-        Paragraph(
-            "Joint 1 rotates the arm about the z axis, so that one half-plane represents the whole "
-            f"workspace. The map has {x} × {z} cells."
-        ),
-        Paragraph(_uncertainty_over_the_workspace(map_), finding=True),
-        figure,
-    ]
-
-
-def _uncertainty_over_the_workspace(map_: WorkspaceMap) -> str:
-    u_mm = map_.data["smallest_u_mm"]
-    least, most = COVERAGE_FACTOR * float(u_mm.min()), COVERAGE_FACTOR * float(u_mm.max())
-    cells = map_.working_sectors()
-    flexibility = float(map_.data["flexibility"].mean())
-    return (
-        f"In the best posture of each cell, U (k = 2) = {least:.3f} to {most:.3f} mm. "
-        f"{cells[map_.sectors]} of {sum(cells.values())} reachable cells have postures within the "
-        f"joint limits in all sectors. The mean flexibility is {flexibility:.3f}."
-    )
 
 
 def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
     figure = Drawing(figsize=(10.0, 6.0), layout="constrained")
     x, y, z = circle.point / MM
-    panels = figure.subplots(1, 2)
-    drawn: tuple[Quantity, ...] = ("smallest_u_mm", "flexibility")
-    for panel, quantity in zip(panels, drawn, strict=True):
-        plots.plot_map(map_, quantity, panel)
+    left, right = figure.subplots(1, 2)
+    plots.plot_map(map_, "smallest_u_mm", left)
+    plots.plot_map(map_, "flexibility", right)
+    for panel in (left, right):
         panel.plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
     return figure
 
 
-def _measured(found: Diagnosis, hidden: Effect, planned: str) -> list[Block]:
-    name, records = found.model.arm.name, found.extended.problem.measurements
-    how = (
-        f"A virtual {name} has an eccentric encoder. The geometry of the virtual arm differs from "
-        f"the arm file within the half-widths. The arm probes {SEATS} seats of known coordinates "
-        f"in {records.n} records. The diagnosis uses only the records and the arm file."
-    )
-    table = _hidden_and_found(found, hidden)
-    return [
-        Heading("Diagnosis of simulated records"),
-        Paragraph(how),
-        *answers(found, planned),
-        Table(table, "The hidden cause, and the causes that diagnose found, with U (k = 2)"),
-        rms_figure(found),
-        *causes_drawn(found),
-    ]
-
-
-def _hidden_and_found(found: Diagnosis, hidden: Effect) -> pd.DataFrame:
+def _measured(diagnosis: Diagnosis, hidden: Effect, planned: str) -> Iterator[Block]:
+    name = diagnosis.model.arm.name
     true = {key: (value, 0.0) for key, value in hidden.file_values().items()}
     rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
-    for finding in found.findings:
+    for finding in diagnosis.findings:
         values = values_in_words(finding.effect, finding.parameters)
         rows.append(("found", in_words(finding.effect), values))
-    return pd.DataFrame(rows, columns=["", "cause", "values"])
+    yield Heading("Diagnosis of simulated records")
+    yield Paragraph(
+        f"A virtual {name} has an eccentric encoder. The geometry of the virtual arm differs from "
+        f"the arm file within the half-widths. The arm probes {SEATS} seats of known coordinates "
+        f"in {RECORDS} records. The diagnosis uses only the records and the arm file."
+    )
+    yield from answers(diagnosis, planned)
+    yield Table(
+        pd.DataFrame(rows, columns=["", "cause", "values"]),
+        "The hidden cause, and the causes that diagnose found, with U (k = 2)",
+    )
+    yield rms_figure(diagnosis)
+    yield from causes_drawn(diagnosis)
 
 
 def run_demo(
@@ -299,16 +270,16 @@ def run_demo(
         map_ = map_workspace(arm, cells, sectors, progress=progress)
         hidden, data = _simulated(arm)
         rng = np.random.default_rng(SEED)
-        found = diagnose(arm, data, encoder_noise=READING_NOISE, rng=rng, progress=progress)
+        result = diagnose(arm, data, encoder_noise=READING_NOISE, rng=rng, progress=progress)
         of_point, of_map = accuracy_summary(circle, accuracy, sectors), map_summary(map_)
-        diagnosis = found.summary() | {"source": "measured.csv", "seed": SEED}
+        diagnosis = result.summary() | {"source": "measured.csv", "seed": SEED}
         texts = {
             f"{arm.name.lower()}.urdf": urdf_text(arm_file),
             "configurations.csv": csv_text(circle.columns()),
             "accuracy.json": json_text(of_point),
             "map.json": json_text(of_map),
             "diagnosis.json": json_text(diagnosis),
-            "diagnosis.html": page(diagnosis_document(found, diagnosis, when)),
+            "diagnosis.html": page(diagnosis_document(result, diagnosis, when)),
             "postures.html": circle_scene(circle, accuracy).html(),
             "workspace.html": map_scene(map_, arm).html(),
         }
@@ -316,7 +287,7 @@ def run_demo(
         story = [
             *_at_the_point(circle, accuracy, of_point),
             *_over_the_workspace(map_, circle),
-            *_measured(found, hidden, diagnosis["next_measurements"]),
+            *_measured(result, hidden, diagnosis["next_measurements"]),
         ]
         texts["index.html"] = page(_index(arm, story, files, when))
         map_.save(out / "map.nc")

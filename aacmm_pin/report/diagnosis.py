@@ -418,7 +418,7 @@ def _result(result: Diagnosis, planned: str) -> Iterator[Block]:
     ]
     yield Table(pd.DataFrame(rows), BUDGET, explained=BUDGET_EXPLAINED)
     yield rms_figure(result)
-    yield Paragraph(frame_in_words(result.extended))
+    yield frame_in_words(result.extended)
     hints = [] if result.extended.stated else [UNSTATED]
     if any(corrects_seat(finding.effect) for finding in result.findings):
         hints.append(SEAT_ERRORS)

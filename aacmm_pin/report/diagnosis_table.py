@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
 
 from aacmm_pin._support.units import count
 from aacmm_pin.effects import listed, probability
-from aacmm_pin.report.document import Block, Bullets, Document, Paragraph, Table
+from aacmm_pin.report.document import Bullets, Document, Paragraph, Table
 from aacmm_pin.report.numbers import percent
 from aacmm_pin.report.plain_values import plain
 
@@ -23,42 +22,37 @@ FILE_HEADS = {"records": "file", "used": "records", "would_show": "shown causes"
 
 def diagnoses_document(table: pd.DataFrame) -> Document:
     """What :func:`aacmm_pin.diagnose_files` found, one line a file."""
-    unused = table["error"] != ""
-    lacking = table[unused]
+    lacking = table[table["error"] != ""]
     verdicts = table["verdict"].dropna().value_counts()
     parts = [f"{number} {verdict}" for verdict, number in verdicts.items()]
     parts += [count(len(lacking), "error")] if len(lacking) else []
-    found = with_cause_texts(table).assign(would_show=table["causes_shown"] / table["causes_tried"])
-    found = found[~unused].filter([*SHOWN])
+    shown = with_cause_texts(table).assign(would_show=table["causes_shown"] / table["causes_tried"])
+    shown = shown.drop(lacking.index).filter([*SHOWN])
     if table["arm"].nunique() == 1:
-        found = found.drop(columns="arm")
-    blocks: list[Block] = [
+        shown = shown.drop(columns="arm")
+    errors = zip(lacking["records"], lacking["error"], strict=True)
+    problems = [f"{file}: {error.removeprefix(f'{file}: ')}" for file, error in errors]
+    blocks = [
         Paragraph(f"Verdicts of {count(len(table), 'file')}: {listed(parts)}.", finding=True),
         Table(
-            found,
+            shown,
             "Share of the causes of typical magnitude that the records would show, RMS residuals, "
             "and gain on held-out records",
             formats={"gain": percent, "would_show": percent},
             heads=FILE_HEADS,
         ),
-        Bullets([*map(_problem, lacking["records"], lacking["error"])], "Files with an error:"),
+        Bullets(problems, "Files with an error:"),
     ]
     return Document("Diagnoses", blocks)
 
 
-def _problem(file: str, error: str) -> str:
-    """An error that begins with the file."""
-    return f"{file}: {error.removeprefix(f'{file}: ')}"
-
-
 def with_cause_texts(table: pd.DataFrame) -> pd.DataFrame:
     """The table with causes as text: ``encoder_eccentricity:3 (0.998), bearing_tilt:2 (0.97)``."""
-    return table.assign(causes=table["causes"].map(_causes_in_words))
-
-
-def _causes_in_words(causes: Mapping[str, float]) -> str:
-    texts = [f"{label} ({probability(size)})" for label, size in causes.items()]
-    return ", ".join(texts)
+    texts = []
+    for causes in table["causes"]:
+        words = [f"{label} ({probability(size)})" for label, size in causes.items()]
+        texts.append(", ".join(words))
+    return table.assign(causes=texts)
 
 
 def diagnoses_summary(table: pd.DataFrame) -> dict[str, Any]:

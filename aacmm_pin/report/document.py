@@ -239,8 +239,8 @@ class Document:
         """A plain string among the blocks is a paragraph."""
         self.title, self.subtitle, self.sheet = title, subtitle, sheet
         self.by_hand = by_hand or ("Operator", "Date", "Signature") * bool(sheet)
-        each = [Paragraph(b) if isinstance(b, str) else b for b in blocks]
-        self.blocks = [block for block in each if not _is_empty(block)]
+        given = [Paragraph(b) if isinstance(b, str) else b for b in blocks]
+        self.blocks = [block for block in given if not _is_empty(block)]
 
     def short(self) -> list[Block]:
         """The blocks that the shell and Jupyter show."""

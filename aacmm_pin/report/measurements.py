@@ -28,16 +28,21 @@ def measurements_document(
         prismatic: (nq,) True for joints that slide, whose readings are lengths; None if no arm is
             known.
     """
-    table, seats, bars = records.to_frame(), records.seats(), records.bars()
-    shown = {"records": str(records.n), "joints": str(records.nq)}
-    shown |= {"with reference": str(records.known.sum()), "seats": "none", "bars": "none"}
+    table, others = records.to_frame(), [*records.extra]
+    seats, bars = records.seats(), records.bars()
+    shown = {
+        "records": str(records.n),
+        "joints": str(records.nq),
+        "with reference": str(records.known.sum()),
+        "seats": "none",
+        "bars": "none",
+    }
     if seats:
-        each = np.array([len(rows) for rows in seats.values()])
-        shown["seats"] = f"{len(seats)} with {_range(each)} records each"
+        sizes = np.array([len(rows) for rows in seats.values()])
+        shown["seats"] = f"{len(seats)} with {_range(sizes)} records each"
     if bars:
         mm = np.array([bar.length for bar in bars]) / MM
         shown["bars"] = f"{len(bars)} with lengths of {_range(mm)} mm"
-    others = [*records.extra.columns]
     for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
     for j in [] if prismatic is None else np.flatnonzero(prismatic):
@@ -45,26 +50,21 @@ def measurements_document(
         shown[f"theta{j + 1} [m]"] = _range(records.readings[:, j])
     if others:
         shown["other columns"] = f"{', '.join(others)} (diagnose compares these with residuals)"
-    summary = pd.DataFrame({"item or column": list(shown), "number or range": [*shown.values()]})
+    summary = pd.DataFrame(shown.items(), columns=["item or column", "number or range"])
     return Document("Measurements", [str(records), Table(summary)])
 
 
 @document_of.register
 def conditions_document(conditions: Conditions) -> Document:
     """What is known of records besides the angles."""
-    rows = []
-    for name in conditions.present:
-        rows.append(
-            {
-                "column": CONDITION_COLUMNS[name],
-                "values": _range(conditions.require(name, "its document")),
-            }
-        )
-    head = (
-        f"{'Conditions' if rows else 'Only the joint angles are known'} of "
-        f"{count(conditions.n, 'record')}"
-    )
-    return Document("Conditions", [Paragraph("", head=head), Table(pd.DataFrame(rows))])
+    values = {
+        CONDITION_COLUMNS[name]: _range(conditions.require(name, "its document"))
+        for name in conditions.present
+    }
+    what = "Conditions" if values else "Only the joint angles are known"
+    head = Paragraph("", head=f"{what} of {count(conditions.n, 'record')}")
+    table = Table(pd.DataFrame(values.items(), columns=["column", "values"]))
+    return Document("Conditions", [head, table])
 
 
 def _range(values: NDArray[Any]) -> str:

@@ -44,7 +44,7 @@ class _Values(Formatter):
         if format_spec.startswith("#"):
             return count(value, format_spec[1:])
         if format_spec == "and":
-            return listed([str(each) for each in value])
+            return listed([*map(str, value)])
         if format_spec == "rows":
             return rows_in_words(value)
         return format(value, format_spec)

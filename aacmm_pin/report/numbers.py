@@ -75,13 +75,13 @@ def in_one_unit(*frames: pd.DataFrame) -> list[pd.DataFrame]:
     of_length = [frame.filter(regex="_mm$") for frame in frames]
     sizes = [float(np.nanmax(np.abs(part))) for part in of_length if part.notna().any(axis=None)]
     unit, scale = length_unit(max(sizes, default=0.0) * MM)
-    found = []
+    converted = []
     for frame, part in zip(frames, of_length, strict=True):
         heads = {name: head(str(name)) for name in frame}
         heads |= {name: heads[name].replace("[mm]", f"[{unit}]") for name in part}
         scaled = {str(name): part[name] * (MM / scale) for name in part}
-        found.append(frame.assign(**scaled).rename(columns=heads))
-    return found
+        converted.append(frame.assign(**scaled).rename(columns=heads))
+    return converted
 
 
 def head(name: str) -> str:
@@ -98,9 +98,9 @@ def spread(frame: pd.DataFrame, over: str) -> pd.DataFrame:
     rows of the frame are.
     """
     numbers = frame.astype(float).replace([np.inf, -np.inf], np.nan)
-    found = numbers.agg(["min", "median", "max"]).reset_index(drop=True)
-    found.insert(0, over, ["smallest", "median", "largest"])
-    return found
+    table = numbers.agg(["min", "median", "max"]).reset_index(drop=True)
+    table.insert(0, over, ["smallest", "median", "largest"])
+    return table
 
 
 def percent(share: float, digits: int = 0) -> str:

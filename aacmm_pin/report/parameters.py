@@ -19,10 +19,8 @@ def stated_half_widths(result: Calibration) -> Array:
     The half-width of the arm file, or k u with k = 2 of a cause with a standard uncertainty.
     """
     vector = result.fit.problem.vector
-    stated = [
-        arm_parameter or own
-        for arm_parameter, own in zip(vector.arm_parameters, vector.parameters, strict=True)
-    ]
+    parameters = zip(vector.arm_parameters, vector.parameters, strict=True)
+    stated = [of_arm or of_effect for of_arm, of_effect in parameters]
     return np.array([p.half_width or COVERAGE_FACTOR * p.u or np.nan for p in stated])
 
 

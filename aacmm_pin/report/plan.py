@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, bundled_arms
 from aacmm_pin.effects import GivenCause, GivenModel, probability, text_of
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.planning import MeasurementPlan, PlannedScheme, Tried, plan_measurements
+from aacmm_pin.planning import MeasurementPlan, PlannedScheme, plan_measurements
 from aacmm_pin.report.calibration_plan import where_to_go
 from aacmm_pin.report.document import Document, Format, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import capital, three_digits
@@ -37,47 +36,40 @@ PAIRS_LISTED = 8
 @document_of.register
 def plan_document(plan: MeasurementPlan) -> Document:
     """The plan; its records stand in :attr:`MeasurementPlan.records`."""
-    tried = [*map(_tried, plan.tried)]
-    considered = pd.DataFrame(tried if len(tried) > 1 else [])
-    set_ups = Table(considered, CONSIDERED, FORMS)
-    pairs = Table(_pairs(plan), PAIRS, FORMS, most=PAIRS_LISTED)
+    tried = [
+        {
+            "set-up": one.words,
+            "T": one.power.least,
+            "probability": None if one.why_not else probability(one.power.probability),
+            "obstacle": one.why_not,
+        }
+        for one in plan.tried
+    ]
+    pairs = pd.DataFrame()
+    if plan.pairs is not None:  # that postures can distinguish, worst first
+        pairs = plan.pairs[plan.pairs["why_not"] == ""][["cause", "other", "T", "told"]]
+    heads = {"other": "other cause", "told": "distinguished"}
     return Document(
         "Plan",
         [
             Paragraph(f"{plan}.", head="Plan:"),
-            set_ups,
-            pairs,
+            Table(pd.DataFrame(tried if len(tried) > 1 else []), CONSIDERED, FORMS),
+            Table(pairs, PAIRS, FORMS, heads, most=PAIRS_LISTED),
             *where_to_go(plan),
             Notes(plan.notes),
         ],
     )
 
 
-def _tried(tried: Tried) -> dict[str, Any]:
-    chance = None if tried.why_not else probability(tried.power.probability)
-    row = {"set-up": tried.words, "T": tried.power.least, "probability": chance}
-    return row | {"obstacle": tried.why_not}
-
-
-def _pairs(plan: MeasurementPlan) -> pd.DataFrame:
-    """Pairs of causes that postures can distinguish, worst first; empty if the plan is for one
-    pair.
-    """
-    if plan.pairs is None:
-        return pd.DataFrame()
-    heads = {"cause": "cause", "other": "other cause", "T": "T", "told": "distinguished"}
-    open_ = plan.pairs["why_not"] == ""
-    return plan.pairs.loc[open_, [*heads]].rename(columns=heads)
-
-
 def plan_line(plan: MeasurementPlan) -> str:
     """How many records in which set-up, and what they decide."""
     one, other = (effect.label for effect in plan.split)
-    if plan.asked:
-        what = f"to distinguish {one} from {other}"
-    else:
-        causes = "all causes whose effects differ in this set-up"
-        what = f"to distinguish {causes}, of which {one} and {other} are the most similar"
+    what = f"to distinguish {one} from {other}"
+    if not plan.asked:
+        what = (
+            "to distinguish all causes whose effects differ in this set-up, of which "
+            f"{one} and {other} are the most similar"
+        )
     if plan.before is not None and not plan.needed:
         return (
             f"The {plan.existing} existing records are enough {what}. The {RIGHT} is "
@@ -85,24 +77,26 @@ def plan_line(plan: MeasurementPlan) -> str:
             "records to check the result"
         )
     how = capital(plan.setup) if plan.set_up else "The set-up does not change"
-    text = f"Take {len(plan.records)} records {what}. {how}. {_power(plan)}"
-    poor = [f". In the set-up '{one.words}', {one.why_not}" for one in plan.tried if one.why_not]
-    return text + "".join(poor)
+    sentences = [f"Take {len(plan.records)} records {what}", how, *_power(plan)]
+    sentences += [f"In the set-up '{t.words}', {t.why_not}" for t in plan.tried if t.why_not]
+    return ". ".join(sentences)
 
 
-def _power(plan: MeasurementPlan) -> str:
+def _power(plan: MeasurementPlan) -> Iterator[str]:
     """What the planned records decide."""
     if plan.after.same:
-        return (
-            "No set-up that the plan considered distinguishes both causes. If both correct the "
-            "arm in the same way, use the extended arm with either cause"
-        )
-    text = f"The {RIGHT} is {probability(plan.after.probability)}"
+        yield "No set-up that the plan considered distinguishes both causes"
+        yield "If both correct the arm in the same way, use the extended arm with either cause"
+        return
+    before = ""
     if plan.before is not None:
-        text += f", and {probability(plan.before.probability)} with only the existing records"
+        chance = probability(plan.before.probability)
+        before = f", and {chance} with only the existing records"
+    yield f"The {RIGHT} is {probability(plan.after.probability)}{before}"
     increase = f"T = {three_digits(plan.after.least)}"
-    text += f". If the model has the wrong cause, χ² increases by about {increase}"
-    return text + ("" if plan.decided else f". The probability is too small to decide{_more(plan)}")
+    yield f"If the model has the wrong cause, χ² increases by about {increase}"
+    if not plan.decided:
+        yield f"The probability is too small to decide{_more(plan)}"
 
 
 def _more(plan: MeasurementPlan) -> str:
@@ -142,21 +136,19 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
     if plan.changes_arm:
         odds += "; diagnose the new records with set_up.toml, separately from the existing ones"
     where = f", and {plan.setup}" if plan.set_up else ""
+    name = plan.model.arm.name.lower()
+    command = [
+        f"aacmm-pin plan distinguish {name if name in bundled_arms() else 'ARM.toml'}",
+        f"--causes {text_of(one)} {text_of(other)} --records {len(plan.records)}",
+        *options,
+        *(["--arm-out set_up.toml"] if plan.changes_arm else []),
+        "-o plan.csv",
+    ]
     return (
         f"to distinguish {one.label} from {other.label}, take {len(plan.records)} records at "
-        f"postures in which their effects differ most{where}: {_command(plan, options)} "
+        f"postures in which their effects differ most{where}: {' '.join(command)} "
         f"(a quick plan for these two causes alone predicts that the {RIGHT} {odds})"
     )
-
-
-def _command(plan: MeasurementPlan, asked: Sequence[str]) -> str:
-    """The command that makes such a plan."""
-    one, other = map(text_of, plan.split)
-    name = plan.model.arm.name.lower()
-    arm = name if name in bundled_arms() else "ARM.toml"
-    options = [*asked, "--arm-out set_up.toml"] if plan.changes_arm else asked
-    asks = f"--causes {one} {other} --records {len(plan.records)}"
-    return " ".join(["aacmm-pin plan distinguish", arm, asks, *options, "-o plan.csv"])
 
 
 def advice(
@@ -196,24 +188,19 @@ def mostly_seats(records: Measurements) -> bool:
 
 def _options(arm: Arm, asked: Mapping[str, Any]) -> list[str]:
     """Options of the command ``aacmm-pin plan`` that ask for the same, as far as they can."""
-    values = {name: asked.get(name, usual) for name, usual in DEFAULTS.items()}
-    unusual = [name for name, usual in DEFAULTS.items() if values[name] != usual]
-    options = [f"--{name.replace('_', '-')} {values[name]}" for name in unusual]
+    options = []
+    for name, usual in DEFAULTS.items():
+        if asked.get(name, usual) != usual:
+            options.append(f"--{name.replace('_', '-')} {asked[name]}")
     for option, name in NOISE_OPTIONS.items():
-        noise = asked.get(name)
-        if noise is not None:
-            options.append(f"{option} {noise / MM:g}")
-    options += _encoder_option(arm, asked.get("encoder_noise"))
+        if asked.get(name) is not None:
+            options.append(f"{option} {asked[name] / MM:g}")
+    noise = asked.get("encoder_noise")
+    if noise is not None:  # one number that is not the arm's
+        readings, stated = np.unique(noise), arm.encoder_noise
+        known = stated is not None and np.array_equal(readings, np.unique(stated))
+        if readings.size == 1 and not known:
+            options.append(f"--encoder-noise {readings[0]:g}")
     if not asked.get("prior", True):
         options.append("--no-prior")
     return options
-
-
-def _encoder_option(arm: Arm, noise: ArrayLike | None) -> list[str]:
-    """The noise of readings [rad], if it is one number and not that of the arm."""
-    readings = np.empty(0) if noise is None else np.unique(noise)
-    stated = arm.encoder_noise
-    known = stated is not None and np.array_equal(readings, np.unique(stated))
-    if readings.size != 1 or known:
-        return []
-    return [f"--encoder-noise {readings[0]:g}"]

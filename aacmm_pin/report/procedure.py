@@ -10,7 +10,6 @@ from matplotlib.figure import Figure as Drawing
 from aacmm_pin._support.checks import Array
 from aacmm_pin.postures import places
 from aacmm_pin.report.document import (
-    Block,
     Bullets,
     Document,
     Download,
@@ -67,13 +66,12 @@ FILL_IN = (
 @document_of.register
 def procedure_document(procedure: Procedure) -> Document:
     """The sheet, with the CSV to be filled in inside."""
-    tests = set(procedure.probed_points["test"])
-    seats = (
-        f"According to public descriptions of {EDITIONS[ASME]}, the distances of the seats must "
-        f"be {ZONES}."
-        if "single-point" in tests
-        else ""
-    )
+    points, seats = procedure.probed_points, ""
+    if "single-point" in set(points["test"]):
+        seats = (
+            f"According to public descriptions of {EDITIONS[ASME]}, the distances of the seats "
+            f"must be {ZONES}."
+        )
     seed = "" if procedure.seed is None else f", seed {procedure.seed}"
     views = Figure(
         lambda: procedure_views(procedure),
@@ -81,16 +79,21 @@ def procedure_document(procedure: Procedure) -> Document:
         "The figure shows the arm in one posture (black) and the positions of all artefacts. Use "
         "the bars one after the other.",
     )
-    things: list[Block] = [Heading("Artefacts"), views]
-    things.append(Table(_sizes(procedure), "Artefacts and probe", detail=True))
-    things.append(Table(_stands(procedure), POSITIONS, explained=seats))
-    probed_points: list[Block] = [Heading("Points to probe, in order"), Bullets(FILL_IN)]
-    probed_points.append(Table(_steps(procedure), ONE_ROW, detail=True))
-    file = Download("procedure.csv", "the file to fill in", procedure.csv().encode())
     return Document(
         f"Points to probe for the acceptance test of {procedure.arm.name}",
-        [ORIGIN, f"{procedure}.", *things, *probed_points, file],
-        f"{len(procedure.probed_points)} points{seed}",
+        [
+            ORIGIN,
+            f"{procedure}.",
+            Heading("Artefacts"),
+            views,
+            Table(_sizes(points), "Artefacts and probe", detail=True),
+            Table(_stands(procedure), POSITIONS, explained=seats),
+            Heading("Points to probe, in order"),
+            Bullets(FILL_IN),
+            Table(_steps(points), ONE_ROW, detail=True),
+            Download("procedure.csv", "the file to fill in", procedure.csv().encode()),
+        ],
+        f"{len(points)} points{seed}",
         by_hand=("Date", "Operator", "Instrument, serial number", "Temperature [°C]"),
     )
 
@@ -103,17 +106,12 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
     points = pd.DataFrame(procedure.points, columns=[*"xyz"])
     table = procedure.probed_points[names].reset_index(drop=True).join(points)
     table["kind"] = table["test"].replace(ARTEFACT_OF_TEST)
-    rows = []
-    for (kind, position), probed_points in table.groupby(["kind", "position"], sort=False):
-        features = [probed_points["feature"].iloc[0]]
-        barred = kind in ("length", "volumetric")
-        if barred:
-            features.append(probed_points["feature"].iloc[-1])
-        for feature in features:
-            at = probed_points.loc[probed_points["feature"] == feature, [*"xyz"]].mean()
-            place = {"kind": kind, "position": position, "end": feature if barred else ""}
-            rows.append(place | at.to_dict())
-    return pd.DataFrame(rows)
+    barred = table["kind"].isin(["length", "volumetric"])
+    table["end"] = table["feature"].where(barred, "")
+    artefact = ["kind", "position"]
+    features = table.groupby([*artefact, "end"], sort=False, as_index=False)[[*"xyz"]].mean()
+    between = features.duplicated(artefact) & features.duplicated(artefact, keep="last")
+    return features[~between].reset_index(drop=True)
 
 
 def _stands(procedure: Procedure) -> pd.DataFrame:
@@ -129,35 +127,35 @@ def _stands(procedure: Procedure) -> pd.DataFrame:
     return near.rename(columns={"kind": "artefact"}).fillna("")
 
 
-def _sizes(procedure: Procedure) -> pd.DataFrame:
+def _sizes(points: pd.DataFrame) -> pd.DataFrame:
     """The size of every artefact, and room for its serial number."""
-    probed_points = procedure.probed_points
-    bars = probed_points["length_id"].replace(r"^(L\d+)$", r"length bar, A to \1", regex=True)
+    bars = points["length_id"].replace(r"^(L\d+)$", r"length bar, A to \1", regex=True)
     names = {
         "feature_diameter_mm": "sphere, diameter",
         "probe_diameter_mm": "probe, diameter",
         "length_mm": bars,
     }
     sizes = [
-        pd.DataFrame({"artefact": name, "size [mm]": pd.to_numeric(probed_points[column])})
+        pd.DataFrame({"artefact": name, "size [mm]": pd.to_numeric(points[column])})
         for column, name in names.items()
     ]
     return pd.concat(sizes).dropna().drop_duplicates().assign(**{"serial number": 24 * "_"})
 
 
-def _steps(procedure: Procedure) -> pd.DataFrame:
+def _steps(points: pd.DataFrame) -> pd.DataFrame:
     """Consecutive points of one feature in one posture as one row."""
-    probed_points = procedure.probed_points.reset_index(drop=True)
-    repeat = probed_points["repeat"].astype("string").fillna("")
-    repeat = (", repeat " + repeat).where(repeat != "", "")
-    test = probed_points["test"] + " " + probed_points["position"] + repeat
-    rows = probed_points[["feature", "articulation"]].assign(test=test)
+    repeat = ", repeat " + points["repeat"].astype("string")
+    test = (
+        points["test"] + " " + points["position"] + repeat.where(points["repeat"] != "").fillna("")
+    )
+    rows = points[["feature", "articulation"]].assign(test=test).reset_index(drop=True)
     new = (rows != rows.shift()).any(axis=1)
     steps = rows.groupby(new.cumsum(), sort=False)
-    count, first = steps.size(), steps.first()
-    last = count.cumsum() + 1  # the head of the file is line 1
-    lines = [f"{b}" if n == 1 else f"{b - n + 1} to {b}" for n, b in zip(count, last, strict=True)]
-    times = (count.astype(str) + " × ").where(count > 1, "")
+    number, first = steps.size(), steps.first()
+    last = number.cumsum() + 1  # the head of the file is line 1
+    pairs = zip(number, last, strict=True)
+    lines = [f"{end}" if n == 1 else f"{end - n + 1} to {end}" for n, end in pairs]
+    times = (number.astype(str) + " × ").where(number > 1, "")
     table = pd.DataFrame({"done": "☐", "lines": lines, "test": first["test"]})
     return table.assign(probe=times + first["feature"], posture=first["articulation"])
 

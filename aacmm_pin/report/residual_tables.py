@@ -1,12 +1,12 @@
 """What the simulation gets wrong, before any cause is thought of: residuals against what their own
-uncertainty predicts.
+uncertainty predicts. And what no cause explains, record by record: the smooth correction over a
+covariate, and the partial residuals.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,17 +14,10 @@ import pandas as pd
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration import Fit
-from aacmm_pin.effects import Labels
+from aacmm_pin.diagnosis import Choice
 
 RANGES_OF_A_NUMBER = 4
 """Ranges into which joints, time and temperature are divided, with as many records in each."""
-
-
-class Unit(NamedTuple):
-    """A unit as it stands behind a number, and how many SI units one of it is."""
-
-    text: str
-    si: float
 
 
 def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.DataFrame:
@@ -47,70 +40,76 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
     """
     noise = np.trace(extended.stated_noise[:, :3, :3], axis1=1, axis2=2)
     squares = {
-        "simulation": _square_distances(before),
-        "predicted": noise + before.stated_variance,
-        "recalibrated": _square_distances(recalibrated),
-        "extended": _square_distances(extended),
-        "noise": noise,
+        "simulation_mm": np.square(before.system.deviation).sum(axis=1),
+        "predicted_mm": noise + before.stated_variance,
+        "recalibrated_mm": np.square(recalibrated.system.deviation).sum(axis=1),
+        "extended_mm": np.square(extended.system.deviation).sum(axis=1),
+        "noise_mm": noise,
     }
     rows = []
     for by, group, members in _groups(before):
-        mine = members & before.used
-        if mine.sum() > 1:
-            sizes = [np.sqrt(each[mine].mean()) / MM for each in squares.values()]
-            rows.append([by, group, int(mine.sum()), *sizes])
-    names = [f"{name}_mm" for name in squares]
-    table = pd.DataFrame(rows, columns=["by", "group", "records", *names])
+        used = members & before.used
+        if used.sum() > 1:
+            sizes = [np.sqrt(square[used].mean()) / MM for square in squares.values()]
+            rows.append([by, group, int(used.sum()), *sizes])
+    table = pd.DataFrame(rows, columns=["by", "group", "records", *squares])
     table.insert(5, "times_predicted", table["simulation_mm"] / table["predicted_mm"])
     table["times_noise"] = table["extended_mm"] / table["noise_mm"]
     return table.sort_values("times_predicted", ascending=False, ignore_index=True)
 
 
-def _square_distances(fit: Fit) -> Array:
-    """Squared distance of tip and target of each record (n,) [m²]."""
-    squares = np.square(fit.system.deviation)
-    return np.asarray(squares.sum(axis=1))
-
-
 def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
     """By what the records are grouped, the group, and its members (n,)."""
-    conditions = fit.problem.measurements.conditions
+    records = fit.problem.measurements
+    conditions = records.conditions
     for name in ("seat", "marker", "session"):
         labels = getattr(conditions, name)
-        yield from [] if labels is None else _groups_of_labels(name, labels)
-    for name, values, unit in _numbers(fit):
-        yield from _ranges(name, values, unit)
-
-
-def _groups_of_labels(name: str, labels: Labels) -> Iterator[tuple[str, str, Mask]]:
-    """One group for each label."""
-    for label in filter(None, dict.fromkeys(labels)):
-        yield name, str(label), labels == label
-
-
-def _numbers(fit: Fit) -> Iterator[tuple[str, Array, Unit]]:
-    """Joints, time and temperature: name, values (n,), unit."""
-    records = fit.problem.measurements
+        for label in dict.fromkeys([] if labels is None else labels):
+            if label:
+                yield name, str(label), labels == label
     for j, slides in enumerate(fit.problem.model.arm.chain.prismatic):
-        yield f"joint {j + 1}", records.q[:, j], Unit(" mm", MM) if slides else Unit("°", DEG)
-    for name, unit in (("time", Unit(" s", 1.0)), ("temperature", Unit(" °C", 1.0))):
-        values = getattr(records.conditions, name)
+        unit, si = (" mm", MM) if slides else ("°", DEG)
+        yield from _ranges(f"joint {j + 1}", records.q[:, j] / si, unit)
+    for name, unit in (("time", " s"), ("temperature", " °C")):
+        values = getattr(conditions, name)
         if values is not None:
-            yield name, values, unit
+            yield from _ranges(name, values, unit)
 
 
-def _ranges(name: str, values: Array, unit: Unit) -> Iterator[tuple[str, str, Mask]]:
-    """Ranges of a number with as many records in each."""
+def _ranges(name: str, values: Array, unit: str) -> Iterator[tuple[str, str, Mask]]:
+    """Ranges of a number with as many records in each; their ends have two digits of the width."""
     quantiles = np.linspace(0, 1, RANGES_OF_A_NUMBER + 1)
     edges = np.unique(np.quantile(values, quantiles))
     for low, high in itertools.pairwise(edges):
         below = values <= high if high == edges[-1] else values < high
-        group = _range(low / unit.si, high / unit.si)
-        yield name, f"{group}{unit.text}", (values >= low) & below
+        decimals = max(0, 1 - int(np.floor(np.log10(high - low))))
+        group = f"{low:z.{decimals}f} to {high:z.{decimals}f}{unit}"
+        yield name, group, (values >= low) & below
 
 
-def _range(low: float, high: float) -> str:
-    """Ends of a range with the same number of decimals: two digits of its width."""
-    digits = int(np.floor(np.log10(high - low)))
-    decimals = max(0, 1 - digits)
-    return f"{low:z.{decimals}f} to {high:z.{decimals}f}"
+def shapes_of(choice: Choice) -> dict[str, pd.DataFrame]:
+    """See :attr:`aacmm_pin.diagnosis.unexplained.Unexplained.shapes`."""
+    return {choice.covariate(k).name: _shape(choice, k) for k in choice.covariates}
+
+
+def _shape(choice: Choice, block: int) -> pd.DataFrame:
+    """The smooth correction over a covariate, record by record, and the partial residuals."""
+    design, way, covariate = choice.design, choice.way(block), choice.covariate(block)
+    model, functions = choice.posterior.median_model, way.functions
+    number, records = len(way.quantities), np.arange(len(functions))
+    scales = design.scales[design.blocks[block].columns]
+    # Each function has one column for each quantity; the first function is the constant where there
+    # is one.
+    steps = model.estimate[model.places[block]] * scales
+    sizes = functions @ steps.reshape(-1, number)
+    # Shift of the tip for one unit of each quantity (n, 3, quantities): a column is a function
+    # times the shift, so divide by the strongest function.
+    strongest = np.argmax(np.abs(functions), axis=1)
+    columns = (design.columns(block)[:, :3] / scales).reshape(len(functions), 3, -1, number)
+    axes = columns[records, :, strongest] / functions[records, strongest][:, None, None]
+    deviation = design.deviations(choice.tips)[:, :3]
+    of_records = sizes - np.einsum("nij,ni->nj", axes, deviation) / np.square(axes).sum(axis=1)
+    table = covariate.values.copy()
+    for k, (name, unit) in enumerate(way.quantities.items()):
+        table[name], table[f"{name}_of_record"] = sizes[:, k] / unit, of_records[:, k] / unit
+    return table[choice.fit.used].sort_values(list(covariate.values.columns), ignore_index=True)

@@ -26,7 +26,6 @@ from aacmm_pin.report import (
     plots,
     procedure,
     residual_tables,
-    structure_shapes,
 )
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.formats import content, require_format
@@ -48,7 +47,6 @@ __all__ = [
     "plots",
     "procedure",
     "residual_tables",
-    "structure_shapes",
     "write",
 ]
 

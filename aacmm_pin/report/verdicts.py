@@ -312,8 +312,7 @@ def doubts_in_words(result: Diagnosis) -> list[str]:
     Raises:
         KeyError: a doubt has no sentence.
     """
-    each = [WORDS_OF_DOUBTS[doubt](result) for doubt in result.doubts]
-    return [words for words in each if words]
+    return [*filter(None, (WORDS_OF_DOUBTS[doubt](result) for doubt in result.doubts))]
 
 
 def _contradicted_references(result: Diagnosis) -> str:
@@ -330,16 +329,15 @@ def _residuals_too_small(_: Diagnosis) -> str:
 
 def _few_causes_shown(result: Diagnosis) -> str:
     """`diagnose` found no cause, and the records would show at most half of all causes."""
-    seen, of = result.visible
-    return f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude"
+    shown, tried = result.visible
+    return f"these records would show only {shown} of {count(tried, 'cause')} of typical magnitude"
 
 
 def _cause_not_named(result: Diagnosis) -> str:
     """`diagnose` would find a cause only with the excluded records."""
-    causes, records = result.otherwise, int(result.extended.excluded.sum())
-    excluded = count(records, "excluded record")
-    found = labels_in_words(result, causes)
-    return f"with the {excluded}, diagnose would find {found}"
+    excluded = count(int(result.extended.excluded.sum()), "excluded record")
+    causes = labels_in_words(result, result.otherwise)
+    return f"with the {excluded}, diagnose would find {causes}"
 
 
 def _below_zero(result: Diagnosis) -> str:
@@ -403,11 +401,9 @@ def beside_threshold(left: Unexplained) -> str:
 
 def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
     """Causes and covariates that labels of the result name, in a row."""
-    return listed([_label_in_words(result, label) for label in labels])
-
-
-def _label_in_words(result: Diagnosis, label: str) -> str:
-    cause = result.cause(label)
-    if cause is None:
-        return f"dependence on {label}"
-    return name_in_words(cause, result.model.arm)
+    names = []
+    for label in labels:
+        cause = result.cause(label)
+        on = f"dependence on {label}"
+        names.append(on if cause is None else name_in_words(cause, result.model.arm))
+    return listed(names)
