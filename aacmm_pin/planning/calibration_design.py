@@ -81,7 +81,7 @@ class CalibrationPlan(Shown):
         return csv_text(self.records)
 
     def __str__(self) -> str:
-        return str(report().calibration_plan.calibration_plan_line(self))
+        return str(report().plan.calibration_plan_line(self))
 
     def summary(self) -> dict[str, Any]:
         """Return the content of the JSON file with the schema ``aacmm-pin/calibration-plan/1``."""

@@ -1,7 +1,6 @@
 from .acceptance import CheckDetails, acceptance_document, history_blocks
 from .accuracy import accuracy_document, length_document, map_document
 from .calibration import calibration_document, calibration_summary, comment
-from .calibration_plan import calibration_plan_document
 from .check import check_document, check_summary
 from .comparison import comparison_in_words, comparison_warning
 from .demo import run_demo
@@ -10,7 +9,7 @@ from .diagnosis_table import diagnoses_document, diagnoses_summary, with_cause_t
 from .document import Document, Table
 from .formats import content, require_format, suffixes
 from .json_summaries import accuracy_summary, accuracy_table, length_summary, map_summary
-from .plan import plan_document
+from .plan import calibration_plan_document, plan_document
 from .plots.style import without_latex
 from .procedure import procedure_document
 from .scenes import Scene

@@ -17,8 +17,6 @@ from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, Unexplained
 from aacmm_pin.diagnosis.unexplained import BACKGROUND
 from aacmm_pin.effects import (
     Discrepancy,
-    Effect,
-    State,
     corrects_seat,
     in_words,
     listed,
@@ -305,33 +303,26 @@ def _saved_in_words(result: Diagnosis) -> Iterator[str]:
 # Tables ------------------------------------------------------------
 
 
-def motion_of(result: Diagnosis, effect: Effect, state: State | None = None) -> float:
-    """RMS by which a cause moves the tip, or the stated place, over the used records [m];
-    ``state``: extended arm.
-    """
-    state = state or state_of(result.extended)
-    moved = sensitivity(effect, state) @ np.array(effect.values)
-    distances = np.linalg.norm(moved[result.extended.used], axis=1)
-    return rms(distances)
-
-
 def ranking(result: Diagnosis) -> pd.DataFrame:
     """The causes, strongest first: cause, value ± U, size at the tip, probability, p, not absorbed,
     label.
     """
-    state = state_of(result.extended)
-    rows = [
-        {
-            "cause": in_words(f.effect, result.model.arm),
-            "value ± U (k = 2)": values_in_words(f.effect, f.parameters, f.slides),
-            "displacement_mm": motion_of(result, f.effect, state) / MM,
-            "probability": probability(f.probability),
-            "p": p_value(f.p_value),
-            "not absorbed": percent(f.retained_fraction),
-            "label": f.label,
-        }
-        for f in result.findings
-    ]
+    state, used = state_of(result.extended), result.extended.used
+    rows = []
+    for finding in result.findings:
+        effect = finding.effect
+        moved = sensitivity(effect, state) @ np.array(effect.values)
+        rows.append(
+            {
+                "cause": in_words(effect, result.model.arm),
+                "value ± U (k = 2)": values_in_words(effect, finding.parameters, finding.slides),
+                "displacement_mm": rms(np.linalg.norm(moved[used], axis=1)) / MM,
+                "probability": probability(finding.probability),
+                "p": p_value(finding.p_value),
+                "not absorbed": percent(finding.retained_fraction),
+                "label": finding.label,
+            }
+        )
     return Table(pd.DataFrame(rows)).cells()
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 
 from aacmm_pin._support.units import count
 from aacmm_pin.effects import listed, probability
-from aacmm_pin.report.document import Bullets, Document, Paragraph, Table
+from aacmm_pin.report.document import Block, Bullets, Document, Paragraph, Table
 from aacmm_pin.report.numbers import percent
 from aacmm_pin.report.plain_values import plain
 
@@ -32,7 +32,7 @@ def diagnoses_document(table: pd.DataFrame) -> Document:
         shown = shown.drop(columns="arm")
     errors = zip(lacking["records"], lacking["error"], strict=True)
     problems = [f"{file}: {error.removeprefix(f'{file}: ')}" for file, error in errors]
-    blocks = [
+    blocks: list[Block] = [
         Paragraph(f"Verdicts of {count(len(table), 'file')}: {listed(parts)}.", finding=True),
         Table(
             shown,

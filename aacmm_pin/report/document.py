@@ -86,12 +86,10 @@ class Bullets:
     Attributes:
         items: the texts.
         head: the line above.
-        detail: for pages only.
     """
 
     items: Sequence[str]
     head: str = ""
-    detail: bool = False
 
 
 @dataclass(frozen=True)
