@@ -6,14 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown, report
-from aacmm_pin._support.notes import Note, notes_in_json
+from aacmm_pin._support.display import report
 from aacmm_pin._support.progress import Progress, watched
-from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration import (
     NO_SCATTER,
@@ -25,11 +22,12 @@ from aacmm_pin.calibration import (
 )
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import GivenRecords, Measurements, as_measurements, seed_of
+from aacmm_pin.measurements import GivenRecords, as_measurements, seed_of
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
-from aacmm_pin.planning.measurement_sheet import sheet_of
-from aacmm_pin.planning.plan import POOL_SIZE, PlannedScheme, check_numbers, complete, places_for
+from aacmm_pin.planning.measurement_sheet import planned_records
+from aacmm_pin.planning.plan import POOL_SIZE, PlannedScheme, prepared
+from aacmm_pin.planning.result import PlanOfRecords
 from aacmm_pin.planning.search import chosen_records, d_optimality
 from aacmm_pin.planning.task import Task
 
@@ -40,8 +38,8 @@ EXCHANGE_ROUNDS = 10
 """Exchanges of every record, at most; three or four are enough."""
 
 
-@dataclass(frozen=True, eq=False)
-class CalibrationPlan(Shown):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CalibrationPlan(PlanOfRecords):
     """Planned records for a calibration, with their observability index and u.
 
     Attributes:
@@ -59,39 +57,30 @@ class CalibrationPlan(Shown):
         notes: assumptions.
     """
 
-    model: ErrorModel
-    records: pd.DataFrame
-    expected: Array
-    measurements: Measurements
     o1: float
     o1_random: Array
     u: float
     u_random: Array
-    existing: int
-    seed: int | None
-    notes: tuple[Note, ...] = ()
 
     @property
     def ratio(self) -> float:
         """The ratio of O1 of the plan and the median O1 of random plans."""
         return self.o1 / float(np.median(self.o1_random))
 
-    def csv(self) -> str:
-        """Return the plan as the text of a measurement file."""
-        return csv_text(self.records)
-
     def __str__(self) -> str:
         return str(report().plan.calibration_plan_line(self))
 
     def summary(self) -> dict[str, Any]:
         """Return the content of the JSON file with the schema ``aacmm-pin/calibration-plan/1``."""
-        summary: dict[str, Any] = {"schema": CALIBRATION_PLAN_SCHEMA, "arm": self.model.arm.name}
-        summary |= {"records": len(self.records), "existing": self.existing}
-        summary |= {"o1": self.o1, "o1_random": self.o1_random.tolist(), "o1_ratio": self.ratio}
-        summary |= {"u_mm": self.u / MM, "u_random_mm": (self.u_random / MM).tolist()}
-        summary["expected_mm"] = np.round(self.expected / MM, 3).tolist()
-        summary["seed"] = self.seed
-        return summary | notes_in_json(self.notes)
+        return {
+            "schema": CALIBRATION_PLAN_SCHEMA,
+            "o1": self.o1,
+            "o1_random": self.o1_random.tolist(),
+            "o1_ratio": self.ratio,
+            "u_mm": self.u / MM,
+            "u_random_mm": (self.u_random / MM).tolist(),
+            **self.summary_of_records(),
+        }
 
 
 def plan_calibration(
@@ -136,21 +125,19 @@ def plan_calibration(
     model = ErrorModel.of(model).restricted_to_known_range()
     rng = rng or np.random.default_rng(1)
     existing = None if existing is None else as_measurements(existing, model.arm)
-    check_numbers(model, records, postures, existing, scheme)
     seed = seed_of(rng)
-    setup, notes = complete(
-        Setup.of(
-            model.arm,
-            reference_frame,
-            target,
-            prior,
-            encoder_noise,
-            reference_noise,
-            probe_noise,
-            length_noise,
-        ),
+    setup = Setup.of(
         model.arm,
+        reference_frame,
+        target,
+        prior,
+        encoder_noise,
+        reference_noise,
+        probe_noise,
+        length_noise,
     )
+    task, where, notes = prepared(model, (), existing, setup, scheme, records, postures, above, rng)
+    setup = task.setup
     noise = np.r_[
         setup.encoder_noise,
         setup.probe_noise,
@@ -161,8 +148,6 @@ def plan_calibration(
             f"all stated noise is below {NO_SCATTER / UM:g} µm or µrad; expected more; increase "
             "--encoder-noise, --probe-noise-mm or --u-reference-mm"
         )
-    task = Task(model, (), existing, setup)
-    where = places_for(task, scheme, records, postures, above, rng)
     if not task.problem(model, where).vector.size:
         raise AacmmError(
             f"{model.arm.name}: all parameters are exact; expected uncertain parameters; state "
@@ -176,10 +161,14 @@ def plan_calibration(
     judged = _Judged.of(task, situation)
     beside = [judged.worth([*rng.permutation(situation.pool.n)[:records]]) for _ in range(RANDOM)]
     (o1, u), (o1_random, u_random) = judged.worth(chosen), np.array(beside).T
-    measured, sheet = sheet_of(task, situation, chosen)
-    expected = task.frame.apply(model.predict(measured.q, measured.conditions))
     return CalibrationPlan(
-        model, sheet, expected, measured, o1, o1_random, u, u_random, situation.before, seed, notes
+        **planned_records(task, situation, chosen),
+        notes=notes,
+        seed=seed,
+        o1=o1,
+        o1_random=o1_random,
+        u=u,
+        u_random=u_random,
     )
 
 

@@ -4,8 +4,8 @@ a set-up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm import Arm, Room, joint_bounds
 from aacmm_pin.calibration import observations_of
-from aacmm_pin.effects import Conditions, Labels, State
+from aacmm_pin.effects import Conditions, State
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, Pool, probe_directions, seats_for
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
@@ -50,9 +50,7 @@ def postures_at_seats(
         AacmmError: the tip reaches the seats in no different postures.
     """
     pool = Pool.draw(task.model, above, EACH, rng)
-    seats = _seats_of(task)
-    if not seats.labels:
-        seats = _new_seats(task, pool, count, rng)
+    seats = _existing_seats(task) or _new_seats(task, pool, count, rng)
     touched = pool.touched(seats.points, max(4, min(EACH, count // len(seats.labels))))
     if not any(len(q) for q in touched):
         arm = task.model.arm.name
@@ -69,8 +67,7 @@ def postures_at_seats(
     return records.with_readings(task.model.arm)
 
 
-@dataclass(frozen=True, eq=False)
-class _Seats:
+class _Seats(NamedTuple):
     """Seats by their labels.
 
     Attributes:
@@ -84,23 +81,22 @@ class _Seats:
     stated_u: Array
 
 
-def _seats_of(task: Task) -> _Seats:
-    """The seats of the existing records."""
+def _existing_seats(task: Task) -> _Seats | None:
+    """The seats of the existing records; None if there are none."""
     existing = task.existing
     if existing is None:
-        nothing = np.empty((0, 3))
-        return _Seats([], nothing, nothing, nothing)
+        return None
     observed = observations_of(existing, task.setup)
     tips = task.frame.apply(task.model.predict(existing.q, existing.conditions))
     points = task.frame.back(observed.start(tips))
     rows = existing.seats()
     # A probe cannot reach the centre of a sphere, and a plane is no point.
     reached = np.flatnonzero(~observed.surfaces)
+    if not reached.size:
+        return None
     labels = [observed.labels[k] for k in reached]
     first = [rows[label][0] for label in labels]
-    stated = existing.reference[first]
-    stated_u = existing.reference_u[first]
-    return _Seats(labels, points[reached], stated, stated_u)
+    return _Seats(labels, points[reached], existing.reference[first], existing.reference_u[first])
 
 
 def _new_seats(task: Task, pool: Pool, count: int, rng: np.random.Generator) -> _Seats:
@@ -141,7 +137,10 @@ def _conditions(
     for joint in set_up.sides:
         sides[:, joint - 1] = rng.choice([-1.0, 1.0], size=n)
     time = _times(known, set_up, n, rng)
-    chosen: dict[str, Any] = {"seat": postures.conditions.seat, "marker": _marker(known, n)}
+    chosen: dict[str, Any] = {"seat": postures.conditions.seat}
+    if known.marker is not None:  # the first of the existing records
+        first = next((label for label in known.marker if label), "")
+        chosen["marker"] = np.full(n, first, dtype=object)
     if "time" in present:
         chosen["time"] = time
     if links is not None:
@@ -167,14 +166,6 @@ def _times(
         return rng.uniform(0.0, set_up.warm_up, size=n)
     after = 0.0 if known.time is None else float(known.time.max()) + TIME_STEP
     return np.full(n, after)
-
-
-def _marker(known: Conditions, n: int) -> Labels | None:
-    """The first marker of the existing records, for all planned ones."""
-    if known.marker is None:
-        return None
-    first = next((label for label in known.marker if label), "")
-    return np.full(n, first, dtype=object)
 
 
 def _torques(arm: Arm, q: Array) -> Array:

@@ -16,7 +16,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import possible_conditions
-from aacmm_pin.planning.measurement_sheet import plan_of
+from aacmm_pin.planning.measurement_sheet import planned_records
 from aacmm_pin.planning.result import DECIDED, MeasurementPlan, Tried
 from aacmm_pin.planning.search import chosen_records, t_optimality
 from aacmm_pin.planning.separability import UNDETECTABLE, Pair, Power, Separation, size_of
@@ -82,11 +82,14 @@ def for_two(
             break
     assert best is not None
     situation, chosen, after = best
-    return plan_of(
-        task,
-        situation,
-        chosen,
-        tuple(_sizes_in_words(split, before)),
+    notes = [*_sizes_in_words(split, before)]
+    if situation.set_up.changes_arm and task.existing is not None:
+        notes.append(Note("old_records_excluded"))
+    return MeasurementPlan(
+        **planned_records(task, situation, chosen),
+        notes=tuple(notes),
+        set_up=situation.set_up.words,
+        changes_arm=situation.set_up.changes_arm,
         split=split,
         before=before,
         after=after,
@@ -125,15 +128,14 @@ def for_all(
     wanted = open_ or different or pairs
     chosen = _chosen(situation, sizes, wanted, steps)
     separation = situation.separation(chosen, sizes)
+    labels = [cause.label for cause in task.causes]
     rows = []
     for pair in pairs:
-        one, other = (task.causes[cause].label for cause in pair)
         why_not = "" if pair in open_ else "too small" if pair in different else "the same"
         t = separation.least(pair)
-        rows.append(
-            {"cause": one, "other": other, "T": t, "told": t >= LEAST_T, "why_not": why_not}
-        )
-    table = pd.DataFrame(rows).sort_values("T", ignore_index=True)
+        rows.append((*(labels[cause] for cause in pair), t, t >= LEAST_T, why_not))
+    table = pd.DataFrame(rows, columns=["cause", "other", "T", "told", "why_not"])
+    table = table.sort_values("T", ignore_index=True)
     worst = separation.worst(wanted)
     after = situation.power(chosen, worst, sizes)
     told = Note("pairs_told_apart", {"told": int(table["told"].sum()), "pairs": len(table)})
@@ -142,12 +144,13 @@ def for_all(
         for option in options
         if option.changes_arm
     }
-    return plan_of(
-        task,
-        situation,
-        chosen,
-        (told, *_never_told([cause.label for cause in task.causes], of_pool, others)),
-        split=tuple(task.causes[cause] for cause in worst),
+    one, other = worst
+    return MeasurementPlan(
+        **planned_records(task, situation, chosen),
+        notes=(told, *_never_told(labels, of_pool, others)),
+        set_up=set_up.words,
+        changes_arm=False,
+        split=(task.causes[one], task.causes[other]),
         before=situation.power([], worst, sizes) if situation.before else None,
         after=after,
         tried=(Tried(str(set_up), after),),

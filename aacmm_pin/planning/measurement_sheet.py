@@ -11,46 +11,19 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.notes import Note
 from aacmm_pin.measurements import REFERENCE, REFERENCE_U, Measurements
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.candidate_records import TIME_STEP
-from aacmm_pin.planning.result import MeasurementPlan
 from aacmm_pin.planning.task import Task
 
 SHEET_DECIMALS = 6
 """Of angles in degrees, and of directions."""
 
 
-def plan_of(
-    task: Task, situation: Situation, chosen: list[int], notes: tuple[Note, ...], **found: Any
-) -> MeasurementPlan:
-    """The plan of the chosen records, in the order in which they are taken; ``found`` are its other
-    fields.
+def planned_records(task: Task, situation: Situation, chosen: list[int]) -> dict[str, Any]:
+    """The chosen records in the order in which they are taken, and the file to be filled in: fields
+    of :class:`PlanOfRecords`.
     """
-    set_up = situation.set_up
-    records, sheet = sheet_of(task, situation, chosen)
-    apart = set_up.changes_arm and task.existing is not None
-    if apart:
-        notes = (*notes, Note("old_records_excluded"))
-    predicted = set_up.model.predict(records.q, records.conditions)
-    return MeasurementPlan(
-        model=set_up.model,
-        records=sheet,
-        expected=task.frame.apply(predicted),
-        set_up=set_up.words,
-        changes_arm=set_up.changes_arm,
-        existing=situation.before,
-        notes=notes,
-        measurements=records,
-        **found,
-    )
-
-
-def sheet_of(
-    task: Task, situation: Situation, chosen: list[int]
-) -> tuple[Measurements, pd.DataFrame]:
-    """The chosen records in the order in which they are taken, and the file to be filled in."""
     records = situation.pool.take(np.array(chosen))
     records = records.take(_order(records))
     conditions = records.conditions
@@ -58,7 +31,14 @@ def sheet_of(
         conditions = replace(conditions, time=_spaced(np.round(conditions.time)))
     labels = np.array([f"plan{k}" for k in range(1, records.n + 1)], dtype=object)
     records = replace(records, conditions=conditions, record=labels)
-    return records, _sheet(records, task.existing)
+    model = situation.set_up.model
+    return {
+        "model": model,
+        "records": _sheet(records, task.existing),
+        "expected": task.frame.apply(model.predict(records.q, records.conditions)),
+        "measurements": records,
+        "existing": situation.before,
+    }
 
 
 def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame:

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import whole
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.progress import Progress, watched
-from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import ReferenceFrame, Setup, Target
 from aacmm_pin.effects import Effect, ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -94,7 +93,6 @@ def plan_measurements(
     """
     model = ErrorModel.of(model).restricted_to_known_range()
     existing = None if existing is None else as_measurements(existing, model.arm)
-    check_numbers(model, records, postures, existing, scheme)
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)
     present = () if existing is None else existing.conditions.present
@@ -108,21 +106,20 @@ def plan_measurements(
             f"{at_seat.label} has an effect only at this seat; expected the scheme 'seats' and "
             "existing records of this seat"
         )
-    setup, notes = complete(
-        Setup.of(
-            model.arm,
-            reference_frame,
-            target,
-            prior,
-            encoder_noise,
-            reference_noise,
-            probe_noise,
-            length_noise,
-        ),
+    setup = Setup.of(
         model.arm,
+        reference_frame,
+        target,
+        prior,
+        encoder_noise,
+        reference_noise,
+        probe_noise,
+        length_noise,
     )
-    task = Task(model, tuple(e.at(()) for e in causes), usable, setup)
-    where = places_for(task, scheme, records, postures, above, rng)
+    unknown = tuple(effect.at(()) for effect in causes)
+    task, where, notes = prepared(
+        model, unknown, usable, setup, scheme, records, postures, above, rng
+    )
     with watched(range(records), progress, "plan", "record") as steps:
         if split is None:
             found = for_all(task, where, records, rng, steps)
@@ -133,44 +130,24 @@ def plan_measurements(
     return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes))
 
 
-def places_for(
-    task: Task,
+def prepared(
+    model: ErrorModel,
+    causes: tuple[Effect, ...],
+    existing: Measurements | None,
+    setup: Setup,
     scheme: PlannedScheme,
     records: int,
     postures: int,
     above: float | None,
     rng: np.random.Generator,
-) -> Measurements:
-    """The postures to choose from.
-
-    Raises:
-        AacmmError: there are fewer than ``records``.
-    """
-    if scheme == "free":
-        where = free_postures(task.model.arm, postures, above, rng)
-    else:
-        where = postures_at_seats(task, postures, above, rng)
-    if where.n < records:
-        raise AacmmError(
-            f"records is {records}; expected at most {where.n}, because the plan found only so "
-            "many different postures"
-        )
-    return where
-
-
-def check_numbers(
-    model: ErrorModel,
-    records: int,
-    postures: int,
-    existing: Measurements | None,
-    scheme: PlannedScheme,
-) -> None:
-    """Refuse what no plan can be made of.
+) -> tuple[Task, Measurements, tuple[Note, ...]]:
+    """The task with the noise to plan with, the postures to choose from, and what was assumed.
 
     Raises:
         UnknownNameError: an unknown scheme.
         AacmmError: too few records or postures, or an arm that the records are not of.
     """
+    arm = model.arm
     if scheme not in get_args(PlannedScheme):
         raise UnknownNameError("scheme", scheme, list(get_args(PlannedScheme)))
     whole(records, 1, "records of a plan")
@@ -179,15 +156,11 @@ def check_numbers(
         raise AacmmError(
             f"postures is {postures}; expected at least {records}, the number of records"
         )
-    if existing is not None and existing.nq != model.arm.nq:
+    if existing is not None and existing.nq != arm.nq:
         raise AacmmError(
-            f"{existing.source} has angles of {existing.nq} joints; expected {model.arm.nq}, as "
-            f"many as {model.arm.name} has"
+            f"{existing.source} has angles of {existing.nq} joints; expected {arm.nq}, as many as "
+            f"{arm.name} has"
         )
-
-
-def complete(setup: Setup, arm: Arm) -> tuple[Setup, tuple[Note, ...]]:
-    """The set-up with the noise to plan with, and what of it was assumed."""
     notes = []
     if setup.encoder_noise is None:
         setup = replace(setup, encoder_noise=np.full(arm.nq, ENCODER))
@@ -195,7 +168,17 @@ def complete(setup: Setup, arm: Arm) -> tuple[Setup, tuple[Note, ...]]:
     if setup.reference_noise is None:
         setup = replace(setup, reference_noise=REFERENCE_NOISE)
         notes.append(Note("reference_noise_assumed", {"noise": REFERENCE_NOISE}))
-    return replace(setup, probe_noise=setup.probe_noise or 0.0), tuple(notes)
+    task = Task(model, causes, existing, replace(setup, probe_noise=setup.probe_noise or 0.0))
+    if scheme == "free":
+        places = free_postures(arm, postures, above, rng)
+    else:
+        places = postures_at_seats(task, postures, above, rng)
+    if places.n < records:
+        raise AacmmError(
+            f"records is {records}; expected at most {places.n}, because the plan found only so "
+            "many different postures"
+        )
+    return task, places, tuple(notes)
 
 
 Usable = tuple[tuple[Effect, ...], Measurements | None, tuple[Note, ...]]

@@ -41,8 +41,36 @@ class Tried(Shown):
     why_not: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class MeasurementPlan(Shown):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlanOfRecords(Shown):
+    """What every plan of records has; see :class:`MeasurementPlan`."""
+
+    model: ErrorModel
+    records: pd.DataFrame
+    expected: Array
+    measurements: Measurements
+    existing: int
+    seed: int | None = None
+    notes: tuple[Note, ...] = ()
+
+    def csv(self) -> str:
+        """Return the plan as the text of a measurement file."""
+        return csv_text(self.records)
+
+    def summary_of_records(self) -> dict[str, Any]:
+        """The entries that the JSON file of every plan has."""
+        return {
+            "arm": self.model.arm.name,
+            "records": len(self.records),
+            "existing": self.existing,
+            "expected_mm": np.round(self.expected / MM, 3).tolist(),
+            "seed": self.seed,
+            **notes_in_json(self.notes),
+        }
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasurementPlan(PlanOfRecords):
     """A plan of measurements that distinguish causes, with the probability of success.
 
     Attributes:
@@ -69,21 +97,14 @@ class MeasurementPlan(Shown):
         seed: seed of the random generator, or None if unknown.
     """
 
-    model: ErrorModel
     split: tuple[Effect, Effect]
-    records: pd.DataFrame
-    expected: Array
     set_up: tuple[str, ...]
     changes_arm: bool
     before: Power | None
     after: Power
     tried: tuple[Tried, ...]
-    existing: int
-    notes: tuple[Note, ...]
-    measurements: Measurements
     pairs: pd.DataFrame | None = None
     enough: int | None = None
-    seed: int | None = None
 
     @property
     def asked(self) -> bool:
@@ -116,23 +137,24 @@ class MeasurementPlan(Shown):
         with whole_file(path, force) as temporary:
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
-    def csv(self) -> str:
-        """Return the plan as the text of a measurement file."""
-        return csv_text(self.records)
-
     def summary(self) -> dict[str, Any]:
         """Return the content of the JSON file with the schema ``aacmm-pin/plan/1``."""
-        summary: dict[str, Any] = {"schema": PLAN_SCHEMA, "arm": self.model.arm.name}
-        summary |= {"split": [effect.key for effect in self.split], "asked": self.asked}
-        summary |= {"records": len(self.records), "existing": self.existing}
-        summary |= {"set_up": list(self.set_up), "changes_arm": self.changes_arm}
-        power = {"before": _power(self.before), "after": _power(self.after)}
-        summary["power"] = power | {"decided": self.decided, "enough": self.enough}
-        summary["tried"] = [_tried(tried) for tried in self.tried]
-        summary["pairs"] = _pairs(self.pairs)
-        summary["expected_mm"] = np.round(self.expected / MM, 3).tolist()
-        summary["seed"] = self.seed
-        return summary | notes_in_json(self.notes)
+        return {
+            "schema": PLAN_SCHEMA,
+            "split": [effect.key for effect in self.split],
+            "asked": self.asked,
+            "set_up": list(self.set_up),
+            "changes_arm": self.changes_arm,
+            "power": {
+                "before": _power(self.before),
+                "after": _power(self.after),
+                "decided": self.decided,
+                "enough": self.enough,
+            },
+            "tried": [_tried(tried) for tried in self.tried],
+            "pairs": _pairs(self.pairs),
+            **self.summary_of_records(),
+        }
 
     def __str__(self) -> str:
         return str(report().plan.plan_line(self))

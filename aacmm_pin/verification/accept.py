@@ -101,13 +101,17 @@ class CharacteristicValue:
         """The columns of a table of them, lengths in mm; nan where there is no number."""
         definition = self.definition
         evaluated = self.evaluated
-        row: dict[str, Any] = {"coordinates": self.source, "figure": definition.name}
-        row |= {"standard": definition.standard, "test": definition.test_name}
-        row |= {"definition": definition.text, "value_mm": evaluated.value / MM}
-        row |= {"U_mm": GUARD_BAND_FACTOR * evaluated.u / MM, "mpe_mm": self.mpe / MM}
-        row["verdict"] = self.verdict
-        row["where"] = "" if self.where is None else str(self.where)
-        return row | {
+        return {
+            "coordinates": self.source,
+            "figure": definition.name,
+            "standard": definition.standard,
+            "test": definition.test_name,
+            "definition": definition.text,
+            "value_mm": evaluated.value / MM,
+            "U_mm": GUARD_BAND_FACTOR * evaluated.u / MM,
+            "mpe_mm": self.mpe / MM,
+            "verdict": self.verdict,
+            "where": "" if self.where is None else str(self.where),
             "had": evaluated.had,
             "counted": f"{definition.counted}s",
             "missing": self.missing,
@@ -224,8 +228,7 @@ class AcceptanceResult(Shown):
     @property
     def verdict(self) -> Verdict | None:
         """The worst verdict of all sets of coordinates; None if no MPE was given."""
-        verdicts = [verdict for verdict, _ in self.overall.values()]
-        return next((verdict for verdict in WORST_FIRST if verdict in verdicts), None)
+        return _worst([figure for figure in self.figures if not math.isnan(figure.mpe)])[0]
 
     @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
@@ -271,12 +274,16 @@ class AcceptanceResult(Shown):
         for source, (verdict, by) in self.overall.items():
             names = [figure.definition.name for figure in by]
             overall.append({"coordinates": source, "verdict": verdict, "decided_by": names})
-        summary: dict[str, Any] = {"schema": ACCEPTANCE_SCHEMA, "source": self.path}
-        summary |= {"coverage_factor": GUARD_BAND_FACTOR, "overall": overall}
-        summary["figures"] = [figure.to_dict() for figure in self.figures]
-        summary["measuring_range_mm"] = self.measuring_range and self.measuring_range / MM
-        summary["longest_length_mm"] = {test: size / MM for test, size in self.longest.items()}
-        return summary | notes_in_json(self.notes)
+        return {
+            "schema": ACCEPTANCE_SCHEMA,
+            "source": self.path,
+            "coverage_factor": GUARD_BAND_FACTOR,
+            "overall": overall,
+            "figures": [figure.to_dict() for figure in self.figures],
+            "measuring_range_mm": self.measuring_range and self.measuring_range / MM,
+            "longest_length_mm": {test: size / MM for test, size in self.longest.items()},
+            **notes_in_json(self.notes),
+        }
 
 
 def accept(
@@ -327,11 +334,8 @@ def accept(
     for source, of_source in points.sets.items():
         for definition in wanted:
             of_test = of_source[of_source["test"] == definition.test]
-            if (
-                standard is None
-                and definition.name not in limits
-                and not _has_points(of_test, definition)
-            ):
+            there = bool(of_test[definition.column].any())
+            if standard is None and definition.name not in limits and not there:
                 continue
             try:
                 evaluated = _in_range(
@@ -356,13 +360,6 @@ def accept(
     return AcceptanceResult(
         str(path), tuple(figures), tuple(notes), points.stated, measuring_range, longest, data
     )
-
-
-def _has_points(of_test: pd.DataFrame, definition: Definition) -> bool:
-    """Whether a file has probed points for a characteristic."""
-    if not definition.column:
-        return len(of_test) > 0
-    return bool(of_test[definition.column].any())
 
 
 def _count(of_test: pd.DataFrame, definition: Definition) -> int:
@@ -451,6 +448,11 @@ def _names(figures: Sequence[CharacteristicValue]) -> list[str]:
 
 def _note_of_other(figure: CharacteristicValue, error: float, expanded: float, place: int) -> Note:
     """Another error than the largest decides the verdict."""
-    data: dict[str, Any] = {"figure": figure.definition.name, "source": figure.source}
-    data |= {"error": error, "expanded": expanded, "where": figure.places[place]}
+    data = {
+        "figure": figure.definition.name,
+        "source": figure.source,
+        "error": error,
+        "expanded": expanded,
+        "where": figure.places[place],
+    }
     return Note("other_error_decides", data)

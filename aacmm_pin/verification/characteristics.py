@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import pandas as pd
@@ -23,13 +24,11 @@ from aacmm_pin.verification.evaluators import (
     Needed,
     OfLengths,
     OfPoints,
-    deviation_of_accurate,
-    deviation_of_others,
+    deviation_of_part,
     distances_from_mean,
     errors_of_lengths,
     form_of_sphere,
-    has_accurate,
-    has_others,
+    has_part,
     lengths_not_measured,
     lengths_with_one_end,
     missing_places,
@@ -37,7 +36,6 @@ from aacmm_pin.verification.evaluators import (
     spread_of_centres,
     standard_deviation,
     twice_rms_of_lengths,
-    twice_standard_deviation,
 )
 
 ISO = "ISO 10360-12"
@@ -64,7 +62,7 @@ class Definition:
         test: the test as acceptance files name it.
         evaluate: works its test value out from the probed points of the test.
         counted: what is counted: ``probed point`` or ``length``.
-        column: the column without which it is left out; "" for none.
+        column: if it is empty in all rows of the test, the characteristic is left out.
     """
 
     name: str
@@ -73,7 +71,7 @@ class Definition:
     test: str
     evaluate: Callable[[pd.DataFrame], Evaluated]
     counted: str = "probed point"
-    column: str = ""
+    column: str = "test"
 
     @property
     def text(self) -> str:
@@ -88,6 +86,13 @@ FIVE_REPEATS = Needed(((SPHERE, 1), (("repeat",), 5)), 5)
 THREE_REPEATS = Needed((((*SPHERE, "repeat"), 3),), 9)
 THREE_POINTS = Needed(((("position",), 3),), 10)
 FIVE_LENGTHS = Needed(((("length_id",), 5), (("position",), POSITIONS)), REPEATS)
+
+
+def _of_part(accurate: bool) -> OfPoints:
+    """Of the postures that were predicted to be accurate, or of the others."""
+    deviation = partial(deviation_of_part, accurate=accurate)
+    return OfPoints(THREE_POINTS, deviation, partial(has_part, accurate=accurate))
+
 
 DEFINITIONS = (
     Definition(
@@ -120,7 +125,7 @@ DEFINITIONS = (
     ),
     Definition(
         "SPAT.2s", ASME, "single-point articulation performance test", "single-point",
-        OfPoints(THREE_POINTS, twice_standard_deviation),
+        OfPoints(THREE_POINTS, partial(standard_deviation, times=2)),
     ),
     Definition(
         "Volumetric.Max", ASME, "volumetric performance test", "volumetric",
@@ -136,11 +141,11 @@ DEFINITIONS = (
     ),
     Definition(
         "SinglePoint.Part", PAPER, "single point (equations 18 and 19)", "single-point",
-        OfPoints(THREE_POINTS, deviation_of_accurate, has_accurate), column="part",
+        _of_part(accurate=True), column="part",
     ),
     Definition(
         "SinglePoint.Rest", PAPER, "single point (equations 18 and 19)", "single-point",
-        OfPoints(THREE_POINTS, deviation_of_others, has_others), column="part",
+        _of_part(accurate=False), column="part",
     ),
 )  # fmt: skip
 

@@ -200,48 +200,30 @@ def distances_from_mean(points: pd.DataFrame) -> Iterator[Error]:
         yield Error(distance, rows=(row,))
 
 
-def standard_deviation(points: pd.DataFrame) -> Iterator[Error]:
-    """Of the position of one point, see
+def standard_deviation(points: pd.DataFrame, times: float = 1.0) -> Iterator[Error]:
+    """Of the position of one point, so many times, see
     :func:`aacmm_pin.accuracy.single_point.single_point_statistics`.
     """
-    yield Error(single_point_statistics(coordinates_of(points)).sigma, rows=rows_of(points))
+    sigma = single_point_statistics(coordinates_of(points)).sigma
+    yield Error(times * sigma, rows=rows_of(points))
 
 
-def twice_standard_deviation(points: pd.DataFrame) -> Iterator[Error]:
-    """Twice that."""
-    (error,) = standard_deviation(points)
-    yield error._replace(value=2 * error.value)
-
-
-def deviation_of_accurate(points: pd.DataFrame) -> Iterator[Error]:
+def deviation_of_part(points: pd.DataFrame, accurate: bool) -> Iterator[Error]:
     """RMS distance from the mean of all points, of those in postures that were predicted to be
-    accurate.
+    accurate, or of the others.
     """
-    yield _deviation_of(points, _is_accurate(points))
-
-
-def deviation_of_others(points: pd.DataFrame) -> Iterator[Error]:
-    """The same of the other points."""
-    yield _deviation_of(points, ~_is_accurate(points))
-
-
-def has_accurate(points: pd.DataFrame) -> bool:
-    """Whether the posture of a point was predicted to be accurate."""
-    return bool(_is_accurate(points).any())
-
-
-def has_others(points: pd.DataFrame) -> bool:
-    """Whether that of another was not."""
-    return not _is_accurate(points).all()
-
-
-def _is_accurate(points: pd.DataFrame) -> Mask:
-    return (points["part"] == PREDICTED_ACCURATE).to_numpy()
-
-
-def _deviation_of(points: pd.DataFrame, chosen: Mask) -> Error:
+    chosen = _is_in_part(points, accurate)
     statistics = single_point_statistics(coordinates_of(points), chosen)
-    return Error(statistics.part, rows=rows_of(points[chosen]))
+    yield Error(statistics.part, rows=rows_of(points[chosen]))
+
+
+def has_part(points: pd.DataFrame, accurate: bool) -> bool:
+    """Whether there is such a point."""
+    return bool(_is_in_part(points, accurate).any())
+
+
+def _is_in_part(points: pd.DataFrame, accurate: bool) -> Mask:
+    return ((points["part"] == PREDICTED_ACCURATE) == accurate).to_numpy()
 
 
 def _sphere(points: pd.DataFrame) -> FittedSphere:
@@ -286,7 +268,11 @@ class OfLengths:
         lengths = measured_lengths(points, self.both_sides)
         if missing := self.missing(lengths):
             return without_value(len(lengths), missing, self.lacking(points, lengths))
-        _check_pairs(points)
+        for place in _with_one_end(points):  # the other end might not conform
+            raise AacmmError(
+                f"{place}: only one end has points; expected points of both ends with the same "
+                "labels"
+            )
         return _largest([*self.errors(lengths)], len(lengths))
 
 
@@ -337,24 +323,16 @@ def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
     )
 
 
-def _check_pairs(points: pd.DataFrame) -> None:
-    """No end of a length without the other: it might be the one that does not conform.
-
-    Raises:
-        AacmmError: there is one.
-    """
+def _with_one_end(points: pd.DataFrame) -> Iterator[Place]:
+    """Lengths that have points of one end alone."""
     for length in groups_of(points, LENGTH_KEY):
         if length["feature"].nunique() < 2:
-            raise AacmmError(
-                f"{Place.of(length)}: only one end has points; expected points of both ends with "
-                "the same labels"
-            )
+            yield Place.of(length)
 
 
 def errors_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
     """Of each length."""
-    for error, u, rows in zip(lengths["error"], lengths["u"], lengths["rows"], strict=True):
-        yield Error(error, u, rows)
+    yield from map(Error, lengths["error"], lengths["u"], lengths["rows"])
 
 
 def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
@@ -376,9 +354,8 @@ def missing_places(lengths: pd.DataFrame) -> int:
 
 def lengths_with_one_end(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
     """The names of lengths that were begun."""
-    for length in groups_of(points, LENGTH_KEY):
-        if length["feature"].nunique() < 2:
-            yield named(Place.of(length).labels)
+    for place in _with_one_end(points):
+        yield named(place.labels)
 
 
 def lengths_not_measured(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:

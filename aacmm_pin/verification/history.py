@@ -9,7 +9,6 @@ a cause of their own, and do not count for later limits.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -25,7 +24,7 @@ from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import MM, count, number
+from aacmm_pin._support.units import MM, count
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import is_workbook, measurement_file, read_table
 from aacmm_pin.verification.accept import WORST_FIRST, AcceptanceResult
@@ -116,17 +115,16 @@ class ControlChart:
     def to_dict(self) -> dict[str, Any]:
         """The numbers, for JSON, lengths in mm; None where there are none."""
         lower, upper = self.limits
-        numbers: dict[str, Any] = {"coordinates": self.arm, "figure": self.figure}
-        numbers |= {
+        return {
+            "coordinates": self.arm,
+            "figure": self.figure,
             "checks_before": len(self.values) - 1,
             "checks_counted": int(self.counted.sum()),
-        }
-        numbers |= {
             "centre_mm": _or_none(self.centre),
             "lower_mm": _or_none(lower),
             "upper_mm": _or_none(upper),
+            "left_usual_range": self.left_range if np.isfinite(upper) else None,
         }
-        return numbers | {"left_usual_range": self.left_range if np.isfinite(upper) else None}
 
 
 def _limits(values: Array) -> tuple[float, float]:
@@ -172,18 +170,15 @@ class History(Shown):
         """
         if not Path(path).exists():
             return cls()
-        if not Path(path).is_file():  # it is written again
-            raise MeasurementFileError(
-                str(path), None, "", "this is no regular file; expected the CSV file of a history"
-            )
-        content = measurement_file(str(path))
-        if is_workbook(content):
+        # It is written again.
+        if not Path(path).is_file() or is_workbook(measurement_file(str(path))):
             raise MeasurementFileError(
                 str(path),
                 None,
                 "",
-                "this is an Excel workbook; expected the CSV file of a history",
+                "this is no regular file, or a workbook; expected the CSV file of a history",
             )
+        content = measurement_file(str(path))
         for line, text in enumerate(content.splitlines(), start=1):
             if text.lstrip().startswith(b"#"):
                 raise MeasurementFileError(
@@ -203,13 +198,18 @@ class History(Shown):
             )
             problems.stop()
         checks = table.loc[:, list(HISTORY_COLUMNS)]
-        checks["time"] = _read(
-            table, "time", in_utc, "a time such as 2026-01-31T09:30:00+00:00", problems
-        )
-        checks["time"] = pd.to_datetime(checks["time"], utc=True)
+        cells = {name: table[name].str.strip() for name in HISTORY_COLUMNS}
+        expected = "{!r}; expected a time such as 2026-01-31T09:30:00+00:00"
+        times = pd.to_datetime(cells["time"], format="ISO8601", utc=True, errors="coerce")
+        problems.at(times.isna().to_numpy(), "time", expected, table["time"].to_numpy())
+        checks["time"] = times
         for name in ("value_mm", "U_mm", "mpe_mm"):
-            values = _read(table, name, _number(name != "value_mm"), "a number", problems)
-            checks[name] = values.astype(np.float64)
+            numbers = pd.to_numeric(cells[name], errors="coerce").astype(np.float64)
+            bad = ~np.isfinite(numbers.to_numpy())
+            if name != "value_mm":
+                bad &= (cells[name] != "").to_numpy()
+            problems.at(bad, name, "{!r}; expected a number", table[name].to_numpy())
+            checks[name] = numbers
         for name, known in (
             ("figure", {d.name for d in DEFINITIONS}),
             ("verdict", {"", *WORST_FIRST}),
@@ -286,31 +286,20 @@ class History(Shown):
         """A chart for each characteristic of the latest check, in its order; of :data:`HALF` none
         beside its double.
         """
-        of = self._of(self.instrument)
-        charts = []
-        check: list[Any] = [*of[of["time"] == self.time].itertuples()]
+        checks = self._of(self.instrument)
+        check: list[Any] = [*checks[checks["time"] == self.time].itertuples()]
         there = {(latest.arm, latest.figure) for latest in check}
+        earlier = checks[checks["time"] <= self.time].sort_values("time")
+        charts = []
         for latest in check:
             if (latest.arm, HALF.get(latest.figure)) in there:
                 continue
-            alike = of[
-                (of["arm"] == latest.arm)
-                & (of["figure"] == latest.figure)
-                & (of["time"] <= self.time)
-            ]
-            alike = alike.sort_values("time")
+            alike = earlier[(earlier["arm"] == latest.arm) & (earlier["figure"] == latest.figure)]
             values = np.abs(alike["value_mm"].to_numpy(dtype=np.float64)) * MM
             failed = (alike["verdict"] == "non-conformity").to_numpy()
-            charts.append(
-                ControlChart(
-                    latest.arm,
-                    latest.figure,
-                    tuple(alike["time"]),
-                    values,
-                    latest.mpe_mm * MM,
-                    failed,
-                )
-            )
+            times = tuple(alike["time"])
+            mpe = latest.mpe_mm * MM
+            charts.append(ControlChart(latest.arm, latest.figure, times, values, mpe, failed))
         return tuple(charts)
 
     def __str__(self) -> str:
@@ -360,31 +349,6 @@ def _utc(time: datetime) -> datetime:
     if time.tzinfo is None:
         return time.replace(tzinfo=UTC)
     return time.astimezone(UTC)
-
-
-def _number(may_be_empty: bool) -> Callable[[str], float]:
-    def read(cell: str) -> float:
-        value = math.nan if may_be_empty and not cell else number(cell)
-        if cell and not math.isfinite(value):
-            raise ValueError(cell)
-        return value
-
-    return read
-
-
-def _read(
-    table: pd.DataFrame, name: str, of: Callable[[str], Any], expected: str, problems: Problems
-) -> pd.Series:
-    """A column of text as what it means."""
-    values: list[Any] = []
-    for cell in table[name].str.strip():
-        try:
-            values.append(of(cell))
-        except ValueError:
-            values.append(None)
-    bad = np.array([value is None for value in values])
-    problems.at(bad, name, f"{{!r}}; expected {expected}", table[name].to_numpy())
-    return pd.Series(values, table.index, dtype=object)
 
 
 def _or_none(value: float) -> float | None:

@@ -225,13 +225,17 @@ def _stands(arm: Arm) -> bool:
     """Whether an arm stands on its base: joint axis 1 is upright, and joint 2 not below the
     base.
     """
-    rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
-    axes = arm.chain.moving_axes()
-    first = axes[0]
-    second = axes[min(1, len(axes) - 1)]
-    upright = abs(float(rotation[first, 0, :, 2] @ arm.up)) > LEAST_UPRIGHT_COSINE
-    height = float(origin[second, 0] @ arm.up)
-    return upright and height > -MM
+    rotation, _ = arm.chain.walk(np.zeros((1, arm.nq)))
+    first = arm.chain.moving_axes()[0]
+    cosine = abs(float(rotation[first, 0, :, 2] @ arm.up))
+    return cosine > LEAST_UPRIGHT_COSINE and float(_shoulder(arm) @ arm.up) > -MM
+
+
+def _shoulder(arm: Arm) -> Array:
+    """The origin of joint axis 2 (3,), or of the only one."""
+    _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+    *_, second = arm.chain.moving_axes()[:2]
+    return np.asarray(origin[second, 0])
 
 
 class _Layout:
@@ -239,14 +243,9 @@ class _Layout:
 
     def __init__(self, pool: Pool, sphere: float, probe: float, rng: np.random.Generator) -> None:
         self.pool, self.sphere, self.probe, self.rng = pool, sphere, probe, rng
-        self.rows: list[dict[str, Any]] = []
-        self.points: list[Array] = []
-        self.q: list[Array] = []
+        self.probed: list[tuple[dict[str, Any], Array, Array]] = []
         self.taken: list[Array] = []
-        axes = pool.arm.chain.moving_axes()
-        self.shoulder = pool.arm.chain.walk(np.zeros((1, pool.arm.nq)))[1][
-            axes[min(1, len(axes) - 1)]
-        ][0]
+        self.shoulder = _shoulder(pool.arm)
         self.distance = np.linalg.norm(pool.tips - self.shoulder, axis=1)
         self.reach = float(self.distance.max())
 
@@ -289,9 +288,7 @@ class _Layout:
 
     def probe_point(self, point: Array, q: Array, **cells: Any) -> None:
         """Add a probed point at ``point`` (3,) near the posture ``q`` (nq,)."""
-        self.rows.append(cells)
-        self.points.append(point)
-        self.q.append(q)
+        self.probed.append((cells, point, q))
 
     def place(self, low: float, high: float, each: int) -> tuple[Array, Array]:
         """A point between these parts of the reach, about as high as joint 2, that many postures
@@ -398,9 +395,7 @@ class _Layout:
         for aim in wanted:
             directions = aim + np.arange(TRIED)[:, None] / TRIED * self.rng.normal(size=(TRIED, 3))
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-            for (
-                direction
-            ) in directions:  # the wanted one first, then others, farther and farther from it
+            for direction in directions:  # the wanted one first, then others, farther from it
                 good = self.pool.tips[self.rng.permutation(len(self.pool.tips))[:CANDIDATES]]
                 for length in (*lengths[::-1], 0.0):  # the far end is least often in reach
                     ends = good + length * direction
@@ -441,8 +436,7 @@ class _Layout:
 
     def procedure(self, arm: Arm, seed: int | None) -> Procedure:
         """All of it, with the tip at its point in every posture."""
-        points = np.array(self.points)
-        chosen = np.array(self.q)
+        rows, points, chosen = (np.array(values) for values in zip(*self.probed, strict=True))
         q, arrived = brought_to(self.pool.state_of, chosen, points, joint_bounds(arm))
         if not arrived.all():
             out = int((~arrived).sum())
@@ -451,7 +445,7 @@ class _Layout:
                 "none; use another --seed"
             )
         columns = [column.names[0] for column in PROBED_POINT_COLUMNS]
-        table = pd.DataFrame(self.rows).reindex(columns=columns)
+        table = pd.DataFrame([*rows]).reindex(columns=columns)
         table["repeat"] = table["repeat"].astype("Int64")
         table["articulation"] = articulations(arm, chosen)
         return Procedure(arm, table, q, points, seed)

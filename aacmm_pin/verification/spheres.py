@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin.errors import AacmmError, ShapeError
+from aacmm_pin.measurements import best_sphere
 
 FEWEST_POINTS = 4
 """Points that a sphere of unknown centre and diameter needs."""
@@ -56,7 +57,6 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
         raise AacmmError(f"{len(p)} points lie in one plane; expected points all over the sphere")
     size = float(extents[0])
     scaled = (p - middle) / size
-    ones = np.ones(len(p))
 
     def residuals(sphere: Array) -> Array:
         distance = np.linalg.norm(scaled - sphere[:3], axis=1)
@@ -64,20 +64,18 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
 
     def jacobian(sphere: Array) -> Array:
         towards = sphere[:3] - scaled
-        lengths = np.linalg.norm(scaled - sphere[:3], axis=1)
-        return np.column_stack([towards / lengths[:, None], -ones])
+        lengths = np.linalg.norm(towards, axis=1, keepdims=True)
+        return np.column_stack([towards / lengths, -np.ones(len(p))])
 
-    # |p|² = 2 c·p + (r² - |c|²) is linear: where the search begins.
-    x, *_ = np.linalg.lstsq(np.column_stack([2 * scaled, ones]), np.sum(scaled**2, axis=1))
-    start = [*x[:3], np.sqrt(x[3] + x[:3] @ x[:3])]
+    centre, radius = best_sphere(scaled)
     ends = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
-    found = least_squares(residuals, start, jac=jacobian, method="lm", **ends)
-    factor = 2 * float(np.linalg.norm(np.linalg.pinv(found.jac)[3]))
-    leverages = np.sum(np.linalg.qr(found.jac).Q ** 2, axis=1)
-    center = middle + found.x[:3] * size
-    diameter = 2 * float(found.x[3]) * size
-    form = float(np.ptp(found.fun * size))
-    return FittedSphere(center, diameter, form, factor, found.fun * size, leverages)
+    fit = least_squares(residuals, [*centre, radius], jac=jacobian, method="lm", **ends)
+    factor = 2 * float(np.linalg.norm(np.linalg.pinv(fit.jac)[3]))
+    leverages = np.sum(np.linalg.qr(fit.jac).Q ** 2, axis=1)
+    outside = fit.fun * size
+    center = middle + fit.x[:3] * size
+    diameter = 2 * float(fit.x[3]) * size
+    return FittedSphere(center, diameter, float(np.ptp(outside)), factor, outside, leverages)
 
 
 def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
