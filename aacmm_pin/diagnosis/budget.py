@@ -77,7 +77,7 @@ def budget_of(
     rest of the whole.
     """
     used = choice.fit.used
-    whole = rms_residual(nominal, used) ** 2
+    nominal_square = rms_residual(nominal, used) ** 2
     dof = max(choice.posterior.median_model.dof, 1.0)
     left = rms(np.linalg.norm(choice.design.deviations(choice.tips)[used, :3], axis=1)) ** 2
     noise = left * max(nominal.dof, 1.0) / dof
@@ -94,9 +94,9 @@ def budget_of(
         parts.append(BudgetPart(BEYOND, noise - stated, noise * relative_u))
         noise = stated
     parts.append(BudgetPart(NOISE, noise, noise * relative_u))
-    rest = whole - sum(part.mean_square for part in parts)
-    parts.insert(0, BudgetPart(GEOMETRY, rest, math.hypot(*(part.u for part in parts))))
-    return tuple(replace(part, share=part.mean_square / whole) for part in parts)
+    of_geometry = nominal_square - sum(part.mean_square for part in parts)
+    parts.insert(0, BudgetPart(GEOMETRY, of_geometry, math.hypot(*(part.u for part in parts))))
+    return tuple(replace(part, share=part.mean_square / nominal_square) for part in parts)
 
 
 def _displacing(choice: Choice, structure: Sequence[DiscrepancySize]) -> Iterator[BudgetPart]:
@@ -134,9 +134,9 @@ def _not_opposed(products: Array) -> list[list[int]]:
     groups = [[place] for place in range(len(products) - 1)]
     while len(groups) > 1:
         shares = [products[group].sum() for group in groups]
-        own = [products[np.ix_(group, group)].sum() for group in groups]
-        least = min(range(len(groups)), key=lambda k: shares[k] / own[k] if own[k] else 1.0)
-        if shares[least] > UNDONE * own[least]:
+        squares = [products[np.ix_(group, group)].sum() for group in groups]
+        least = min(range(len(groups)), key=lambda k: shares[k] / squares[k] if squares[k] else 1.0)
+        if shares[least] > UNDONE * squares[least]:
             break
         group = groups.pop(least)
         partner = min(groups, key=lambda other: products[np.ix_(group, other)].sum())
@@ -150,9 +150,9 @@ def _relative_u(choice: Choice, blocks: Sequence[int]) -> float:
     """
     model = choice.posterior.median_model
     members = Members(choice.posterior.space.base(0), tuple(blocks))
-    own = numbers_of([model.places[k] for k in blocks])
-    estimate = model.estimate[own]
+    entries = numbers_of([model.places[k] for k in blocks])
+    estimate = model.estimate[entries]
     gradient = members.information @ estimate
-    variance = float(gradient @ model.covariance[np.ix_(own, own)] @ gradient)
+    variance = float(gradient @ model.covariance[np.ix_(entries, entries)] @ gradient)
     size = float(gradient @ estimate)
     return 2.0 * math.sqrt(variance) / size if size > 0.0 else 0.0

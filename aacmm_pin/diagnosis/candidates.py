@@ -56,7 +56,7 @@ def candidates(
         UnknownNameError: an extra cause is not registered.
         AacmmError: an extra cause sits on a row that the arm does not have.
     """
-    found = _of_library(model.arm, measurements, problem)
+    by_label = _of_library(model.arm, measurements, problem)
     for effect in extra:
         if CAUSES.get(effect.cause) is not type(effect):
             raise UnknownNameError(
@@ -66,11 +66,11 @@ def candidates(
                 "for your own cause, call aacmm_pin.effects.register",
             )
         label = require_row(effect, model.arm).label
-        variants = (*found.get(label, ()), effect.at(()))
-        found[label] = tuple(dict.fromkeys(variants))
-    changes = _changes(model, measurements, problem.setup, found)
-    known = _known_labels(model, problem.setup)
-    return [*changes, *(variants for label, variants in found.items() if label not in known)]
+        variants = (*by_label.get(label, ()), effect.at(()))
+        by_label[label] = tuple(dict.fromkeys(variants))
+    changes = _changes(model, measurements, problem.setup, by_label)
+    estimated = _known_labels(model, problem.setup)
+    return [*changes, *(variants for label, variants in by_label.items() if label not in estimated)]
 
 
 def _of_library(arm: Arm, measurements: Measurements, problem: Problem) -> dict[str, Variants]:
@@ -82,10 +82,10 @@ def _of_library(arm: Arm, measurements: Measurements, problem: Problem) -> dict[
 
 def _known_labels(model: ErrorModel, setup: Setup) -> set[str]:
     """Labels of what is estimated anyway; a cause at one load may act at another too."""
-    known = list(model.effects)
+    estimated = list(model.effects)
     if setup.held is not None:
-        known.append(setup.held)
-    return {effect.label for effect in known if getattr(effect, "load_at", None) is None}
+        estimated.append(setup.held)
+    return {effect.label for effect in estimated if getattr(effect, "load_at", None) is None}
 
 
 def _changes(
@@ -144,8 +144,8 @@ def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterat
     """
     vector = problem.vector
     estimated = {effect.label for effect in vector.effects}
-    for effect, own in vector:
-        if problem.stated[own].all() and vector.arm_parameters[own.start] is not None:
+    for effect, place in vector:
+        if problem.stated[place].all() and vector.arm_parameters[place.start] is not None:
             yield effect.at(())
     if arm.dh is not None:
         yield from (effect for effect in of_geometry(arm) if effect.label not in estimated)

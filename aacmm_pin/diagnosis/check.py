@@ -116,17 +116,21 @@ def check_measurements(
     )
     records, setup = in_first_frame(model, records, setup)
     calibrated = first_fit(problem_of(model, records, ["geometry"], setup))
-    found = fit(problem_of(model, records, [], setup), used=calibrated.used)
-    distance, after = (rms_residual(one, one.used) for one in (found, calibrated))
+    as_stated = fit(problem_of(model, records, [], setup), used=calibrated.used)
+    distance, after = (rms_residual(one, one.used) for one in (as_stated, calibrated))
     missing = not_tried(model.arm, list(all_candidates(model.arm, records)), records)
     notes = [*mistakes_of(calibrated), *notes]
-    notes += [*exclusions_of(calibrated).notes, *notes_of_records(found), *session_notes(found)]
+    notes += [
+        *exclusions_of(calibrated).notes,
+        *notes_of_records(as_stated),
+        *session_notes(as_stated),
+    ]
     if silent := int((~calibrated.used & ~calibrated.excluded).sum()):
         notes.append(Note("records_silent", {"records": silent}))
     notes += _limit_notes(model.arm, records)
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
-    predicted = predicted_rms(found)
+    predicted = predicted_rms(as_stated)
     if unknown := _noise_not_stated(model, records, setup):
         notes.append(Note("prediction_without_noise", {"of": unknown}))
     noise = calibrated.distance_of(calibrated.stated_noise)
@@ -137,7 +141,7 @@ def check_measurements(
     return Check(
         model,
         records,
-        found.used,
+        as_stated.used,
         calibrated.excluded,
         distance,
         after,
@@ -150,15 +154,15 @@ def check_measurements(
 def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
     """A note for each joint that is outside its limits in some records."""
     outside = outside_limits(records.q, arm.limits)
-    found = []
+    notes = []
     for joint in np.flatnonzero(outside.any(axis=0)).tolist():
         rows = outside[:, joint]
         values = records.q[rows, joint]
         data = {"joint": joint + 1, "rows": records.row[rows].tolist()}
         data |= {"limits": arm.limits[joint], "values": [values.min(), values.max()]}
         data["unit"] = "mm" if arm.chain.prismatic[joint] else "°"
-        found.append(Note("outside_limits", data))
-    return found
+        notes.append(Note("outside_limits", data))
+    return notes
 
 
 def _noise_not_stated(model: ErrorModel, records: Measurements, setup: Setup) -> list[str]:

@@ -79,12 +79,12 @@ class Choice:
         """Inner products of all records, from which parts can be left out: a seat with records in
         several parts has coordinates of its own in each.
         """
-        whole = self.posterior.space.gram
+        of_all = self.posterior.space.gram
         if not _torn(self.design.fit, self.parts):
-            return whole
+            return of_all
         numbers = np.unique(self.parts[self.design.fit.used]).tolist()
         divided = gram_of(self.design, self.noise, [self.parts == number for number in numbers])
-        return replace(divided, origin=whole)
+        return replace(divided, origin=of_all)
 
     @cached_property
     def tips(self) -> Array:
@@ -103,8 +103,8 @@ class Choice:
         beside[: design.nuisances] -= solve_triangular(base.factor, absorbed, lower=True, trans=1)
         moved = design.moved(beside, np.arange(len(design.tips)))
         stay = design.deviations(design.tips)
-        each = [design.deviations(design.tips + one) - stay for one in np.moveaxis(moved, 2, 0)]
-        return np.stack(each, axis=2)[self.fit.used, :3]
+        changes = [design.deviations(design.tips + one) - stay for one in np.moveaxis(moved, 2, 0)]
+        return np.stack(changes, axis=2)[self.fit.used, :3]
 
     @cached_property
     def scatter_left(self) -> ReadingScatter:
@@ -114,8 +114,8 @@ class Choice:
     def scatter_beside(self, model: Conditional) -> ReadingScatter:
         """Scatter of readings and tips beside a set."""
         share = min(max(model.dof, 1.0) / max(model.base.gram.free, 1), 1.0)
-        off = self.design.deviations(model.all_tips)
-        return ReadingScatter.of(self.design.fit, off, share, self.noise)
+        deviations = self.design.deviations(model.all_tips)
+        return ReadingScatter.of(self.design.fit, deviations, share, self.noise)
 
     @property
     def log_posterior(self) -> float:
@@ -158,7 +158,7 @@ class Choice:
         u; those with many parameters at their posterior means, in the median set beside the other
         causes alone, for the extended arm has no covariates.
         """
-        found = []
+        with_values = []
         for model in (self.posterior.causes_alone, self.posterior.top_model):
             of_label = {
                 self.variant(k).label: k for k in model.blocks if self.candidates.is_cause(k)
@@ -171,8 +171,8 @@ class Choice:
             scales = np.array([term.typical for term in effect.terms])
             u = model.scale[place][: scales.size] * scales
             values = model.estimate[place] * scales if effect.free_form else ()
-            found.append(effect.at(values, u))
-        return found
+            with_values.append(effect.at(values, u))
+        return with_values
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -187,8 +187,8 @@ class Choice:
         used = self.fit.used
         moved = self.design.columns(block).any(axis=(1, 2))
         inside = np.unique(self.parts[moved & used])
-        every = np.unique(self.parts[used])
-        return inside.size == 1 < every.size
+        of_used = np.unique(self.parts[used])
+        return inside.size == 1 < of_used.size
 
     def covariate(self, block: int) -> Covariate:
         """The covariate of a block."""

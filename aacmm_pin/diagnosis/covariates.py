@@ -163,10 +163,10 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     spread = np.ptp(state.q, axis=0)
     moving = [joint for joint in joints if spread[joint.number] > LEAST_SPREAD]
     single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
-    known = filter(None, single)
-    found = [_with_time(covariate, state.conditions) for covariate in known]
+    varying = filter(None, single)
+    single_covariates = [_with_time(covariate, state.conditions) for covariate in varying]
     of_joints = [*_products(state, moving), *_of_loads(state, moving)]
-    return [*found, *of_joints, _place(state), _scale(state), *_groups(measurements)]
+    return [*single_covariates, *of_joints, _place(state), _scale(state), *_groups(measurements)]
 
 
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
@@ -174,16 +174,16 @@ def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | No
     error.
     """
     for joint in joints:
-        found = _covariate(
+        covariate = _covariate(
             joint.name, state.q[:, joint.number], [f"before {joint.row}"], state, joint.column
         )
-        if found is None or joint.slides:
-            yield found
+        if covariate is None or joint.slides:
+            yield covariate
             continue
         waves = [Waves(joint.name, constant=True, order=order) for order in ORDERS]
         others = [other.error for other in joints if other != joint]
         turning = [Carried.of((wave,), error, state) for wave in waves for error in others]
-        yield replace(found, variants=(*found.variants, *turning))
+        yield replace(covariate, variants=(*covariate.variants, *turning))
 
 
 def _of_columns(

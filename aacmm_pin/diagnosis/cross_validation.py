@@ -115,10 +115,10 @@ def folds_of(choice: Choice, before: Fit, kind: str, progress: Progress) -> list
         kind: of the parts, for the progress bar.
         progress: whether to show a bar, or a function that wraps the parts.
     """
-    whole = choice.products_of_parts
+    of_all = choice.products_of_parts
     numbers = np.unique(choice.parts[choice.counted]).tolist()
     with watched(numbers, progress, f"held-out {kind}", "part") as parts:
-        folds = [_fold(choice, before, whole, number) for number in parts]
+        folds = [_fold(choice, before, of_all, number) for number in parts]
     return [fold for fold in folds if fold is not None]
 
 
@@ -182,8 +182,8 @@ def gain_of(
     models = ("simulation", "recalibrated", "extended", "with_discrepancy")
     by_model = {model: np.full(choice.parts.size, np.nan) for model in models}
     for fold in folds:
-        for model, each in by_model.items():
-            each[fold.rows] = getattr(fold, model)
+        for model, distances_of_model in by_model.items():
+            distances_of_model[fold.rows] = getattr(fold, model)
     if not np.isfinite(by_model["extended"]).any():
         return None
     excluded = choice.counted & ~choice.fit.used

@@ -68,8 +68,8 @@ class Block:
 
     def of_rows(self, rows: Array) -> Array:
         """Rows of products with all columns (m, columns) as products with the parameters (m, q)."""
-        own = rows[..., self.columns]
-        return own if self.form is None else np.asarray(own @ self.form)
+        products = rows[..., self.columns]
+        return products if self.form is None else np.asarray(products @ self.form)
 
     def in_columns(self, values: Array) -> Array:
         """Values of the parameters (q, ...) as coefficients of its columns (columns, ...)."""
@@ -114,19 +114,19 @@ class Family:
         """Rows of products with all columns (r, columns) as products with the parameters of each
         block (b, r, q).
         """
-        own = rows[:, self.columns]
+        products = rows[:, self.columns]
         if self.forms is None:
-            return np.asarray(own.transpose(1, 0, 2))
-        return np.asarray(own @ self.forms)
+            return np.asarray(products.transpose(1, 0, 2))
+        return np.asarray(products @ self.forms)
 
     def gradient(self, left: Array) -> Array:
         """Products of the parameters of each block with the residual, by those of all columns
         (columns,) -> (b, q).
         """
-        own = left[self.columns]
+        products = left[self.columns]
         if self.forms is None:
-            return own
-        return np.asarray(np.tensordot(self.forms, own, (1, 0)))
+            return products
+        return np.asarray(np.tensordot(self.forms, products, (1, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,16 +176,18 @@ class Design:
             place = None if block.form is None else block.columns.start
             apart = block.candidate if variants[block.candidate] > MANY_VARIANTS else -1
             alike[place, block.size, apart].append(number)
-        found = []
+        families = []
         for (place, size, _), numbers in alike.items():
             some = [self.blocks[number] for number in numbers]
             positive = np.array([block.positive for block in some])
-            own = np.array([block.columns.start for block in some])[:, None] + np.arange(size)
+            starts_and_sizes = np.array([block.columns.start for block in some])[
+                :, None
+            ] + np.arange(size)
             forms = [block.form for block in some if block.form is not None]
-            columns = own if place is None else some[0].columns
+            columns = starts_and_sizes if place is None else some[0].columns
             stacked = np.array(forms) if forms else None
-            found.append(Family(np.array(numbers), columns, stacked, positive))
-        return tuple(found)
+            families.append(Family(np.array(numbers), columns, stacked, positive))
+        return tuple(families)
 
     def of(self, numbers: Sequence[int]) -> Design:
         """The same with some of the blocks alone, in this order."""
@@ -211,28 +213,28 @@ class Design:
 
     def rows(self, records: Index) -> Array:
         """All columns in some records, scaled (n, 3 or 6, columns) [m, rad]."""
-        found = np.empty((records.size, self.tips.shape[1], self.width))
-        own = self.fit.point.prediction.jacobian[records]
-        found[:, :, : self.nuisances] = own[:, :, self.kept]
+        rows = np.empty((records.size, self.tips.shape[1], self.width))
+        of_set_up = self.fit.point.prediction.jacobian[records]
+        rows[:, :, : self.nuisances] = of_set_up[:, :, self.kept]
         arm = _Calibrated(self.fit, records)
         effects = [source for _, source in self.sources if not isinstance(source, Carried)]
         behind = self.nuisances
         if effects:
             of_effects = arm.of(tuple(itertools.chain.from_iterable(effects)))
             behind += of_effects.shape[2]
-            found[:, :, self.nuisances : behind] = of_effects
+            rows[:, :, self.nuisances : behind] = of_effects
         for columns, source in self.sources:
             if columns.start >= behind:
-                found[:, :, columns] = arm.of(source)
-        found *= self.scales
-        return found
+                rows[:, :, columns] = arm.of(source)
+        rows *= self.scales
+        return rows
 
     def weights(self, block: int) -> Array:
         """Weights of all columns in each parameter of a block (columns, q)."""
-        own = self.blocks[block]
-        found = np.zeros((self.width, own.size))
-        found[own.columns] = own.in_columns(np.eye(own.size))
-        return found
+        parameters = self.blocks[block]
+        weights = np.zeros((self.width, parameters.size))
+        weights[parameters.columns] = parameters.in_columns(np.eye(parameters.size))
+        return weights
 
     def columns(self, block: int) -> Array:
         """Displacement of all records by each parameter of a block (n, 3 or 6, q) [m, rad]."""
@@ -243,18 +245,18 @@ class Design:
         [m, rad].
         """
         in_units = self.scales[:, None] * weights
-        acting = [(own, source) for own, source in self.sources if in_units[own].any()]
-        found = np.empty((records.size, self.tips.shape[1], weights.shape[1]))
-        own = self.fit.point.prediction.jacobian
+        acting = [source for source in self.sources if in_units[source[0]].any()]
+        displacements = np.empty((records.size, self.tips.shape[1], weights.shape[1]))
+        of_set_up = self.fit.point.prediction.jacobian
         done = 0
         for group in self.groups(records):
-            part = own[group][:, :, self.kept] @ in_units[: self.nuisances]
+            part = of_set_up[group][:, :, self.kept] @ in_units[: self.nuisances]
             arm = _Calibrated(self.fit, group)
             for columns, source in acting:
                 part += arm.of(source) @ in_units[columns]
-            found[done : done + group.size] = part
+            displacements[done : done + group.size] = part
             done += group.size
-        return found
+        return displacements
 
     def deviations(self, tips: Array) -> Array:
         """How far tips are from their targets, the places of seats at their best for these tips (n,
@@ -263,13 +265,13 @@ class Design:
         observations = self.fit.observations
         points = self.fit.point.seats
         touched = np.flatnonzero(observations.seat >= 0)
-        off = observations.deviations(tips, points)
+        deviations = observations.deviations(tips, points)
         if not touched.size:
-            return off
-        whole, tie, _ = information_of_seats(self.fit)
+            return deviations
+        information, tie, _ = information_of_seats(self.fit)
         pull = -tie * np.nan_to_num(points - observations.stated)
-        np.add.at(pull, observations.seat[touched], pulls_on_seats(self.fit, off[:, :3]))
-        moved = np.einsum("sij,sj->si", np.linalg.pinv(whole, hermitian=True), pull)
+        np.add.at(pull, observations.seat[touched], pulls_on_seats(self.fit, deviations[:, :3]))
+        moved = np.einsum("sij,sj->si", np.linalg.pinv(information, hermitian=True), pull)
         return observations.deviations(tips, points + moved)
 
     @property
@@ -278,8 +280,8 @@ class Design:
         slides].
         """
         rows = self.fit.problem.model.arm.chain.moving_rows()
-        every = np.arange(len(self.tips))
-        return _Calibrated(self.fit, every).of(tuple(JointZeroOffset(row) for row in rows))
+        all_records = np.arange(len(self.tips))
+        return _Calibrated(self.fit, all_records).of(tuple(JointZeroOffset(row) for row in rows))
 
 
 def design_of(
@@ -305,15 +307,17 @@ def design_of(
     point = fit.point
     width = problem.vector.size
     stays = problem.vector.slices[-taken_out].start if taken_out else width
-    own = point.prediction.jacobian
-    known = {variants[0].identity: variants[0].u for variants in library if is_change(variants[0])}
+    jacobian = point.prediction.jacobian
+    stated_changes = {
+        variants[0].identity: variants[0].u for variants in library if is_change(variants[0])
+    }
     stated_u = problem.vector.stated_u
     known_u = np.zeros(width)
     for effect, place in problem.vector:
-        if place.start >= stays and effect.identity in known:
-            stated_u[place] = known_u[place] = known[effect.identity]
+        if place.start >= stays and effect.identity in stated_changes:
+            stated_u[place] = known_u[place] = stated_changes[effect.identity]
     within = stays + np.flatnonzero(stated_u[stays:] > 0.0)
-    kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
+    kept = np.concatenate([np.arange(stays), within, np.arange(width, jacobian.shape[2])])
     of_set_up = np.concatenate([problem.scales[:stays], stated_u[within], problem.scales[width:]])
     columns = _ColumnsOf(fit, kept.size)
     for number, variants in enumerate(library):
@@ -330,7 +334,7 @@ def design_of(
         problem.prior_rows[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
     )
     prior[width:, stays : stays + within.size] = np.eye(within.size)
-    found = Design(
+    design = Design(
         fit,
         names,
         len(library),
@@ -343,8 +347,8 @@ def design_of(
         prior,
         point.prediction.poses,
     )
-    tips = found.tips - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
-    return replace(found, tips=tips - _moved_by(found, held))
+    tips = design.tips - jacobian[:, :, stays:width] @ (point.x - problem.start)[stays:width]
+    return replace(design, tips=tips - _moved_by(design, held))
 
 
 def _moved_by(design: Design, held: Sequence[Effect]) -> Array | float:

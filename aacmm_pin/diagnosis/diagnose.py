@@ -293,12 +293,12 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
     What the arm is known to have is refitted with the geometry within its stated u, but freely
     where nothing is stated, or where a cause of the same name is estimated: it may have changed.
     """
-    known = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
+    stated_causes = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
     free_ones = (effect for effect in model.effects if not isinstance(effect, Discrepancy))
     others = [
         e
         for e in free_ones
-        if e.identity not in known and not is_reestimated(e, setup, measurements)
+        if e.identity not in stated_causes and not is_reestimated(e, setup, measurements)
     ]
     unstated = [_freed(effect) for effect in others]
 
@@ -308,16 +308,16 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
         held_causes: Sequence[Effect] = (),
         gone: Sequence[Effect] = (),
     ) -> Problem:
-        freed = [replace(c, values=known.get(c.identity, c).values) for c in causes]
-        new = [cause for cause in causes if cause.identity not in known]
+        freed = [replace(c, values=stated_causes.get(c.identity, c).values) for c in causes]
+        new = [cause for cause in causes if cause.identity not in stated_causes]
         places = {cause.label for cause in new if cause.nonlinear.field}
         keys = {cause.key for cause in (*causes, *gone)}
-        rest = [effect for effect in known.values() if effect.key not in keys]
-        beside = [_freed(effect) for effect in rest if effect.label in places]
-        within = [effect for effect in rest if effect.label not in places]
-        whole = replace(model, effects=(*model.effects, *held_causes))
+        unchanged = [effect for effect in stated_causes.values() if effect.key not in keys]
+        beside = [_freed(effect) for effect in unchanged if effect.label in places]
+        within = [effect for effect in unchanged if effect.label not in places]
+        with_held = replace(model, effects=(*model.effects, *held_causes))
         estimated: list[str | Effect] = ["geometry", *unstated, *within, *beside, *freed]
-        asked = problem_of(whole, measurements, estimated, setup)
+        asked = problem_of(with_held, measurements, estimated, setup)
         return replace(asked, candidates=len(beside) + len(freed))
 
     held = length_held(problem(setup, []))
@@ -337,10 +337,10 @@ def _as_found(
 
     Where the noise was not stated, and no structure was found, the scatter is the noise.
     """
-    found = {finding.effect.identity: finding.effect for finding in findings}
+    effect_found = {finding.effect.identity: finding.effect for finding in findings}
     effects = []
     for effect in model.effects:
-        fields = found.get(effect.identity, effect)
+        fields = effect_found.get(effect.identity, effect)
         as_found = replace(fields, values=effect.values, u=effect.u, nonlinear_u=effect.nonlinear_u)
         effects.append(as_found)
     unexplained = [str(note) for note in left.notes]

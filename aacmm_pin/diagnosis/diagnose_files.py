@@ -93,12 +93,12 @@ def _work(job: _Job) -> dict[str, Any]:
         CAUSES.setdefault(cause.cause, cause)
     row: dict[str, Any] = {"arm": _name(job.model), "records": _name(job.records), "causes": {}}
     try:
-        found = _diagnosed(job)
+        diagnosis = _diagnosed(job)
     except OutputError:  # a file of the command itself
         raise
     except AacmmError as error:
         return row | {"error": str(error)}
-    return row | _numbers(found)
+    return row | _numbers(diagnosis)
 
 
 def _name(given: GivenModel | GivenRecords) -> str:

@@ -34,11 +34,11 @@ Described = tuple[str, Carried]
 
 def described_by(choice: Choice, blocks: Iterable[int]) -> list[Described]:
     """Names and ways of some blocks."""
-    found = []
+    described = []
     for block in blocks:
         name = choice.covariate(block).name
-        found.append((name, choice.way(block)))
-    return found
+        described.append((name, choice.way(block)))
+    return described
 
 
 def lost(described: Sequence[Described]) -> list[str]:
@@ -132,10 +132,10 @@ def covariate_effects(
     """
     effects = list[Discrepancy]()
     labels = set(taken)
-    for (name, way), own in zip(described, _slices(described), strict=True):
+    for (name, way), entries in zip(described, _slices(described), strict=True):
         if way.smooth is None:
             continue
-        u = coefficients_of_effect(way) * prior_u[own]
+        u = coefficients_of_effect(way) * prior_u[entries]
         effect = _new(name, (_part(way),), len(u), labels)
         effects.append(effect.at(effect.values, u))
         labels.add(effect.label)
@@ -168,9 +168,9 @@ def background_effect(
     size_u, factors = _factors(estimate, covariance)
     directions = np.column_stack([weights @ estimate, _rounded(weights @ factors)])
     parts = []
-    for (_, way), own in zip(described, _slices(described), strict=True):
+    for (_, way), entries in zip(described, _slices(described), strict=True):
         if way.smooth is not None:
-            rows = coefficients_of_effect(way)[:, None] * directions[own]
+            rows = coefficients_of_effect(way)[:, None] * directions[entries]
             parts.append(replace(_part(way), directions=tuple(map(tuple, rows.tolist()))))
     values = np.zeros(directions.shape[1])
     u = np.ones(directions.shape[1])
@@ -208,22 +208,22 @@ def _with_joint_covariance(
         names: of the held parameters (q,).
         own: their covariance (q, q).
     """
-    known, covariance = _known_covariance(model.arm)
-    response = np.zeros((len(known), len(names)))
-    for row, name in zip(response, known, strict=True):
+    estimates, covariance = _known_covariance(model.arm)
+    response = np.zeros((len(estimates), len(names)))
+    for row, name in zip(response, estimates, strict=True):
         row += answers.get(name, 0.0)
     across = response @ own
     joint = np.block([[covariance + across @ response.T, across], [across.T, own]])
-    every = [*known, *names]
-    return ErrorModel(with_covariance(model.arm, every, joint), model.effects)
+    parameters = [*estimates, *names]
+    return ErrorModel(with_covariance(model.arm, parameters, joint), model.effects)
 
 
 def _known_covariance(arm: Arm) -> tuple[list[str], Array]:
     """Names of the parameters of which the arm knows a common covariance, and that (p, p)."""
-    known = arm.covariance
-    if known is None:
+    of_arm = arm.covariance
+    if of_arm is None:
         return [], np.zeros((0, 0))
-    return list(known.parameters), known.matrix()
+    return list(of_arm.parameters), of_arm.matrix()
 
 
 def _answers(fit: Fit, held: Discrepancy) -> Array:
@@ -254,9 +254,9 @@ def _answer(fit: Fit, held: Discrepancy, number: int) -> Array:
 def with_covariance(arm: Arm, names: list[str], covariance: Array) -> Arm:
     """The arm that knows these parameters together, beside what it knows of others."""
     records = "" if arm.covariance is None else arm.covariance.records
-    known = joined(arm, names, covariance, records)
-    file = None if arm.file is None else arm.file.model_copy(update={"covariance": known})
-    return replace(arm, parameters=calibrated(arm.parameters, known), covariance=known, file=file)
+    joint = joined(arm, names, covariance, records)
+    file = None if arm.file is None else arm.file.model_copy(update={"covariance": joint})
+    return replace(arm, parameters=calibrated(arm.parameters, joint), covariance=joint, file=file)
 
 
 def _factors(estimate: Array, covariance: Array) -> tuple[float, Array]:
@@ -267,11 +267,11 @@ def _factors(estimate: Array, covariance: Array) -> tuple[float, Array]:
     root = np.linalg.cholesky(covariance)
     along = solve_triangular(root, estimate, lower=True)
     size_u = 1.0 / float(np.linalg.norm(along))
-    rest = len(estimate) - 1
-    factors = min(FACTORS, rest)
+    directions = len(estimate) - 1
+    factors = min(FACTORS, directions)
     drawn = np.random.default_rng(0).standard_normal((len(estimate), factors))
     axes, _ = np.linalg.qr(np.column_stack([along, drawn]))
-    return size_u, np.asarray(root @ axes[:, 1:] * np.sqrt(rest / max(factors, 1)))
+    return size_u, np.asarray(root @ axes[:, 1:] * np.sqrt(directions / max(factors, 1)))
 
 
 def _rounded(numbers: Array) -> Array:
@@ -284,12 +284,12 @@ def _rounded(numbers: Array) -> Array:
 
 def _slices(described: Sequence[Described]) -> list[slice]:
     """Where the coefficients of each are."""
-    last, found = 0, []
+    last, slices = 0, []
     for _, way in described:
         first = last
         last += way.functions.shape[1] * Carrier(way.carrier).axes
-        found.append(slice(first, last))
-    return found
+        slices.append(slice(first, last))
+    return slices
 
 
 def coefficients_of_effect(way: Carried) -> Array:
@@ -306,9 +306,9 @@ def _part(way: Carried) -> Part:
 
 def _new(name: str, parts: tuple[Part, ...], size: int, taken: Collection[str]) -> Discrepancy:
     """A discrepancy of value zero with a label that is not taken."""
-    found = Discrepancy(name, parts, size)
+    effect = Discrepancy(name, parts, size)
     number = 1
-    while found.label in taken:
+    while effect.label in taken:
         number += 1
-        found = replace(found, covariate=f"{name} ({number})")
-    return found
+        effect = replace(effect, covariate=f"{name} ({number})")
+    return effect

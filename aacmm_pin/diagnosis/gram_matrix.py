@@ -88,8 +88,8 @@ class Gram:
         sizes = np.array([block.size for block in blocks], dtype=np.intp)
         squares = np.diag(self.matrix)
         traces = np.array([squares[block.columns].sum() for block in blocks])
-        each = np.sqrt(self.free / (np.maximum(traces, LEAST_TRACE) * max(len(blocks), 1)))
-        scale = np.repeat(np.minimum(each, max(THRESHOLDS.widths)), sizes)[:, None]
+        scales = np.sqrt(self.free / (np.maximum(traces, LEAST_TRACE) * max(len(blocks), 1)))
+        scale = np.repeat(np.minimum(scales, max(THRESHOLDS.widths)), sizes)[:, None]
         rank = min(RANK, self.design.width - first, self.free)
         names = self.design.names
         words = [f"{names[b.candidate]} {b.variant} {b.size}" for b in blocks]
@@ -113,7 +113,7 @@ def _random_numbers(words: str, size: int, rank: int) -> Array:
 
 def numbers_of(columns: list[slice]) -> Index:
     """Numbers of some columns (m,)."""
-    numbers = [np.arange(own.start, own.stop) for own in columns]
+    numbers = [np.arange(place.start, place.stop) for place in columns]
     return np.concatenate([np.empty(0, np.intp), *numbers])
 
 
@@ -195,5 +195,5 @@ def _symmetric(upper: Array) -> Array:
 
 def _add_prior(matrix: Array, design: Design) -> None:
     """Add the products of what is known of the nuisances beforehand to those of the records."""
-    own = np.append(np.arange(design.nuisances), design.width)
-    matrix[np.ix_(own, own)] += design.prior.T @ design.prior
+    columns = np.append(np.arange(design.nuisances), design.width)
+    matrix[np.ix_(columns, columns)] += design.prior.T @ design.prior

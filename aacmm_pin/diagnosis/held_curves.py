@@ -39,14 +39,14 @@ class HeldCurves:
         model = choice.posterior.median_model
         of_label = {choice.variant(k).label: k for k in choice.causes}
         places = [model.places[of_label[effect.label]] for effect in effects]
-        own = np.concatenate([np.arange(place.start, place.stop) for place in places])
+        entries = np.concatenate([np.arange(place.start, place.stop) for place in places])
         scales = np.concatenate([[t.typical for t in effect.terms] for effect in effects])
-        covariance = model.covariance[np.ix_(own, own)] * np.outer(scales, scales)
+        covariance = model.covariance[np.ix_(entries, entries)] * np.outer(scales, scales)
         ends = np.cumsum([len(effect.terms) for effect in effects])[:-1]
         u = np.split(np.sqrt(np.diag(covariance)), ends)
         with_u = zip(effects, u, strict=True)
-        found = tuple(effect.at(effect.values, each) for effect, each in with_u)
-        return HeldCurves(found, covariance, _response(choice, fit, effects) / scales)
+        curves = tuple(effect.at(effect.values, u_of_curve) for effect, u_of_curve in with_u)
+        return HeldCurves(curves, covariance, _response(choice, fit, effects) / scales)
 
     @property
     def added_covariance(self) -> Array:
@@ -55,10 +55,10 @@ class HeldCurves:
 
     def of_effect(self, effect: Effect) -> Array:
         """Covariance of the parameters of one of them (q, q) [units]."""
-        ends = np.cumsum([len(each.terms) for each in self.effects])
-        number = [each.label for each in self.effects].index(effect.label)
-        own = slice(ends[number] - len(effect.terms), ends[number])
-        return self.covariance[own, own]
+        ends = np.cumsum([len(curve.terms) for curve in self.effects])
+        number = [curve.label for curve in self.effects].index(effect.label)
+        entries = slice(ends[number] - len(effect.terms), ends[number])
+        return self.covariance[entries, entries]
 
 
 def _response(choice: Choice, fit: Fit, effects: Sequence[Effect]) -> Array:
@@ -89,16 +89,16 @@ def _response(choice: Choice, fit: Fit, effects: Sequence[Effect]) -> Array:
     estimated = np.concatenate(columns, axis=1)
     products = model.base.gram.matrix[:-1, :-1]
     prior = np.zeros(estimated.shape[1])
-    own = np.concatenate([[], *(model.scale[model.places[k]] ** -2.0 for k in others)])
-    prior[design.nuisances :] = own
+    precisions = np.concatenate([[], *(model.scale[model.places[k]] ** -2.0 for k in others)])
+    prior[design.nuisances :] = precisions
     blocks = [design.blocks[of_curves[effect.label]] for effect in effects]
     cross = np.concatenate([block.of_rows(estimated.T @ products) for block in blocks], axis=1)
     information = estimated.T @ products @ estimated + np.diag(prior)
     factor = lower_factor(information, np.diag(information))
     answer = -cho_solve((factor, True), cross) * np.concatenate(units)[:, None]
-    found = np.zeros((fit.problem.scales.size, answer.shape[1]))
+    response = np.zeros((fit.problem.scales.size, answer.shape[1]))
     row = {name: number for number, name in enumerate(fit.problem.names)}
-    for name, each in zip(names, answer, strict=True):
+    for name, answer_of_name in zip(names, answer, strict=True):
         if name in row:
-            found[row[name]] += each
-    return found
+            response[row[name]] += answer_of_name
+    return response

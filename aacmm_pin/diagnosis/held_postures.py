@@ -126,8 +126,8 @@ class HeldPostures:
         group[counts] = number.ravel()
         numbers = fit.observations.counts[counts][first]
         count = np.bincount(group[counts])
-        found = HeldPostures(group, count.astype(np.float64), numbers.astype(np.float64))
-        return found._with_readings(fit, whitening) if found.repeat else found
+        groups = HeldPostures(group, count.astype(np.float64), numbers.astype(np.float64))
+        return groups._with_readings(fit, whitening) if groups.repeat else groups
 
     def _with_readings(self, fit: Fit, whitening: Array) -> HeldPostures:
         """The same with what the readings displace."""
@@ -179,11 +179,11 @@ class HeldPostures:
             return self._with(readings, max(nothing, apart), shared)
         return self._with(alike, nothing, shared)
 
-    def _with(self, found: Estimate, nothing: Estimate, by: _Likelihood) -> HeldPostures:
+    def _with(self, estimate: Estimate, nothing: Estimate, by: _Likelihood) -> HeldPostures:
         """The same groups with what was found, over nothing that is shared."""
-        log_ratio = found.log_likelihood - nothing.log_likelihood
-        record = by.record(found.sizes) if log_ratio > 0.0 else 1.0
-        return replace(self.with_error(found.sizes), log_ratio=log_ratio, record=record)
+        log_ratio = estimate.log_likelihood - nothing.log_likelihood
+        record = by.record(estimate.sizes) if log_ratio > 0.0 else 1.0
+        return replace(self.with_error(estimate.sizes), log_ratio=log_ratio, record=record)
 
     @property
     def apart(self) -> HeldPostures:
@@ -211,8 +211,8 @@ class HeldPostures:
         count = self.by_reading.shape[2] if sizes.reading else 0
         alone = bool(count and not sizes.ratio)
         of_noise = np.zeros_like(self.numbers) if alone else self.numbers
-        every = self.numbers * self.count
-        shared = np.minimum(of_noise + count, every)
+        numbers = self.numbers * self.count
+        shared = np.minimum(of_noise + count, numbers)
         return float(shared.sum())
 
     @cached_property
@@ -291,15 +291,15 @@ class HeldPostures:
         """
         if not (self.relative or self.correlation.records):
             return rows
-        found = self.correlation.whitened(rows.copy())
+        whitened = self.correlation.whitened(rows.copy())
         if not self.relative:
-            return found
+            return whitened
         columns = _Columns.of(self, rows.shape[1])
-        flat = found.reshape(*rows.shape[:2], -1)
+        flat = whitened.reshape(*rows.shape[:2], -1)
         inside = self.group >= 0
         along = columns.weights(self.sizes) @ columns.sums(flat)
         flat[inside] -= columns.columns[inside] @ along[self.group[inside]]
-        return found
+        return whitened
 
 
 def _reading_units(fit: Fit) -> Array:
@@ -444,8 +444,8 @@ class _Likelihood:
         def loss(log_size: float) -> float:
             return -self.of_sizes(sizes_of(float(np.exp(log_size))))
 
-        found = scipy.optimize.minimize_scalar(loss, bounds=np.log(RATIOS), method="bounded")
-        return Estimate(-float(found.fun), sizes_of(float(np.exp(found.x))))
+        best = scipy.optimize.minimize_scalar(loss, bounds=np.log(RATIOS), method="bounded")
+        return Estimate(-float(best.fun), sizes_of(float(np.exp(best.x))))
 
     @cached_property
     def like_both(self) -> Estimate:
@@ -456,8 +456,8 @@ class _Likelihood:
 
         start = np.log([self.like_noise.sizes.ratio, self.like_readings.sizes.reading])
         bounds = [tuple(np.log(RATIOS))] * 2
-        found = scipy.optimize.minimize(loss, start, method="Nelder-Mead", bounds=bounds)
-        return Estimate(-float(found.fun), SharedSizes(*np.exp(found.x).tolist()))
+        best = scipy.optimize.minimize(loss, start, method="Nelder-Mead", bounds=bounds)
+        return Estimate(-float(best.fun), SharedSizes(*np.exp(best.x).tolist()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,25 +116,25 @@ class Base:
         directions, along = self.gram.directions, self.gram.along_directions
         across = along[:, :first]
         inside = along[:, directions.columns] @ directions.weights
-        whole = np.block([[rows[:, :first], across.T], [across, inside]])
-        return np.concatenate([rows, along]), whole
+        products = np.block([[rows[:, :first], across.T], [across, inside]])
+        return np.concatenate([rows, along]), products
 
     @cached_property
     def prior(self) -> Array:
         """Prior precision of nuisances and background (b,)."""
-        known = self.gram.design.known
-        found = np.full(len(self._products[1]), UNKNOWN)
-        found[known] = HELD if self.as_stated else UNKNOWN
-        found[self.nuisances :] = 1.0 / max(self.amplitude, LEAST_CHI2) ** 2
-        return found
+        stated = self.gram.design.known
+        precision = np.full(len(self._products[1]), UNKNOWN)
+        precision[stated] = HELD if self.as_stated else UNKNOWN
+        precision[self.nuisances :] = 1.0 / max(self.amplitude, LEAST_CHI2) ** 2
+        return precision
 
     @cached_property
     def factor(self) -> Array:
         """Lower Cholesky factor of their precision, after the records (b, b)."""
-        whole = self._products[1]
+        products = self._products[1]
         # A frame without a prior is many metres wide: the rounding of its products may be more than
         # what is known of others.
-        return lower_factor(whole + np.diag(self.prior), np.diag(whole))
+        return lower_factor(products + np.diag(self.prior), np.diag(products))
 
     @cached_property
     def whitened(self) -> Array:
@@ -170,15 +170,15 @@ class Base:
         """Products of the parameters of a block with all columns and the residual (q, columns + 1);
         those of the last blocks are kept.
         """
-        found = self._rows.pop(block, None)
-        if found is None:
-            own = self.gram.design.blocks[block]
-            products = own.of_rows(self.gram.matrix).T
-            found = products - own.of_rows(self.whitened).T @ self.whitened
-        self._rows[block] = found
+        rows = self._rows.pop(block, None)
+        if rows is None:
+            parameters = self.gram.design.blocks[block]
+            products = parameters.of_rows(self.gram.matrix).T
+            rows = products - parameters.of_rows(self.whitened).T @ self.whitened
+        self._rows[block] = rows
         if len(self._rows) > KEPT:
             del self._rows[next(iter(self._rows))]
-        return found
+        return rows
 
     @cached_property
     def _rows(self) -> dict[int, Array]:
@@ -187,8 +187,8 @@ class Base:
     @cached_property
     def log_volume(self) -> float:
         """``½ log det(1 + a² D)`` of the background's products D, nuisances at their best."""
-        own = np.diag(self.factor)[self.nuisances :]
-        return float(np.log(own * self.amplitude).sum()) if own.size else 0.0
+        of_background = np.diag(self.factor)[self.nuisances :]
+        return float(np.log(of_background * self.amplitude).sum()) if of_background.size else 0.0
 
     @cached_property
     def determined(self) -> float:
@@ -234,12 +234,12 @@ class Members:
     def information(self) -> Array:
         """Products of the set's parameters with one another (m, m)."""
         size = sum(self.base.design_blocks[k].size for k in self.blocks)
-        found = np.empty((size, size))
-        for k, own in self.places.items():
+        information = np.empty((size, size))
+        for k, entries in self.places.items():
             rows = self.base.rows(k)
             for other, columns in self.places.items():
-                found[own, columns] = self.base.design_blocks[other].of_rows(rows)
-        return found
+                information[entries, columns] = self.base.design_blocks[other].of_rows(rows)
+        return information
 
     @cached_property
     def gradient(self) -> Array:
@@ -362,9 +362,9 @@ class Conditional:
         """Largest canonical correlation of two members beside the others: by the inverse of their
         covariance, less their prior.
         """
-        own = numbers_of([self.places[one], self.places[other]])
-        precision = np.asarray(np.linalg.inv(self.inverse[np.ix_(own, own)]), np.float64)
-        products = precision - np.diag(self.scale[own] ** -2.0)
+        entries = numbers_of([self.places[one], self.places[other]])
+        precision = np.asarray(np.linalg.inv(self.inverse[np.ix_(entries, entries)]), np.float64)
+        products = precision - np.diag(self.scale[entries] ** -2.0)
         size = self.design_blocks[one].size
         first, second = products[:size, :size], products[size:, size:]
         return _largest_canonical(first, second, products[:size, size:])
@@ -407,17 +407,17 @@ class Conditional:
         """Log marginal likelihood with each width of each block, and last without it (blocks,
         widths + 1).
         """
-        found = np.empty((len(self.blocks), WIDTHS.size + 1))
-        for k, values in zip(self.blocks, found, strict=True):
+        log_likelihoods = np.empty((len(self.blocks), WIDTHS.size + 1))
+        for k, values in zip(self.blocks, log_likelihoods, strict=True):
             values[:] = self._over_widths(k)
-        return found
+        return log_likelihoods
 
     def _over_widths(self, block: int) -> Array:
-        own = self.places[block]
-        precision = np.asarray(np.linalg.inv(self.inverse[own, own]), np.float64)
-        scale = self.scale[own]
-        gradient = -precision @ self.estimate[own]
-        chi2 = self.chi2 - float(gradient @ self.estimate[own])
+        entries = self.places[block]
+        precision = np.asarray(np.linalg.inv(self.inverse[entries, entries]), np.float64)
+        scale = self.scale[entries]
+        gradient = -precision @ self.estimate[entries]
+        chi2 = self.chi2 - float(gradient @ self.estimate[entries])
         _, log_det = np.linalg.slogdet(precision * np.square(scale))
         log_volume = self.log_volume - 0.5 * float(log_det)
         others = self.log_above_zero - self.log_above_zero_of(block)
@@ -441,17 +441,17 @@ class Conditional:
     def step(self) -> Array:
         """Posterior mean of all columns' coefficients (columns,)."""
         design = self.base.gram.design
-        found = np.zeros(design.width)
+        coefficients = np.zeros(design.width)
         for k, place in self.places.items():
-            own = self.design_blocks[k]
-            found[own.columns] += own.in_columns(self.estimate[place])
+            parameters = self.design_blocks[k]
+            coefficients[parameters.columns] += parameters.in_columns(self.estimate[place])
         of_base = self._of_base
         first = self.base.nuisances
-        found[:first] = of_base[:first]
+        coefficients[:first] = of_base[:first]
         if self.base.amplitude:
             directions = self.base.gram.directions
-            found[directions.columns] += directions.weights @ of_base[first:]
-        return found
+            coefficients[directions.columns] += directions.weights @ of_base[first:]
+        return coefficients
 
     @property
     def background(self) -> tuple[Array, Array]:
@@ -512,10 +512,10 @@ class Beside:
     @staticmethod
     def of(conditional: Conditional, members: Sequence[int] = ()) -> Beside:
         """Without the members."""
-        own = numbers_of([conditional.places[k] for k in members])
-        inverse = conditional.inverse[own]
-        precision = np.linalg.inv(inverse[:, own])
-        scaled = precision * np.square(conditional.scale[own])
+        entries = numbers_of([conditional.places[k] for k in members])
+        inverse = conditional.inverse[entries]
+        precision = np.linalg.inv(inverse[:, entries])
+        scaled = precision * np.square(conditional.scale[entries])
         log_volume = conditional.log_volume - 0.5 * float(np.linalg.slogdet(scaled)[1])
         above = conditional.log_above_zero_of
         others = sum(above(k) for k in conditional.blocks if k not in members)
@@ -550,13 +550,13 @@ class Beside:
         """Products of the parameters of a block with all columns and the residual (q, columns +
         1).
         """
-        own = self.conditional.design_blocks[block]
+        parameters = self.conditional.design_blocks[block]
         whitened = self.conditional.whitened
-        rows = self.conditional.base.rows(block) - own.of_rows(whitened).T @ whitened
-        rows += own.of_rows(self.back).T @ self.back
+        rows = self.conditional.base.rows(block) - parameters.of_rows(whitened).T @ whitened
+        rows += parameters.of_rows(self.back).T @ self.back
         at: Beside | None = self
         while at is not None and at.more is not None:
-            rows -= own.of_rows(at.more).T @ at.more
+            rows -= parameters.of_rows(at.more).T @ at.more
             at = at.before
         return np.asarray(rows)
 
@@ -616,11 +616,11 @@ class Beside:
         (blocks, widths); minus infinity for others.
         """
         design = self.conditional.base.gram.design
-        found = np.full((len(design.blocks), WIDTHS.size), -np.inf)
+        log_likelihoods = np.full((len(design.blocks), WIDTHS.size), -np.inf)
         for family in design.families if families is None else families:
             information, gradient = self.of_family(family)
-            found[family.blocks] = self.with_each(information, gradient, family.positive)
-        return found
+            log_likelihoods[family.blocks] = self.with_each(information, gradient, family.positive)
+        return log_likelihoods
 
     def with_each(self, information: Array, gradient: Array, positive: Mask) -> Array:
         """Log marginal likelihood with one of some blocks more, by their information (b, q, q) and
@@ -628,13 +628,13 @@ class Beside:
         """
         gain, volume = gains(information, gradient)
         chi2 = self.chi2 - 2.0 * gain
-        found = self.conditional.likelihood.log(chi2) - volume - self.log_volume
+        log_likelihood = self.conditional.likelihood.log(chi2) - volume - self.log_volume
         if positive.any():
             precision = information[positive, 0] + WIDTHS**-2.0
             variance = self.conditional.likelihood.variances(chi2[positive])
             deviation = np.sqrt(variance * precision)
-            found[positive] += log_above_zero(-gradient[positive] / deviation)
-        return np.asarray(found + self.log_above_zero)
+            log_likelihood[positive] += log_above_zero(-gradient[positive] / deviation)
+        return np.asarray(log_likelihood + self.log_above_zero)
 
 
 def canonical(beside: Beside, one: int, other: int) -> float:
@@ -666,8 +666,8 @@ def _key(columns: slice | Index) -> object:
 
 def _squares(rows: Array) -> Array:
     """``Rᵀ R`` of rows (m, q); of those of some blocks (m, b, q) each by itself (b, q, q)."""
-    each = rows if rows.ndim == 2 else rows.transpose(1, 0, 2)
-    return np.asarray(each.swapaxes(-1, -2) @ each)
+    blocks = rows if rows.ndim == 2 else rows.transpose(1, 0, 2)
+    return np.asarray(blocks.swapaxes(-1, -2) @ blocks)
 
 
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
@@ -703,12 +703,12 @@ def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
         LinAlgError: rounding left an eigenvalue of ``S`` below the least ``-τ⁻²``.
     """
     b, q = information.shape[:2]
-    whole = np.empty((b, WIDTHS.size, q + 1, q + 1))
+    precision = np.empty((b, WIDTHS.size, q + 1, q + 1))
     prior = np.eye(q) / WIDTHS[:, None, None] ** 2
-    whole[:, :, :q, :q] = information[:, None] + prior
-    whole[:, :, q, :q] = gradient[:, None]  # of a symmetric matrix the lower triangle is read
-    whole[:, :, q, q] = np.finfo(np.float64).max
-    factor = np.linalg.cholesky(whole)
+    precision[:, :, :q, :q] = information[:, None] + prior
+    precision[:, :, q, :q] = gradient[:, None]  # of a symmetric matrix the lower triangle is read
+    precision[:, :, q, q] = np.finfo(np.float64).max
+    factor = np.linalg.cholesky(precision)
     diagonal = np.diagonal(factor, axis1=2, axis2=3)[:, :, :q]
     gain = 0.5 * np.square(factor[:, :, q, :q]).sum(axis=2)
     volume = np.log(diagonal * WIDTHS[:, None]).sum(axis=2)

@@ -81,53 +81,53 @@ def choose(
     them, and those of one time, joint or place, put back too; what it finds is taken if it makes
     sense of them, of one or two only where there is nothing else, and then not as found.
     """
-    found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
-    nearer = _put_back(first) & _put_back(found.fit)
-    least = FEWEST_BACK if found.causes else 1
-    back = int(np.sum(nearer & ~(first.used & found.fit.used)))
+    choice = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
+    nearer = _put_back(first) & _put_back(choice.fit)
+    least = FEWEST_BACK if choice.causes else 1
+    back = int(np.sum(nearer & ~(first.used & choice.fit.used)))
     if back >= max(least, A_FEW * len(nearer)):
-        doubtful = _doubtful(found, found.fit)
+        doubtful = _doubtful(choice, choice.fit)
         wider = fit(problem_of([]), used=nearer)
         again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress, nearer)
-        fewer = int(doubtful.sum() - _doubtful(again, found.fit).sum())
+        fewer = int(doubtful.sum() - _doubtful(again, choice.fit).sum())
         if fewer >= FEWEST_BACK:
-            found, again = again, found
-        elif fewer > 0 and not found.causes:
-            found = replace(found, otherwise=again.labels)
-    return replace(found, kept_alone=first.used)
+            choice, again = again, choice
+        elif fewer > 0 and not choice.causes:
+            choice = replace(choice, otherwise=again.labels)
+    return replace(choice, kept_alone=first.used)
 
 
 def _doubtful(choice: Choice, judge: Fit) -> Mask:
     """Records that do not fit with all that was found, covariates included, by the scatter of
     ``judge`` (n,).
     """
-    off = choice.design.deviations(choice.tips)
-    return _times_the_limit(choice.design.fit, off, judge) > 1.0
+    deviations = choice.design.deviations(choice.tips)
+    return _times_the_limit(choice.design.fit, deviations, judge) > 1.0
 
 
-def _put_back(of: Fit) -> Mask:
+def _put_back(of_fit: Fit) -> Mask:
     """The records that count, and those that were excluded but not by far, or that are neighbours
     (n,).
     """
-    far = _times_the_limit(of, of.system.deviations, of)
-    arm = of.problem.model.arm
-    records = of.problem.measurements
-    dense = [each.records for each in clusters(arm, records, of.excluded, of.used)]
+    far = _times_the_limit(of_fit, of_fit.system.deviations, of_fit)
+    arm = of_fit.problem.model.arm
+    records = of_fit.problem.measurements
+    dense = [cluster.records for cluster in clusters(arm, records, of_fit.excluded, of_fit.used)]
     nearer = np.any([far < NOT_FAR, *dense], axis=0)
-    return np.asarray(of.used | (of.excluded & nearer))
+    return np.asarray(of_fit.used | (of_fit.excluded & nearer))
 
 
-def _times_the_limit(at: Fit, off: Array, judge: Fit) -> Array:
+def _times_the_limit(at: Fit, deviations: Array, judge: Fit) -> Array:
     """Residual of each record (n, 3 or 6), over what a good one may have by the scatter of
     ``judge`` (n,).
     """
     has_target = at.observations.has_target
-    found = np.zeros(len(off))
-    limit = chi2_isf(FALSE_EXCLUSION / len(off), at.observations.counts[has_target])
-    found[has_target] = np.sqrt(
-        squared_distances(off[has_target], judge.residual_noise[has_target]) / limit
+    times = np.zeros(len(deviations))
+    limit = chi2_isf(FALSE_EXCLUSION / len(deviations), at.observations.counts[has_target])
+    times[has_target] = np.sqrt(
+        squared_distances(deviations[has_target], judge.residual_noise[has_target]) / limit
     )
-    return found
+    return times
 
 
 def _standing(
@@ -151,42 +151,42 @@ def _standing(
     seen, ends = {frozenset[Any]()}, set[frozenset[Any]]()
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_EXPLORATIONS):
-            found = _climbed(at, library, others, parts, effects, before)
+            choice = _climbed(at, library, others, parts, effects, before)
             rounds.update()
-            best = refined_causes(found, effects)
-            before = _Before.of(found)
-            if _identities(best) in seen and before.settled(found):
-                standing = found.top_causes
-                found = _explored(found)
-                if found.top_causes == standing:
+            best = refined_causes(choice, effects)
+            before = _Before.of(choice)
+            if _identities(best) in seen and before.settled(choice):
+                standing = choice.top_causes
+                choice = _explored(choice)
+                if choice.top_causes == standing:
                     break
-                best = refined_causes(found, effects)
+                best = refined_causes(choice, effects)
                 if _identities(best) in ends:  # the climbs lead elsewhere again and again
                     break
                 ends.add(_identities(best))
-            rivals = refined_rivals(found)
+            rivals = refined_rivals(choice)
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
             if best:
-                at = refitted(problem_of, found.with_values(best), used=used)
+                at = refitted(problem_of, choice.with_values(best), used=used)
             elif effects:
                 at = first
             if not at.tells_noise:  # more causes than these records can carry
                 return replace(
-                    found, fit=first, posterior=replace(found.posterior, weights={(): 1.0})
+                    choice, fit=first, posterior=replace(choice.posterior, weights={(): 1.0})
                 )
-            found.posterior.space.release()
+            choice.posterior.space.release()
             effects = best
             seen.add(_identities(best))
             library = _with_variants(library, [*rivals, *effects])
         else:
-            found = _explored(found)
-    if used is not None and found.covariates:
-        used = used & ~_doubtful(found, found.design.fit)
+            choice = _explored(choice)
+    if used is not None and choice.covariates:
+        used = used & ~_doubtful(choice, choice.design.fit)
         first = fit(problem_of([]), used=used)
     elif used is not None:  # gross errors are looked for with all causes
         used = None
-        found = replace(found, fit=first)
-    return _extended(problem_of, found, first, used)
+        choice = replace(choice, fit=first)
+    return _extended(problem_of, choice, first, used)
 
 
 def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
@@ -211,54 +211,54 @@ class _Before:
     shared: SharedSizes = field(default_factory=SharedSizes)
 
     @staticmethod
-    def of(found: Choice) -> _Before:
-        model = found.posterior.top_model
-        scatter = None if noise_is_known(found.design.fit) else found.scatter_beside(model)
-        return _Before(model.all_tips, model.dof, scatter, found.noise.postures.sizes)
+    def of(choice: Choice) -> _Before:
+        model = choice.posterior.top_model
+        scatter = None if noise_is_known(choice.design.fit) else choice.scatter_beside(model)
+        return _Before(model.all_tips, model.dof, scatter, choice.noise.postures.sizes)
 
-    def settled(self, found: Choice) -> bool:
+    def settled(self, choice: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
         if self.scatter is None:
             return True
-        at = found.design.fit
+        at = choice.design.fit
         reckoned = (
-            at.distance_of(at.residual_noise) if found.scatter is None else found.scatter.size
+            at.distance_of(at.residual_noise) if choice.scatter is None else choice.scatter.size
         )
-        same_kind = found.scatter is not None or not self.scatter.readings.any()
+        same_kind = choice.scatter is not None or not self.scatter.readings.any()
         return same_kind and bool(
             abs(np.log(self.scatter.size / reckoned)) < np.log(THRESHOLDS.rescaled)
         )
 
 
-def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: Mask | None) -> Choice:
+def _extended(problem_of: ProblemOf, choice: Choice, first: Fit, used: Mask | None) -> Choice:
     """The refit at the median probability model; its u includes the uncertainty of nonlinear
     parameters.
 
     A known cause is removed if a cause of its name with another nonlinear parameter is estimated,
     and its own values are zero within their U.
     """
-    effects = [effect.at(()) for effect in found.effects]
+    effects = [effect.at(()) for effect in choice.effects]
     if not effects:
-        return replace(found, fit=_with_shared_error(first, found))
-    within = found.with_values(effects)
+        return replace(choice, fit=_with_shared_error(first, choice))
+    within = choice.with_values(effects)
     at = refitted(problem_of, within, used=used)
     if gone := _gone(at, effects):
         at = refitted(problem_of, within, gone, used)
-        effects = [_without(at, found.noise, effects, k, gone) for k in range(len(effects))]
-        within = found.with_values(effects)
+        effects = [_without(at, choice.noise, effects, k, gone) for k in range(len(effects))]
+        within = choice.with_values(effects)
         at = refitted(problem_of, within, gone, used)
-    at = with_nonlinear_u(at, found.noise, effects)
+    at = with_nonlinear_u(at, choice.noise, effects)
     held = [effect for effect in within if effect.free_form]
-    curves = HeldCurves.of(found, at, held) if held else None
-    return replace(found, fit=_with_shared_error(at, found, curves), curves=curves)
+    curves = HeldCurves.of(choice, at, held) if held else None
+    return replace(choice, fit=_with_shared_error(at, choice, curves), curves=curves)
 
 
-def _with_shared_error(at: Fit, found: Choice, curves: HeldCurves | None = None) -> Fit:
+def _with_shared_error(at: Fit, choice: Choice, curves: HeldCurves | None = None) -> Fit:
     """The fit with what an error that records of one posture share, and curves at which it stays,
     add to its covariance.
     """
-    variance = found.posterior.median_model.variance
-    added = found.noise.added_covariance(at, variance)
+    variance = choice.posterior.median_model.variance
+    added = choice.noise.added_covariance(at, variance)
     if curves is not None:
         added = added + curves.added_covariance
     return replace(at, added_covariance=added)
@@ -269,14 +269,14 @@ def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
     (k = 2).
     """
     named = {effect.label for effect in effects if effect.nonlinear.field and not is_change(effect)}
-    own = _identities(effects)
-    found = []
+    identities = _identities(effects)
+    gone = []
     for effect, place in zip(at.effects, at.problem.vector.slices, strict=True):
-        if effect.label in named and effect.identity not in own:
+        if effect.label in named and effect.identity not in identities:
             u = np.sqrt(np.diag(at.covariance[place, place]))
             if np.all(np.abs(effect.values) <= COVERAGE_FACTOR * u):
-                found.append(effect)
-    return found
+                gone.append(effect)
+    return gone
 
 
 def _without(
@@ -289,7 +289,7 @@ def _without(
     if effect.label not in {old.label for old in gone} or effect.nonlinear.is_preferred(effect):
         return effect
     tried = effect.nonlinear.refine(effect, at.problem.measurements)
-    ((odds,),) = evidences(at, noise, [(each,) for each in effects], {number: [tried]}).values()
+    ((odds,),) = evidences(at, noise, [(acting,) for acting in effects], {number: [tried]}).values()
     return likeliest(tried, odds)
 
 
@@ -380,8 +380,8 @@ class _Climb:
         """The error that records of one posture share beside some tips, which leave ``dof`` degrees
         of freedom.
         """
-        off = self.candidates.design.deviations(tips)
-        return self.groups.likeliest(np.einsum("nij,nj->ni", self.whitening, off), dof)
+        deviations = self.candidates.design.deviations(tips)
+        return self.groups.likeliest(np.einsum("nij,nj->ni", self.whitening, deviations), dof)
 
     def with_noise(self, postures: HeldPostures) -> Choice:
         """The posterior if records of one posture share this error."""
@@ -395,14 +395,14 @@ class _Climb:
 
     def settled(self, postures: HeldPostures) -> Choice:
         """The posterior with the error that its most probable set leaves, from a first one."""
-        found = self.with_noise(postures)
+        choice = self.with_noise(postures)
         for _ in range(MOST_EXPLORATIONS):
-            model = found.posterior.top_model
+            model = choice.posterior.top_model
             again = self.shared(model.all_tips, model.dof)
-            if again.is_about(found.noise.postures):
+            if again.is_about(choice.noise.postures):
                 break
-            found = self.with_noise(again)
-        return found
+            choice = self.with_noise(again)
+        return choice
 
 
 def _block_of(candidates: Candidates, library: tuple[Variants, ...], effect: Effect) -> int:
@@ -418,12 +418,12 @@ def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[
     """The library with the refined variants among those that are tried."""
     there = {variant.identity for variants in library for variant in variants}
     refined = {effect.label: effect.at(()) for effect in effects if effect.identity not in there}
-    found = []
+    with_refined = []
     for variants in library:
         # Of several candidates of one label, the first has the variants.
         new = refined.pop(variants[0].label, None)
-        found.append(variants if new is None else _with_variant(variants, new))
-    return tuple(found)
+        with_refined.append(variants if new is None else _with_variant(variants, new))
+    return tuple(with_refined)
 
 
 def _with_variant(variants: Variants, refined: Effect) -> Variants:

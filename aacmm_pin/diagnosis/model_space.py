@@ -129,12 +129,12 @@ class Candidates:
 
     @cached_property
     def _families(self) -> dict[int, list[Family]]:
-        found = defaultdict[int, list[Family]](list)
+        of_place = defaultdict[int, list[Family]](list)
         for family in self.design.families:
             places = self.of_blocks[family.blocks]
             for place in np.unique(places).tolist():
-                found[place].append(family.some(places == place))
-        return found
+                of_place[place].append(family.some(places == place))
+        return of_place
 
     def barred(self, blocks: Blocks) -> Mask:
         """Which blocks cannot be added to ``blocks``: blocks of their candidates; and none beside
@@ -242,8 +242,8 @@ def _factors(weighted: Weighted, families: Sequence[Family]) -> Array:
     """Log factor by which each block of some families at each width makes a set more probable
     (blocks, widths).
     """
-    each = [at.additions(families) - at.log_evidence + weight for at, weight in weighted]
-    return np.asarray(np.logaddexp.reduce(each, axis=0))
+    factors = [at.additions(families) - at.log_evidence + weight for at, weight in weighted]
+    return np.asarray(np.logaddexp.reduce(factors, axis=0))
 
 
 class ModelSpace:
@@ -293,16 +293,16 @@ class ModelSpace:
     def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
         """Every block, conditional on the set of ``state``."""
         key = (state.blocks, state.amplitude, as_stated)
-        known = self._rows.pop(key, None)
-        if known is None:
+        conditional = self._rows.pop(key, None)
+        if conditional is None:
             base = self.base(state.amplitude, as_stated)
-            known = Conditional(Members(base, state.blocks), state.widths, self.likelihood)
-        elif known.widths != state.widths:
-            known = replace(known, widths=state.widths)
-        self._rows[key] = known
+            conditional = Conditional(Members(base, state.blocks), state.widths, self.likelihood)
+        elif conditional.widths != state.widths:
+            conditional = replace(conditional, widths=state.widths)
+        self._rows[key] = conditional
         if len(self._rows) > RECENT:
             del self._rows[next(iter(self._rows))]
-        return known
+        return conditional
 
     def release(self) -> None:
         """Free the memory of what is kept; log posteriors stay."""
@@ -369,18 +369,18 @@ class ModelSpace:
         one is known.
         """
         for k, block in enumerate(blocks):
-            rest = (*blocks[:k], *blocks[k + 1 :])
-            known = self._marginals.get(rest)
-            if known is None:
+            fewer = (*blocks[:k], *blocks[k + 1 :])
+            marginal = self._marginals.get(fewer)
+            if marginal is None:
                 continue
-            widths = list(known.best.widths)
-            widths.insert(k, self._first_width(rest, block))
-            return ModelState(blocks, tuple(widths), known.best.amplitude)
+            widths = list(marginal.best.widths)
+            widths.insert(k, self._first_width(fewer, block))
+            return ModelState(blocks, tuple(widths), marginal.best.amplitude)
         return ModelState(blocks, (FIRST_WIDTH,) * len(blocks), 0)
 
     def _first_width(self, beside: Blocks, block: int) -> int:
-        known = self._widths.get(beside)
-        return FIRST_WIDTH if known is None else int(known[block])
+        widths = self._widths.get(beside)
+        return FIRST_WIDTH if widths is None else int(widths[block])
 
     def _peak(self, state: ModelState) -> Peak:
         """The best widths at the state's amplitude, changed one at a time."""
@@ -458,12 +458,12 @@ class ModelSpace:
         if lower < best.amplitude:
             below = self.conditional(best._replace(amplitude=lower))
             by_amplitude.append((below.all, float(weights[0])))
-        found = [by_amplitude]
+        states = [by_amplitude]
         if 0 in best.widths:
             usual = best._replace(widths=tuple(width or FIRST_WIDTH for width in best.widths))
             there = self.conditional(usual)
-            found.append([(there.all, float(weights[1]) + there.log_evidence - at.log_evidence)])
-        return found
+            states.append([(there.all, float(weights[1]) + there.log_evidence - at.log_evidence)])
+        return states
 
     def _with_one_more(self, blocks: Blocks) -> tuple[list[Weighted], list[Family]]:
         """The same from what is left beside a set with a block less, if that is known; and the
@@ -471,22 +471,28 @@ class ModelSpace:
         """
         families = self._open_families(blocks)
         for k in blocks:
-            rest = tuple(each for each in blocks if each != k)
-            if rest in self._beside:
-                width = int(self._widths[rest][k])
-                known = self._beside[rest]
-                self._keep_beside(rest, known)
-                gains = self._gains.get(rest)
+            fewer = tuple(weighted for weighted in blocks if weighted != k)
+            if fewer in self._beside:
+                width = int(self._widths[fewer][k])
+                beside = self._beside[fewer]
+                self._keep_beside(fewer, beside)
+                gains = self._gains.get(fewer)
                 if gains is not None:
-                    families = [each for each in families if gains[each.blocks].max() > -REMOTE]
-                more = [[(at.plus(k, width), weight) for at, weight in each] for each in known]
+                    families = [
+                        weighted for weighted in families if gains[weighted.blocks].max() > -REMOTE
+                    ]
+                more = [
+                    [(at.plus(k, width), weight) for at, weight in weighted] for weighted in beside
+                ]
                 return more, families
         return [], families
 
     def _open_families(self, blocks: Blocks) -> list[Family]:
         """The families of which any block may be added to a set."""
         barred = self.candidates.barred(blocks)
-        return [each for each in self.candidates.design.families if not barred[each.blocks].all()]
+        return [
+            family for family in self.candidates.design.families if not barred[family.blocks].all()
+        ]
 
     def _keep_beside(self, blocks: Blocks, found: list[Weighted]) -> None:
         self._beside.pop(blocks, None)
@@ -501,18 +507,18 @@ class ModelSpace:
         marginal = self.marginal(blocks)
         at = self.conditional(marginal.best)
         beside = at.without(*gone)
-        rest = tuple(k for k in blocks if k not in gone)
+        staying = tuple(k for k in blocks if k not in gone)
         odds = self.candidates.log_odds
         of_gone = odds[list(gone)].sum() - len(gone) * np.log(WIDTHS.size)
         members = [blocks.index(k) for k in gone]
         along_widths = log_sum(at.over_widths[members, :-1]) - at.log_evidence
         others = marginal.log_posterior - at.log_evidence - along_widths.sum() - of_gone
-        values = beside.additions(self._open_families(rest))
-        self._keep_beside(rest, [[(beside, 0.0)]])
-        self._widths[rest] = np.argmax(values, axis=1)
-        found = others + log_sum(values) - np.log(WIDTHS.size) + odds
-        found[self.candidates.barred(rest)] = -np.inf
-        return float(others + beside.log_evidence), np.asarray(found)
+        values = beside.additions(self._open_families(staying))
+        self._keep_beside(staying, [[(beside, 0.0)]])
+        self._widths[staying] = np.argmax(values, axis=1)
+        log_posterior = others + log_sum(values) - np.log(WIDTHS.size) + odds
+        log_posterior[self.candidates.barred(staying)] = -np.inf
+        return float(others + beside.log_evidence), np.asarray(log_posterior)
 
     def best_form(self, state: ModelState, place: int) -> ModelState:
         """The state with the most probable form at a place, and with its most probable width, or
@@ -520,8 +526,8 @@ class ModelSpace:
         """
         candidates = self.candidates
         members = [k for k in state.blocks if candidates.of_blocks[k] == place]
-        rest = state.of([k for k in state.blocks if k not in members])
-        one_form = self._with_best(rest, self.conditional(state).without(*members), place)
+        staying = state.of([k for k in state.blocks if k not in members])
+        one_form = self._with_best(staying, self.conditional(state).without(*members), place)
         several = len(members) > 1
         if several and self.log_posterior(one_form) < self.log_posterior(state):
             return state
@@ -531,17 +537,17 @@ class ModelSpace:
         """The state with the most probable block more, if that makes it more probable."""
         return self._with_best(state, self.conditional(state).all)
 
-    def _with_best(self, rest: ModelState, beside: Beside, place: int | None = None) -> ModelState:
+    def _with_best(self, state: ModelState, beside: Beside, place: int | None = None) -> ModelState:
         families = None if place is None else self.candidates.families(place)
         values = beside.additions(families) - np.log(WIDTHS.size)
         values += self.candidates.log_odds[:, None]
-        values[self.candidates.barred(rest.blocks)] = -np.inf
+        values[self.candidates.barred(state.blocks)] = -np.inf
         if not values.size or values.max() <= beside.log_evidence:
-            return rest
+            return state
         block, width = divmod(int(np.argmax(values)), WIDTHS.size)
-        widths = dict(zip(rest.blocks, rest.widths, strict=True)) | {block: width}
+        widths = dict(zip(state.blocks, state.widths, strict=True)) | {block: width}
         blocks = tuple(sorted(widths))
-        return ModelState(blocks, tuple(widths[k] for k in blocks), rest.amplitude)
+        return ModelState(blocks, tuple(widths[k] for k in blocks), state.amplitude)
 
     def best_amplitude(self, state: ModelState) -> ModelState:
         """The state with the most probable amplitude and then the most probable widths."""

@@ -52,7 +52,11 @@ def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect
     best = [variants[-1] for variants in acting]
     new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
     series = {k: [best[k].nonlinear.refine(best[k], records)] for k in new}
-    to_try = {number: each for number, each in series.items() if sum(map(len, each)) > 1}
+    to_try = {
+        number: refinements
+        for number, refinements in series.items()
+        if sum(map(len, refinements)) > 1
+    }
     for number, odds in evidences(choice.fit, noise, acting, to_try).items():
         best[number] = likeliest(series[number][0], odds[0])
     return [_as_before(effect, before) for effect in best]
@@ -67,10 +71,10 @@ def refined_rivals(choice: Choice) -> list[Effect]:
     """
     tried = {number: _rivals(choice, block) for number, block in enumerate(choice.top_causes)}
     acting = _acting(choice, choice.top_causes)
-    found = list[Effect]()
+    rivals = list[Effect]()
     for number, odds in evidences(choice.fit, choice.noise, acting, tried).items():
-        found += map(likeliest, tried[number], odds)
-    return found
+        rivals += map(likeliest, tried[number], odds)
+    return rivals
 
 
 def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
@@ -102,13 +106,13 @@ def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
     """The causes of some blocks as :func:`evidences` asks for them."""
-    found: list[Variants] = []
+    acting: list[Variants] = []
     for block in blocks:
         effect = choice.variant(block)
         first = choice.library[choice.candidates.owner(block)][0]
-        known = (first,) if is_change(first) and effect is not first else ()
-        found.append((*known, effect.at(())))
-    return found
+        changed = (first,) if is_change(first) and effect is not first else ()
+        acting.append((*changed, effect.at(())))
+    return acting
 
 
 def evidences(
@@ -141,16 +145,16 @@ def evidences(
     space = ModelSpace(candidates, gram_of(design, noise), noise_is_known(at))
     places = [np.flatnonzero(candidates.owners == number) for number in range(len(acting))]
     held = [int(rows[len(variants) - 1]) for rows, variants in zip(places, acting, strict=True)]
-    found = {}
+    evidence_of = {}
     for number, effects in effects_of.items():
         state = space.marginal(without_block(tuple(held), held[number])).best
         conditional = space.conditional(state)
         odds = logsumexp(conditional.all.additions()[places[number][-len(effects) :]], axis=1)
         records = at.problem.measurements
         odds += np.log([effect.nonlinear.prior_probability(effect, records) for effect in effects])
-        ends = np.cumsum([len(each) for each in tried[number]])[:-1]
-        found[number] = np.split(odds, ends)
-    return found
+        ends = np.cumsum([*map(len, tried[number])])[:-1]
+        evidence_of[number] = np.split(odds, ends)
+    return evidence_of
 
 
 def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
@@ -172,7 +176,7 @@ def _at_the_top(tried: Sequence[Effect], odds: Array, best: int) -> Effect:
     if not nonlinear.prior_sd(effect) or not 0 < best < len(tried) - 1:
         return effect
     near = slice(best - 1, best + 2)
-    values = np.array([nonlinear.value(each) for each in tried[near]])
+    values = np.array([nonlinear.value(neighbour) for neighbour in tried[near]])
     bend, slope, _ = np.polyfit(values - values[1], odds[near], 2)
     top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
     refined: Effect = nonlinear.at(effect, float(np.clip(values[1] + top, values[0], values[2])))
@@ -201,13 +205,13 @@ def with_nonlinear_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> 
     new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
     tried = {k: [effects[k].nonlinear.refine(effects[k].at(()), records)] for k in new}
     odds = evidences(at, noise, [(effect,) for effect in effects], tried)
-    found = {}
+    u_of = {}
     number = {effects[k].label: k for k in new}
-    for effect, own in zip(at.effects, at.problem.vector.slices, strict=True):
+    for effect, entries in zip(at.effects, at.problem.vector.slices, strict=True):
         k = number.get(effect.label, -1)
-        if k in odds and not at.problem.start[own].any():
-            found[effect.key] = {effect.nonlinear.field: _least_u(effect, tried[k][0], odds[k][0])}
-    return replace(at, found=found)
+        if k in odds and not at.problem.start[entries].any():
+            u_of[effect.key] = {effect.nonlinear.field: _least_u(effect, tried[k][0], odds[k][0])}
+    return replace(at, found=u_of)
 
 
 def _is_smooth(effect: Effect) -> bool:
@@ -227,7 +231,7 @@ def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
         return 0.0
     grid = np.arange(len(tried))
     fine = np.linspace(0.0, grid[-1], PARTS_OF_STEP * int(grid[-1]) + 1)
-    tried_values = [each.nonlinear.value(each) for each in tried]
+    tried_values = [variant.nonlinear.value(variant) for variant in tried]
     values = scipy.interpolate.CubicSpline(grid, tried_values)(fine)
     fine_odds = scipy.interpolate.CubicSpline(grid, odds)(fine)
     low, high = _interval(values, fine_odds)

@@ -60,8 +60,8 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     """
     scatter = _scatter(choice)
     groupings = _groupings(choice.fit.problem.measurements, choice)
-    found = [group for grouping in groupings for group in _tested(choice, grouping, scatter)]
-    odd = [group for group in found if group.p_value < THRESHOLDS.odd]
+    tested = [group for grouping in groupings for group in _tested(choice, grouping, scatter)]
+    odd = [group for group in tested if group.p_value < THRESHOLDS.odd]
     return sorted(odd, key=lambda group: group.p_value)
 
 
@@ -75,18 +75,18 @@ def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddG
     parts = [grouping.part == number for number in range(len(grouping.names))]
     gram = gram_of(design, choice.noise, parts)
     used = choice.fit.used
-    whole = _without_background(choice, gram, blocks)
+    of_all = _without_background(choice, gram, blocks)
     for name, mine in zip(grouping.names, parts, strict=True):
         without = gram.without(gram_of(design, choice.noise, [mine]))
         others = _without_background(choice, without, blocks)
-        more = whole.dof - others.dof
+        more = of_all.dof - others.dof
         if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
             continue
-        ratio = max((whole.chi2 - others.chi2) / more, 0.0) / (others.chi2 / others.dof)
-        own = _spread(scatter[used & mine])
-        rest = _spread(scatter[used & ~mine])
-        f_ratio = ratio * rest.variance / own.variance
-        chance = float(f_sf(f_ratio, more * own.certainty, others.dof * rest.certainty))
+        ratio = max((of_all.chi2 - others.chi2) / more, 0.0) / (others.chi2 / others.dof)
+        of_group = _spread(scatter[used & mine])
+        of_others = _spread(scatter[used & ~mine])
+        f_ratio = ratio * of_others.variance / of_group.variance
+        chance = float(f_sf(f_ratio, more * of_group.certainty, others.dof * of_others.certainty))
         p_value = min(1.0, len(grouping.names) * chance)
         records = int(np.sum(used & mine))
         yield OddGroup(f"{grouping.what} {name}", records, float(np.sqrt(ratio)), p_value)
@@ -133,10 +133,10 @@ def _groupings(records: Measurements, choice: Choice) -> Iterator[Grouping]:
     if records.known.any():
         labels = {}
     labels |= {"session": conditions.session, "marker": conditions.marker}
-    for what, known in labels.items():
-        if known is None:
+    for what, label_of_record in labels.items():
+        if label_of_record is None:
             continue
-        names, part = np.unique(known, return_inverse=True)
+        names, part = np.unique(label_of_record, return_inverse=True)
         used = np.bincount(part, weights=choice.fit.used)
         if len(names) >= THRESHOLDS.fewest_groups and used.min() > THRESHOLDS.fewest_records:
             yield Grouping(what, [str(name) for name in names], part.astype(np.intp))

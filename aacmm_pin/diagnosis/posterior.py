@@ -109,24 +109,26 @@ class Posterior:
         to one.
         """
         candidates = self.space.candidates
-        found = defaultdict[tuple[str, ...], float](float)
+        probability = defaultdict[tuple[str, ...], float](float)
         for blocks, weight in self.weights.items():
             owners = {candidates.owner(k) for k in blocks if candidates.is_cause(k)}
             labels = tuple(candidates.design.names[owner] for owner in sorted(owners))
-            found[labels] += weight
-        ordered = sorted(found, key=lambda labels: -found[labels])
-        return {labels: min(found[labels], 1.0) for labels in ordered}
+            probability[labels] += weight
+        ordered = sorted(probability, key=lambda labels: -probability[labels])
+        return {labels: min(probability[labels], 1.0) for labels in ordered}
 
     def beyond(self, named: Collection[str]) -> float:
         """Probability that a cause acts which is not among the named."""
-        known = set(named)
-        others = (weight for labels, weight in self.causes.items() if not known.issuperset(labels))
+        expected = set(named)
+        others = (
+            weight for labels, weight in self.causes.items() if not expected.issuperset(labels)
+        )
         return min(float(sum(others)), 1.0)
 
     def instead(self, owner: int) -> Array:
         """Probability that each candidate is in the set and ``owner`` is not (candidates,)."""
-        every = enumerate(self.space.candidates.blocks)
-        owned = {k for k, block in every if block.candidate == owner}
+        blocks = enumerate(self.space.candidates.blocks)
+        owned = {k for k, block in blocks if block.candidate == owner}
         without = {s: w for s, w in self.weights.items() if owned.isdisjoint(s)}
         return inclusion(self.space, without)
 
@@ -180,18 +182,18 @@ class Posterior:
             covariance = there.covariance
             for k in set(blocks) & held.keys():
                 place = there.places[k]
-                off = there.estimate[place] - alone.estimate[alone.places[k]]
-                total[k] += weight * (covariance[place, place] + np.outer(off, off))
+                difference = there.estimate[place] - alone.estimate[alone.places[k]]
+                total[k] += weight * (covariance[place, place] + np.outer(difference, difference))
                 held[k] += weight
         return {k: total[k] / max(held[k], THRESHOLDS.worth_listing) for k in alone.blocks}
 
 
 def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
     """Inclusion probability of each candidate (candidates,)."""
-    found = np.zeros(len(space.candidates.design.names))
+    probability = np.zeros(len(space.candidates.design.names))
     for blocks, weight in weights.items():
-        found[[space.candidates.owner(k) for k in blocks]] += weight
-    return np.minimum(found, 1.0)
+        probability[[space.candidates.owner(k) for k in blocks]] += weight
+    return np.minimum(probability, 1.0)
 
 
 def weights_of(

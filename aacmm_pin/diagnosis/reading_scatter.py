@@ -91,17 +91,17 @@ class ReadingScatter:
         )
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
         first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_TIP_LEVER**2)
-        own = noise.independent(enlarged)
-        apart = _Components(stated, groups, own, counts)
+        independent = noise.independent(enlarged)
+        apart = _Components(stated, groups, independent, counts)
         log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
-        whole = search.best(np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)]))
-        readings = np.sqrt(whole[alone:])
-        covariances = search.covariances(whole)
-        size, known = (
-            np.sqrt(np.trace(each[counts, :3, :3], axis1=1, axis2=2).mean())
-            for each in (covariances, stated)
+        variances = search.best(np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)]))
+        readings = np.sqrt(variances[alone:])
+        covariances = search.covariances(variances)
+        size, stated_size = (
+            np.sqrt(np.trace(covariance[counts, :3, :3], axis1=1, axis2=2).mean())
+            for covariance in (covariances, stated)
         )
-        as_stated = fit.stated and bool(size < known * THRESHOLDS.as_stated)
+        as_stated = fit.stated and bool(size < stated_size * THRESHOLDS.as_stated)
         return ReadingScatter(
             covariances,
             readings,
@@ -142,16 +142,16 @@ class _Components:
         """The likeliest variances; those that are zero stay zero."""
         acting = np.flatnonzero(variances)
         of_each = self.of_each[acting].reshape(len(acting), -1)
-        found = variances.copy()
+        likeliest = variances.copy()
         for _ in range(STEPS):
-            inverse = np.linalg.inv(self._of_those_that_count(found))
+            inverse = np.linalg.inv(self._of_those_that_count(likeliest))
             pulled = inverse @ self.off[:, :, None]
             pulls = pulled @ pulled.transpose(0, 2, 1)
             # Both are sums of squares; below zero they are rounded zeros.
             squares = np.maximum(of_each @ pulls.ravel(), 0.0)
             expected = of_each @ inverse.ravel()
-            found[acting] *= np.sqrt(squares / np.maximum(expected, LEAST_VARIANCE))
-        return found
+            likeliest[acting] *= np.sqrt(squares / np.maximum(expected, LEAST_VARIANCE))
+        return likeliest
 
     def sure_ratios(self, start: Array, alone: int) -> Array:
         """Log likelihood with each variance from number ``alone`` on over that without it; 0 below
@@ -159,27 +159,27 @@ class _Components:
 
         The least sure one is taken out until all are sure.
         """
-        found = np.zeros(start.size)
+        ratios = np.zeros(start.size)
         chosen = np.arange(start.size) >= alone
         none = self.log_likelihood(self.best(np.where(chosen, 0.0, start)))
         if self.log_likelihood(self.best(start)) - none < THRESHOLDS.readings:
-            return found[alone:]
+            return ratios[alone:]
         while chosen.any():
-            whole = self.log_likelihood(self.best(start))
+            with_all = self.log_likelihood(self.best(start))
             number = np.flatnonzero(chosen)
             without = (self.best(np.where(np.arange(start.size) == k, 0.0, start)) for k in number)
-            each = np.array([whole - self.log_likelihood(rest) for rest in without])
-            least = int(np.argmin(each))
-            if each[least] >= THRESHOLDS.readings:
-                found[number] = each
+            losses = np.array([with_all - self.log_likelihood(variances) for variances in without])
+            least = int(np.argmin(losses))
+            if losses[least] >= THRESHOLDS.readings:
+                ratios[number] = losses
                 break
             chosen[number[least]] = False
             start = np.where(np.arange(start.size) == number[least], 0.0, start)
-        return found[alone:]
+        return ratios[alone:]
 
     def log_likelihood(self, variances: Array) -> float:
         """Log likelihood, up to a constant."""
-        whole = self._of_those_that_count(variances)
-        off = self.off[:, :, None]
-        squares = np.sum(off * np.linalg.solve(whole, off))
-        return float(-0.5 * (np.linalg.slogdet(whole)[1].sum() + squares))
+        covariances = self._of_those_that_count(variances)
+        residuals = self.off[:, :, None]
+        squares = np.sum(residuals * np.linalg.solve(covariances, residuals))
+        return float(-0.5 * (np.linalg.slogdet(covariances)[1].sum() + squares))

@@ -63,18 +63,18 @@ def run_order_of(choice: Choice) -> RunOrder | None:
     ``1/√n`` (Bartlett 1946, J. R. Stat. Soc. B 8).
     """
     tests = [*signed_residuals(choice).items()]
-    found = []
+    tested = []
     for joint, along in tests:
-        known = along[np.isfinite(along).all(axis=1)]
-        if len(known) < FEWEST_IN_ORDER:
+        signed = along[np.isfinite(along).all(axis=1)]
+        if len(signed) < FEWEST_IN_ORDER:
             continue
-        centred = known - known.mean(axis=0)
+        centred = signed - signed.mean(axis=0)
         correlation = float((centred[1:] * centred[:-1]).sum() / np.square(centred).sum())
         numbers = centred.size
         chance = float(chi2_sf(numbers * correlation**2, 1)) * len(tests)
         limit = float(ndtri(0.975) / np.sqrt(numbers))
-        found.append(RunOrder(joint, correlation, limit, min(chance, 1.0), len(known)))
-    significant = [one for one in found if one.correlation > 0.0 and one.p_value < THRESHOLDS.left]
+        tested.append(RunOrder(joint, correlation, limit, min(chance, 1.0), len(signed)))
+    significant = [one for one in tested if one.correlation > 0.0 and one.p_value < THRESHOLDS.left]
     return min(significant, key=lambda one: one.p_value, default=None)
 
 
@@ -90,10 +90,10 @@ def signed_residuals(choice: Choice) -> dict[int | None, Array]:
     deviations = choice.noise.independent(choice.design.deviations(choice.tips))[order, :3]
     residuals = np.einsum("nij,nj->ni", whiten, deviations)
     columns = whiten @ choice.design.of_angles[order, :3]
-    found: dict[int | None, Array] = {None: residuals}
+    of_joint: dict[int | None, Array] = {None: residuals}
     for number, row in enumerate(at.problem.model.arm.chain.moving_rows()):
         levers = np.linalg.norm(columns[:, :, number], axis=1)
         shows = levers > LEAST_PART_OF_LEVER * levers.max(initial=0.0)
         along = np.einsum("ni,ni->n", columns[:, :, number], residuals)
-        found[int(row)] = np.where(shows, along / np.where(shows, levers, 1.0), np.nan)[:, None]
-    return found
+        of_joint[int(row)] = np.where(shows, along / np.where(shows, levers, 1.0), np.nan)[:, None]
+    return of_joint

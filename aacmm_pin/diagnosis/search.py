@@ -142,12 +142,12 @@ class Walk:
     @property
     def _additions(self) -> dict[Blocks, float]:
         """Approximate log posterior of each expanded set with one block more."""
-        found: dict[Blocks, float] = {}
+        values: dict[Blocks, float] = {}
         for blocks, about in self.expanded.items():
             for k in np.flatnonzero(about > self.best - THRESHOLDS.negligible_set).tolist():
                 larger = with_block(blocks, k)
-                found[larger] = max(found.get(larger, -np.inf), float(about[k]))
-        return found
+                values[larger] = max(values.get(larger, -np.inf), float(about[k]))
+        return values
 
     def run(self, exchanges: bool = True) -> None:
         """Expand the best sets, and exchange members of those that hold the mass before weaker ones
@@ -193,7 +193,7 @@ class Walk:
             self.values.setdefault(blocks, about)
         return 0.0
 
-    def _visit_each(self, rest: Blocks, values: Array, beside: Blocks) -> list[int]:
+    def _visit_each(self, staying: Blocks, values: Array, beside: Blocks) -> list[int]:
         """Visit a set with each block more that is within reach, by their approximate values; of
         the variants of one candidate, the approximation of the best is corrected for all.
 
@@ -205,7 +205,7 @@ class Walk:
         correction: dict[int, float] = {}
         for k in order[values[order] > self.best - THRESHOLDS.reach].tolist():
             owner = self.space.candidates.owner(k)
-            larger = with_block(rest, k)
+            larger = with_block(staying, k)
             if not self.space.candidates.is_possible(larger):
                 continue
             if owner in correction:
@@ -250,14 +250,14 @@ class Walk:
         owner = self.space.candidates.owner
         before = self.best
         for gone in self._drawn_jointly(blocks):
-            rest = tuple(k for k in blocks if k not in gone)
+            staying = tuple(k for k in blocks if k not in gone)
             none, values = self.space.exchanges(blocks, gone)
-            self._visit(rest, none, blocks)
-            leading = self._visit_each(rest, values, blocks)
+            self._visit(staying, none, blocks)
+            leading = self._visit_each(staying, values, blocks)
             gone_owners = {owner(k) for k in gone}
             least = none + THRESHOLDS.imitated * (self.best - none)
             for first in leading:
-                larger = with_block(rest, first)
+                larger = with_block(staying, first)
                 possible = self.space.candidates.is_possible(larger)
                 if possible and owner(first) not in gone_owners and values[first] > least:
                     self.values.setdefault(larger, float(values[first]))

@@ -98,13 +98,13 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
 
 def retained(conditional: Conditional, block: int) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β, where M takes out what all else can explain."""
-    own = conditional.design_blocks[block]
+    parameters = conditional.design_blocks[block]
     beside = conditional.all
     information = beside.information(block)
     step = np.linalg.lstsq(information, beside.gradient(block), rcond=1e-10)[0]
     kept = max(float(step @ information @ step), 0.0)
-    along = own.in_columns(np.asarray(step, np.float64))
-    products = conditional.base.gram.matrix[own.columns, own.columns]
+    along = parameters.in_columns(np.asarray(step, np.float64))
+    products = conditional.base.gram.matrix[parameters.columns, parameters.columns]
     size = float(along @ products @ along)
     return math.sqrt(kept / size) if size > 0.0 else 0.0
 
@@ -115,15 +115,15 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     """
     candidates = posterior.space.candidates
     conditional = posterior.without(block)
-    own = candidates.owner(block)
+    named = candidates.owner(block)
     names = candidates.design.names
-    instead = posterior.instead(own)
+    instead = posterior.instead(named)
     beside = conditional.all
     values = logsumexp(beside.additions(), axis=1) + candidates.log_odds
     values[candidates.barred(conditional.blocks)] = -np.inf
     acting = {candidates.owner(k) for k in posterior.median}
-    found = []
-    for other in _rivals(candidates, values, instead, own):
+    aliases = []
+    for other in _rivals(candidates, values, instead, named):
         owner = candidates.owner(other)
         correlation = canonical(beside, block, other)
         if owner in acting or correlation < THRESHOLDS.unlike:
@@ -131,17 +131,17 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
         alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
         if alike or instead[owner] > THRESHOLDS.worth_listing:
             effect = library[owner][0] if owner < len(library) else None
-            found.append(Alias(names[owner], correlation, float(instead[owner]), other, effect))
-    found.sort(key=lambda alias: (-alias.probability, -alias.correlation))
-    return found[:ALIASES]
+            aliases.append(Alias(names[owner], correlation, float(instead[owner]), other, effect))
+    aliases.sort(key=lambda alias: (-alias.probability, -alias.correlation))
+    return aliases[:ALIASES]
 
 
-def _rivals(candidates: Candidates, values: Array, instead: Array, own: int) -> list[int]:
+def _rivals(candidates: Candidates, values: Array, instead: Array, named: int) -> list[int]:
     """The best block of each of the candidates that do best in a block's place."""
     best: dict[int, int] = {}
     for k in np.argsort(-values, kind="stable").tolist():
         owner = candidates.owner(k)
-        if owner != own and np.isfinite(values[k]):
+        if owner != named and np.isfinite(values[k]):
             best.setdefault(owner, k)
     leading = list(best)[: 2 * ALIASES]
     return [
@@ -163,8 +163,10 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     dof = posterior.space.likelihood.dof
     if not posterior.space.stated:
         shows = dof * np.expm1(shows / max(dof, 1.0))
-    found = _noncentralities(posterior.space)[posterior.space.candidates.follows[:causes] < 0]
-    return int(np.sum(found >= shows)), found.size
+    noncentralities = _noncentralities(posterior.space)[
+        posterior.space.candidates.follows[:causes] < 0
+    ]
+    return int(np.sum(noncentralities >= shows)), noncentralities.size
 
 
 def _noncentralities(space: ModelSpace) -> Array:
@@ -177,9 +179,9 @@ def _noncentralities(space: ModelSpace) -> Array:
     of_blocks = np.empty(len(candidates.blocks))
     for family in design.families:
         information, _ = alone.of_family(family)
-        each = np.diagonal(information, axis1=1, axis2=2)
-        of_blocks[family.blocks] = each.max(axis=1)
-    found = np.zeros(design.causes)
-    of_causes = candidates.owners < len(found)
-    np.maximum.at(found, candidates.owners[of_causes], of_blocks[of_causes])
-    return found
+        of_parameters = np.diagonal(information, axis1=1, axis2=2)
+        of_blocks[family.blocks] = of_parameters.max(axis=1)
+    largest = np.zeros(design.causes)
+    of_causes = candidates.owners < len(largest)
+    np.maximum.at(largest, candidates.owners[of_causes], of_blocks[of_causes])
+    return largest

@@ -151,7 +151,7 @@ class Unexplained(Shown):
     @property
     def has_background(self) -> bool:
         """Whether a part of the discrepancy is too diffuse to be named."""
-        return any(each.covariate == BACKGROUND for each in self.discrepancy)
+        return any(part.covariate == BACKGROUND for part in self.discrepancy)
 
     @property
     def structure(self) -> bool:
@@ -179,8 +179,8 @@ class Unexplained(Shown):
     @property
     def apart(self) -> tuple[ScatteredReadings | SharedError | RunOrder, ...]:
         """Structure that is not over a column."""
-        each = (*self.readings, self.shared_by_postures, self.run_order)
-        return tuple(one for one in each if one is not None)
+        structures = (*self.readings, self.shared_by_postures, self.run_order)
+        return tuple(one for one in structures if one is not None)
 
 
 def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplained:
@@ -258,7 +258,7 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     scatter = choice.scatter_left
     chain = fit.problem.model.arm.chain
     noise = fit.distance_of(fit.stated_noise)
-    found = []
+    scattered = []
     for j, row in enumerate(chain.moving_rows()):
         at_tips = float(scatter.at_tips[j])
         log_ratio = float(scatter.log_ratios[j])
@@ -266,8 +266,8 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
             chance = min(1.0, 0.5 * scatter.readings.size * float(chi2_sf(2.0 * log_ratio, 1)))
             size = float(scatter.readings[j])
             slides = bool(chain.prismatic[j])
-            found.append(ScatteredReadings(int(row), size, slides, at_tips, log_ratio, chance))
-    return tuple(sorted(found, key=lambda readings: -readings.at_tips))
+            scattered.append(ScatteredReadings(int(row), size, slides, at_tips, log_ratio, chance))
+    return tuple(sorted(scattered, key=lambda readings: -readings.at_tips))
 
 
 def excess_of(extended: Fit) -> float:
