@@ -40,7 +40,7 @@ class _OfLabel(Effect):
         """The condition with the labels, if the cause names one."""
         return () if self.place is None else (str(self.location_field()),)
 
-    def acts(self, state: State) -> Array:
+    def mask(self, state: State) -> Array:
         """1 in the records with the label, 0 in others (n, 1, 1)."""
         if self.place is None:
             return np.ones((1, 1, 1))
@@ -74,7 +74,7 @@ class SeatError(_OfLabel):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return -e as a translation of the stated coordinates in the records of the seat."""
-        return [Displacement(BASE, twist(-np.eye(3) * self.acts(state)))]
+        return [Displacement(BASE, twist(-np.eye(3) * self.mask(state)))]
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class ReferenceFrame(_OfLabel):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the unit twists of the base."""
-        return [Displacement(BASE, np.eye(6) * self.acts(state))]
+        return [Displacement(BASE, np.eye(6) * self.mask(state))]
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class StylusOffset(_OfLabel):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the unit translations at the tip."""
-        return [Displacement(state.arm.chain.tip, twist(np.eye(3) * self.acts(state)))]
+        return [Displacement(state.arm.chain.tip, twist(np.eye(3) * self.mask(state)))]
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ class SeatShift(StepInTime, _OfLabel):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return -e as a translation of the stated coordinates in the later records of the seat."""
-        part = self.acts(state) * self.part(state.conditions)[:, None, None]
+        part = self.mask(state) * self.part(state.conditions)[:, None, None]
         return [Displacement(BASE, twist(-np.eye(3) * part))]
 
 

@@ -93,16 +93,9 @@ class ZeroDrift(Effect):
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """Return a note about records that are later than ``until_s``."""
         time = conditions.require("time", self.label)
-        until = self.until_s
-        if until is None or not (time > until).any():
-            return []
-        later = int((time > until).sum())
-        return [
-            Note(
-                "after_drift",
-                {"records": later, "of": conditions.n, "cause": self.label, "until": until},
-            )
-        ]
+        later = 0 if self.until_s is None else int((time > self.until_s).sum())
+        data = {"records": later, "of": conditions.n, "cause": self.label, "until": self.until_s}
+        return [Note("after_drift", data)] if later else []
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the completed part of the warm-up as a rotation; zero before t = 0."""
@@ -200,10 +193,9 @@ class StepInTime(Effect):
     """The base class of causes that are zero before ``time_s``, and constant from then on.
 
     A subclass has the fields of its place and ``time_s``. The step is between the two times
-    ``between_s``. Between these times the model uses half of the values, with
-    half of the values as standard uncertainties (JCGM 100:2008, 4.3: two equally probable values).
-    The times are by the clock of the ``sessions``. Records of other sessions count as later and
-    have the whole step.
+    ``between_s``. Between these times the model uses half of the values, with half of the values
+    as standard uncertainties (JCGM 100:2008, 4.3: two equally probable values). The times are by
+    the clock of the ``sessions``. Records of other sessions count as later and have the whole step.
     """
 
     between_s: tuple[float, ...] = ()

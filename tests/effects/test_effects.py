@@ -646,12 +646,6 @@ def test_warmth_is_an_arm_with_longer_lengths(of_links, arm_file, rng):
         close(found[k], changed(arm_file, longer).positions(q[[k]])[0])
 
 
-def test_warmth_of_one_link_and_of_all(sino6, q, rng):
-    conditions = known(sino6, len(q), rng)
-    parts = [columns(sino6, ThermalExpansion(link=link), q, conditions) for link in range(1, 7)]
-    close(np.sum(parts, axis=0), columns(sino6, ThermalExpansion(), q, conditions))
-
-
 def test_stylus_is_a_shift_in_the_last_frame(sino6, q):
     frames, shift = sino6.poses(q).placement, np.array([0.1, -0.02, 0.05])
     expected = (frames @ np.append(shift, 1.0))[:, :3]
@@ -849,43 +843,3 @@ def test_a_curve_tells_its_waves():
     for (order, size), (true, amplitude) in zip(found.items(), wanted.items(), strict=False):
         assert order == pytest.approx(true, abs=0.15)
         assert size == pytest.approx(amplitude, rel=0.1)
-
-
-def test_weight_bends_an_arm_alike_in_both_conventions(sino6, rng):
-    """The same arm by both tables, its tubes along d: where bearings are and what bends is no
-    matter of the table.
-    """
-    rows = [
-        *sino6.file.joints[:-1],
-        sino6.file.joints[-1].model_copy(update={"a_mm": 0.0, "alpha_rad": 0.0}),
-    ]
-    standard = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
-    # Where the weights are in the frames of the other table, which stand before a and alpha.
-    tilts = Rotation.from_rotvec([[row.alpha_rad, 0.0, 0.0] for row in rows])
-    centres = tilts.apply([row.com_mm for row in rows]) + np.outer(
-        [row.a_mm for row in rows], [1.0, 0.0, 0.0]
-    )
-    other = [
-        row.model_copy(update={"com_mm": tuple(c)})
-        for row, c in zip(craig().joints, centres.tolist(), strict=True)
-    ]
-    modified = Arm.from_file(craig().model_copy(update={"joints": other}))
-    q = rng.uniform(-3.0, 3.0, (50, 6))
-    close(standard.positions(q), modified.positions(q))
-    for effect in (
-        BearingTilt(3),
-        BearingTilt(5),
-        JointCompliance(2),
-        LinkBending(3),
-        LinkBending(5),
-        TorsionalWindup(5),
-    ):
-        there, here = (
-            ErrorModel(arm, (effect.at((1e-5,)),)).predict(q) for arm in (standard, modified)
-        )
-        close(here, there)
-        assert np.abs(here - modified.positions(q)).max() > 1e-8
-    bodies = [
-        [cause.link for (cause,) in LinkBending.candidates(arm)] for arm in (standard, modified)
-    ]
-    assert bodies[0] == bodies[1] != []
