@@ -191,9 +191,9 @@ class _Judged:
     @staticmethod
     def of(task: Task, situation: Situation) -> _Judged:
         problem = task.problem(task.model, situation.pool)
-        own = problem.vector.size
-        jacobian = problem.predict(problem.start, task.frame).jacobian[:, :, :own]
-        return _Judged(situation, own, jacobian * situation.scales[:own])
+        count = problem.vector.size
+        jacobian = problem.predict(problem.start, task.frame).jacobian[:, :, :count]
+        return _Judged(situation, count, jacobian * situation.scales[:count])
 
     def worth(self, chosen: list[int]) -> tuple[float, float]:
         """O1 of existing and chosen records, and the root mean square u of the tip after them

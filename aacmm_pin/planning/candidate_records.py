@@ -100,8 +100,8 @@ def _existing_seats(task: Task) -> _Seats | None:
 
 
 def _new_seats(task: Task, pool: Pool, count: int, rng: np.random.Generator) -> _Seats:
-    each = max(4, min(EACH, count // NEW_SEATS))
-    places = seats_for(pool, NEW_SEATS, each, rng)
+    postures = max(4, min(EACH, count // NEW_SEATS))
+    places = seats_for(pool, NEW_SEATS, postures, rng)
     labels = [f"P{k}" for k in range(1, len(places) + 1)]
     points = np.concatenate([place.points for place in places])
     unknown = np.full_like(points, np.nan)

@@ -129,11 +129,12 @@ def for_all(
     chosen = _chosen(situation, sizes, wanted, steps)
     separation = situation.separation(chosen, sizes)
     labels = [cause.label for cause in task.causes]
+    why_not = dict.fromkeys(pairs, "the same")
+    why_not |= dict.fromkeys(different, "too small") | dict.fromkeys(open_, "")
     rows = []
-    for pair in pairs:
-        why_not = "" if pair in open_ else "too small" if pair in different else "the same"
+    for pair, why in why_not.items():
         t = separation.least(pair)
-        rows.append((*(labels[cause] for cause in pair), t, t >= LEAST_T, why_not))
+        rows.append((*(labels[cause] for cause in pair), t, t >= LEAST_T, why))
     table = pd.DataFrame(rows, columns=["cause", "other", "T", "told", "why_not"])
     table = table.sort_values("T", ignore_index=True)
     worst = separation.worst(wanted)

@@ -128,10 +128,10 @@ def _loaded(arm: Arm, file: ArmFile, row: int) -> dict[str, Any]:
     frame = end(row) if file.convention == "standard-dh" else axis(row)
     place = rotation[frame][0].T @ (origin[end(row)] - origin[frame])[0] / MM
     rows = list(file.joints)
-    own = rows[row - 1]
-    before = own.mass_kg or 0.0
-    centre = (before * np.array(own.com_mm or (0.0, 0.0, 0.0)) + LOAD * place) / (before + LOAD)
-    rows[row - 1] = own.model_copy(
+    body = rows[row - 1]
+    before = body.mass_kg or 0.0
+    centre = (before * np.array(body.com_mm or (0.0, 0.0, 0.0)) + LOAD * place) / (before + LOAD)
+    rows[row - 1] = body.model_copy(
         update={"mass_kg": before + LOAD, "com_mm": tuple(centre.tolist())}
     )
     return {"joints": rows}

@@ -122,12 +122,12 @@ def plan_measurements(
     )
     with watched(range(records), progress, "plan", "record") as steps:
         if split is None:
-            found = for_all(task, where, records, rng, steps)
+            plan = for_all(task, where, records, rng, steps)
         else:
-            found = for_two(task, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
+            plan = for_two(task, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
     if "torque" in present and split is not None:
         left_out += (Note("record_torques"),)
-    return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes))
+    return replace(plan, seed=seed, notes=(*notes, *left_out, *plan.notes))
 
 
 def prepared(
@@ -161,6 +161,13 @@ def prepared(
             f"{existing.source} has angles of {existing.nq} joints; expected {arm.nq}, as many as "
             f"{arm.name} has"
         )
+    if setup.frame_of_session:
+        raise AacmmError(
+            "reference_frame is session; expected base or external, because planned records are of "
+            "one session"
+        )
+    if existing is not None:  # a plan is of tips
+        existing = replace(existing, orientation=None, orientation_u=None)
     notes = []
     if setup.encoder_noise is None:
         setup = replace(setup, encoder_noise=np.full(arm.nq, ENCODER))

@@ -91,10 +91,10 @@ def t_optimality(
         inverse = np.linalg.inv(np.eye(3) + seen @ pool.transpose(0, 2, 1))
         middle = nuisances + first.size
         distances = []
-        for cause, own in ((one, slice(nuisances, middle)), (other, slice(middle, acting.size))):
-            of_cause = seen[:, :, own]
+        for cause, block in ((one, slice(nuisances, middle)), (other, slice(middle, acting.size))):
+            of_cause = seen[:, :, block]
             gained = of_cause.transpose(0, 2, 1) @ inverse @ of_cause
-            after = np.linalg.inv(covariance[own, own] - gained)
+            after = np.linalg.inv(covariance[block, block] - gained)
             distances.append(np.einsum("nij,jm,im->n", after, sizes[cause], sizes[cause]))
         return np.asarray(np.minimum(*distances) + OTHER_DISTANCE_WEIGHT * np.maximum(*distances))
 

@@ -4,7 +4,7 @@ taken.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -32,17 +32,6 @@ class Task:
     existing: Measurements | None
     setup: Setup
 
-    def __post_init__(self) -> None:
-        if self.setup.frame_of_session:
-            raise AacmmError(
-                "reference_frame is session; expected base or external, because planned records "
-                "are of one session"
-            )
-        if self.existing is not None:  # a plan is of tips
-            object.__setattr__(
-                self, "existing", replace(self.existing, orientation=None, orientation_u=None)
-            )
-
     @property
     def conditions(self) -> Conditions:
         """Conditions of the existing records."""
@@ -65,8 +54,8 @@ class Task:
         """Where the base is in the frame of the references, as existing records determine it."""
         if not self.setup.external or self.existing is None or self.existing.known.sum() < 3:
             return Frame.identity()
-        known = self.existing.take(self.existing.known)
-        return registered(self.model.predict(known.q, known.conditions), known.reference)
+        placed = self.existing.take(self.existing.known)
+        return registered(self.model.predict(placed.q, placed.conditions), placed.reference)
 
 
 def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
@@ -97,10 +86,10 @@ def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:
     """Every further cause that the arm can have, of typical magnitude, except those with an order
     or time of their own.
     """
-    known = {effect.identity for effect in model.effects}
+    present = {effect.identity for effect in model.effects}
     usual = (
         effect
         for effect, *others in all_candidates(model.arm)
         if not (others or effect.nonlinear.field)
     )
-    return tuple(effect for effect in usual if effect.identity not in known)
+    return tuple(effect for effect in usual if effect.identity not in present)

@@ -156,20 +156,13 @@ class CharacteristicValue:
     @property
     def missing(self) -> str:
         """What is missing, in words; "" where nothing is."""
-        text = self._lack
+        number = self.evaluated.missing
         lacking = self.evaluated.lacking
+        text = count(number, self.definition.counted) if number else self.evaluated.why_incomplete
         if not lacking:
             return text
         more = ["…"] if len(lacking) > MOST_LACKING else []
         return f"{text}: {'; '.join([*lacking[:MOST_LACKING], *more])}"
-
-    @property
-    def _lack(self) -> str:
-        """How many points or lengths are missing, or why there is no value."""
-        number = self.evaluated.missing
-        if not number:
-            return self.evaluated.why_incomplete
-        return count(number, self.definition.counted)
 
 
 def shown_verdict(verdict: str | None) -> str:
@@ -242,8 +235,8 @@ class AcceptanceResult(Shown):
 
     def _with_mpe(self, source: str) -> list[CharacteristicValue]:
         """The characteristics of one set of coordinates that have an MPE."""
-        own = (figure for figure in self.figures if figure.source == source)
-        return [figure for figure in own if not math.isnan(figure.mpe)]
+        of_source = (figure for figure in self.figures if figure.source == source)
+        return [figure for figure in of_source if not math.isnan(figure.mpe)]
 
     def __str__(self) -> str:
         texts = {source: self._in_words(source, *found) for source, found in self.overall.items()}
@@ -255,8 +248,8 @@ class AcceptanceResult(Shown):
         self, source: str, verdict: Verdict | None, by: Sequence[CharacteristicValue]
     ) -> str:
         """The verdict of one set of coordinates, and which characteristics decide it."""
-        of = sum(figure.source == source for figure in self.figures)
-        given = f"An MPE exists for {len(self._with_mpe(source))} of {of} characteristics"
+        total = sum(figure.source == source for figure in self.figures)
+        given = f"An MPE exists for {len(self._with_mpe(source))} of {total} characteristics"
         if not by:
             return "not determined; state an MPE"
         names = [f.definition.name + (" without a value" if f.verdict is None else "") for f in by]
@@ -345,12 +338,10 @@ def accept(
                 evaluated = without_value(_count(of_test, definition), 0, why="see the notes")
                 why = Note("figure_without_value", {"error": str(error)}).with_place(source)
                 unfit.setdefault(why, []).append(definition.name)
-            mpe_of = limits.get(definition.name, math.nan)
-            figures.append(
-                CharacteristicValue(
-                    source, definition, evaluated, mpe_of, _places(of_test, evaluated)
-                )
-            )
+            limit = limits.get(definition.name, math.nan)
+            parts = [of_test[of_test["row"].isin(rows)] for rows in evaluated.rows]
+            places = tuple(map(Place.of, parts))
+            figures.append(CharacteristicValue(source, definition, evaluated, limit, places))
     notes = [*points.notes, *doubts(first, of_first, measuring_range)]
     notes += [why.with_place(", ".join(names)) for why, names in unfit.items()]
     if left_out := [name for name in limits if name not in {d.name for d in wanted}]:
@@ -369,12 +360,6 @@ def _count(of_test: pd.DataFrame, definition: Definition) -> int:
     return len(of_test)
 
 
-def _places(of_test: pd.DataFrame, evaluated: Evaluated) -> tuple[Place, ...]:
-    """Which points make each of the errors."""
-    parts = [of_test[of_test["row"].isin(rows)] for rows in evaluated.rows]
-    return tuple(map(Place.of, parts))
-
-
 def _longest_lengths(points: pd.DataFrame) -> dict[str, float]:
     """The longest calibrated length of each test that asks for one [m]."""
     asking = points[points["test"].isin(IN_RANGE)]
@@ -390,24 +375,24 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
         AacmmError: a limit is outside ``plausible.MPE``.
     """
     mpe = mpe or {}
-    known = [definition.name for definition in DEFINITIONS]
+    names = [definition.name for definition in DEFINITIONS]
     for name, limit in mpe.items():
-        if name not in known:
-            raise UnknownNameError("characteristic", name, known)
+        if name not in names:
+            raise UnknownNameError("characteristic", name, names)
         MPE.check(limit, f"MPE of {name}")
     return dict(mpe)
 
 
 def _in_range(
-    found: Evaluated,
+    evaluated: Evaluated,
     definition: Definition,
     probed_points: pd.DataFrame,
     measuring_range: float | None,
 ) -> Evaluated:
     """A length error, without its value if the lengths are too short for the range."""
     longest = probed_points["length"].max()
-    if definition.test not in IN_RANGE or measuring_range is None or found.missing:
-        return found
+    if definition.test not in IN_RANGE or measuring_range is None or evaluated.missing:
+        return evaluated
     if longest > measuring_range:
         raise AacmmError(
             f"the longest length is {plain_mm(longest)} mm; expected at most "
@@ -415,9 +400,9 @@ def _in_range(
         )
     least = LONGEST_PART * measuring_range
     if longest >= least:
-        return found
+        return evaluated
     why = f"the longest length is {plain_mm(longest)} mm; expected {plain_mm(least)} mm or more"
-    return without_value(found.had, 0, why=why)
+    return without_value(evaluated.had, 0, why=why)
 
 
 def _notes(
@@ -436,7 +421,17 @@ def _notes(
     far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.value), MM)]
     for name, mpe in {f.definition.name: f.mpe for f in far}.items():
         notes.append(Note("mpe_large", {"figure": name, "mpe": mpe, "times": FAR_BELOW}))
-    notes += [_note_of_other(f, *f.decided_by) for f in judged if f.decided_by is not None]
+    for figure in judged:
+        if figure.decided_by is not None:
+            error, expanded, place = figure.decided_by
+            data = {
+                "figure": figure.definition.name,
+                "source": figure.source,
+                "error": error,
+                "expanded": expanded,
+                "where": figure.places[place],
+            }
+            notes.append(Note("other_error_decides", data))
     if measuring_range is None and any(f.definition.test in IN_RANGE for f in figures):
         notes.append(Note("measuring_range_unknown"))
     return tuple(notes)
@@ -444,15 +439,3 @@ def _notes(
 
 def _names(figures: Sequence[CharacteristicValue]) -> list[str]:
     return [*dict.fromkeys(figure.definition.name for figure in figures)]
-
-
-def _note_of_other(figure: CharacteristicValue, error: float, expanded: float, place: int) -> Note:
-    """Another error than the largest decides the verdict."""
-    data = {
-        "figure": figure.definition.name,
-        "source": figure.source,
-        "error": error,
-        "expanded": expanded,
-        "where": figure.places[place],
-    }
-    return Note("other_error_decides", data)

@@ -90,8 +90,8 @@ def doubts(
             yield Note("test_small_in_range", {**data, "range": measuring_range}).with_place(source)
         if test == "single-point":
             yield from (note.with_place(source) for note in _too_small(of_test))
-        found = [*_spheres(of_test)]
-        yield from (note.with_place(source) for note in (*_beside(found), *_wrong_sizes(found)))
+        spheres = [*_spheres(of_test)]
+        yield from (note.with_place(source) for note in (*_beside(spheres), *_wrong_sizes(spheres)))
 
 
 def _too_small(probed_points: pd.DataFrame) -> Iterator[Note]:
@@ -126,9 +126,9 @@ def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
     """
     forms = np.array([sphere.form for _, sphere in spheres])
     for k, (group, sphere) in enumerate(spheres):
-        point, off = _farthest(group, sphere)
+        point, distance = _farthest(group, sphere)
         if point is not None:
-            yield Note("touch_off_sphere", {"distance": off}).with_place(str(Place.of(point)))
+            yield Note("touch_off_sphere", {"distance": distance}).with_place(str(Place.of(point)))
         elif len(spheres) > 2 and sphere.form > max(
             TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), LEAST_DISTANCE_FROM_SPHERE
         ):
@@ -152,11 +152,12 @@ def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame |
     if others is None:
         return None, 0.0
     radius = float(np.linalg.norm(points[k] - others.center))
-    off = abs(radius - others.diameter / 2)
+    distance = abs(radius - others.diameter / 2)
     variance = others.residuals @ others.residuals / dof
     scatter = max(float(np.sqrt(variance)), 1e-12)
-    chance = 2 * len(group) * stdtr(dof, -off * free[k] / scatter)
-    return (group.iloc[[k]] if off > LEAST_DISTANCE_FROM_SPHERE and chance < CHANCE else None), off
+    chance = 2 * len(group) * stdtr(dof, -distance * free[k] / scatter)
+    far = distance > LEAST_DISTANCE_FROM_SPHERE and chance < CHANCE
+    return (group.iloc[[k]] if far else None), distance
 
 
 def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:

@@ -39,8 +39,8 @@ class Place:
 
 def named(labels: Mapping[str, str]) -> str:
     """Labels with the names of their columns."""
-    each = [f"{name.removesuffix('_id')} {label}" for name, label in labels.items()]
-    return ", ".join(each)
+    names = [f"{name.removesuffix('_id')} {label}" for name, label in labels.items()]
+    return ", ".join(names)
 
 
 def rows_of(points: pd.DataFrame) -> tuple[int, ...]:

@@ -316,10 +316,10 @@ class _Layout:
 
     def spheres(self, wanted: set[str]) -> None:
         """Spheres near and far, for all tests that need one."""
-        known = {"feature_diameter_mm": self.sphere / MM, "probe_diameter_mm": self.probe / MM}
+        diameters = {"feature_diameter_mm": self.sphere / MM, "probe_diameter_mm": self.probe / MM}
         for name, zone in SPHERES.items():
             center, postures = self.place(*zone, 5)
-            cells = {"feature": "sphere", "position": name, **known}
+            cells = {"feature": "sphere", "position": name, **diameters}
             if "sphere" in wanted:
                 self._round(center, postures, 25, test="sphere", **cells)
             if "location" in wanted:
@@ -391,7 +391,7 @@ class _Layout:
             (a * level[0] + b * level[1] + up) / np.sqrt(3) for a in (-1, 1) for b in (-1, 1)
         ]
         reached = float(np.quantile(self.pool.thinness(self.pool.tips[:CANDIDATES]), 0.98))
-        found: list[tuple[Array, Array]] = []
+        placed: list[tuple[Array, Array]] = []
         for aim in wanted:
             directions = aim + np.arange(TRIED)[:, None] / TRIED * self.rng.normal(size=(TRIED, 3))
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -403,21 +403,21 @@ class _Layout:
                         self.pool.room.admits(ends) & np.isfinite(self.pool.thinness(ends, reached))
                     ]
                 middles = good + lengths[-1] / 2 * direction
-                before = np.array([start + lengths[-1] / 2 * way for start, way in found])
+                before = np.array([start + lengths[-1] / 2 * way for start, way in placed])
                 order = spread_out(
-                    np.vstack([before, middles]) if found else middles, len(found) + 5, 0.0
+                    np.vstack([before, middles]) if placed else middles, len(placed) + 5, 0.0
                 )
-                tried = [good[k - len(found)] for k in order if k >= len(found)]
+                tried = [good[k - len(placed)] for k in order if k >= len(placed)]
                 start = next((s for s in tried if self._is_in_reach(s, direction, lengths)), None)
                 if start is not None:
-                    found.append((start, direction))
+                    placed.append((start, direction))
                     break
-        if len(found) < PLACES:
+        if len(placed) < PLACES:
             raise AacmmError(
-                f"{self.pool.arm.name}: a bar of {lengths[-1] / MM:g} mm fits in {len(found)} "
+                f"{self.pool.arm.name}: a bar of {lengths[-1] / MM:g} mm fits in {len(placed)} "
                 f"places; expected {PLACES}; reduce --measuring-range-mm or --length-mm"
             )
-        return found
+        return placed
 
     def _is_in_reach(self, start: Array, direction: Array, lengths: Array) -> bool:
         places = np.array([0.0, *lengths])

@@ -195,20 +195,6 @@ def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6):
         assert (plan.after.one, plan.after.other) == pytest.approx(expected, rel=1e-7)
 
 
-# --- the search
-
-
-def test_a_plan_tells_more_than_chance(sino6):
-    split = (EncoderEccentricity(3), JointCompliance(3))
-    plan = planned(sino6, split, 40, postures=1000, as_it_stands=True)
-    by_chance = []
-    for seed in range(5):
-        q, _ = Room(sino6).postures(40, np.random.default_rng(seed))
-        records = replace(plan, measurements=Measurements.of(q))
-        by_chance.append(min(brute(records, sino6, split)))
-    assert plan.after.least > 4 * np.median(by_chance)
-
-
 # --- what it is worth: decisions by Bayes, computed densely
 
 
