@@ -73,6 +73,8 @@ MARGIN = 1e-3
 of it.
 """
 
+MAP_AXES = {"x_mm": "distance from joint axis 1, x", "z_mm": "z of the base"}
+"""Axes of the cells of a map, with their long names."""
 MOST_BYTES_OF_MAP = 4_000_000_000
 """Size of a file: a map of a million cells has a tenth of it."""
 
@@ -149,6 +151,11 @@ class WorkspaceMap(Shown):
 
     data: xr.Dataset
     seconds: float
+
+    @property
+    def axes(self) -> tuple[xr.DataArray, ...]:
+        """The cell centres along each axis of the map, x and z [mm]."""
+        return tuple(self.data[name] for name in MAP_AXES)
 
     @property
     def sectors(self) -> int:
@@ -243,8 +250,7 @@ class WorkspaceMap(Shown):
         return cast("Axes", report().plots.plot_map(self, quantity, ax))
 
     def __str__(self) -> str:
-        x = self.data.sizes["x_mm"]
-        z = self.data.sizes["z_mm"]
+        x, z = (axis.size for axis in self.axes)
         full = self.working_sectors()[self.sectors]
         arm = f"{self.data.attrs['arm']} at {self.data.attrs['working_point']}"
         where = f"The map of {arm} has {x} × {z} cells of {self.sectors} sectors"
@@ -530,18 +536,18 @@ def _dataset(
 
     merged = merged | {"count": merged["works"].sum(axis=1)}
     x, _, z = _centres(box, cells)
+    axes = zip(MAP_AXES.items(), (x, z), strict=True)
     variables = {}
     for variable in VARIABLES:
         values: Array = merged[variable.source].astype(variable.kind)
         if variable.unit != "1":
             values = values / UNITS[variable.unit]
-        dims = ("x_mm", "z_mm", *variable.more)
+        dims = (*MAP_AXES, *variable.more)
         attrs = {"units": variable.unit, "long_name": variable.text}
         variables[variable.name] = (dims, values.reshape(cells + values.shape[1:]), attrs)
     centres = sector_centres(sectors) / DEG
     coordinates = {
-        "x_mm": ("x_mm", x / MM, {"units": "mm", "long_name": "distance from joint axis 1"}),
-        "z_mm": ("z_mm", z / MM, {"units": "mm", "long_name": "z of the base"}),
+        **{name: (name, at / MM, {"units": "mm", "long_name": text}) for (name, text), at in axes},
         "sector_deg": (
             "sector",
             centres,

@@ -179,7 +179,7 @@ def _at_the_point(
 
 
 def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> Iterator[Block]:
-    x, z = map_.data.sizes["x_mm"], map_.data.sizes["z_mm"]
+    x, z = (axis.size for axis in map_.axes)
     u_mm, cells = map_.data["smallest_u_mm"], map_.working_sectors()
     least, most = COVERAGE_FACTOR * float(u_mm.min()), COVERAGE_FACTOR * float(u_mm.max())
     flexibility = float(map_.data["flexibility"].mean())

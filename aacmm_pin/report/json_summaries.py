@@ -140,7 +140,7 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
         "arm": data.attrs["arm"],
         "at": data.attrs["working_point"],
         **({} if stylus is None else {"stylus_axis": _rounded(stylus)}),
-        "cells": [data.sizes["x_mm"], data.sizes["z_mm"]],
+        "cells": [axis.size for axis in map_.axes],
         "sectors": map_.sectors,
         "extent_mm": {"x": _rounded(box[:2]), "z": _rounded(box[2:])},
         "working_sectors": map_.working_sectors(),

@@ -79,8 +79,7 @@ def plot_map(
     if quantity not in QUANTITIES:
         raise UnknownNameError("quantity", quantity, list(QUANTITIES))
     how, data, ax = QUANTITIES[quantity], map_.data, axes_of(ax, (5.4, 6.6))
-    x = data["x_mm"].values
-    z = data["z_mm"].values
+    x, z = map_.axes
     reachable = data["reachable"].values.astype(bool)
     values = np.where(reachable, how.scale * data[quantity].values, np.nan)
     low, high = how.ends
@@ -102,7 +101,7 @@ def plot_map(
                 cmap=ListedColormap([colour]),
             )
             legend.append(Patch(color=colour, label=text))
-    ax.set(xlabel="distance from joint axis 1, x [mm]", ylabel="z of the base [mm]", aspect="equal")
+    ax.set(xlabel=f"{x.long_name} [mm]", ylabel=f"{z.long_name} [mm]", aspect="equal")
     if legend:
         legend_below(ax, handles=legend)
     title = how.title.format(method=data.attrs["method"], sectors=map_.sectors)

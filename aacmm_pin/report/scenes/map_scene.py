@@ -102,12 +102,12 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
 
 
 def _caption(map_: WorkspaceMap) -> str:
-    data = map_.data
+    x, z = map_.axes
     left_out = ", ".join(map_.not_included)
     without = f" The accuracy does not include {left_out}." if left_out else ""
     return (
         "The map covers positions of the wrist in the half-plane y = 0, with "
-        f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells of {map_.sectors} sectors. The scene "
+        f"{x.size} × {z.size} cells of {map_.sectors} sectors. The scene "
         "does not show cells that the arm cannot reach. In each cell, the arm has the posture with "
         f"the smallest accuracy volume.{without}"
     )
@@ -115,15 +115,16 @@ def _caption(map_: WorkspaceMap) -> str:
 
 def _centres(map_: WorkspaceMap) -> Array:
     """Centres of the cells (nx, nz, 3) [m]."""
-    x, z = np.meshgrid(map_.data["x_mm"].values, map_.data["z_mm"].values, indexing="ij")
+    x, z = np.meshgrid(*map_.axes, indexing="ij")
     return np.stack([x, np.zeros_like(x), z], axis=2) * MM
 
 
 def _corners(map_: WorkspaceMap) -> Array:
     """Corners of the cells, in turn round each (nx, nz, 4, 3) [m]."""
     x0, x1, z0, z1 = map_.data.attrs["extent_mm"]
-    width = (x1 - x0) / map_.data.sizes["x_mm"]
-    height = (z1 - z0) / map_.data.sizes["z_mm"]
+    x, z = map_.axes
+    width = (x1 - x0) / x.size
+    height = (z1 - z0) / z.size
     half = np.array([width, 0.0, height]) * MM / 2
     square = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
     return np.asarray(_centres(map_)[:, :, None] + half * square)
