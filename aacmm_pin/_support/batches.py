@@ -12,10 +12,7 @@ ROWS_PER_BATCH = 2048
 
 def chunks(n: int, size: int = ROWS_PER_BATCH) -> list[slice]:
     """Slices that cover ``range(n)`` in parts of ``size``."""
-    parts = []
-    for start in range(0, n, size):
-        parts.append(slice(start, min(start + size, n)))
-    return parts
+    return [slice(start, min(start + size, n)) for start in range(0, n, size)]
 
 
 def cross(u: Array, v: Array) -> Array:

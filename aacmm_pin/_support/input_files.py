@@ -25,8 +25,10 @@ def outputs_refused(outputs: tuple[Path, ...]) -> Iterator[None]:
 
 def are_same(path: str | Path, other: str | Path) -> bool:
     """Whether both are names of one file that exists."""
-    there = os.path.exists(path) and os.path.exists(other)
-    return there and os.path.samefile(path, other)
+    try:
+        return os.path.samefile(path, other)
+    except OSError:
+        return False
 
 
 def is_input(path: str | Path) -> OutputError:

@@ -46,11 +46,9 @@ class OutputFiles:
     def __init__(self, force: bool = False, inputs: Iterable[str | Path] = ()) -> None:
         self._force = force
         self._inputs = list(inputs)
-        self._stack = ExitStack()
-        self._hidden: dict[Path, Path] = {}  # hidden folder by the folder that it lies in
+        self._stack = ExitStack()  # removes the hidden folders
         self._files: dict[Path, Path] = {}  # temporary file by its place
         self._folders: dict[Path, Path] = {}  # temporary folder by its place
-        self._streams: list[tuple[Path, Path]] = []  # temporary file, and the pipe or device
         self._updated: set[Path] = set()  # places whose file the work has read and extends
         self._current: Path | None = None
         self.written: list[str] = []
@@ -79,21 +77,16 @@ class OutputFiles:
         if path.parent.name.startswith(HIDDEN):  # temporary already
             return path
         place = self._place(path, update)
-        self._current = path
         if place in self._files:
             raise _named_twice(path)
         if update:
             self._updated.add(place)
-        with _as_output_errors(path):
-            if _is_stream(place):
-                folder = self._stack.enter_context(tempfile.TemporaryDirectory())
-                temporary = Path(folder) / "stream"
-                self._streams.append((temporary, place))
-            else:
-                temporary = self._hidden_in(place.parent) / place.name
-                self._files[place] = temporary
-                self.written.append(str(path))
-        return temporary
+        folder = None
+        if not _is_stream(place):
+            folder = place.parent
+            self.written.append(str(path))
+        self._files[place] = self._hidden_in(folder, path) / place.name
+        return self._files[place]
 
     def folder(self, path: str | Path) -> Path:
         """The temporary folder whose files are put into ``path``; files of other names there stay.
@@ -103,7 +96,6 @@ class OutputFiles:
                 to.
         """
         path = Path(path)
-        self._current = path
         with _as_output_errors(path):
             if path.exists() and not path.is_dir():
                 raise OutputError(f"{path}: this is a file; expected the name of a folder")
@@ -115,9 +107,8 @@ class OutputFiles:
             place = Path(os.path.realpath(path))
             parent = place if place.is_dir() else place.parent
             _check_folder(path, parent)
-            temporary = Path(tempfile.mkdtemp(dir=self._hidden_in(parent)))
-        self._folders[place] = temporary
-        return temporary
+        self._folders[place] = self._hidden_in(parent, path)
+        return self._folders[place]
 
     def __enter__(self) -> Self:
         return self
@@ -128,11 +119,13 @@ class OutputFiles:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        with self._stack:  # removes the hidden folders
+        with self._stack:
             if kind is None:
                 self._put_in_place()
-            elif isinstance(error, OSError) and self._current is not None and _of_output(error):
-                raise _write_error(self._current, error) from None
+            elif isinstance(error, OSError) and self._current is not None:
+                of_reading = error.filename is not None and HIDDEN not in str(error.filename)
+                if not of_reading:
+                    raise _write_error(self._current, error) from None
 
     def _place(self, path: Path, update: bool = False) -> Path:
         """The regular file that is meant, links followed; a pipe or device as it was named."""
@@ -141,14 +134,11 @@ class OutputFiles:
                 return path
             if path.is_dir():
                 raise OutputError(f"{path}: this is a folder; expected the name of a file")
-            if path.exists() and not path.is_file():
+            place = Path(os.path.realpath(path))
+            leads_to_itself = place.is_symlink()
+            if leads_to_itself or (path.exists() and not path.is_file()):
                 raise OutputError(
                     f"{path}: this is no regular file; expected the name of a regular or new file"
-                )
-            place = Path(os.path.realpath(path))
-            if place.is_symlink():
-                raise OutputError(
-                    f"{path}: this symbolic link leads back to itself; expected the name of a file"
                 )
             if not update:
                 self._require_free(path)
@@ -164,28 +154,29 @@ class OutputFiles:
                 "--force (in Python force=True)"
             )
 
-    def _hidden_in(self, folder: Path) -> Path:
-        if folder not in self._hidden:
+    def _hidden_in(self, folder: Path | None, path: Path) -> Path:
+        """A hidden folder in ``folder``, by default that of the system, for what ``path`` names."""
+        self._current = path
+        with _as_output_errors(path):
             hidden = tempfile.TemporaryDirectory(prefix=HIDDEN, dir=folder)
-            self._hidden[folder] = Path(self._stack.enter_context(hidden))
-        return self._hidden[folder]
+            return Path(self._stack.enter_context(hidden))
 
     def _put_in_place(self) -> None:
         """Rename every file, then copy the streams; if one fails, all is as before."""
         with ExitStack() as undo:
             for place, folder in self._folders.items():
                 if not place.is_dir():
-                    undo.callback(_remove_folder, place)
                     with _as_output_errors(place):
                         place.mkdir()
+                    undo.callback(place.rmdir)
                 for entry in sorted(folder.iterdir()):
                     self._files[place / entry.name] = entry
-            for place, temporary in self._files.items():
+            for place in sorted(self._files, key=_is_stream):
                 with _as_output_errors(place):
-                    self._rename(temporary, place, undo)
-            for temporary, stream in self._streams:
-                with _as_output_errors(stream):
-                    _copy_to_stream(temporary, stream)
+                    if _is_stream(place):
+                        _copy_to_stream(self._files[place], place)
+                    else:
+                        self._rename(self._files[place], place, undo)
             undo.pop_all()
 
     def _rename(self, temporary: Path, place: Path, undo: ExitStack) -> None:
@@ -211,11 +202,6 @@ def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
 
 def _named_twice(path: str | Path) -> OutputError:
     return OutputError(f"{path}: two results have this name; expected a file for each result")
-
-
-def _of_output(error: OSError) -> bool:
-    """Whether writing a temporary file failed, and not the reading of another."""
-    return error.filename is None or HIDDEN in str(error.filename)
 
 
 def _write_error(path: Path, error: OSError) -> OutputError:
@@ -255,11 +241,6 @@ def _check_folder(path: Path, folder: Path) -> None:
             f"{path}: you cannot write to the folder {folder}; expected a folder with write "
             "permission"
         )
-
-
-def _remove_folder(folder: Path) -> None:
-    if folder.is_dir():
-        folder.rmdir()
 
 
 def _copy_to_stream(temporary: Path, stream: Path) -> None:

@@ -10,15 +10,13 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import (
-    FIRST_COMPLETED,
     BrokenExecutor,
     Executor,
     Future,
     ProcessPoolExecutor,
-    wait,
+    as_completed,
 )
 from contextlib import contextmanager
-from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.synchronize import Event
 from typing import TypeVar
@@ -32,10 +30,6 @@ Workers = int | Executor
 """How many processes, or a ``concurrent.futures.Executor``, which is used and not shut down."""
 TERMINAL_SIGNALS = (signal.SIGINT, signal.SIGHUP)
 """Signals that a terminal sends to all processes, and that the parent answers."""
-MOST_SUBMITTED = 256
-"""Jobs that an executor of the user has at once; more would only take memory."""
-SUBMITTED_PER_PROCESS = 2
-"""Jobs that each worker process has: the one that it does, and the next."""
 
 
 @contextmanager
@@ -47,18 +41,18 @@ def results(
 
     Args:
         work: a function of a module, for it is sent by its name.
-        jobs: taken from the iterable as they are submitted.
+        jobs: all are submitted at once.
         workers: see :data:`Workers`; 1 is this process.
 
     Raises:
         AacmmError: a worker process was killed, or the number of processes is out of range.
     """
-    waiting: dict[Future[R], int] = {}
+    futures: dict[Future[R], int] = {}
     pool: ProcessPoolExecutor | None = None
     stop: Event | None = None
     try:
         if isinstance(workers, Executor):
-            yield _submitted(workers, work, jobs, MOST_SUBMITTED, waiting)
+            yield _submitted(workers, work, jobs, futures)
         elif (count := whole(workers, 1, "workers")) == 1:
             yield enumerate(map(work, jobs))
         else:
@@ -66,7 +60,8 @@ def results(
                 context = get_context("spawn")
                 stop = context.Event()
                 pool = ProcessPoolExecutor(count, context, _begin, (stop,))
-            yield _submitted(pool, work, jobs, SUBMITTED_PER_PROCESS * count, waiting)
+                done = _submitted(pool, work, jobs, futures)
+            yield done
     except BrokenExecutor:
         raise AacmmError(
             "a worker process ended early. If memory ran out, use fewer workers. In a Python "
@@ -77,38 +72,22 @@ def results(
             stop.set()
         raise
     finally:
+        for future in futures:
+            future.cancel()
         if pool is not None:
-            pool.shutdown(cancel_futures=True)
-        else:
-            for future in waiting:
-                future.cancel()
+            pool.shutdown()
 
 
 def _submitted(
-    pool: Executor,
+    executor: Executor,
     work: Callable[[J], R],
     jobs: Iterable[J],
-    most: int,
-    waiting: dict[Future[R], int],
+    futures: dict[Future[R], int],
 ) -> Iterator[tuple[int, R]]:
-    """Submit the first ``most`` jobs; the results as they are done, for each of which another is
-    submitted.
-    """
-    numbered = enumerate(jobs)
-
-    def submit() -> None:
-        with _blocked_signals():
-            for number, job in islice(numbered, most - len(waiting)):
-                waiting[pool.submit(work, job)] = number
-
-    def done() -> Iterator[tuple[int, R]]:
-        while waiting:
-            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                yield waiting.pop(future), future.result()
-            submit()
-
-    submit()
-    return done()
+    """Submit all jobs, listed in ``futures``; their numbers and results as they are done."""
+    for number, job in enumerate(jobs):
+        futures[executor.submit(work, job)] = number
+    return ((futures.pop(future), future.result()) for future in as_completed([*futures]))
 
 
 @contextmanager

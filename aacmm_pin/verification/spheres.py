@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin.errors import AacmmError, ShapeError
@@ -69,7 +69,9 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
 
     centre, radius = best_sphere(scaled)
     ends = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
-    fit = least_squares(residuals, [*centre, radius], jac=jacobian, method="lm", **ends)
+    fit = scipy.optimize.least_squares(
+        residuals, [*centre, radius], jac=jacobian, method="lm", **ends
+    )
     factor = 2 * float(np.linalg.norm(np.linalg.pinv(fit.jac)[3]))
     leverages = np.sum(np.linalg.qr(fit.jac).Q ** 2, axis=1)
     outside = fit.fun * size
