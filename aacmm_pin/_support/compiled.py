@@ -57,26 +57,24 @@ class Loop:
         return self.compiled if wanted == ALWAYS or is_large else None
 
     @cached_property
-    def compiled(self) -> Callable[..., Any]:
+    def compiled(self) -> Any:
         """The compiled loop, kept beside its source for the next process where that can be
         written.
         """
-        import numba
-
-        loop = self.loop
-        if self.helpers:
-            loop = FunctionType(self.loop.__code__, _names(self.helpers))
-        return _compiled(loop, partial(numba.njit, self.signature, nogil=True, error_model="numpy"))
+        if not self.helpers:
+            return _compiled(self.loop, self.signature)
+        return _compiled(FunctionType(self.loop.__code__, _names(self.helpers)), self.signature)
 
 
-def _compiled(function: Callable[..., Any], compile_: Callable[..., Any]) -> Callable[..., Any]:
+def _compiled(function: Callable[..., Any], signature: str, **options: bool) -> Any:
     """``function`` compiled, kept beside its source where that can be written."""
-    compiled: Callable[..., Any]
+    import numba
+
+    compile_ = partial(numba.njit, signature, nogil=True, error_model="numpy", **options)
     try:
-        compiled = compile_(cache=True)(function)
+        return compile_(cache=True)(function)
     except Exception:  # a full disk, a damaged file, no folder: numba has no class for it
-        compiled = compile_()(function)
-    return compiled
+        return compile_()(function)
 
 
 @cache
@@ -87,13 +85,12 @@ def _names(helpers: Helpers) -> dict[str, Any]:
     import numba
 
     names = dict(helpers[0][0].__globals__)
-    compile_ = partial(
-        numba.njit, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
-    )
+    inner: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     for helper, signature in helpers:
         function = FunctionType(helper.__code__, names)
         if signature == INLINED:
-            names[helper.__name__] = compile_(inline="always")(function)
+            compile_ = numba.njit(error_model="numpy", inline="always", **inner)
+            names[helper.__name__] = compile_(function)
         else:
-            names[helper.__name__] = _compiled(function, partial(compile_, signature, nogil=True))
+            names[helper.__name__] = _compiled(function, signature, **inner)
     return names

@@ -3,35 +3,40 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from aacmm_pin._support.plausible import BAR_LENGTH
-from aacmm_pin.cli.acceptance_options import Mpe, Standard, arms_of, files_argument, limits_of
-from aacmm_pin.cli.arm_options import UrdfArm, in_metres
+from aacmm_pin._support.input_files import content_of
+from aacmm_pin._support.plausible import BAR_LENGTH, MPE
+from aacmm_pin._support.units import MM, number
+from aacmm_pin.arm import MOST_BYTES, toml_of
+from aacmm_pin.cli.arm_options import UrdfArm
+from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
-    Force,
-    Json,
-    Plot,
+    PlotAndJson,
     Results,
-    command,
     length_option,
     note,
     output_option,
     page_option,
 )
-from aacmm_pin.errors import MeasurementFileError
+from aacmm_pin.effects import ErrorModel
+from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.verification import AcceptanceResult, History, accept, in_utc
+from aacmm_pin.verification import AcceptanceResult, History, StandardName, accept, in_utc
 
 CONFORMITY, NONCONFORMITY, INCONCLUSIVE = 0, 3, 4
 EXIT_STATUS = {"conformity": CONFORMITY, "non-conformity": NONCONFORMITY}
 """Of ``--exit-status``, by verdict; others are inconclusive, for a script would take 0 for
 conformity."""
+
+Standard = Annotated[
+    StandardName | None, typer.Option(help="Use this standard only. Default: both standards.")
+]
 
 
 @command(
@@ -41,16 +46,25 @@ conformity."""
 def run(
     files: Annotated[
         list[str],
-        files_argument(
-            "ARM: arm to compute coordinates from readings (repeatable). DATA: file of probed "
-            "points (CSV)."
+        typer.Argument(
+            metavar="[ARM]... DATA",
+            help="ARM: arm to compute coordinates from readings (repeatable). DATA: file of probed "
+            "points (CSV).",
         ),
     ],
-    mpe: Mpe = None,
+    mpe: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CHARACTERISTIC=MM",
+            help="Maximum permissible error (MPE) of a characteristic, or a TOML file of MPEs "
+            "(repeatable).",
+        ),
+    ] = None,
     standard: Standard = None,
-    measuring_range_mm: Annotated[
+    measuring_range: Annotated[
         float | None,
         length_option(
+            "--measuring-range-mm",
             "Measuring range of the arm. The report has length errors only if the longest length "
             "is at least 66 % of this range.",
             BAR_LENGTH,
@@ -80,7 +94,6 @@ def run(
         Path | None,
         output_option("FILE.csv", "Append the results of this check to this CSV file."),
     ] = None,
-    plot: Plot = None,
     exit_status: Annotated[
         bool,
         typer.Option(
@@ -89,71 +102,112 @@ def run(
             f"{INCONCLUSIVE} if the verdict is inconclusive. Requires --mpe.",
         ),
     ] = False,
-    json_: Json = None,
-    force: Force = False,
+    outputs: PlotAndJson,
 ) -> None:
-    """Evaluate an acceptance test (ISO 10360-12, ASME B89.4.22).
-
-    The definitions of the test values come from public descriptions of ISO 10360-12:2016 and
+    """The definitions of the test values come from public descriptions of ISO 10360-12:2016 and
     ASME B89.4.22-2004. Nobody has compared these definitions with the texts of the standards.
     """
-    from aacmm_pin.report import (  # these load what draws
+    # These load what draws.
+    from aacmm_pin.report import (
         CheckDetails,
         Document,
         acceptance_document,
         history_blocks,
         plots,
-        terminal,
     )
 
     *names, path = files
-    if plot is not None and history is None:
+    if outputs.plot is not None and history is None:
         raise typer.BadParameter("--plot requires --history")
     if exit_status and not mpe:
         raise typer.BadParameter("--exit-status requires --mpe")
-    with Results(force, page=output, plot=plot, json_=json_) as results:
-        arms = arms_of(names, robot)
+    with Results(outputs, page=output) as results:
+        arms = {name: ErrorModel.load(name) for name in names}
+        of_urdf = robot.of_urdf()
+        if of_urdf is not None:
+            arms[str(robot.urdf)] = of_urdf
         past = None if history is None else History.read(history)
         result = accept(
             path,
             arms,
-            mpe=limits_of(mpe or []),
+            mpe=_limits(mpe or []),
             standard=standard,
-            measuring_range=in_metres(measuring_range_mm),
+            measuring_range=measuring_range,
         )
-        when, summary, told = _when(time, path), result.summary(), acceptance_document(result)
+        when, summary = _when(time, path), result.summary()
         checks = None if past is None else past.with_check(result, when, instrument)
         if checks is not None and history is not None:
             summary["history"] = checks.summary()
             if checks.appended:
                 checks.write(results, history)
-            results.picture(lambda: plots.plot_history(checks), plot)
+            results.picture(lambda: plots.plot_history(checks))
         if output is not None:
             details = CheckDetails(when, instrument, _further_lines(notes or []), checks)
             results.document(acceptance_document(result, details), output)
-        results.json(summary, json_)
-    terminal.show(told, json_ == "-")
-    terminal.show(Document("", [] if checks is None else history_blocks(checks)), json_ == "-")
-    for text in [] if checks is None else _of_history(checks, history):
-        note(text)
+        results.json(summary)
+    results.show(acceptance_document(result))
+    if checks is not None:
+        results.show(Document("", history_blocks(checks)))
+        _note_history(checks, history)
     if (failed := _failed_arm(result, list(arms))) is not None and Path(path).is_file():
         note(_next_step(robot.urdf_words if failed == robot.urdf else [failed], path))
     if exit_status:
         raise typer.Exit(EXIT_STATUS.get(result.verdict or "", INCONCLUSIVE))
 
 
-def _of_history(checks: History, path: Path | None) -> Iterator[str]:
-    """Which other arms the file has if this one has no name, and why nothing was appended."""
+def _limits(texts: list[str]) -> dict[str, float]:
+    """MPEs by name of the characteristic [m], each from ``CHARACTERISTIC=MM`` or a file of them.
+
+    Raises:
+        AacmmError: one is no number, or a file cannot be read.
+    """
+    limits: dict[str, float] = {}
+    for text in texts:
+        for name, stated in _stated_limits(text).items():
+            if name in limits:
+                raise typer.BadParameter(
+                    f"--mpe states {name} twice; expected each characteristic once"
+                )
+            try:
+                limit = number(str(stated))
+            except ValueError:
+                raise AacmmError(
+                    f"MPE of {name}: {stated!r}; expected a number in mm with a decimal point"
+                ) from None
+            MPE.of_unit("mm", MM).check(limit, f"MPE of {name}")
+            limits[name] = limit * MM
+    return limits
+
+
+def _stated_limits(text: str) -> dict[str, Any]:
+    """What one ``--mpe`` states, by name of the characteristic."""
+    name, equals, value = text.partition("=")
+    if equals:
+        return {name: value}
+    if Path(text).suffix != ".toml" and not Path(text).exists():
+        raise typer.BadParameter(
+            f"--mpe {text}: expected CHARACTERISTIC=MM, such as E_Uni=0.1, or a TOML file of MPEs"
+        )
+    refused = partial(_refused, text)
+    return toml_of(content_of(text, MOST_BYTES, "a TOML file of MPEs", refused), refused)
+
+
+def _refused(path: str, message: str) -> AacmmError:
+    return AacmmError(f"{path}: {message}")
+
+
+def _note_history(checks: History, path: Path | None) -> None:
+    """Say which other arms the file has if this one has no name, and why nothing was appended."""
     others = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
     if others and not checks.instrument:
-        yield (
+        note(
             f"the control chart compares only checks without an instrument; to compare with the "
             f"checks of {others} in {path}, use --instrument"
         )
     if not checks.appended:
         same = f"its check of {checks.time} has the same values" if checks.charts() else ""
         why = same or "the probed points give no test value"
-        yield f"accept appended no check to {path}, because {why}"
+        note(f"accept appended no check to {path}, because {why}")
 
 
 def _when(time: str | None, path: str) -> datetime:
@@ -169,10 +223,10 @@ def _when(time: str | None, path: str) -> datetime:
 
 
 def _further_lines(lines: list[str]) -> dict[str, str]:
-    found = dict(line.split("=", 1) for line in lines if "=" in line)
-    if len(found) < len(lines):
+    texts = dict(line.split("=", 1) for line in lines if "=" in line)
+    if len(texts) < len(lines):
         raise typer.BadParameter("--note: expected NAME=TEXT, and each NAME once")
-    return found
+    return texts
 
 
 def _failed_arm(result: AcceptanceResult, arms: list[str]) -> str | None:

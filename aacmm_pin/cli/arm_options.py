@@ -13,8 +13,6 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, bundled_arms, wide_half_width_notes
 from aacmm_pin.cli.common import (
-    ARM,
-    NOISE,
     angle_option,
     length_option,
     note,
@@ -53,7 +51,6 @@ class UrdfArm:
             "--urdf",
             metavar="FILE.urdf",
             help="URDF of a serial arm, instead of ARM.",
-            rich_help_panel=ARM,
         ),
     ] = None
     frame: Annotated[
@@ -62,7 +59,6 @@ class UrdfArm:
             "--frame",
             metavar="NAME",
             help="With --urdf: name of the frame at the tip.",
-            rich_help_panel=ARM,
         ),
     ] = None
 
@@ -71,8 +67,13 @@ class UrdfArm:
         """The options as they are typed; none where the arm is not given so."""
         return [] if self.urdf is None else ["--urdf", self.urdf, "--frame", str(self.frame)]
 
-    def of_urdf(self, **half_widths: float) -> ErrorModel | None:
-        """The arm, if it is given so; half-widths are those of its joint placements [m, rad].
+    @property
+    def half_widths(self) -> dict[str, float]:
+        """Of the joint placements of a URDF [m, rad], as :meth:`Arm.from_urdf` takes them."""
+        return {}
+
+    def of_urdf(self) -> ErrorModel | None:
+        """The arm, if it is given so.
 
         Raises:
             AacmmError: the arm cannot be used.
@@ -88,17 +89,12 @@ class UrdfArm:
                 "frame, use --frame NAME"
             )
         try:
-            return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
+            return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **self.half_widths))
         except UnknownNameError as error:
-            more = (
-                f" … and {len(error.known) - NAMES_LISTED} more"
-                if len(error.known) > NAMES_LISTED
-                else ""
-            )
-            frames = (
-                f"expected a frame of {self.urdf} (from the last to the first): "
-                f"{', '.join(error.known[: -NAMES_LISTED - 1 : -1])}{more}"
-            )
+            listed = ", ".join(error.known[: -NAMES_LISTED - 1 : -1])
+            frames = f"expected a frame of {self.urdf} (from the last to the first): {listed}"
+            if len(error.known) > NAMES_LISTED:
+                frames += f" … and {len(error.known) - NAMES_LISTED} more"
             if self.frame is not None:
                 raise AacmmError(f"unknown frame {self.frame!r}; {frames}") from None
             raise typer.BadParameter(f"--urdf requires --frame NAME; {frames}") from None
@@ -123,19 +119,24 @@ class AnyArm(UrdfArm):
             object.__setattr__(self, "urdf", self.arm)
             object.__setattr__(self, "arm", None)
 
-    def model(self, **half_widths: float) -> ErrorModel:
-        """The arm with its effects; see :meth:`UrdfArm.of_urdf`.
+    def model(self) -> ErrorModel:
+        """The arm with its effects.
 
         Raises:
             AacmmError: the arm cannot be used.
         """
         if (self.arm is None) == (self.urdf is None):
             raise typer.BadParameter("state ARM, or --urdf FILE and --frame NAME")
-        model = self.of_urdf(**half_widths) or ErrorModel.load(str(self.arm))
+        if self.urdf is None and self.half_widths:
+            raise typer.BadParameter(
+                "--translation-half-width-mm and --rotation-half-width require --urdf; an arm file "
+                "states half-widths in [joints.uncertainty]"
+            )
+        model = self.of_urdf() or ErrorModel.load(str(self.arm))
         # What a calibration left open has wide half-widths.
-        own = [] if model.arm.covariance is not None else model.arm.parameters
-        for line in wide_half_width_notes(own):
-            warn(line)
+        if model.arm.covariance is None:
+            for line in wide_half_width_notes(model.arm.parameters):
+                warn(line)
         return model
 
 
@@ -143,13 +144,13 @@ class AnyArm(UrdfArm):
 class UncertainArm(AnyArm):
     """An arm whose uncertainty matters; that of a URDF is given by options."""
 
-    translation_half_width_mm: Annotated[
+    translation_half_width: Annotated[
         float | None,
         length_option(
+            "--translation-half-width-mm",
             "With --urdf: half-width of each translation of every joint placement. 0: the arm has "
             "no stated half-width.",
             plausible.SHIFT_HALF_WIDTH,
-            ARM,
         ),
     ] = None
     rotation_half_width: Annotated[
@@ -158,21 +159,17 @@ class UncertainArm(AnyArm):
             "With --urdf: half-width of each rotation of every joint placement, in rad or as "
             "20arcsec. 0: the arm has no stated half-width.",
             plausible.TURN_HALF_WIDTH,
-            ARM,
         ),
     ] = None
 
-    def model(self, **half_widths: float) -> ErrorModel:
-        """See :meth:`AnyArm.model`; the half-widths are those of the options."""
-        shift, turn = self.translation_half_width_mm, self.rotation_half_width
-        if self.urdf is None and (shift is not None or turn is not None):
-            raise typer.BadParameter(
-                "--translation-half-width-mm and --rotation-half-width require --urdf; an arm file "
-                "states half-widths in [joints.uncertainty]"
-            )
-        return super().model(
-            translation_half_width=(shift or 0.0) * MM, rotation_half_width=turn or 0.0
-        )
+    @property
+    def half_widths(self) -> dict[str, float]:
+        """Those of the options."""
+        widths = {
+            "translation_half_width": self.translation_half_width,
+            "rotation_half_width": self.rotation_half_width,
+        }
+        return {name: width for name, width in widths.items() if width is not None}
 
 
 @dataclass(frozen=True)
@@ -200,14 +197,11 @@ class ArmAndData(UncertainArm):
         Raises:
             AacmmError: the arm cannot be used.
         """
-        given = (
-            replace(self, arm=None, data=self.arm)
-            if self.urdf is not None and self.data is None
-            else self
-        )
-        if given.data is None:
+        if self.data is not None:
+            return self.model(), self.data
+        if self.urdf is None or self.arm is None:
             raise typer.BadParameter("state ARM and DATA, or --urdf FILE, --frame NAME and DATA")
-        return given.model(), given.data
+        return replace(self, arm=None).model(), self.arm
 
     def records(self, model: ErrorModel, path: str) -> Measurements:
         """The records of the file.
@@ -239,31 +233,28 @@ class EncoderNoise:
             "Standard uncertainty of one reading of each joint, in rad or with a unit, such as "
             "8urad.",
             plausible.ENCODER_NOISE,
-            NOISE,
         ),
     ] = None
 
 
 @dataclass(frozen=True)
-class MeasuringNoise(EncoderNoise):
-    """The same of contacts too."""
+class ContactNoise(EncoderNoise):
+    """The same of contacts and references too."""
 
-    probe_noise_mm: Annotated[
+    probe_noise: Annotated[
         float | None,
         length_option(
-            "Standard uncertainty of a coordinate of one contact.", plausible.LENGTH_NOISE, NOISE
+            "--probe-noise-mm",
+            "Standard uncertainty of a coordinate of one contact.",
+            plausible.LENGTH_NOISE,
         ),
     ] = None
-
-
-@dataclass(frozen=True)
-class ContactNoise(MeasuringNoise):
-    """The same of references too."""
-
-    u_reference_mm: Annotated[
+    reference_noise: Annotated[
         float | None,
         length_option(
-            "Standard uncertainty of a reference coordinate.", plausible.LENGTH_NOISE, NOISE
+            "--u-reference-mm",
+            "Standard uncertainty of a reference coordinate.",
+            plausible.LENGTH_NOISE,
         ),
     ] = None
 
@@ -275,18 +266,12 @@ class ContactNoise(MeasuringNoise):
         if encoder is None:
             note(str(Note("encoder_noise_assumed", {"noise": ENCODER})))
             encoder = ENCODER
-        reference, probe = in_metres(self.u_reference_mm), in_metres(self.probe_noise_mm)
         return Noise.of(
             arm.nq,
             encoder=encoder,
-            reference=REFERENCE_NOISE if reference is None else reference,
-            probe=PROBE if probe is None else probe,
+            reference=REFERENCE_NOISE if self.reference_noise is None else self.reference_noise,
+            probe=PROBE if self.probe_noise is None else self.probe_noise,
         )
-
-
-def in_metres(length_mm: float | None) -> float | None:
-    """The same in metres."""
-    return None if length_mm is None else length_mm * MM
 
 
 def restrict_to_known_range(model: ErrorModel) -> ErrorModel:

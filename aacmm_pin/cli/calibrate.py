@@ -12,19 +12,17 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.cli.arm_options import ArmAndData
+from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
     EffectTexts,
-    Force,
-    Json,
-    Plot,
+    PlotAndJson,
     Results,
     Seed,
-    command,
     note,
     output_option,
     page_option,
 )
-from aacmm_pin.cli.measuring_options import MeasuredHow
+from aacmm_pin.cli.measuring_options import MeasuredHow, NoCrossValidation
 from aacmm_pin.cli.urdf import urdf_of
 from aacmm_pin.effects import stated_cause
 
@@ -46,12 +44,7 @@ def run(
         ),
     ] = "geometry",
     effect: EffectTexts = None,
-    no_cross_validation: Annotated[
-        bool,
-        typer.Option(
-            "--no-cross-validation", help="Do not compute residuals of held-out records (faster)."
-        ),
-    ] = False,
+    no_cross_validation: NoCrossValidation = False,
     seed: Seed = 1,
     output: Annotated[
         Path | None,
@@ -65,25 +58,18 @@ def run(
         Path | None,
         output_option("FILE.csv", "Write all records with their residuals (CSV)."),
     ] = None,
-    plot: Plot = None,
     report: Annotated[Path | None, page_option("a page with all results")] = None,
-    json_: Json = None,
-    force: Force = False,
+    *,
+    files: PlotAndJson,
 ) -> None:
-    """Estimate the parameters of an arm from measurements.
-
-    The command also reports the uncertainties of the parameters, and which parameters the data do
-    not determine.
+    """The command also reports the uncertainties of the parameters, and which parameters the data
+    do not determine.
     """
-    from aacmm_pin.report import (
-        calibration_document,
-        calibration_summary,
-        comment,
-        terminal,  # these load what draws
-    )
+    # These load what draws.
+    from aacmm_pin.report import calibration_document, calibration_summary, comment
 
     outputs = (output, urdf_out, residuals)
-    with Results(force, *outputs, page=report, plot=plot, json_=json_) as results:
+    with Results(files, *outputs, page=report) as results:
         model, path = arm.model_and_data()
         if output is not None:
             model.file()  # or refused before the work
@@ -98,14 +84,13 @@ def run(
             results.file(urdf_out).write_bytes(urdf_of(result.model))
         if residuals is not None:
             results.text(csv_text(result.residuals), residuals)
-        results.picture(result.plot, plot)
-        if report is not None:
-            results.document(calibration_document(result, summary, when), report)
-        results.json(summary, json_)
+        results.picture(result.plot)
+        results.document(calibration_document(result, summary, when), report)
+        results.json(summary)
         told = calibration_document(result)
-    terminal.show(told, json_ == "-")
-    found = {effect.label for effect in result.fit.effects}
-    if held := [effect.label for effect in model.effects if effect.label not in found]:
+    results.show(told)
+    estimated = {effect.label for effect in result.fit.effects}
+    if held := [effect.label for effect in model.effects if effect.label not in estimated]:
         note(
             f"calibrate did not change the causes of error of {model.arm.name} "
             f"({', '.join(held)}); to estimate them again, run aacmm-pin diagnose"

@@ -9,7 +9,8 @@ from typing import Annotated
 import pandas as pd
 import typer
 
-from aacmm_pin.cli.common import command, say
+from aacmm_pin.cli.command import command
+from aacmm_pin.cli.common import say
 from aacmm_pin.effects import (
     CAUSES,
     CONDITION_COLUMNS,
@@ -31,7 +32,6 @@ def run(
         str | None, typer.Argument(metavar="NAME", help="Cause to describe. Default: all causes.")
     ] = None,
 ) -> None:
-    """List the known causes of error, or describe one."""
     chosen = list(CAUSES.values()) if name is None else [cause_named(name)]
     terminal.show(Document("Causes", [Table(pd.DataFrame([_row(cause) for cause in chosen]))]))
     if name is not None:
@@ -41,15 +41,16 @@ def run(
 def _row(cause: type[Effect]) -> dict[str, str]:
     effect = example(cause)
     site, field = cause.location_field(), cause.nonlinear.field
-    inner = [f"{field}=…"] if field else []
-    row = {"cause": f"{cause.cause}{f':{site.upper()}' if site else ''} ({cause_in_words(cause)})"}
-    if effect is None:
-        return row | {"parameters": ", ".join(inner), "typical magnitude": "", "needs": ""}
-    keys = list(effect.file_values())
-    shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
-    needs = ", ".join(CONDITION_COLUMNS[condition] for condition in effect.needs)
-    return row | {
-        "parameters": ", ".join([*inner, *shown]),
-        "typical magnitude": typical_magnitude_in_words(effect),
+    parameters = [f"{field}=…"] if field else []
+    magnitude, needs = "", ""
+    if effect is not None:
+        keys = list(effect.file_values())
+        parameters += keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
+        magnitude = typical_magnitude_in_words(effect)
+        needs = ", ".join(CONDITION_COLUMNS[condition] for condition in effect.needs)
+    return {
+        "cause": f"{cause.cause}{f':{site.upper()}' if site else ''} ({cause_in_words(cause)})",
+        "parameters": ", ".join(parameters),
+        "typical magnitude": magnitude,
         "needs": needs,
     }

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from aacmm_pin.cli.arm_options import ArmAndData
-from aacmm_pin.cli.common import Force, Json, Results, command
+from aacmm_pin.cli.command import command
+from aacmm_pin.cli.common import JsonFile, Results
 from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.diagnosis import check_measurements
-from aacmm_pin.report import check_document, check_summary, terminal
+from aacmm_pin.report import check_document, check_summary
 
 
 @command(
@@ -16,12 +17,10 @@ from aacmm_pin.report import check_document, check_summary, terminal
 def run(
     arm: ArmAndData,
     how: MeasuredHow,
-    json_: Json = None,
-    force: Force = False,
+    files: JsonFile,
 ) -> None:
-    """Check that a measurement file fits an arm, and list the columns that the file lacks."""
-    with Results(force, json_=json_) as results:
+    with Results(files) as results:
         model, path = arm.model_and_data()
-        found = check_measurements(model, arm.records(model, path), **how.keywords())
-        results.json(check_summary(found), json_)
-    terminal.show(check_document(found), json_ == "-")
+        result = check_measurements(model, arm.records(model, path), **how.keywords())
+        results.json(check_summary(result))
+    results.show(check_document(result))

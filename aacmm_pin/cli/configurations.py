@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import AnyArm
-from aacmm_pin.cli.common import CsvOutput, Force, Results, command, status
+from aacmm_pin.cli.command import command
+from aacmm_pin.cli.common import CsvOutput, Replacing, Results, status
 from aacmm_pin.cli.pose_options import Orientation, Point, note_wrist
 
 
@@ -17,10 +18,10 @@ def run(
     arm: AnyArm,
     orientation: Orientation,
     output: CsvOutput = None,
-    force: Force = False,
+    *,
+    files: Replacing,
 ) -> None:
-    """List the postures that reach a point (CSV)."""
-    with Results(force, output) as results:
+    with Results(files, output) as results:
         circle = orientation.postures(arm.model().arm, point)
         note_wrist(circle)
         status(circle)

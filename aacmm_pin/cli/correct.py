@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import typer
 
 from aacmm_pin._support.checks import Array, Index, Mask
@@ -16,7 +17,8 @@ from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, expanded
 from aacmm_pin.arm import Arm, outside_limits
 from aacmm_pin.calibration import compare, rms
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
-from aacmm_pin.cli.common import CsvOutput, Force, Results, command, note, status, warn
+from aacmm_pin.cli.command import command
+from aacmm_pin.cli.common import CsvOutput, Replacing, Results, note, status, warn
 from aacmm_pin.effects import Conditions, ErrorModel, joint_commands, known_range_in_words
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
 from aacmm_pin.measurements import (
@@ -32,9 +34,6 @@ from aacmm_pin.measurements import (
     read_table,
 )
 from aacmm_pin.report import comparison_in_words, comparison_warning
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
 """The columns that ``correct`` adds; behind them :data:`CORRECTED_ORIENTATION`, where orientations
@@ -92,12 +91,13 @@ def run(
         ),
     ] = False,
     output: CsvOutput = None,
-    force: Force = False,
+    *,
+    files: Replacing,
 ) -> None:
-    """Compute tip coordinates and their uncertainty from readings (CSV)."""
-    with Results(force, output) as results:
+    with Results(files, output) as results:
         model, path = arm.model_and_data()
         before = _nominal(nominal, model)
+        controller = before if commands else None
         if commands and before is None:
             raise typer.BadParameter(
                 "--commands requires --nominal, the arm that the robot controller uses"
@@ -107,15 +107,14 @@ def run(
         if arm.references is not None:
             raise typer.BadParameter("--references cannot be used with correct; omit this option")
         table, _, read_as, dialect = read_table(path)
-        unit = "rad" if "theta1_rad" in table else "deg"
-        is_oriented = any(form[0] in table for form in ORIENTATIONS)
-        of_tips = CORRECTED + CORRECTED_ORIENTATION * (orientation or is_oriented)
-        of_commands = (
-            *(f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)),
-            "u_mm",
-            "u_aligned_mm",
-        )
-        names = list(of_commands if commands else of_tips)
+        unit, factor = ("rad", 1.0) if "theta1_rad" in table else ("deg", DEG)
+        if controller is not None:
+            sent = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)]
+            names = [*sent, "u_mm", "u_aligned_mm"]
+        elif orientation or any(form[0] in table for form in ORIENTATIONS):
+            names = [*CORRECTED, *CORRECTED_ORIENTATION]
+        else:
+            names = [*CORRECTED]
         for name in table.columns.intersection(names):
             raise MeasurementFileError(
                 path,
@@ -133,35 +132,30 @@ def run(
             *model.input_warnings(readings.q, readings.conditions),
         ):
             note(line)
-        rows = _known_rows(model, readings, path)
-        known = readings.take(rows)
-        found = np.full((readings.n, len(names)), np.nan)
+        rows = _rows_in_range(model, readings)
+        inside = readings.take(rows)
         try:
-            if commands and before is not None:
-                sent = _commands(model, before, known, path)
-                u = _u_of_commands(model, sent, known, noise.encoder_noise, path)
-                in_unit = model.arm.readings(sent) / (DEG if unit == "deg" else 1.0)
-                found[rows] = np.column_stack([in_unit, u / MM])
+            if controller is not None:
+                q = _commands(model, controller, inside)
+                u = _u_of_commands(model, q, inside, noise.encoder_noise)
+                values = [model.arm.readings(q) / factor, u / MM]
             else:
-                state = model.state(known.q, known.conditions)
-                accuracy = _accuracy(model, known.q, known.conditions, noise.encoder_noise)
-                u = np.full(known.n, np.nan) if accuracy is None else accuracy.u
-                of_known = np.column_stack(
-                    [state.position / MM, u / MM, quaternions(state.rotation[-1])]
-                )
-                found[rows] = of_known[:, : len(names)]
+                state = model.state(inside.q, inside.conditions)
+                accuracy = _accuracy(model, inside.q, inside.conditions, noise.encoder_noise)
+                u = np.full(inside.n, np.nan) if accuracy is None else accuracy.u
+                values = [state.position / MM, u / MM, quaternions(state.rotation[-1])]
                 u_tips = math.nan if accuracy is None else rms(u)
                 _note_comparisons(model, before, table, rows, state.position, u_tips, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
-        columns = {
-            name: _as_filed(name, values) for name, values in zip(names, found.T, strict=True)
-        }
-        results.text(dialect.text(table.assign(**columns)), output)
+        computed = pd.DataFrame(np.column_stack(values)[:, : len(names)], rows, names)
+        decimals = {name: DECIMALS_OF_UNIT.get(name.rpartition("_")[2], 9) for name in names}
+        columns = computed.round(decimals).reindex(range(readings.n))
+        results.text(dialect.text(pd.concat([table, columns], axis=1)), output)
     effects = ", ".join(effect.label for effect in model.effects)
-    done = np.isfinite(found[:, 0]).sum()
     status(
-        f"{path}: computed the tip for {done} of {readings.n} records with {model.arm.name}"
+        f"{path}: computed the tip for {computed.iloc[:, 0].count()} of {readings.n} records with "
+        f"{model.arm.name}"
         + (f" and the causes of error {effects}" if effects else ", which has no causes of error")
     )
 
@@ -175,10 +169,10 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
     if name is None:
         return None if model.arm.nominal is None else ErrorModel(model.arm.uncorrected)
     try:
-        of_urdf = name.lower().endswith(".urdf")
-        before = (
-            ErrorModel(Arm.from_urdf(name, model.arm.tip)) if of_urdf else ErrorModel.load(name)
-        )
+        if name.lower().endswith(".urdf"):
+            before = ErrorModel(Arm.from_urdf(name, model.arm.tip))
+        else:
+            before = ErrorModel.load(name)
     except UnknownNameError as error:
         raise AacmmError(f"--nominal {name}: {error}") from None
     if before.arm.nq != model.arm.nq:
@@ -189,17 +183,17 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
     return before
 
 
-def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path: str) -> Array:
+def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> Array:
     """Commands (n, nq) [rad]; nan where the tip does not arrive, which is listed.
 
     Raises:
         AacmmError: it never does.
     """
-    commands, arrived = joint_commands(model, nominal, known.q, known.conditions)
-    _warn_of_large_changes(model, commands - known.q, known, arrived, path)
-    if np.array_equal(commands, known.q):
+    commands, arrived = joint_commands(model, nominal, records.q, records.conditions)
+    _warn_of_large_changes(model, commands - records.q, records, arrived)
+    if np.array_equal(commands, records.q):
         note(
-            f"correct changed no command, because {model.arm.name} and the nominal arm have the "
+            f"correct changed no because {model.arm.name} and the nominal arm have the "
             "same tip positions"
         )
     refused = {
@@ -210,8 +204,8 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     }
     for reason, rows in refused.items():
         if rows.any():
-            listed = rows_in_words(known.row[rows])
-            warn(f"{path}: {listed}: correct left the commands empty, because {reason}")
+            listed = rows_in_words(records.row[rows])
+            warn(f"{records.source}: {listed}: correct left the commands empty, because {reason}")
         commands[rows] = np.nan
     if len(commands) and np.isnan(commands).all():
         raise AacmmError(
@@ -222,7 +216,7 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
 
 
 def _warn_of_large_changes(
-    model: ErrorModel, change: Array, known: Measurements, arrived: Mask, path: str
+    model: ErrorModel, change: Array, records: Measurements, arrived: Mask
 ) -> None:
     """Warn of joints whose commands change (n, nq) [rad] by much in most rows, and of rows near
     a singular posture.
@@ -233,16 +227,16 @@ def _warn_of_large_changes(
     common = np.median(change, axis=0)
     for j in np.flatnonzero(np.abs(common) > LARGE_CHANGE):
         warn(
-            f"{path}: the commands of joint {j + 1} change by {common[j] / DEG:.1f}° (median). "
-            "Check that --nominal is the same arm, and that the calibration determined the zero "
-            "of this joint"
+            f"{records.source}: the commands of joint {j + 1} change by {common[j] / DEG:.1f}° "
+            "(median). Check that --nominal is the same arm, and that the calibration determined "
+            "the zero of this joint"
         )
     turn = np.abs(change - common).max(axis=1)
     singular = turn > LARGE_CHANGE
     if singular.any():
-        rows = rows_in_words(known.row[arrived][singular])
+        rows = rows_in_words(records.row[arrived][singular])
         warn(
-            f"{path}: {rows}: a command near a singular posture changes by up to "
+            f"{records.source}: {rows}: a command near a singular posture changes by up to "
             f"{turn.max() / DEG:.1f}°; check the motion before you send the command"
         )
 
@@ -294,61 +288,56 @@ def _note_comparisons(
             warn(warning)
 
 
-def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
+def _rows_in_range(model: ErrorModel, readings: Measurements) -> Index:
     """The readings that can be corrected; the others, outside the range of an error of a joint, are
     listed on stderr.
 
     Raises:
         AacmmError: none can be.
     """
-    known = model.known_at(readings.q)
-    for effect, inside in zip(model.effects, known.T, strict=True):
+    in_range = model.known_at(readings.q)
+    for effect, inside in zip(model.effects, in_range.T, strict=True):
         if not inside.all():
-            place = f"{path}: {rows_in_words(readings.row[~inside])}"
+            place = f"{readings.source}: {rows_in_words(readings.row[~inside])}"
             where = f"{effect.label}{known_range_in_words(effect)}"
             warn(
                 f"{place}: correct left the results empty, because the angles are outside the "
                 f"range of {where}"
             )
-    rows = np.flatnonzero(known.all(axis=1))
+    rows = np.flatnonzero(in_range.all(axis=1))
     if readings.n and not rows.size:
         raise AacmmError(
-            f"{path}: all readings are outside the range of the causes of error of "
+            f"{readings.source}: all readings are outside the range of the causes of error of "
             f"{model.arm.name}; expected one or more readings inside"
         )
     return rows
 
 
-def _as_filed(name: str, values: Array) -> Array:
-    """A column with as many :data:`DECIMALS_OF_UNIT` as its unit has."""
-    unit = name.rpartition("_")[2]
-    return np.asarray(np.round(values, DECIMALS_OF_UNIT.get(unit, 9)))
-
-
 def _u_of_commands(
-    model: ErrorModel, commands: Array, known: Measurements, encoder_noise: float | None, path: str
+    model: ErrorModel,
+    commands: Array,
+    records: Measurements,
+    encoder_noise: float | None,
 ) -> Array:
     """Standard uncertainty of the tip at commands (n, nq) [rad], with respect to the base and after
     an alignment of the base: (n, 2) [m]; nan where none is stated, or a command is nan.
     """
     u = np.full((len(commands), 2), np.nan)
-    there = np.flatnonzero(np.isfinite(commands).all(axis=1))
-    accuracy = _accuracy(model, commands[there], known.conditions.take(there), encoder_noise)
-    if accuracy is not None and len(there):
-        u[there, 0] = accuracy.u
-        frame = (
-            "a base frame without uncertainty" if _base_is_exact(model.arm) else "the base frame"
-        )
-        status(f"{path}: position of the tip in {frame}: {expanded(accuracy.u)}")
-        if len(there) < FEWEST_ALIGNED:
-            note(f"u_aligned_mm is empty, because it needs {FEWEST_ALIGNED} commands or more")
-            return u
-        u[there, 1] = accuracy.u_aligned
-        aligned = expanded(accuracy.u_aligned)
-        status(
-            f"{path}: position of the tip after an alignment of the base to these commands: "
-            f"{aligned}"
-        )
+    sent = np.flatnonzero(np.isfinite(commands).all(axis=1))
+    accuracy = _accuracy(model, commands[sent], records.conditions.take(sent), encoder_noise)
+    if accuracy is None or not len(sent):
+        return u
+    u[sent, 0] = accuracy.u
+    frame = "a base frame without uncertainty" if _base_is_exact(model.arm) else "the base frame"
+    status(f"{records.source}: position of the tip in {frame}: {expanded(accuracy.u)}")
+    if len(sent) < FEWEST_ALIGNED:
+        note(f"u_aligned_mm is empty, because it needs {FEWEST_ALIGNED} commands or more")
+        return u
+    u[sent, 1] = accuracy.u_aligned
+    status(
+        f"{records.source}: position of the tip after an alignment of the base to these commands: "
+        f"{expanded(accuracy.u_aligned)}"
+    )
     return u
 
 
@@ -367,17 +356,17 @@ def _accuracy(
             "u_mm contains only the uncertainties of the parameters; to add the noise of readings, "
             "use --encoder-noise"
         )
-    found = accuracy_volume(
+    accuracy = accuracy_volume(
         model, q, conditions=conditions, method="ellipsoid", encoder_noise=encoder_noise
     )
-    for caveat in found.sources.caveats:
+    for caveat in accuracy.sources.caveats:
         note(caveat)
     if _base_is_exact(model.arm):
         note(
             "u_mm does not include the uncertainty of the base, because the arm file states no "
             "half-widths; with --commands, use u_aligned_mm"
         )
-    return found
+    return accuracy
 
 
 def _base_is_exact(arm: Arm) -> bool:

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from aacmm_pin.cli.common import Force, command, say
+from aacmm_pin.cli.command import command
+from aacmm_pin.cli.common import Force, say
 
 
 @command(
@@ -27,7 +28,6 @@ def run(
     ),
     force: Force = False,
 ) -> None:
-    """Run a demonstration with bundled data, and write one HTML page."""
     from aacmm_pin.report import (
         run_demo,  # here and below: what draws is loaded only where it is drawn
     )

@@ -10,12 +10,11 @@ import numpy as np
 import typer
 
 from aacmm_pin.cli.arm_options import ArmAndData
+from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
-    Force,
-    Json,
+    JsonFile,
     Results,
     Seed,
-    command,
     output_option,
     page_option,
     warn,
@@ -47,27 +46,22 @@ def run(
     arm_out: Annotated[
         Path | None, output_option("FILE.toml", "Write the arm file of the extended arm.")
     ] = None,
-    json_: Json = None,
-    force: Force = False,
+    *,
+    files: JsonFile,
 ) -> None:
-    """Find causes of error that the model of an arm lacks."""
-    from aacmm_pin.report import (
-        diagnosis_document,
-        terminal,  # these load what draws
-    )
+    from aacmm_pin.report import diagnosis_document  # loads what draws
 
-    with Results(force, arm_out, page=output, json_=json_) as results:
+    with Results(files, arm_out, page=output) as results:
         if with_discrepancy and arm_out is None:
             raise AacmmError("--with-discrepancy requires --arm-out")
         model, path = arm.model_and_data()
         if arm_out is not None:
             model.file()  # or refused before the work
         records, rng = arm.records(model, path), np.random.default_rng(seed)
-        held_out = not no_cross_validation
         result = diagnose(
             model,
             records,
-            hold_out=held_out,
+            hold_out=not no_cross_validation,
             with_discrepancy=with_discrepancy,
             rng=rng,
             **how.keywords(),
@@ -95,7 +89,6 @@ def run(
             )
         summary = result.summary() | {"source": path, "seed": seed}
         document = diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")
-        if output is not None:
-            results.document(document, output)
-        results.json(summary, json_)
-    terminal.show(document, json_ == "-")
+        results.document(document, output)
+        results.json(summary)
+    results.show(document)

@@ -10,7 +10,8 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.arm import EXAMPLE_ROBOTS
 from aacmm_pin.cli.arm_options import AnyArm, ApproachFromOrder, UrdfArm
-from aacmm_pin.cli.common import Force, Json, Results, Seed, WorkerCount, command, output_option
+from aacmm_pin.cli.command import command
+from aacmm_pin.cli.common import JsonFile, Results, Seed, WorkerCount, output_option
 from aacmm_pin.cli.measuring_options import MeasuredHow, NoCrossValidation
 from aacmm_pin.diagnosis import diagnose_files
 from aacmm_pin.effects import GivenModel
@@ -43,23 +44,20 @@ def run(
         Path | None,
         output_option("FILE.csv", "Write a table with one row for each file (CSV).", "--csv", "-o"),
     ] = None,
-    json_: Json = None,
-    force: Force = False,
+    *,
+    options: JsonFile,
 ) -> None:
-    """Diagnose many measurement files, and write one table.
-
-    If the command cannot use a file, the table states the error in the row of this file, and the
+    """If the command cannot use a file, the table states the error in the row of this file, and the
     exit status is 1.
     """
     from aacmm_pin.report import (  # these load what draws
         diagnoses_document,
         diagnoses_summary,
-        terminal,
         with_cause_texts,
     )
 
     pairs = _pairs(files, robot)
-    with Results(force, output, json_=json_, inputs=files) as results:
+    with Results(options, output, inputs=files) as results:
         table = diagnose_files(
             pairs,
             approach_from_order=approach_from_order,
@@ -70,8 +68,8 @@ def run(
         )
         if output is not None:
             results.text(csv_text(with_cause_texts(table)), output)
-        results.json(diagnoses_summary(table) | {"seed": seed}, json_)
-    terminal.show(diagnoses_document(table), json_ == "-")
+        results.json(diagnoses_summary(table) | {"seed": seed})
+    results.show(diagnoses_document(table))
     unused = int((table["error"] != "").sum())
     if unused:
         raise AacmmError(

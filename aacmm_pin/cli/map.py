@@ -4,28 +4,24 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-import numpy as np
 import typer
 
 from aacmm_pin._support.plausible import COORDINATE
-from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy import Quantity, map_caveats, map_workspace
 from aacmm_pin.cli.arm_options import AnyArm, restrict_to_known_range
+from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
-    Force,
-    Json,
     Output,
-    Plot,
+    PlotAndJson,
     Results,
     Sectors,
     WorkerCount,
-    command,
     length_option,
     note,
 )
 from aacmm_pin.cli.pose_options import Triple
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report import map_document, map_summary, terminal
+from aacmm_pin.report import map_document, map_summary
 
 
 @command(
@@ -38,9 +34,10 @@ def run(
         tuple[int, int], typer.Option(metavar="NX NZ", help="Number of cells along x and z.")
     ] = (48, 48),
     sectors: Sectors = 12,
-    extent_mm: Annotated[
+    extent: Annotated[
         tuple[float, float, float, float] | None,
         length_option(
+            "--extent-mm",
             "Compute this part of the half-plane y = 0, in mm. Default: the reach of the arm.",
             COORDINATE,
             metavar="X0 X1 Z0 Z1",
@@ -60,21 +57,18 @@ def run(
     ] = "zonotope",
     workers: WorkerCount = 1,
     output: Output = None,
-    plot: Plot = None,
     quantity: Annotated[
         Quantity | None,
         typer.Option(help="With --plot: draw this quantity. Default: comprehensive_mm3."),
     ] = None,
-    json_: Json = None,
-    force: Force = False,
+    *,
+    files: PlotAndJson,
 ) -> None:
-    """Compute flexibility and accuracy in each cell of the workspace (netCDF)."""
-    if quantity is not None and plot is None:
+    if quantity is not None and files.plot is None:
         raise typer.BadParameter("--quantity requires --plot")
-    with Results(force, output, plot=plot, json_=json_) as results:
+    with Results(files, output) as results:
         model = restrict_to_known_range(arm.model())
         model.arm.require_dh("a map of the workspace", revolute=True)
-        extent = None if extent_mm is None else np.array(extent_mm) * MM
         for caveat in map_caveats(model.arm, extent, axis):
             note(caveat)
         result = map_workspace(
@@ -87,6 +81,6 @@ def run(
             raise AacmmError(f"{result}; {hint}")
         if output is not None:
             result.save(results.file(output))
-        results.picture(lambda: result.plot(quantity or "comprehensive_mm3").figure, plot)
-        results.json(map_summary(result), json_)
-    terminal.show(map_document(result), json_ == "-")
+        results.picture(lambda: result.plot(quantity or "comprehensive_mm3").figure)
+        results.json(map_summary(result))
+    results.show(map_document(result))

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
 import typer
 
 from aacmm_pin._support.plausible import LENGTH_NOISE
 from aacmm_pin.calibration import ReferenceFrame, Target
-from aacmm_pin.cli.arm_options import ContactNoise, in_metres
-from aacmm_pin.cli.common import (
-    NOISE,
-    length_option,
-)
+from aacmm_pin.cli.arm_options import ContactNoise
+from aacmm_pin.cli.common import length_option
 
 FrameOfReferences = Annotated[
     ReferenceFrame,
@@ -44,9 +41,9 @@ NoCrossValidation = Annotated[
 class MeasuredHow(ContactNoise):
     """How records were, or will be, measured, and what is known of the arm beforehand."""
 
-    u_bar_mm: Annotated[
+    length_noise: Annotated[
         float | None,
-        length_option("Standard uncertainty of the length of a bar.", LENGTH_NOISE, NOISE),
+        length_option("--u-bar-mm", "Standard uncertainty of the length of a bar.", LENGTH_NOISE),
     ] = None
     reference_frame: FrameOfReferences = "base"
     target: TargetOfReferences = "tip"
@@ -56,8 +53,6 @@ class MeasuredHow(ContactNoise):
 
     def keywords(self) -> dict[str, Any]:
         """As ``calibrate``, ``diagnose`` and ``plan_measurements`` take them."""
-        noises = {"reference": self.u_reference_mm, "probe": self.probe_noise_mm}
-        noises["length"] = self.u_bar_mm
-        keywords: dict[str, Any] = {f"{of}_noise": in_metres(mm) for of, mm in noises.items()}
-        keywords |= {"encoder_noise": self.encoder_noise, "prior": not self.no_prior}
-        return keywords | {"reference_frame": self.reference_frame, "target": self.target}
+        keywords = asdict(self)
+        keywords["prior"] = not keywords.pop("no_prior")
+        return keywords

@@ -33,20 +33,17 @@ def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
     Raises:
         AacmmError: one cannot be imported.
     """
-    loaders: dict[str, Callable[[], Any]] = {}
-    for name in names:
-        loaders[f"--plugin {name}"] = partial(import_plugin, name)
-    for point in points:
-        loaders[f"entry point {point.name}"] = point.load
     before = set(sys.modules)
-    for origin, load in loaders.items():
-        _load(origin, load)
+    for name in names:
+        _load(f"--plugin {name}", partial(import_plugin, name))
+    for point in points:
+        _load(f"entry point {point.name}", point.load)
     files = [getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - before]
     return (*names, *filter(None, files))
 
 
 def _load(origin: str, load: Callable[[], Any]) -> None:
-    known = dict(CAUSES)
+    registered = dict(CAUSES)
     try:
         with redirect_stdout(sys.stderr):  # what a module prints is no result
             load()
@@ -57,7 +54,7 @@ def _load(origin: str, load: Callable[[], Any]) -> None:
     except BaseException as error:
         file = os.path.abspath(origin.removeprefix("--plugin "))
         raise AacmmError(f"{origin}: {raised(error, file)}") from None
-    if known == CAUSES:
+    if registered == CAUSES:
         note(f"{origin} registers no cause; call aacmm_pin.effects.register in this module")
 
 
@@ -92,14 +89,15 @@ def plugin_error(error: BaseException) -> str | None:
 
     Where no line of a plugin is in the traceback, what a class states of itself may be wrong.
     """
-    own = {cause.cause: cause.__module__ for cause in CAUSES.values()}
-    own = {name: module for name, module in own.items() if not module.startswith("aacmm_pin.")}
-    frames = traceback.extract_tb(error.__traceback__)
-    files = [frame.filename for frame in frames]
-    for name, module in own.items():
-        file = getattr(sys.modules.get(module), "__file__", None)
+    plugins = {
+        cause.cause: getattr(sys.modules.get(cause.__module__), "__file__", None)
+        for cause in CAUSES.values()
+        if not cause.__module__.startswith("aacmm_pin.")
+    }
+    files = [frame.filename for frame in traceback.extract_tb(error.__traceback__)]
+    for name, file in plugins.items():
         if file in files:
             return f"{name}: {raised(error, file)}"
-    if not own or not isinstance(error, Exception):
+    if not plugins or not isinstance(error, Exception):
         return None
-    return f"{', '.join(own)}, or code that uses this cause: {raised(error, files[-1])}"
+    return f"{', '.join(plugins)}, or code that uses this cause: {raised(error, files[-1])}"

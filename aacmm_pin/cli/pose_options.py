@@ -26,11 +26,11 @@ from aacmm_pin.postures import (
 
 Triple = tuple[float, float, float]
 Point = Annotated[
-    Triple, length_option("Point in the base frame, in mm.", COORDINATE, metavar="X Y Z")
+    Triple, length_option("--point", "Point in the base frame, in mm.", COORDINATE, metavar="X Y Z")
 ]
 
-IN_METRES = 20.0
-"""Coordinates up to here, in mm, may be those of a point in metres: no arm reaches farther."""
+IN_METRES = 20.0 * MM
+"""Coordinates up to here [m] may be those of a point in metres: no arm reaches farther."""
 METRES = "the point would be in reach if its numbers were in metres; expected mm"
 
 
@@ -82,7 +82,7 @@ class Orientation:
         return self.axis is not None or self.rpy_deg is not None
 
     def postures(self, arm: Arm, point: Triple) -> PosturesAtPoint:
-        """Every posture at ``point`` [mm]; what is to be known besides goes to stderr.
+        """Every posture at ``point`` [m]; what is to be known besides goes to stderr.
 
         Raises:
             AacmmError: there is none, or the arm cannot be asked that.
@@ -96,18 +96,15 @@ class Orientation:
             raise typer.BadParameter("--axis cannot be combined with --rpy-deg")
         if has_table and self.tip and not self.oriented:
             raise typer.BadParameter("--tip requires --axis or --rpy-deg")
-        found = self._enumerated(arm, np.array(point) * MM)
-        near = float(np.linalg.norm(point)) < IN_METRES and not found.within_limits.any()
-        told = (
-            f"; {METRES}"
-            if near and self._enumerated(arm, np.array(point)).within_limits.any()
-            else ""
-        )
-        if found.reason:
-            raise AacmmError(f"{found}{told}")
-        for line in (*found.notes, *([METRES] * bool(told))):
+        result, notes = self._enumerated(arm, np.array(point)), []
+        if not result.within_limits.any() and np.linalg.norm(point) < IN_METRES:
+            in_metres = self._enumerated(arm, np.array(point) / MM)
+            notes = [METRES] * bool(in_metres.within_limits.any())
+        if result.reason:
+            raise AacmmError("; ".join([str(result), *notes]))
+        for line in (*result.notes, *notes):
             note(line)
-        return found
+        return result
 
     def _enumerated(self, arm: Arm, where: Array) -> PosturesAtPoint:
         """The postures at a point (3,) [m]; none, with the reason, where nothing reaches it."""
@@ -126,9 +123,9 @@ class Orientation:
         )
 
 
-def note_wrist(found: PosturesAtPoint) -> None:
+def note_wrist(postures: PosturesAtPoint) -> None:
     """Say that the wrist is at the point, if it is."""
-    if found.at == WRIST:
+    if postures.at == WRIST:
         note(
             "the wrist (frame5) is at the point; to place the tip at the point, state the "
             "direction of the stylus with --axis X Y Z"

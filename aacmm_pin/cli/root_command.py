@@ -4,9 +4,9 @@ runs is imported.
 
 from __future__ import annotations
 
-import ast
 import errno
 import importlib
+import inspect
 import io
 import logging
 import os
@@ -15,55 +15,77 @@ import signal
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import ExitStack, contextmanager, suppress
+from types import FrameType
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 from aacmm_pin._support.text_escaping import print_error, results_alone_on_stdout, say, warn
-from aacmm_pin.cli.common import ARM, NOISE, OUTPUT, Results
-from aacmm_pin.cli.signals import RECEIVED, stopping_signals
+from aacmm_pin.cli.common import Results
 from aacmm_pin.errors import AacmmError
 
-COMMANDS = (
-    "accept",
-    "accuracy",
-    "calibrate",
-    "causes",
-    "check",
-    "configurations",
-    "correct",
-    "demo",
-    "diagnose",
-    "diagnose-files",
-    "map",
-    "plan acceptance",
-    "plan calibration",
-    "plan distinguish",
-    "show",
-    "simulate",
-    "urdf",
-)
-"""Each is a module beside this one, and its function ``run``."""
-COMMAND_GROUPS = {"plan": "Plan measurements for a calibration, an acceptance test or a diagnosis."}
-"""First words that several commands share, and the line of each in the list."""
+COMMANDS = {
+    "accept": "Evaluate an acceptance test (ISO 10360-12, ASME B89.4.22).",
+    "accuracy": "Predict the uncertainty of a position in each posture, or of a length.",
+    "calibrate": "Estimate the parameters of an arm from measurements.",
+    "causes": "List the known causes of error, or describe one.",
+    "check": "Check that a measurement file fits an arm, and list the columns that the file lacks.",
+    "configurations": "List the postures that reach a point (CSV).",
+    "correct": "Compute tip coordinates and their uncertainty from readings (CSV).",
+    "demo": "Run a demonstration with bundled data, and write one HTML page.",
+    "diagnose": "Find causes of error that the model of an arm lacks.",
+    "diagnose-files": "Diagnose many measurement files, and write one table.",
+    "map": "Compute flexibility and accuracy in each cell of the workspace (netCDF).",
+    "plan": "Plan measurements for a calibration, an acceptance test or a diagnosis.",
+    "plan acceptance": "Plan the probed points of an acceptance test (CSV to fill in).",
+    "plan calibration": "Plan records that determine the geometry of the arm (CSV to fill in).",
+    "plan distinguish": "Plan records that distinguish causes of error (CSV to fill in).",
+    "show": "Show the arm in 3D in all postures that reach a point, or in one posture.",
+    "simulate": "Simulate measurements of an arm with known errors (CSV).",
+    "urdf": "Write the URDF of an arm, or the DH table of a URDF.",
+}
+"""What each does. Its module beside this one has the function ``run``, whose docstring adds
+paragraphs; the first word of several commands is a group without a module.
+"""
 HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 USAGE_ERROR: Any = typer.BadParameter.__base__
 """Of click, which versions of typer have in different places."""
 INTERRUPTED = "interrupted; each output file is complete or unchanged"
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+RECEIVED: list[int] = []
+"""Signals of this command: compiled code that is being loaded makes other errors of the exception.
+"""
 
 
 class _Subcommand(TyperCommand):
     """One that may write files: signals let it take away what is half-written."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the options; a number that is none is quoted."""
+        """Read the options."""
+        with self._options_named():
+            return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Do what was asked."""
+        with _stopping_signals(), results_alone_on_stdout(), self._options_named():
+            return super().invoke(ctx)
+
+    @contextmanager
+    def _options_named(self) -> Iterator[None]:
+        """Messages of Python arguments become those of the options; a number that is none is
+        quoted.
+        """
         try:
-            with self._options_named():
-                return super().parse_args(ctx, args)
+            yield
+        except AacmmError as error:
+            options = {str(option.name): option.opts[0] for option in self.params}
+            error.args = (_of_option(str(error), options),)
+            raise
         except typer.BadParameter as error:
+            if error.param is None:
+                raise USAGE_ERROR(error.message, error.ctx) from None
             from aacmm_pin._support.plausible import expected_words  # the list needs none
 
             for problem in getattr(error.__cause__, "errors", list)():
@@ -72,41 +94,6 @@ class _Subcommand(TyperCommand):
             error.message = error.message.removeprefix("Value error, ")
             raise
 
-    def invoke(self, ctx: Any) -> Any:
-        """Do what was asked."""
-        with stopping_signals(), results_alone_on_stdout(), self._options_named():
-            return super().invoke(ctx)
-
-    @contextmanager
-    def _options_named(self) -> Iterator[None]:
-        """Messages of Python arguments become those of the options."""
-        options = {str(each.name).removesuffix("_mm"): each.opts[0] for each in self.params}
-        try:
-            yield
-        except AacmmError as error:
-            error.args = (_of_option(str(error), options),)
-            raise
-        except typer.BadParameter as error:
-            if error.param is not None:
-                raise
-            raise USAGE_ERROR(error.message, error.ctx) from None
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Arguments first, then options by their headings."""
-        sections: dict[str, list[Any]] = {
-            heading: [] for heading in ("Arguments", "Options", ARM, NOISE, OUTPUT)
-        }
-        for parameter in self.get_params(ctx):
-            usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
-            heading = getattr(parameter, "rich_help_panel", None) or usual
-            line = parameter.get_help_record(ctx)
-            if line is not None:
-                sections.setdefault(heading, []).append(line)
-        for heading, lines in sections.items():
-            if lines:
-                with formatter.section(heading):
-                    formatter.write_dl(lines)
-
 
 class _Commands(TyperGroup):
     """Commands whose names begin alike; of them the one that runs is imported."""
@@ -114,40 +101,41 @@ class _Commands(TyperGroup):
     def __init__(self, beginning: str = "", **named: Any) -> None:
         super().__init__(**named)
         self._beginning = beginning
-        names = [name for name in COMMANDS if name.startswith(beginning)]
-        words = dict.fromkeys(name.removeprefix(beginning).split()[0] for name in names)
-        self.commands = {word: TyperCommand(word) for word in words}
+        for name, sentence in COMMANDS.items():
+            word = name.removeprefix(beginning)
+            if name.startswith(beginning) and " " not in word:
+                self.commands[word] = TyperCommand(word, short_help=sentence)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The command with its options; its module is imported."""
         name = self._beginning + cmd_name
-        if name in COMMAND_GROUPS:
+        if any(command.startswith(f"{name} ") for command in COMMANDS):
             return _Commands(
                 f"{name} ",
                 name=cmd_name,
-                help=COMMAND_GROUPS[name],
+                help=COMMANDS[name],
                 no_args_is_help=True,
                 context_settings=HELP_NAMES,
                 rich_markup_mode=None,
             )
         if name not in COMMANDS:
             return None
+        run = importlib.import_module(f"aacmm_pin.cli.{re.sub('[ -]', '_', name)}").run
         alone = typer.Typer(
             add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
         )
-        run = importlib.import_module(f"aacmm_pin.cli.{_module(name)}").run
-        lines = ["\b", "Examples:", *(f"  {line}" for line in run.examples)]
-        alone.command(cmd_name, cls=_Subcommand, epilog="\n".join(lines))(run)
+        alone.command(
+            cmd_name,
+            cls=_Subcommand,
+            help=f"{COMMANDS[name]}\n\n{inspect.getdoc(run) or ''}",
+            epilog="\n".join(["\b", "Examples:", *(f"  {line}" for line in run.examples)]),
+        )(run)
         return typer.main.get_command(alone)
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
         """The list of commands, of which none is imported."""
-        sentences = {word: _sentence(self._beginning + word) for word in self.commands}
-        listed = [TyperCommand(word, short_help=text) for word, text in sentences.items()]
-        group = TyperGroup(
-            commands=listed, params=self.params, help=self.help, rich_markup_mode=None
-        )
-        group.format_help(ctx, formatter)
+        with formatter.section("Commands"):
+            formatter.write_dl([(word, self.commands[word].short_help) for word in self.commands])
 
 
 class Shell(_Commands):
@@ -166,29 +154,28 @@ class Shell(_Commands):
             finally:
                 sys.stdout.flush()
 
-    def make_context(self, *args: Any, **named: Any) -> Any:
-        """See :meth:`main`; typer would answer some errors before they come there."""
-        with _errors_as_messages():
-            return super().make_context(*args, **named)
-
     def invoke(self, ctx: Any) -> Any:
-        """See :meth:`make_context`."""
+        """See :meth:`main`; typer would answer some errors before they come there."""
         with _errors_as_messages():
             return super().invoke(ctx)
 
 
-def _module(name: str) -> str:
-    return name.replace(" ", "_").replace("-", "_")
+@contextmanager
+def _stopping_signals() -> Iterator[None]:
+    """Interrupt the command by each signal of :data:`STOPPING` that is not ignored."""
+    RECEIVED.clear()
+    with ExitStack() as restored:
+        for number in STOPPING:
+            before = signal.getsignal(number)
+            if before != signal.SIG_IGN:
+                signal.signal(number, _stop)
+                restored.callback(signal.signal, number, before)
+        yield
 
 
-def _sentence(name: str) -> str:
-    """What a command does, by the first sentence of its docstring, read from its file."""
-    if name in COMMAND_GROUPS:
-        return COMMAND_GROUPS[name]
-    text = Path(__file__).with_name(f"{_module(name)}.py").read_text(encoding="utf-8")
-    functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
-    (run,) = (function for function in functions if function.name == "run")
-    return (ast.get_docstring(run) or "").partition("\n\n")[0]
+def _stop(number: int, frame: FrameType | None) -> None:
+    RECEIVED.append(number)
+    raise KeyboardInterrupt
 
 
 @contextmanager
@@ -212,6 +199,10 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
             return None
         case AacmmError():
             return 1, str(error)
+        case Exception() | KeyboardInterrupt() if RECEIVED:
+            return 128 + RECEIVED[0], INTERRUPTED
+        case KeyboardInterrupt():
+            return 128 + signal.SIGINT, INTERRUPTED
         case MemoryError():
             return 1, f"not enough memory: {error}".removesuffix(": ")
         case RecursionError():
@@ -223,10 +214,6 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
             return 128 + signal.SIGPIPE, ""
         case OSError():
             return 1, _of_the_system(error)
-        case KeyboardInterrupt():
-            return 128 + getattr(error, "number", signal.SIGINT), INTERRUPTED
-        case Exception() if RECEIVED:
-            return 128 + RECEIVED[0], INTERRUPTED
     if "aacmm_pin.cli.plugins" not in sys.modules:
         return None
     from aacmm_pin.cli.plugins import plugin_error

@@ -6,7 +6,7 @@ import webbrowser
 from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -17,12 +17,10 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
-from aacmm_pin.cli.common import Force, Output, Results, command, length_option, note, say, status
+from aacmm_pin.cli.command import command
+from aacmm_pin.cli.common import Output, Replacing, Results, length_option, note, say, status
 from aacmm_pin.cli.pose_options import Orientation, Triple, note_wrist
 from aacmm_pin.errors import AacmmError
-
-if TYPE_CHECKING:
-    from aacmm_pin.report import Scene
 
 
 @command(
@@ -34,6 +32,7 @@ def run(
     point: Annotated[
         Triple | None,
         length_option(
+            "--point",
             "Show the postures that reach this point of the base frame, in mm.",
             COORDINATE,
             metavar="X Y Z",
@@ -54,11 +53,9 @@ def run(
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
     ] = True,
     output: Output = None,
-    force: Force = False,
+    files: Replacing,
 ) -> None:
-    """Show the arm in 3D in all postures that reach a point, or in one posture.
-
-    With -o, write a page that needs no network. Without -o, show the page in the browser of this
+    """With -o, write a page that needs no network. Without -o, show the page in the browser of this
     computer until you press Ctrl-C (exit status 0).
     """
     from aacmm_pin.report import scenes  # loads meshcat
@@ -67,31 +64,29 @@ def run(
         raise typer.BadParameter("--point cannot be combined with --theta-deg")
     if point is None and (orientation.tip or orientation.oriented):
         raise typer.BadParameter("--tip, --axis and --rpy-deg require --point")
-    with Results(force, output) as results:
+    with Results(files, output) as results:
         model = restrict_to_known_range(arm.model())
         if point is None:
             scene = scenes.arm_scene(model, _posture(model.arm, theta_deg)[None])
         else:
-            found = orientation.postures(model.arm, point)
-            accuracy = None
-            note_wrist(found)
-            status(found)
+            circle, accuracy = orientation.postures(model.arm, point), None
+            note_wrist(circle)
+            status(circle)
             try:
-                accuracy = circle_accuracy(found, model, encoder_noise=noise.encoder_noise)
+                accuracy = circle_accuracy(circle, model, encoder_noise=noise.encoder_noise)
             except AacmmError as error:
                 note(f"the scene does not show the accuracy, because of an error: {error}")
-            scene = scenes.circle_scene(found, accuracy)
+            scene = scenes.circle_scene(circle, accuracy)
         if output is not None:
             results.text(scene.html(), output)
             return
-    _serve(scene, browser)
+    _serve(scene.html(), browser)
 
 
 def _posture(arm: Arm, text: str | None) -> Array:
     """Joint values that ``text`` states in degrees (prismatic joints: mm), or the default posture
     (nq,) [rad, m].
     """
-    slides = arm.chain.prismatic
     if text is None:
         zero_allowed = (arm.limits[:, 0] <= 0) & (arm.limits[:, 1] >= 0)
         return np.zeros(arm.nq) if zero_allowed.all() else arm.limits.mean(axis=1)
@@ -106,12 +101,12 @@ def _posture(arm: Arm, text: str | None) -> Array:
             f"--theta-deg {text!r}: {len(numbers)} numbers; expected {arm.nq}, one for each joint "
             f"of {arm.name}"
         )
-    return np.array(numbers) * np.where(slides, MM, DEG)
+    return np.array(numbers) * np.where(arm.chain.prismatic, MM, DEG)
 
 
-def _serve(scene: Scene, browser: bool) -> None:
+def _serve(html: str, browser: bool) -> None:
     """Serve the page on the loopback address alone, and print its address, until Ctrl-C."""
-    page = scene.html().encode()
+    page = html.encode()
 
     class Page(BaseHTTPRequestHandler):
         def do_GET(self) -> None:

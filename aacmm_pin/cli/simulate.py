@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -13,15 +12,15 @@ from aacmm_pin._support.plausible import TURN_NOISE
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.random_arm import perturbed_model
-from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres, restrict_to_known_range
+from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, restrict_to_known_range
+from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
     CsvOutput,
     EffectTexts,
-    Force,
+    Replacing,
     Results,
     Seed,
     angle_option,
-    command,
     length_option,
     note,
     output_option,
@@ -33,7 +32,6 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import (
     SIMULATED_BAR,
     Measurements,
-    Noise,
     Scheme,
     simulate_measurements,
     simulate_touches,
@@ -43,102 +41,13 @@ from aacmm_pin.verification import Procedure
 SCHEMES_WITH = {
     "no_seat_coordinates": ("seats",),
     "seats": ("seats", "ball-bar"),
-    "bar_length_mm": ("ball-bar",),
-    "u_reference_mm": ("free", "seats", "ball-bar"),
+    "bar_length": ("ball-bar",),
+    "reference_noise": ("free", "seats", "ball-bar"),
     "orientation_noise": ("free", "seats"),
 }
 """Which schemes use an option, by the name of its argument."""
 BAR_LENGTH_MM = 500.0
 """Length of a ball bar where none is stated."""
-
-
-@dataclass(frozen=True)
-class Planned:
-    """What is measured."""
-
-    scheme: Annotated[
-        Scheme,
-        typer.Option(
-            help="Kind of reference data. free: coordinates of each record. seats: points that are "
-            "touched in several postures. ball-bar: bars of known length. single-point: one seat "
-            "without coordinates."
-        ),
-    ] = "seats"
-    procedure: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.csv", help="Fill in this procedure, which plan acceptance wrote."
-        ),
-    ] = None
-    records: Annotated[int, typer.Option(metavar="N", help="Number of records to simulate.")] = 300
-    seats: Annotated[
-        int,
-        typer.Option(
-            metavar="N",
-            help="With --scheme seats or ball-bar: number of seats. Each bar has two seats.",
-        ),
-    ] = 10
-    no_seat_coordinates: Annotated[
-        bool,
-        typer.Option(
-            "--no-seat-coordinates",
-            help="With --scheme seats: write no coordinates of the seats.",
-        ),
-    ] = False
-    bar_length_mm: Annotated[
-        float | None,
-        length_option(
-            f"With --scheme ball-bar: length of the bars. Default: {BAR_LENGTH_MM:g}.",
-            SIMULATED_BAR,
-        ),
-    ] = None
-    orientation_noise: Annotated[
-        float | None,
-        angle_option(
-            "With --scheme free or seats: add orientations of the tip with this standard "
-            "uncertainty, in rad or with a unit, such as 50urad.",
-            TURN_NOISE,
-        ),
-    ] = None
-
-    def refuse_others(self, context: typer.Context) -> None:
-        """Refuse options that this scheme or the procedure does not use."""
-        if self.procedure is not None:
-            refuse(
-                context, ("scheme", "records", *SCHEMES_WITH), "cannot be combined with --procedure"
-            )
-        for option, schemes in SCHEMES_WITH.items():
-            if self.scheme not in schemes:
-                refuse(context, [option], f"requires --scheme {' or '.join(schemes)}")
-        if self.no_seat_coordinates:
-            refuse(
-                context,
-                ["u_reference_mm", "orientation_noise"],
-                "cannot be combined with --no-seat-coordinates, which states no reference",
-            )
-
-    def measured(self, model: ErrorModel, noise: Noise, rng: np.random.Generator) -> Measurements:
-        """Records of an arm by the scheme."""
-        length = in_metres(self.bar_length_mm)
-        if self.scheme == "ball-bar" and length is None:
-            note(
-                f"the length of the bars is assumed to be {BAR_LENGTH_MM:g} mm; to replace this "
-                "value, use --bar-length-mm"
-            )
-            length = BAR_LENGTH_MM * MM
-        return simulate_measurements(
-            model,
-            self.scheme,
-            self.records,
-            rng=rng,
-            encoder_noise=noise.encoder,
-            reference_noise=noise.reference,
-            probe_noise=noise.probe,
-            seats=self.seats,
-            known=not self.no_seat_coordinates,
-            bar_length=length,
-            orientation_noise=self.orientation_noise,
-        )
 
 
 @command(
@@ -149,7 +58,51 @@ class Planned:
 def run(
     context: typer.Context,
     arm: UncertainArm,
-    planned: Planned,
+    scheme: Annotated[
+        Scheme,
+        typer.Option(
+            help="Kind of reference data. free: coordinates of each record. seats: points that are "
+            "touched in several postures. ball-bar: bars of known length. single-point: one seat "
+            "without coordinates."
+        ),
+    ] = "seats",
+    procedure: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv", help="Fill in this procedure, which plan acceptance wrote."
+        ),
+    ] = None,
+    records: Annotated[int, typer.Option(metavar="N", help="Number of records to simulate.")] = 300,
+    seats: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            help="With --scheme seats or ball-bar: number of seats. Each bar has two seats.",
+        ),
+    ] = 10,
+    no_seat_coordinates: Annotated[
+        bool,
+        typer.Option(
+            "--no-seat-coordinates",
+            help="With --scheme seats: write no coordinates of the seats.",
+        ),
+    ] = False,
+    bar_length: Annotated[
+        float | None,
+        length_option(
+            "--bar-length-mm",
+            f"With --scheme ball-bar: length of the bars. Default: {BAR_LENGTH_MM:g}.",
+            SIMULATED_BAR,
+        ),
+    ] = None,
+    orientation_noise: Annotated[
+        float | None,
+        angle_option(
+            "With --scheme free or seats: add orientations of the tip with this standard "
+            "uncertainty, in rad or with a unit, such as 50urad.",
+            TURN_NOISE,
+        ),
+    ] = None,
     effect: EffectTexts = None,
     random_geometry: Annotated[
         bool,
@@ -166,19 +119,16 @@ def run(
         Path | None,
         output_option("FILE.toml", "Write the arm file of the simulated arm, with its causes."),
     ] = None,
-    force: Force = False,
+    files: Replacing,
 ) -> None:
-    """Simulate measurements of an arm with known errors (CSV).
-
-    The default noise (standard uncertainty) of readings is the value in the arm file. If the arm
+    """The default noise (standard uncertainty) of readings is the value in the arm file. If the arm
     file states no noise, the default is 8 µrad. The default noise of references is 0.012 mm.
     Contacts have no noise by default.
     """
-    planned.refuse_others(context)
+    _refuse_others(context, scheme, procedure, no_seat_coordinates)
     rng = np.random.default_rng(seed)
-    with Results(force, output, arm_out) as results:
+    with Results(files, output, arm_out) as results:
         model = as_filed = arm.model()
-        procedure = planned.procedure
         touches = None if procedure is None else Procedure.read(procedure, model.arm)
         effects = [stated_cause(text, model) for text in effect or []]
         if random_geometry:
@@ -191,12 +141,30 @@ def run(
         model = restrict_to_known_range(model.with_effects(*effects))
         noise = stated.simulated(model.arm)
         if touches is None:
-            data = planned.measured(model, noise, rng)
+            if scheme == "ball-bar" and bar_length is None:
+                note(
+                    f"the length of the bars is assumed to be {BAR_LENGTH_MM:g} mm; to replace "
+                    "this value, use --bar-length-mm"
+                )
+                bar_length = BAR_LENGTH_MM * MM
+            data = simulate_measurements(
+                model,
+                scheme,
+                records,
+                rng=rng,
+                encoder_noise=noise.encoder,
+                reference_noise=noise.reference,
+                probe_noise=noise.probe,
+                seats=seats,
+                known=not no_seat_coordinates,
+                bar_length=bar_length,
+                orientation_noise=orientation_noise,
+            )
+            text = data.csv()
         else:
             data = simulate_touches(model, touches.q, touches.points, rng=rng, noise=noise)
-        results.text(
-            data.csv() if touches is None else csv_text(touches.filled(data, as_filed)), output
-        )
+            text = csv_text(touches.filled(data, as_filed))
+        results.text(text, output)
         _require_effects_shown(effects, model, data)
         encoder = ", ".join(f"{u / UM:.3g}" for u in dict.fromkeys(noise.encoder))
         words = f"the noise is {encoder} µrad (readings)"
@@ -205,6 +173,23 @@ def run(
         if arm_out is not None:
             results.arm(model, arm_out, f"The simulated arm of {data.source}; {words}.")
     status(f"{data}; {words}")
+
+
+def _refuse_others(
+    context: typer.Context, scheme: Scheme, procedure: Path | None, no_seat_coordinates: bool
+) -> None:
+    """Refuse options that this scheme or the procedure does not use."""
+    if procedure is not None:
+        refuse(context, ("scheme", "records", *SCHEMES_WITH), "cannot be combined with --procedure")
+    for option, schemes in SCHEMES_WITH.items():
+        if scheme not in schemes:
+            refuse(context, [option], f"requires --scheme {' or '.join(schemes)}")
+    if no_seat_coordinates:
+        refuse(
+            context,
+            ["reference_noise", "orientation_noise"],
+            "cannot be combined with --no-seat-coordinates, which states no reference",
+        )
 
 
 def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:

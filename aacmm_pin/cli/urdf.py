@@ -11,7 +11,8 @@ from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin.arm import ArmFile, arm_text, dh_file, urdf_text
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.cli.arm_options import AnyArm
-from aacmm_pin.cli.common import Force, Output, Results, command, note
+from aacmm_pin.cli.command import command
+from aacmm_pin.cli.common import Output, Replacing, Results, note
 from aacmm_pin.effects import ErrorModel, StylusOffset
 
 
@@ -30,10 +31,10 @@ def run(
         ),
     ] = False,
     output: Output = None,
-    force: Force = False,
+    *,
+    files: Replacing,
 ) -> None:
-    """Write the URDF of an arm, or the DH table of a URDF."""
-    with Results(force, output) as results:
+    with Results(files, output) as results:
         model = arm.model()
         if to_dh:
             table = arm_text(dh_file(model.arm))
@@ -49,13 +50,12 @@ def run(
 
 def urdf_of(model: ErrorModel) -> bytes:
     """An arm as URDF, as far as a URDF can say it."""
-    lost = [
-        e.label for e in model.effects if not (isinstance(e, StylusOffset) and e.marker is None)
-    ]
+    offsets = [e for e in model.effects if isinstance(e, StylusOffset) and e.marker is None]
+    lost = [effect.label for effect in model.effects if effect not in offsets]
     if lost:
         note(f"the URDF does not contain the causes {', '.join(lost)}, which no URDF can state")
     file = model.file()
     if isinstance(file, ArmFile):
         return encodable(urdf_text(file, with_stylus_offset=True)).encode()
-    offsets = [e.values for e in model.effects if isinstance(e, StylusOffset) and e.marker is None]
-    return corrected_urdf(model.arm, np.sum(offsets, axis=0) if offsets else None)
+    offset = np.sum([effect.values for effect in offsets], axis=0) if offsets else None
+    return corrected_urdf(model.arm, offset)

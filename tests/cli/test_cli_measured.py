@@ -18,7 +18,7 @@ from shell import NOISE, done, found, refused
 from aacmm_pin import accuracy_volume
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm
-from aacmm_pin.cli.common import Results
+from aacmm_pin.cli.common import Replacing, Results
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
@@ -26,7 +26,7 @@ from aacmm_pin.effects import (
     JointErrorCurve,
     StylusOffset,
 )
-from aacmm_pin.errors import AacmmError, ArmFileError
+from aacmm_pin.errors import ArmFileError
 from aacmm_pin.measurements import Measurements
 from tests.oracle import close
 
@@ -95,14 +95,6 @@ def test_every_plan_gives_a_file_that_can_be_read(tmp_path):
             assert read.bars()[0].length == pytest.approx(0.4 if bars == 2 else 0.5, abs=1e-4)
 
 
-def test_without_a_file_the_same_goes_to_stdout(tmp_path):
-    words = "simulate sino6 --records 30 --seats 3 --seed 7"
-    done(words, f"-o {tmp_path / 'd.csv'}")
-    out, _ = done(words)
-    assert out == (tmp_path / "d.csv").read_text(encoding="utf-8")
-    assert out != done(words, "--seed 8")[0]
-
-
 # calibrate ------------------------------------------------------------
 
 
@@ -129,7 +121,7 @@ def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder, data
 
 def test_an_estimate_that_no_file_may_state_is_told(sino6, tmp_path, capsys):
     path = tmp_path / "c.toml"
-    with Results(False, path) as results:
+    with Results(Replacing(), path) as results:
         results.arm(ErrorModel(sino6, (EncoderGain(3, values=(9.0,)),)), path, "")
     assert "encoder_gain:3" in capsys.readouterr().err
     with pytest.raises(ArmFileError, match="encoder_gain:3"):
@@ -172,17 +164,6 @@ def test_one_file_that_cannot_be_written_leaves_none(data, tmp_path, monkeypatch
     refused(words, f"--report {tmp_path / 'no' / 'r.html'}", said=["does not exist"])
     refused(words, f"--plot {tmp_path / 'c.toml'}", said=["two results"])
     refused(words, f"--plot {tmp_path / 'c.nope'}", said=[".png"])
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_failure_on_the_way_leaves_none(data, tmp_path, monkeypatch):
-    def fail(*_: object) -> str:
-        assert any(tmp_path.iterdir())  # the others are on their way
-        raise AacmmError("no page today")
-
-    monkeypatch.setattr("aacmm_pin.report.calibration_document", fail)
-    files = f"-o {tmp_path / 'c.toml'} --report {tmp_path / 'r.html'} --json -"
-    refused(f"calibrate sino6 {data} {QUICK}", files, said=["no page today"])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -338,55 +319,34 @@ def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6, tm
 
 
 def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended, folder, tmp_path):
-    source = folder / "warm.csv"
-    done(f"correct {extended} {source} --commands --nominal sino6 -o {tmp_path / 'c.csv'}")
-    table, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(source, 6)
-    commands = np.radians(table[[f"command{j}_deg" for j in range(1, 7)]].to_numpy())
-    there = np.isfinite(commands).all(axis=1)
-    assert there.mean() > 0.7
-    tips = ErrorModel.load(extended).predict(
-        commands[there], read.conditions.take(np.flatnonzero(there))
-    )
-    close(tips, Arm.load("sino6").positions(read.q[there]), 1e-9)
-    text = pd.read_csv(tmp_path / "c.csv", dtype=str, na_filter=False)
-    assert text.filter(regex="^command").apply(most_decimals).max() == 8
-    assert (np.abs(commands - read.q)[there].max(axis=0) > 1e-6).any()
-    away = pd.DataFrame([[0.0] * 6, [0.1] * 6], columns=[f"theta{j}_rad" for j in range(1, 7)])
-    away.to_csv(tmp_path / "away.csv", index=False)
-    words = [
-        f"correct zero6 {tmp_path / 'away.csv'} --commands --nominal sino6 -o "
-        f"{tmp_path / 'none.csv'}"
-    ]
-    refused(words, said=["away.csv", "--nominal"])
-    assert not (tmp_path / "none.csv").exists()
-
-
-def test_a_command_has_the_u_of_the_point_that_it_reaches(extended, folder, tmp_path):
+    """Each with the uncertainty of the point that it reaches."""
     table = pd.read_csv(folder / "warm.csv").filter(regex="theta|temperature")
     table.loc[0, "theta1_deg"] = -10.0
     table.to_csv(tmp_path / "r.csv", index=False)
-    done(
-        f"correct {extended} {tmp_path / 'r.csv'} {NOISE} --commands --nominal sino6 -o "
-        f"{tmp_path / 'c.csv'}"
-    )
+    words = f"correct {extended} {tmp_path / 'r.csv'} {NOISE} --commands --nominal sino6"
+    done(words, f"-o {tmp_path / 'c.csv'}")
     after, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(tmp_path / "r.csv", 6)
-    assert list(after.columns) == [
-        *table.columns,
-        *(f"command{j}_deg" for j in range(1, 7)),
-        "u_mm",
-        "u_aligned_mm",
-    ]
-    commands = np.radians(after.filter(like="command").to_numpy())
+    names = [f"command{j}_deg" for j in range(1, 7)]
+    assert list(after.columns) == [*table.columns, *names, "u_mm", "u_aligned_mm"]
+    commands = np.radians(after[names].to_numpy())
     there = np.flatnonzero(np.isfinite(commands).all(axis=1))
     assert 0 not in there  # it is outside the limits
     assert len(there) > 100
+    assert (np.abs(commands - read.q)[there].max(axis=0) > 1e-6).any()
+    model, conditions = ErrorModel.load(extended), read.conditions.take(there)
+    tips = model.predict(commands[there], conditions)
+    close(tips, Arm.load("sino6").positions(read.q[there]), 1e-9)
     assert after["u_mm"].notna().to_numpy().nonzero()[0].tolist() == there.tolist()
-    conditions = read.conditions.take(there)
-    accuracy = accuracy_volume(
-        ErrorModel.load(extended), commands[there], conditions=conditions, encoder_noise=8e-6
-    )
+    accuracy = accuracy_volume(model, commands[there], conditions=conditions, encoder_noise=8e-6)
     close(after["u_mm"][there], accuracy.u / MM, ROUNDED["mm"] + 1e-9)
     close(after["u_aligned_mm"][there], accuracy.u_aligned / MM, ROUNDED["mm"] + 1e-9)
+    text = pd.read_csv(tmp_path / "c.csv", dtype=str, na_filter=False)
+    assert text[names].apply(most_decimals).max() == 8
+    away = pd.DataFrame([[0.0] * 6, [0.1] * 6], columns=[f"theta{j}_rad" for j in range(1, 7)])
+    away.to_csv(tmp_path / "away.csv", index=False)
+    words = f"correct zero6 {tmp_path / 'away.csv'} --commands --nominal sino6"
+    refused(words, f"-o {tmp_path / 'none.csv'}", said=["away.csv", "--nominal"])
+    assert not (tmp_path / "none.csv").exists()
 
 
 def test_angles_a_turn_outside_the_limits_are_told(sino6, tmp_path):
@@ -454,25 +414,20 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6, tmp_pa
     assert ErrorModel(sino6).known_at(q).shape == (5, 0)
     columns = [f"theta{j}_rad" for j in range(1, 7)]
     pd.DataFrame(q, columns=columns).to_csv(tmp_path / "r.csv", index=False)
-    _, err = done(
-        f"correct {tmp_path / 'arm.toml'} {tmp_path / 'r.csv'} {NOISE} -o {tmp_path / 'c.csv'}"
-    )
+    words = f"correct {tmp_path / 'arm.toml'}"
+    _, err = done(words, f"{tmp_path / 'r.csv'} {NOISE} -o {tmp_path / 'c.csv'}")
     (listed,) = (line for line in err.splitlines() if "row" in line)
     for word in ("r.csv", "row 4", "joint_error_curve:3", "0.1", "1 rad"):
         assert word in listed
     table = pd.read_csv(tmp_path / "c.csv")
     inside = [0, 1, 3, 4]
-    corrected = table[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy()
-    close(corrected[inside], model.correct(q[inside]) / MM, ROUNDED["mm"])
+    close(table[CORRECTED].to_numpy()[inside], model.correct(q[inside]) / MM, ROUNDED["mm"])
     assert (table["u_mm"][inside] > 0).all()
-    assert table.loc[2, ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm"]].isna().all()
+    assert table.loc[2, [*CORRECTED, "u_mm"]].isna().all()
     np.testing.assert_array_equal(table[columns], q)
     pd.DataFrame(q[[2, 2]], columns=columns).to_csv(tmp_path / "none.csv", index=False)
-    said = ("none.csv", "rows 2, 3")
-    refused(
-        f"correct {tmp_path / 'arm.toml'} {tmp_path / 'none.csv'} -o {tmp_path / 'd.csv'}",
-        said=said,
-    )
+    none = f"{tmp_path / 'none.csv'} -o {tmp_path / 'd.csv'}"
+    refused(words, none, said=["none.csv", "rows 2, 3"])
     assert not (tmp_path / "d.csv").exists()
 
 

@@ -18,7 +18,6 @@ from typing import Any
 from shell import NOISE, POINT, done, refused, run, split
 
 from aacmm_pin._support.text_escaping import printable
-from aacmm_pin.cli.signals import Stopped
 
 
 def started(*words: str, **named: Any) -> subprocess.Popen[bytes]:
@@ -47,8 +46,6 @@ def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch):
         (RecursionError("maximum recursion depth exceeded"), 1, "levels"),
         (UnicodeEncodeError("ascii", "name ä", 5, 6, "ordinal not in range"), 1, "'ä'"),
         (KeyboardInterrupt(), 130, "interrupted"),
-        (Stopped(signal.SIGTERM), 143, "interrupted"),
-        (Stopped(signal.SIGHUP), 129, "interrupted"),
     ):
 
         def fail(*_: object, error: BaseException = error, **__: object) -> None:

@@ -87,8 +87,6 @@ def test_a_calibration(data, tmp_path):
         assert f"{held['rms_mm']['calibrated']:.4f}" in text
     excluded = [str(row["row"]) for row in found["records"]["excluded"]]
     assert set(excluded[:10]) <= {line.split()[0] for line in text.splitlines() if line.split()}
-    wide = told(f"calibrate sino6 {data} {NOISE} --no-cross-validation", columns=None)
-    assert max(map(len, (line for line in wide.splitlines() if "theta_offset" in line))) > 60
 
 
 def test_accuracy_map_and_plan(tmp_path):
@@ -105,16 +103,7 @@ def test_accuracy_map_and_plan(tmp_path):
     check(text)
     for words in ("the same effect", "rotate the mount by 90°", "1 kg on the end"):
         assert words in in_one(text)
-    text = told("plan distinguish sino6", quick)
-    check(text)
-    pairs = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))["pairs"]["untold"]
-    first = next(pair for pair in pairs if not pair["why_not"])
-    line = next(
-        line for line in text.splitlines() if line.split()[:2] == [first["cause"], first["other"]]
-    )
-    printed = line.split()[2]
-    last_digit = 10.0 ** -len(printed.partition(".")[2])
-    assert float(printed) == pytest.approx(first["T"], abs=0.51 * last_digit)
+    check(told("plan distinguish sino6", quick))
 
 
 def test_names_are_in_one_piece_however_narrow_the_terminal_is():

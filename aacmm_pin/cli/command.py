@@ -1,0 +1,59 @@
+"""A subcommand from its function: groups of options that several commands share are dataclasses,
+whose fields typer sees as options of the command.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from dataclasses import fields, is_dataclass
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from aacmm_pin._support.text_escaping import without_notes
+
+Quiet = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", help="Show results, warnings and errors only."),
+]
+
+
+def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """What a subcommand does, with the options that typer sees, and examples under its help.
+
+    A parameter whose type is a dataclass stands for the fields of it.
+    """
+
+    def with_options(function: Callable[..., None]) -> Callable[..., None]:
+        types = get_type_hints(function)
+        groups: dict[str, Any] = {key: kind for key, kind in types.items() if is_dataclass(kind)}
+
+        def run(quiet: bool, **typed: Any) -> None:
+            for key, kind in groups.items():
+                values = {field.name: typed.pop(field.name) for field in fields(kind)}
+                typed[key] = kind(**values)
+            with without_notes() if quiet else nullcontext():
+                function(**typed)
+
+        options = [*_options(function)]
+        quiet = inspect.Parameter(
+            "quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet
+        )
+        run.__signature__ = inspect.Signature([*options, quiet])  # type: ignore[attr-defined]
+        run.__doc__ = function.__doc__
+        run.examples = examples  # type: ignore[attr-defined]
+        return run
+
+    return with_options
+
+
+def _options(taker: Callable[..., Any]) -> Iterator[inspect.Parameter]:
+    """The parameters of a function or dataclass, groups by their fields."""
+    types = get_type_hints(taker, include_extras=True)
+    for name, parameter in inspect.signature(taker).parameters.items():
+        if is_dataclass(types[name]):
+            yield from _options(types[name])
+        else:
+            yield parameter.replace(annotation=types[name], kind=parameter.KEYWORD_ONLY)
