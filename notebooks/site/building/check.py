@@ -58,7 +58,7 @@ def _check(app: Sphinx, error: Exception | None) -> None:
             parts = urlsplit(address)
             if parts.netloc or parts.scheme not in ("", "data"):
                 LOGGER.warning("%s loads %s from the network", path.name, address)
-            elif parts.path and not (path.parent / unquote(parts.path)).exists():
+            elif not parts.scheme and not (path.parent / unquote(parts.path)).exists():
                 LOGGER.warning("%s loads %s, which is not there", path.name, address)
         for address in page.links:
             parts = urlsplit(address)

@@ -188,12 +188,20 @@ def _read(app: Sphinx, docname: str, content: list[str]) -> None:
     content[0] = PICTURE.sub(lambda name: f"({drawn}/{name[1]})", text)
 
 
+def _draw(app: Sphinx) -> None:
+    """Pictures, and the scene as a file of the site."""
+    pictures.draw(_folder(app))
+    scenes = Path(app.doctreedir) / "scenes"
+    pictures.draw_scene(scenes)
+    app.config.html_extra_path.append(str(scenes))
+
+
 def _folder(app: Sphinx) -> Path:
     return Path(app.doctreedir) / "pictures"
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Draw first, so that pages find their pictures."""
-    app.connect("builder-inited", lambda app: pictures.draw(_folder(app)))
+    app.connect("builder-inited", _draw)
     app.connect("source-read", _read)
     return {"parallel_read_safe": True}

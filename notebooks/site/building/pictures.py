@@ -27,6 +27,7 @@ from aacmm_pin import (
 )
 from aacmm_pin.effects import EncoderEccentricity, LinkBending
 from aacmm_pin.report import plots
+from aacmm_pin.report.scenes import circle_scene
 from building.drawings import flow_of_files, kinds_of_references, labelled_arm
 
 POINT = np.array([400.0, 0.0, 300.0]) * 1e-3
@@ -51,6 +52,7 @@ PICTURES: dict[str, Callable[[], Axes | Figure]] = {
     "arm.png": labelled_arm,
     "files.png": flow_of_files,
     "references.png": kinds_of_references,
+    "error_budget.png": lambda: plots.plot_error_budget(_diagnosed()),
     "circle.png": lambda: plots.plot_circle(*_at_the_point()),
     "swivel.png": lambda: plots.plot_accuracy_of_postures(*_at_the_point()),
     "budget.png": lambda: plots.plot_budget(_at_the_point()[1]),
@@ -70,3 +72,9 @@ def draw(folder: Path) -> None:
         for name, drawn in PICTURES.items():
             if not (folder / name).exists():
                 drawn().figure.savefig(folder / name, dpi=130, bbox_inches="tight")
+
+
+def draw_scene(folder: Path) -> None:
+    """The page of the first page's scene in ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    circle_scene(*_at_the_point()).save(folder / "circle.html", force=True)
