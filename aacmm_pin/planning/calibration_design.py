@@ -29,7 +29,6 @@ from aacmm_pin.planning.measurement_sheet import planned_records
 from aacmm_pin.planning.plan import POOL_SIZE, PlannedScheme, prepared
 from aacmm_pin.planning.result import PlanOfRecords
 from aacmm_pin.planning.search import chosen_records, d_optimality
-from aacmm_pin.planning.task import Task
 
 CALIBRATION_PLAN_SCHEMA = "aacmm-pin/calibration-plan/1"
 RANDOM = 20
@@ -148,7 +147,9 @@ def plan_calibration(
             f"all stated noise is below {NO_SCATTER / UM:g} µm or µrad; expected more; increase "
             "--encoder-noise, --probe-noise-mm or --u-reference-mm"
         )
-    if not task.problem(model, where).vector.size:
+    problem = task.problem(model, where)
+    count = problem.vector.size
+    if not count:
         raise AacmmError(
             f"{model.arm.name}: all parameters are exact; expected uncertain parameters; state "
             "half-widths, or use --no-prior"
@@ -158,9 +159,12 @@ def plan_calibration(
         rows = situation.rows
         score = d_optimality(rows)
         chosen = chosen_records(rows, situation.information, steps, score, EXCHANGE_ROUNDS)
-    judged = _Judged.of(task, situation)
-    beside = [judged.worth([*rng.permutation(situation.pool.n)[:records]]) for _ in range(RANDOM)]
-    (o1, u), (o1_random, u_random) = judged.worth(chosen), np.array(beside).T
+    pool = problem.of(situation.pool)
+    jacobian = pool.predict(pool.start, task.frame).jacobian[:, :, :count]
+    tips = jacobian * situation.scales[:count]
+    o1, u = _worth(situation, chosen, tips)
+    plans = [rng.permutation(situation.pool.n)[:records].tolist() for _ in range(RANDOM)]
+    o1_random, u_random = np.array([_worth(situation, plan, tips) for plan in plans]).T
     return CalibrationPlan(
         **planned_records(task, situation, chosen),
         notes=notes,
@@ -172,40 +176,19 @@ def plan_calibration(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """Information of records about the parameters: the parameters have the last columns, frame and
-    seats those before.
+def _worth(situation: Situation, chosen: list[int], tips: Array) -> tuple[float, float]:
+    """O1 of existing and chosen records, and the root mean square u of the tip after them [m].
 
-    Attributes:
-        situation: the pool.
-        parameters: how many there are.
-        tips: displacement of the tip by one unit of each parameter in every posture of the pool
-            (n, 3, p) [m].
+    The ``tips`` are displaced so much by one unit of each parameter (n, 3, p) [m]; the parameters
+    have the first columns, frame and seats the others.
     """
-
-    situation: Situation
-    parameters: int
-    tips: Array
-
-    @staticmethod
-    def of(task: Task, situation: Situation) -> _Judged:
-        problem = task.problem(task.model, situation.pool)
-        count = problem.vector.size
-        jacobian = problem.predict(problem.start, task.frame).jacobian[:, :, :count]
-        return _Judged(situation, count, jacobian * situation.scales[:count])
-
-    def worth(self, chosen: list[int]) -> tuple[float, float]:
-        """O1 of existing and chosen records, and the root mean square u of the tip after them
-        [m].
-        """
-        situation = self.situation
-        beside = situation.nuisances - self.parameters
-        prior, measured = np.split(situation.known, [situation.nuisances])
-        rows = situation.rows[chosen].reshape(-1, situation.nuisances)
-        data = np.roll(np.vstack([measured, rows]), beside, axis=1)
-        of_data = remaining_triangle(data, beside)
-        of_all = remaining_triangle(np.vstack([data, np.roll(prior, beside, axis=1)]), beside)
-        o1 = Observability.of(of_data, len(chosen) + situation.before).o1
-        spread = self.tips @ np.linalg.inv(of_all)  # the covariance is R⁻¹ R⁻ᵀ
-        return o1, float(np.sqrt(np.square(spread).sum(axis=(1, 2)).mean()))
+    width = situation.nuisances
+    beside = width - tips.shape[2]
+    prior, measured = np.split(situation.known, [width])
+    rows = situation.rows[chosen].reshape(-1, width)
+    data = np.roll(np.vstack([measured, rows]), beside, axis=1)
+    of_data = remaining_triangle(data, beside)
+    of_all = remaining_triangle(np.vstack([data, np.roll(prior, beside, axis=1)]), beside)
+    o1 = Observability.of(of_data, len(chosen) + situation.before).o1
+    spread = tips @ np.linalg.inv(of_all)  # the covariance is R⁻¹ R⁻ᵀ
+    return o1, float(np.sqrt(np.square(spread).sum(axis=(1, 2)).mean()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -197,21 +197,20 @@ def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bo
     Records that do not state what a cause depends on do not count where the causes were ``named``;
     else such causes do not.
     """
-    stated = set() if existing is None else set(existing.conditions.present)
+    if existing is None:
+        return causes, None, ()
+    stated = set(existing.conditions.present)
     if "link_temperature" in stated:
         stated.add("temperature")
     lacking = [(effect, need) for effect in causes for need in effect.needs if need not in stated]
-    if existing is None or not lacking:
+    if not lacking:
         return causes, existing, ()
+    data: dict[str, Any] = {"source": existing.source}
     if named:
-        needs = sorted({f"{need} ({effect.label})" for effect, need in lacking})
-        return (
-            causes,
-            None,
-            (Note("records_not_counted", {"source": existing.source, "needs": needs}),),
-        )
-    needs = sorted({need for _, need in lacking})
+        data["needs"] = sorted({f"{need} ({effect.label})" for effect, need in lacking})
+        return causes, None, (Note("records_not_counted", data),)
     silent = [effect for effect, _ in lacking]
-    left_out = [*dict.fromkeys(effect.label for effect in silent)]
-    note = Note("causes_left_out", {"source": existing.source, "needs": needs, "causes": left_out})
-    return tuple(effect for effect in causes if effect not in silent), existing, (note,)
+    data["needs"] = sorted({need for _, need in lacking})
+    data["causes"] = [*dict.fromkeys(effect.label for effect in silent)]
+    others = tuple(effect for effect in causes if effect not in silent)
+    return others, existing, (Note("causes_left_out", data),)
