@@ -43,8 +43,6 @@ PLACEMENT_RANK_RATIO = 1e-10
 """Offsets of which records say less than this part of what they say of others stay zero."""
 
 
-CUBE = scipy.spatial.transform.Rotation.create_group("O").as_matrix()
-"""The rotations of a cube (24, 3, 3)."""
 TINY = 1e-300
 """Keeps what is divided by from zero."""
 
@@ -207,7 +205,8 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
     """The place with the least sum of distances."""
     parts: list[_Positions | _Turns] = [positions, *turns]
     form = _sum([part.form(np.ones(part.n)) for part in parts])
-    rotations, values = _descended(form, CUBE)
+    cube = scipy.spatial.transform.Rotation.create_group("O").as_matrix()
+    rotations, values = _descended(form, cube)
     distinct: list[Array] = []
     for rotation in rotations[np.argsort(values)]:
         if all(np.linalg.norm(rotation - other) > ROTATION_TOLERANCE for other in distinct):
