@@ -61,8 +61,14 @@ def craig() -> ArmFile:
     return sino6.model_copy(update={"convention": "modified-dh", "joints": rows})
 
 
-def by_table(name: str, rows: Iterable[Sequence[float]], limit: float, **each: object) -> Arm:
-    """An arm of standard DH rows a, d [mm], alpha, theta offset [°], its joints within ±limit [°];
+def by_table(
+    name: str,
+    rows: Iterable[Sequence[float]],
+    limit: float,
+    convention: str = "standard-dh",
+    **each: object,
+) -> Arm:
+    """An arm of DH rows a, d [mm], alpha, theta offset [°], its joints within ±limit [°];
     ``each``: of all rows.
     """
     keys = ("a_mm", "d_mm", "alpha_deg", "theta_offset_deg")
@@ -73,7 +79,7 @@ def by_table(name: str, rows: Iterable[Sequence[float]], limit: float, **each: o
         "schema": "aacmm-pin/arm/1",
         "name": name,
         "source": "",
-        "convention": "standard-dh",
+        "convention": convention,
         "joints": joints,
     }
     return Arm.from_file(ArmFile.model_validate(file))

@@ -28,7 +28,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.encoder import LEAST_SPREAD, ORDERS_NEAR, PER_COEFFICIENT
 from aacmm_pin.effects.time_dependent import GAPS_NEAR
-from tests.arm_files import changed
+from tests.arm_files import by_table, changed
 from tests.oracle import close
 
 pytestmark = pytest.mark.fast
@@ -171,23 +171,12 @@ def test_nonlinear_parameters(sino6, rng):
     assert [min(slow), max(slow)] == [200.0, 1800.0]
 
 
-def test_bodies_that_grow_are_tried_in_either_convention(tmp_path):
+def test_bodies_that_grow_are_tried_in_either_convention():
     """A long d stands before its joint's axis in modified DH, and is of the body behind it all the
     same.
     """
-    row = (
-        "a_mm = {}\nd_mm = {}\nalpha_rad = 1.5\ntheta_offset_rad = 0.0\nlimits_rad = [-3.0, 3.0]\n"
-    )
-    rows = "".join(
-        "\n[[joints]]\n" + row.format(a, d)
-        for a, d in ((0, 0), (0, 0), (20, 610), (300, 0), (0, 480), (0, 0))
-    )
+    lengths = ((0, 0), (0, 0), (20, 610), (300, 0), (0, 480), (0, 0))
+    rows = [(a, d, 86.0, 0.0) for a, d in lengths]
     for convention, links in (("standard-dh", [None, 3, 4, 5]), ("modified-dh", [None, 3, 5])):
-        path = tmp_path / f"{convention}.toml"
-        path.write_text(
-            f'schema = "aacmm-pin/arm/1"\nname = "a"\nconvention = "{convention}"\n{rows}',
-            encoding="utf-8",
-        )
-        assert [
-            variants[0].link for variants in ThermalExpansion.candidates(Arm.load(path))
-        ] == links
+        grown = ThermalExpansion.candidates(by_table("a", rows, 170.0, convention))
+        assert [variants[0].link for variants in grown] == links

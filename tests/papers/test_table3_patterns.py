@@ -17,8 +17,8 @@ from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
 from aacmm_pin.accuracy.single_point import single_point_statistics
-from aacmm_pin.arm import Arm, ArmFile
 from aacmm_pin.effects import ErrorModel
+from tests.arm_files import by_table
 
 pytestmark = pytest.mark.fast
 
@@ -27,15 +27,7 @@ N = 40
 
 def planar(*lengths: float) -> ErrorModel:
     """An arm in the plane with a joint before each of these lengths [m]."""
-    row = {"d_mm": 0.0, "alpha_rad": 0.0, "theta_offset_rad": 0.0, "limits_rad": [-7.0, 7.0]}
-    joints = [row | {"a_mm": 1e3 * length} for length in lengths]
-    file = {
-        "schema": "aacmm-pin/arm/1",
-        "name": "planar",
-        "convention": "standard-dh",
-        "joints": joints,
-    }
-    return ErrorModel.of(Arm.from_file(ArmFile.model_validate(file)))
+    return ErrorModel.of(by_table("planar", [(1e3 * a, 0.0, 0.0, 0.0) for a in lengths], 400.0))
 
 
 def full_turn(n: int = N) -> np.ndarray:

@@ -4,16 +4,15 @@ measured is in here.
 
 from __future__ import annotations
 
-from math import pi
+from aacmm_pin.arm import Arm
+from tests.arm_files import by_table
 
-from aacmm_pin.arm import Arm, ArmFile
-
-QUARTER = pi / 2
-LIMITS = [-6.3, 6.3]
-"""Wide enough for every record; the Fanuc's wrist turns almost once either way [rad]."""
+QUARTER = 90.0
+LIMIT = 361.0
+"""Wide enough for every record; the Fanuc's wrist turns almost once either way [°]."""
 
 Row = tuple[float, float, float]
-"""a [mm], d [mm], alpha [rad]."""
+"""a [mm], d [mm], alpha [°]."""
 
 UR10: list[Row] = [(0, 127.3, QUARTER), (-612, 0, 0), (-572.3, 0, 0)]
 UR10 += [(0, 163.941, QUARTER), (0, 115.7, -QUARTER), (0, 92.2, 0)]
@@ -24,7 +23,7 @@ IIWA14: list[Row] = [(0, 360, -QUARTER), (0, 0, QUARTER), (0, 420, QUARTER), (0,
 IIWA14 += [(0, 400, -QUARTER), (0, 0, QUARTER), (0, 126, 0)]
 FANUC: list[Row] = [
     (312, 670, -QUARTER),
-    (1075, 0, pi),
+    (1075, 0, 2 * QUARTER),
     (225, 0, -QUARTER),
     (0, -1280, QUARTER),
     (0, 0, -QUARTER),
@@ -39,21 +38,8 @@ def of_table(
     name: str, rows: list[Row], convention: str = "standard-dh", offsets: list[float] | None = None
 ) -> Arm:
     """An arm by its DH table; nobody states how well the numbers are known."""
-    names = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
-    values = [
-        (a, d, alpha, offset)
-        for (a, d, alpha), offset in zip(rows, offsets or [0.0] * len(rows), strict=True)
-    ]
-    joints = [
-        {**dict(zip(names, map(float, row), strict=True)), "limits_rad": LIMITS} for row in values
-    ]
-    content = {
-        "schema": "aacmm-pin/arm/1",
-        "name": name,
-        "convention": convention,
-        "joints": joints,
-    }
-    return Arm.from_file(ArmFile.model_validate(content))
+    pairs = zip(rows, offsets or [0.0] * len(rows), strict=True)
+    return by_table(name, [(*row, offset) for row, offset in pairs], LIMIT, convention)
 
 
 def ur10() -> Arm:
