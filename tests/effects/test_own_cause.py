@@ -5,9 +5,7 @@ nowhere else.
 from __future__ import annotations
 
 import itertools
-import json
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -128,34 +126,6 @@ def test_it_is_calibrated_planned_and_known(hose, hidden, sino6):
     assert [effect.label for effect in plan.split] == ["hose_pull:2", "encoder_gain:2"]
     assert plan.after.one > 0
     assert isinstance(example(hose), hose)
-
-
-@pytest.mark.long
-def test_the_shell_knows_it_by_a_plugin(folder, monkeypatch):
-    """Where nothing but the file makes it known: each command begins without it, the first in a
-    process of its own.
-    """
-    monkeypatch.chdir(folder)
-
-    def run(words: str, *, plugin: str = "--plugin hose.py ") -> str:
-        CAUSES.pop("hose_pull", None)
-        done = CliRunner().invoke(app, f"{plugin}{words}".split())
-        assert done.exit_code == (0 if plugin else 1), done.stderr
-        return done.stdout if plugin else done.stderr
-
-    words = (
-        "--plugin hose.py simulate sino6 --cause hose_pull:3,turn_rad_per_m=3e-3 --scheme free "
-        "--records 120 -o data.csv"
-    )
-    subprocess.run([sys.executable, "-m", "aacmm_pin.cli", *words.split()], check=True)
-    noise = f"--encoder-noise {NOISE} --no-cross-validation"
-    out = json.loads(run(f"diagnose sino6 data.csv {noise} --arm-out extended.toml --json -"))
-    assert [(f["cause"], f["joint"]) for f in out["findings"]] == [("hose_pull", 3)]
-    assert "δθ = c z" in run("causes hose_pull")
-    run("correct extended.toml data.csv -o corrected.csv")
-    assert "unknown cause 'hose_pull'" in run(
-        "correct extended.toml data.csv -o again.csv", plugin=""
-    )
 
 
 def test_worker_processes_know_it(folder):
