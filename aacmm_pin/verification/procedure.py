@@ -408,9 +408,11 @@ class _Layout:
                     np.vstack([before, middles]) if placed else middles, len(placed) + 5, 0.0
                 )
                 tried = [good[k - len(placed)] for k in order if k >= len(placed)]
-                start = next((s for s in tried if self._is_in_reach(s, direction, lengths)), None)
-                if start is not None:
-                    placed.append((start, direction))
+                marks = np.array([0.0, *lengths])[:, None] * direction
+                candidates = np.array(tried).reshape(-1, 1, 3) + marks
+                with suppress(AacmmError):  # then another direction is tried
+                    (place,) = self.pool.places(candidates, 1, 1, "bars")
+                    placed.append((place.points[0], direction))
                     break
         if len(placed) < PLACES:
             raise AacmmError(
@@ -418,11 +420,6 @@ class _Layout:
                 f"places; expected {PLACES}; reduce --measuring-range-mm or --length-mm"
             )
         return placed
-
-    def _is_in_reach(self, start: Array, direction: Array, lengths: Array) -> bool:
-        places = np.array([0.0, *lengths])
-        points = start + places[:, None] * direction
-        return all(len(q) for q in self.pool.touched(points, 1))
 
     def ball_bars(self, *lengths: float) -> None:
         """Ball bars of two lengths in ten places each."""
