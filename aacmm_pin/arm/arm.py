@@ -36,7 +36,6 @@ from aacmm_pin.arm.pinocchio_model import (
     frame_number,
     joint_axes,
     onto_z,
-    read_model,
     serial_part,
 )
 from aacmm_pin.errors import (
@@ -204,8 +203,10 @@ class Arm(Shown):
         if str(path) in EXAMPLE_ROBOTS:
             frame = frame or EXAMPLE_ROBOTS[str(path)][1]
             path = urdf_of_robot(str(path))
-        whole, sha256, followers = read_model(path)
-        model, mimics = serial_part(whole, frame, followers)
+        from aacmm_pin.arm.urdf_check import read_urdf  # which loads lxml
+
+        robot, sha256, followers = read_urdf(path)
+        model, mimics = serial_part(robot, frame, followers)
         arm = Arm.from_model(
             model,
             frame,
@@ -638,6 +639,8 @@ class Arm(Shown):
 
 def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
     """The arm of a file that names a URDF; ``path`` is what errors call the file."""
+    from aacmm_pin.arm.urdf_check import read_urdf  # which loads lxml
+
     urdf = file.urdf
     if not os.path.exists(urdf.file):
         raise ArmFileError(
@@ -646,7 +649,7 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
             f"{urdf.file}: no such file; expected a URDF, with a path relative to the folder of "
             f"{path}",
         )
-    model, sha256, followers = read_model(urdf.file)
+    model, sha256, followers = read_urdf(urdf.file)
     if urdf.sha256 not in (None, sha256):
         raise ArmFileError(
             path,

@@ -5,7 +5,6 @@ axes, its chain.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -17,25 +16,10 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import MOST_JOINTS, REACH_POSTURES, out_of_reach
 from aacmm_pin.arm.chain import Chain, end
 from aacmm_pin.arm.couplings import Mimic
-from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.errors import UnknownNameError, UnsupportedArmError
 
 if TYPE_CHECKING:
     from aacmm_pin.arm.urdf_check import Follower
-
-
-def read_model(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
-    """The Pinocchio model of a URDF file, the SHA-256 of the file, and joints that mimic others;
-    see `read_urdf`.
-    """
-    from aacmm_pin.arm.urdf_check import read_urdf  # which loads lxml
-
-    text, sha256, mimics = read_urdf(path)
-    try:
-        return pin.buildModelFromXML(text), sha256, mimics
-    except (ValueError, RuntimeError) as error:
-        raise AacmmError(
-            f"{path}: Pinocchio cannot load this file: {error}; expected a URDF"
-        ) from None
 
 
 def frame_number(model: Any, name: str) -> int:

@@ -48,72 +48,52 @@ GOOD = """\
 </robot>
 """
 SLIDE = GOOD[GOOD.index('  <joint name="slide"') : GOOD.index("</robot>")]
-# what is replaced, by what, the line that the answer names, and words of it
+# what is replaced, by what, and words of the answer
 MISTAKES = [
-    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', 17, "joint 'shoulder': axis: xyz is '0 0 0'"),
-    ('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', 17, "3 numbers"),
-    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><axis xyz="0 0 1"/>', 17, "twice"),
-    ('lower="-1" upper="2"', 'lower="2" upper="-1"', 18, "limit: lower is 2 and upper -1"),
-    ('<limit lower="0" upper="0.5"/>', "", 20, "joint 'slide': the element limit is missing"),
-    (
-        'lower="-1" upper="2"',
-        'lower="-90" upper="2"',
-        18,
-        "limit: lower is -90 rad",
-    ),
-    ('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"', 16, "origin: unknown attribute quat_xyzw"),
-    ('mass value="0.5"', 'mass value="-0.5"', 7, "link 'upper': inertial: mass: value is -0.5"),
-    ('<child link="tip"/>', '<child link="tool"/>', 22, "no link 'tool'"),
-    (
-        '<child link="tip"/>',
-        '<child link="upper"/>',
-        22,
-        "'upper' is also the child of joint 'shoulder'",
-    ),
-    ('<parent link="upper"/>', '<parent link="tip"/>', 20, "cycle"),
-    (
-        '<link name="tip"/>',
-        '<link name="tip"/><link name="other"/>',
-        12,
-        "link 'other': neither this link nor link 'base'",
-    ),
-    ('<link name="tip"/>', '<link name="base"/>', 12, "line 3"),
-    ('type="prismatic"', 'type="screw"', 20, "'screw'; expected one of revolute"),
-    ("robot", "sdf", 2, "robot"),
-    ('<link name="base"/>', '<xacro:include filename="x"/>', 3, "xacro"),
-    (
-        '<axis xyz="1 0 0"/>',
-        '<mimic joint="slide"/>',
-        23,
-        "'slide': mimic: joint is 'slide'",
-    ),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "joint 'shoulder': axis: xyz is '0 0 0'"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', "3 numbers"),
+    ('lower="-1" upper="2"', 'lower="2" upper="-1"', "limit: lower is 2 and upper -1"),
+    ('<limit lower="0" upper="0.5"/>', "", "[slide] is of type PRISMATIC without limits; expected"),
+    ('lower="-1" upper="2"', 'lower="-90" upper="2"', "limit: lower is -90 rad"),
+    ('lower="-1" upper="2"', 'lower="-1e9" upper="2"', "use type continuous"),
+    ('rpy="0 1.5 0"', 'rpy="0 90 0"', "radians"),
+    ('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"', "origin: unknown attribute quat_xyzw"),
+    ('mass value="0.5"', 'mass value="-0.5"', "link 'upper': inertial: mass: value is -0.5"),
+    ('<child link="tip"/>', '<child link="tool"/>', "child link [tool] of joint [slide]"),
+    ('<child link="tip"/>', '<child link="upper"/>', "Two root links found: [base] and [tip]"),
+    ('<parent link="upper"/>', '<parent link="tip"/>', "joint 'slide': this joint is in a cycle"),
+    ('<link name="tip"/>', '<link name="base"/>', "link 'base' is not unique; expected"),
+    ('type="prismatic"', 'type="screw"', "[slide] has no known type [screw]"),
+    ("robot", "sdf", "'robot' element"),
+    ('<link name="base"/>', '<xacro:include filename="x"/>', "xacro"),
+    ('<axis xyz="1 0 0"/>', '<mimic joint="slide"/>', "'slide': mimic: joint is 'slide'"),
     (
         SLIDE,
         "".join(f'<link name="l{i}"/>' for i in range(30_000)),
-        20,
         f"expected at most {MAX_LINKS}",
     ),
 ]
 
 
-def test_each_mistake_is_named(tmp_path):
+def test_each_mistake_is_named(tmp_path, capfd):
     path = tmp_path / "bad.urdf"
-    for old, new, line, words in MISTAKES:
+    for old, new, words in MISTAKES:
         assert old in GOOD
         path.write_text(GOOD.replace(old, new), encoding="utf-8")
         with pytest.raises(ArmFileError) as caught:
             Arm.from_urdf(path, "tip")
-        assert (caught.value.path, caught.value.key) == (str(path), f"line {line}"), str(
-            caught.value
-        )
+        assert caught.value.path == str(path)
         assert words in str(caught.value)
+    assert capfd.readouterr().err == ""
 
 
 def test_what_is_no_xml(tmp_path):
     path = tmp_path / "bad.urdf"
+    entities = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
+    many = f'<!DOCTYPE r [<!ENTITY a0 "lol">{entities}]>\n<robot name="&a9;">'
     for content, words in (
         (b"", "XML"),
-        (GOOD.replace("<robot", '<!DOCTYPE r [<!ENTITY a "aaaa">]>\n<robot').encode(), "entities"),
+        (GOOD.replace('<robot name="two">', many).encode(), "entity"),
         (GOOD.encode()[:300], "line 10"),
         (b'<?xml version="1.0" encoding="no-such"?><robot/>', "encoding"),
         (b" " * 20_000_001, "20 MB"),
@@ -164,28 +144,11 @@ def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path):
 
 
 def test_what_is_blank_before_the_declaration_is_passed_over(tmp_path):
-    """As urdfdom does; lines keep their numbers."""
-    path, good = tmp_path / "arm.urdf", '<?xml version="1.0"?>' + GOOD[GOOD.index("\n") :]
-    expected = read_urdf(_written(path, good))[0]
-    for before in ("\n", " \t\n\r\n", "\ufeff\n"):
-        assert read_urdf(_written(path, before + good))[0] == expected
-    with pytest.raises(ArmFileError, match=r"line 20: .*quat_xyzw"):
-        read_urdf(
-            _written(path, "\n \n\n\n" + good.replace('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"'))
-        )
-
-
-def _written(path: Path, text: str) -> Path:
-    path.write_text(text, encoding="utf-8", newline="")
-    return path
-
-
-def test_an_axis_has_any_length(tmp_path):
+    """As urdfdom does."""
     path = tmp_path / "arm.urdf"
-    for xyz in ("0 0 1e200", "0 0 5e-324"):
-        path.write_text(GOOD.replace('xyz="0 0 1"', f'xyz="{xyz}"'), encoding="utf-8")
+    for before in ("\n", " \t\n\r\n", "\ufeff\n"):
+        path.write_text(before + GOOD, encoding="utf-8", newline="")
         arm = Arm.from_urdf(path, "tip")
-        close(arm.joint_axes, [[0, 0, 1], [1, 0, 0]], 1e-15)
         np.testing.assert_array_equal(arm.limits, [[-1, 2], [0, 0.5]])
 
 
@@ -208,10 +171,8 @@ def test_nothing_of_a_robot_changes():
                 ET.SubElement(joint, "limit", effort="0", velocity="0") if limit is None else limit
             )
             limit.attrib.update(lower=repr(-FULL_TURN), upper=repr(FULL_TURN))
-        alone, ours = (
-            pin.buildModelFromXML(text)
-            for text in (ET.tostring(root, encoding="unicode"), read_urdf(path)[0])
-        )
+        alone = pin.buildModelFromXML(ET.tostring(root, encoding="unicode"))
+        ours, _, _ = read_urdf(path)
         assert (alone.name, [*alone.names]) == (ours.name, [*ours.names])
         assert [*alone.jointPlacements] == [*ours.jointPlacements], path
         assert [*alone.inertias] == [*ours.inertias]
