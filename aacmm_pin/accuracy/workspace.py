@@ -10,6 +10,7 @@ import io
 import math
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
@@ -36,7 +37,6 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures import (
     WRIST,
     WRIST_ROW,
-    Sectors,
     Wrist,
     box_of_wrist,
     directed_stylus,
@@ -75,6 +75,8 @@ of it.
 
 MAP_AXES = {"x_mm": "distance from joint axis 1, x", "z_mm": "z of the base"}
 """Axes of the cells of a map, with their long names."""
+OUTWARDS_OF_BOX = np.array([-1.0, 1.0, -1.0, 1.0])
+"""Of the least and largest x and z of a box."""
 MOST_BYTES_OF_MAP = 4_000_000_000
 """Size of a file: a map of a million cells has a tenth of it."""
 
@@ -322,92 +324,92 @@ def map_workspace(
     direction = None if axis is None else directed_stylus(arm, axis)[1]
     box = _extent(arm, extent, direction)
     probe = _probe(model, conditions, method, direction)
-    points = np.stack(np.meshgrid(*_centres(box, cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    x = _middles(box[0], box[1], cells[0])
+    z = _middles(box[2], box[3], cells[1])
+    points = np.stack(np.meshgrid(x, 0.0, z, indexing="ij"), axis=-1).reshape(-1, 3)
     pieces = chunks(len(points), CELLS_AT_ONCE if axis is None else TIP_CELLS_AT_ONCE)
-    jobs = [_Job(model, conditions, points[piece], sectors, method, direction) for piece in pieces]
-    found = dict[int, dict[str, Array]]()
+    work = partial(_cells, model, conditions, sectors, method, direction)
+    arrays_of = dict[int, dict[str, Array]]()
     cells_bar = bar(progress, f"map of {arm.name}", "cell", total=len(points))
-    with cells_bar as moving, results(_work, jobs, workers) as worked:
+    jobs = (points[piece] for piece in pieces)
+    with cells_bar as moving, results(work, jobs, workers) as worked:
         for number, arrays in worked:
-            found[number] = arrays
-            moving.update(len(jobs[number].points))
-    in_order = [found[number] for number in range(len(jobs))]
-    merged = {name: np.concatenate([arrays[name] for arrays in in_order]) for name in in_order[0]}
+            arrays_of[number] = arrays
+            moving.update(len(arrays["reachable"]))
+    merged = {
+        name: np.concatenate([arrays_of[number][name] for number in range(len(pieces))])
+        for name in arrays_of[0]
+    }
     seconds = time.perf_counter() - started
-    data = _dataset(arm, merged, box, cells, sectors, method, seconds)
-    data = data.assign_attrs(_working_point(arm, direction))
-    caveats_of_arm = map_caveats(arm, extent, axis)
-    all_caveats = map(str, (*WorkspaceMap(data, seconds).caveats, *caveats_of_arm))
-    data = data.assign_attrs(
-        caveats="; ".join(all_caveats), not_included="; ".join(probe.not_included)
-    )
-    return WorkspaceMap(data, seconds)
+    data = _dataset(merged, x, z, arm.nq)
+    working_point: dict[str, Any] = {"working_point": probe.sources.at}
+    if direction is None:
+        working_point["rest_deg"] = (Wrist.of_arm(arm, MAP).rest / DEG).tolist()
+    else:
+        working_point["stylus_axis"] = direction.tolist()
+    all_caveats = (*WorkspaceMap(data, seconds).caveats, *map_caveats(arm, extent, axis))
+    attributes = {
+        "schema": "aacmm-pin/map/1",
+        "arm": arm.name,
+        "source": arm.source,
+        "method": method,
+        "extent_mm": (box / MM).tolist(),
+        "seconds": seconds,
+        **working_point,
+        "caveats": "; ".join(map(str, all_caveats)),
+        "not_included": "; ".join(probe.not_included),
+    }
+    return WorkspaceMap(data.assign_attrs(attributes), seconds)
 
 
-@dataclass(frozen=True)
-class _Job:
-    """Some cells, to be worked out together, perhaps in another process."""
-
-    model: Arm | ErrorModel
-    conditions: Conditions | None
-    points: Array
-    sectors: int
-    method: Method
-    axis: Array | None
-
-
-def _at(arm: Arm, axis: Array | None) -> str:
-    """The frame whose origin is at the cells."""
-    return WRIST if axis is None else arm.tip
-
-
-def _working_point(arm: Arm, axis: Array | None) -> dict[str, Any]:
-    """Attributes of a map: what is at the cells, and what is held there."""
-    if axis is not None:
-        return {"working_point": arm.tip, "stylus_axis": axis.tolist()}
-    return {"working_point": WRIST, "rest_deg": (Wrist.of_arm(arm, MAP).rest / DEG).tolist()}
-
-
-def _work(job: _Job) -> dict[str, Array]:
-    arm = ErrorModel.arm_of(job.model)
-    reach = reach_of_points(arm, job.points, job.sectors, MAP, job.axis)
-    of_cells: dict[str, Any] = {
+def _cells(
+    model: Arm | ErrorModel,
+    conditions: Conditions | None,
+    sectors: int,
+    method: Method,
+    axis: Array | None,
+    points: Array,
+) -> dict[str, Array]:
+    """What cells with their centres at ``points`` (n, 3) [m] have, by the sources of
+    :data:`VARIABLES`.
+    """
+    arm = ErrorModel.arm_of(model)
+    reach = reach_of_points(arm, points, sectors, MAP, axis)
+    working = reach.sectors
+    n = len(points)
+    q = working.q
+    arrays: dict[str, Array] = {
         "reachable": reach.reachable,
         "complete": reach.complete,
-        "works": reach.sectors.working,
-        "flexibility": reach.sectors.zeta,
+        "works": working.working,
+        "flexibility": working.zeta,
         "arc_fraction": reach.arc_fraction,
     }
-    return of_cells | _accuracies(job, reach.sectors)
-
-
-def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
-    """Best, worst and comprehensive accuracy of each cell from its working configurations."""
-    n = len(job.points)
-    q = found.q
-    result = {
-        name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "least_u", "most_u")
-    }
-    result |= {
-        f"{name}_q": np.full((n, q.shape[1]), np.nan) for name in ("best", "worst", "least_u")
-    }
+    for name in ("comprehensive", "best", "worst", "least_u", "most_u"):
+        arrays[name] = np.full(n, np.nan)
+    for name in ("best_q", "worst_q", "least_u_q"):
+        arrays[name] = np.full((n, q.shape[1]), np.nan)
     if not len(q):
-        return result
-    at = _at(ErrorModel.arm_of(job.model), job.axis)
-    accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=at, method=job.method)
-    cells = found.point
+        return arrays
+    at = _frame(arm, axis)
+    accuracy = accuracy_volume(model, q, conditions=conditions, at=at, method=method)
     volume = accuracy.volume
     u = accuracy.u
-    best = _smallest(cells * job.sectors + found.sector, volume)
-    of = cells[best]
-    weights = configuration_weights(q[best, 2], job.points[of], of)
-    result["comprehensive"][of] = np.bincount(of, weights * volume[best])[of]
+    best = _smallest(working.point * sectors + working.sector, volume)
+    cell = working.point[best]
+    weights = configuration_weights(q[best, 2], points[cell], cell)
+    arrays["comprehensive"][cell] = np.bincount(cell, weights * volume[best])[cell]
     for name, values in {"best": volume, "worst": -volume, "least_u": u, "most_u": -u}.items():
-        place = _smallest(cells, values)
-        result[name][cells[place]] = np.abs(values[place])
-        if f"{name}_q" in result:
-            result[f"{name}_q"][cells[place]] = q[place]
-    return result
+        place = _smallest(working.point, values)
+        arrays[name][working.point[place]] = np.abs(values[place])
+        if f"{name}_q" in arrays:
+            arrays[f"{name}_q"][working.point[place]] = q[place]
+    return arrays
+
+
+def _frame(arm: Arm, axis: Array | None) -> str:
+    """The frame whose origin is at the cells."""
+    return WRIST if axis is None else arm.tip
 
 
 def _smallest(groups: Index, values: Array) -> Index:
@@ -421,7 +423,7 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
     wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP, revolute=True))
     if extent is None:
         beyond = 0.0 if axis is None else _tip_beyond_wrist(arm, wrist)
-        around = box_of_wrist(wrist) + np.array([-1.0, 1.0, -1.0, 1.0]) * beyond
+        around = box_of_wrist(wrist) + OUTWARDS_OF_BOX * beyond
         _, farthest, lowest, highest = around.tolist()
         size = max(farthest, highest - lowest)
         if size < SMALLEST_ARM:
@@ -445,16 +447,6 @@ def _tip_beyond_wrist(arm: Arm, wrist: Wrist) -> float:
     return float(stylus.max()) + 2.0 * wrist.lever
 
 
-def _left_out(arm: Arm, box: Array) -> list[Note]:
-    """On which sides of a box that was stated the wrist reaches farther."""
-    reached = box_of_wrist(Wrist.of_arm(arm, MAP))
-    beyond = (reached - box) * np.array([-1.0, 1.0, -1.0, 1.0]) > SMALLEST_ARM
-    names = ("x below", "x above", "z below", "z above")
-    ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
-    sides = [f"{name} {at:.4g} mm (to {end:z.0f} mm)" for name, at, end, cut in ends if cut]
-    return [Note("extent_cuts_reach", {"sides": ", ".join(sides)})] if sides else []
-
-
 def _probe(
     model: Arm | ErrorModel, conditions: Conditions | None, method: Method, axis: Array | None
 ) -> AccuracyVolume:
@@ -469,7 +461,7 @@ def _probe(
         raise ShapeError(f"conditions have {conditions.n} records; expected 1, for all cells")
     arm = ErrorModel.arm_of(model)
     q = np.clip(spread_angles(PROBES, arm.nq), arm.limits[:, 0], arm.limits[:, 1])
-    return accuracy_volume(model, q, conditions=conditions, at=_at(arm, axis), method=method)
+    return accuracy_volume(model, q, conditions=conditions, at=_frame(arm, axis), method=method)
 
 
 def map_caveats(
@@ -484,58 +476,50 @@ def map_caveats(
             caveats.
         axis: of :func:`map_workspace`.
     """
-    found = [] if axis is not None else _wrist_caveats(arm, extent)
+    notes = [] if axis is not None else _wrist_caveats(arm, extent)
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
-        found.append(Note("first_joint_limited"))
+        notes.append(Note("first_joint_limited"))
     first = arm.require_dh(MAP, WRIST_ROW, revolute=True).links()[0]
     if np.abs(first[:2, 2:]).max() > SMALLEST_ARM:
-        found.append(Note("first_axis_off_z"))
+        notes.append(Note("first_axis_off_z"))
     if abs(arm.up[2]) < 1 - 1e-12:
-        found.append(Note("gravity_off_first_axis"))
-    return (*found, *caveats(arm, arm.without_uncertainty))
+        notes.append(Note("gravity_off_first_axis"))
+    return (*notes, *caveats(arm, arm.without_uncertainty))
 
 
 def _wrist_caveats(arm: Arm, extent: ArrayLike | None) -> list[Note]:
     """What an extent leaves out, and which joints are held."""
     wrist = Wrist.of_arm(arm, MAP)
-    found = [] if extent is None else _left_out(arm, _extent(arm, extent))
-    found += wrist.notes
-    rest = wrist.rest / DEG
-    if rest.any():
-        held = " and ".join(
-            f"joint {WRIST_ROW + k} at {angle:.4g}°" for k, angle in enumerate(rest) if angle
-        )
-        found.append(Note("joints_held", {"joints": held}))
-    return found
-
-
-def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """Cell centres along x, y (0 alone) and z [m]."""
-    x = _middles(box[0], box[1], cells[0])
-    z = _middles(box[2], box[3], cells[1])
-    return x, np.zeros(1), z
+    notes = wrist.notes
+    held = [
+        f"joint {number} at {angle:.4g}°"
+        for number, angle in enumerate(wrist.rest / DEG, start=WRIST_ROW)
+        if angle
+    ]
+    if held:
+        notes.append(Note("joints_held", {"joints": " and ".join(held)}))
+    if extent is None:
+        return notes
+    box = _extent(arm, extent)
+    reached = box_of_wrist(wrist)
+    beyond = (reached - box) * OUTWARDS_OF_BOX > SMALLEST_ARM
+    names = ("x below", "x above", "z below", "z above")
+    ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
+    sides = [f"{name} {at:.4g} mm (to {end:z.0f} mm)" for name, at, end, cut in ends if cut]
+    cuts = [Note("extent_cuts_reach", {"sides": ", ".join(sides)})] if sides else []
+    return cuts + notes
 
 
 def _middles(low: float, high: float, count: int) -> Array:
     """Middles of equal intervals (count,)."""
-    width = (high - low) / count
-    return np.asarray(low + (np.arange(count) + 0.5) * width)
+    return np.linspace(low, high, 2 * count + 1)[1::2]
 
 
-def _dataset(
-    arm: Arm,
-    merged: dict[str, Array],
-    box: Array,
-    cells: tuple[int, int],
-    sectors: int,
-    method: str,
-    seconds: float,
-) -> xr.Dataset:
+def _dataset(merged: dict[str, Array], x: Array, z: Array, joints: int) -> xr.Dataset:
     import xarray as xr
 
     merged = merged | {"count": merged["works"].sum(axis=1)}
-    x, _, z = _centres(box, cells)
     axes = zip(MAP_AXES.items(), (x, z), strict=True)
     variables = {}
     for variable in VARIABLES:
@@ -544,23 +528,12 @@ def _dataset(
             values = values / UNITS[variable.unit]
         dims = (*MAP_AXES, *variable.more)
         attrs = {"units": variable.unit, "long_name": variable.text}
-        variables[variable.name] = (dims, values.reshape(cells + values.shape[1:]), attrs)
-    centres = sector_centres(sectors) / DEG
+        shaped = values.reshape(len(x), len(z), *values.shape[1:])
+        variables[variable.name] = (dims, shaped, attrs)
+    swivel = {"units": "degree", "long_name": "swivel of the sector's centre"}
     coordinates = {
         **{name: (name, at / MM, {"units": "mm", "long_name": text}) for (name, text), at in axes},
-        "sector_deg": (
-            "sector",
-            centres,
-            {"units": "degree", "long_name": "swivel of the sector's centre"},
-        ),
-        "joint": ("joint", np.arange(1, arm.nq + 1, dtype=np.int32)),
+        "sector_deg": ("sector", sector_centres(merged["works"].shape[1]) / DEG, swivel),
+        "joint": ("joint", np.arange(1, joints + 1, dtype=np.int32)),
     }
-    attributes = {
-        "schema": "aacmm-pin/map/1",
-        "arm": arm.name,
-        "source": arm.source,
-        "method": method,
-        "extent_mm": (box / MM).tolist(),
-        "seconds": seconds,
-    }
-    return xr.Dataset(variables, coordinates, attributes)
+    return xr.Dataset(variables, coordinates)

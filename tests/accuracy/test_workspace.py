@@ -308,7 +308,7 @@ def test_netcdf_returns_what_was_written(small, tmp_path):
 
 
 def test_what_cannot_be_asked(sino6, extended, monkeypatch):
-    monkeypatch.setattr(workspace, "_work", lambda job: pytest.fail("work began"))
+    monkeypatch.setattr(workspace, "_cells", lambda *job: pytest.fail("work began"))
     two = {"model": extended, "conditions": Conditions(2, temperature=np.array([20.0, 30.0]))}
     asked: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"extent": [0, 1, 1, -1]}, AacmmError, "Z0 < Z1"),
