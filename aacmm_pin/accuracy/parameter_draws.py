@@ -41,8 +41,8 @@ def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) ->
     (6.4.7).
     """
     parameters = model.parameters
-    known = model.arm.covariance
-    together = () if known is None else known.parameters
+    covariance_of_file = model.arm.covariance
+    together = () if covariance_of_file is None else covariance_of_file.parameters
     bounded = np.array([p.half_width is not None and p.name not in together for p in parameters])
     covariance = model.covariance()
     u = np.sqrt(np.diag(covariance))
@@ -66,17 +66,15 @@ def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
     """
     causes = [*of_geometry(model.arm), *model.effects]
     ends = np.cumsum([len(cause.terms) for cause in causes])
-    own = zip(causes, np.split(errors, ends[:-1], axis=1), strict=True)
-    drawn = []
-    for cause, error in own:
-        if not cause.of_reference:
-            drawn.append(_drawn(cause, error) if error.any() else cause)
+    causes_and_errors = zip(causes, np.split(errors, ends[:-1], axis=1), strict=True)
+    drawn: list[Effect] = []
+    for cause, error in causes_and_errors:
+        kind = _DrawnElastic if cause.elastic else _Drawn
+        if error.any() and not cause.of_reference:
+            drawn.append(kind(of=cause, drawn=np.array(cause.values) + error))
+        elif not cause.of_reference:
+            drawn.append(cause)
     return tuple(drawn)
-
-
-def _drawn(cause: Effect, error: Array) -> Effect:
-    kind = _DrawnElastic if cause.elastic else _Drawn
-    return kind(of=cause, drawn=np.array(cause.values) + error)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -123,8 +121,8 @@ class _Drawn(Effect):
             of_records.append(self.of.at(values).exact(record))
         joined = []
         for same in zip(*of_records, strict=True):
-            places, each = zip(*same, strict=True)
-            joined.append((places[0], np.concatenate(each)))
+            places, twists_of_records = zip(*same, strict=True)
+            joined.append((places[0], np.concatenate(twists_of_records)))
         return joined
 
 
@@ -172,8 +170,8 @@ def _hull_volume(points: Array) -> float:
     """Volume of the convex hull of points (m, 3) [m³]; 0 where they lie in a plane, but for
     rounding.
     """
-    off = points - points.mean(axis=0)
-    across = off @ np.linalg.svd(off, full_matrices=False)[2][-1]
+    centred = points - points.mean(axis=0)
+    across = centred @ np.linalg.svd(centred, full_matrices=False)[2][-1]
     if np.ptp(across) <= FLAT * np.abs(points).max():
         return 0.0
     return float(scipy.spatial.ConvexHull(points).volume)
@@ -218,10 +216,10 @@ def exact_positions(
     """
     arm = sources.arm
     count = len(sources.model.parameters)
-    whole = np.zeros((len(errors), count + arm.nq))
-    whole[:, list(sources.columns)] = errors
-    moved = whole[:, :count]
-    readings = arm.readings(q) + whole[:, count:]
+    all_errors = np.zeros((len(errors), count + arm.nq))
+    all_errors[:, list(sources.columns)] = errors
+    moved = all_errors[:, :count]
+    readings = arm.readings(q) + all_errors[:, count:]
     q = arm.joint_angles(readings)
     if not sources.effects:
         return arm.perturbed_positions(q, moved[:, : len(arm.parameters)], sources.at)
@@ -229,8 +227,8 @@ def exact_positions(
     positions = np.empty((len(errors), 3))
     for part in chunks(len(errors)):
         records = conditions.take(np.zeros(len(q[part]), dtype=np.intp))
-        every = drawn_effects(sources.model, moved[part])
-        effects = tuple(e for e in every if e not in sources.left_out)
+        effects_drawn = drawn_effects(sources.model, moved[part])
+        effects = tuple(e for e in effects_drawn if e not in sources.left_out)
         state = displaced(arm, effects, q[part], records, arm.place(sources.at), False)
         positions[part] = state.position
     return positions

@@ -71,9 +71,9 @@ def single_point_statistics(indications: ArrayLike, part: ArrayLike | None = Non
         )
     squares = np.square(points - points.mean(axis=0)).sum(axis=1)
     sigma = float(np.sqrt(squares.sum() / (len(points) - 1)))
-    rest = np.zeros_like(flags) if part is None else ~flags
+    others = np.zeros_like(flags) if part is None else ~flags
     return SinglePoint(
-        len(points), sigma, _rms(squares, flags), _rms(squares, rest), int(flags.sum())
+        len(points), sigma, _rms(squares, flags), _rms(squares, others), int(flags.sum())
     )
 
 

@@ -100,23 +100,22 @@ class ErrorSources(Shown):
             p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()
         }
         noise = arm.encoder_noise if stated is None else stated
-        every = list(arm.parameters)
+        candidates = list(arm.parameters)
         u = np.sqrt(np.diag(covariance)).tolist()
-        for p, its_u in list(zip(model.parameters, u, strict=True))[len(every) :]:
-            every.append(replace(p, u=its_u, half_width=COVERAGE_FACTOR * its_u))
+        for p, its_u in list(zip(model.parameters, u, strict=True))[len(candidates) :]:
+            candidates.append(replace(p, u=its_u, half_width=COVERAGE_FACTOR * its_u))
         for j, its_u in enumerate([] if noise is None else noise.tolist(), start=1):
-            every.append(
+            candidates.append(
                 Parameter(f"encoder_noise{j}", "encoder", j, "rad", 0.0, None, its_u, "record")
             )
-        # The square of what no computer can square is no variance.
-        known = [(c, p) for c, p in enumerate(every) if p.u**2 > 0 and p.name not in silent]
-        if not known:
+        uncertain = [(c, p) for c, p in enumerate(candidates) if p.u > 0 and p.name not in silent]
+        if not uncertain:
             without = f"; without {', '.join(not_included)}" if not_included else ""
             raise AacmmError(
                 f"{arm.name}: no parameter has an uncertainty{without}; state half-widths in the "
                 "arm file (uncertainty = {...}) or for the URDF, or the encoder noise"
             )
-        columns, parameters = zip(*known, strict=True)
+        columns, parameters = zip(*uncertain, strict=True)
         correlation = _correlation(covariance, np.array(columns))
         return ErrorSources(
             model, left_out, at or arm.tip, parameters, columns, correlation, not_included
@@ -147,8 +146,8 @@ class ErrorSources(Shown):
     @property
     def half_widths(self) -> Array:
         """Bounds of the bounded parameters (b,) [SI]."""
-        every = [p.half_width for p in self.parameters]
-        return np.array([bound for bound in every if bound is not None])
+        half_widths = [p.half_width for p in self.parameters]
+        return np.array([bound for bound in half_widths if bound is not None])
 
     @property
     def taken_as_exact(self) -> tuple[str, ...]:
@@ -206,26 +205,28 @@ class ErrorSources(Shown):
         arm = self.arm
         columns = np.array(self.columns)
         if not self.effects:
-            own = arm.sensitivity(q, self.at)[:, :, columns[columns < len(arm.parameters)]]
+            of_parameters = arm.sensitivity(q, self.at)[
+                :, :, columns[columns < len(arm.parameters)]
+            ]
             joints = columns - len(self.model.parameters)
             noise = arm.by_readings(arm.jacobian(q, self.at))[:, :, joints[joints >= 0]]
-            return np.concatenate([own, noise], axis=2)
+            return np.concatenate([of_parameters, noise], axis=2)
         conditions = Conditions(len(q)) if conditions is None else conditions
         state = displaced(arm, self.effects, q, conditions, arm.place(self.at), False)
-        found, start = [], 0
+        blocks, start = [], 0
         for cause in (*of_geometry(arm), *self.model.effects):
             end = start + len(cause.terms)
             wanted = columns[(columns >= start) & (columns < end)] - start
             if wanted.size:
-                found.append(sensitivity(cause, state)[:, :, wanted])
+                blocks.append(sensitivity(cause, state)[:, :, wanted])
             start = end
         noisy = columns[columns >= start] - start
         if noisy.size:  # a noisy reading is a noisy zero
             rows = arm.chain.joint_rows()
             zeros = [sensitivity(JointZeroOffset(joint=row), state) for row in rows]
             by_angles = arm.chain.drive.by_own(np.concatenate(zeros, axis=2))
-            found.append(arm.by_readings(by_angles)[:, :, noisy])
-        return np.concatenate(found, axis=2)
+            blocks.append(arm.by_readings(by_angles)[:, :, noisy])
+        return np.concatenate(blocks, axis=2)
 
     def generators(self, sensitivity: Array) -> Array:
         """What each bounded source does at its bound: half-width times its :meth:`sensitivity` (n,
@@ -295,8 +296,10 @@ class ErrorSources(Shown):
 def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
     if encoder_noise is None:
         return None
-    each = np.full(arm.nq, encoder_noise) if np.ndim(encoder_noise) == 0 else encoder_noise
-    noise = vector(each, arm.nq, "encoder_noise", "rad")
+    noise_of_joints = (
+        np.full(arm.nq, encoder_noise) if np.ndim(encoder_noise) == 0 else encoder_noise
+    )
+    noise = vector(noise_of_joints, arm.nq, "encoder_noise", "rad")
     plausible.ENCODER_NOISE.check(noise, "encoder_noise")
     return noise
 

@@ -118,11 +118,11 @@ class AccuracyVolume(Shown):
         """
         from aacmm_pin.accuracy import zonotope
 
-        found = [np.empty(0)]
+        deviations = [np.empty(0)]
         for q, conditions in _parts(self.q, self.conditions):
             generators = self.sources.generators(self.sources.sensitivity(q, conditions))
-            found.append(zonotope.largest_deviation(generators))
-        return np.concatenate(found)
+            deviations.append(zonotope.largest_deviation(generators))
+        return np.concatenate(deviations)
 
     def budget(self, by: Literal["parameter", "joint", "kind"] = "parameter") -> pd.DataFrame:
         """Return the uncertainty budget: the share of each parameter in the mean variance over the
@@ -358,22 +358,17 @@ def _first_order(
     sources: ErrorSources, method: Method, piece: tuple[Array, Conditions | None]
 ) -> tuple[Array, Array]:
     """Volume (n,) [m³] and covariance (n, 3, 3) [m²] of some configurations."""
+    from aacmm_pin.accuracy import zonotope
+
     sensitivity = sources.sensitivity(*piece)
     covariance = sources.covariance_of(sensitivity)
-    return _volume(method, sources, sensitivity, covariance), covariance
-
-
-def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covariance: Array) -> Array:
-    """Accuracy volume to first order (n,) [m³]."""
     if method == "ellipsoid":
         determinant = np.maximum(np.linalg.det(covariance), 0.0)
         of_sphere = 4.0 / 3.0 * np.pi * ELLIPSOID_COVERAGE_FACTOR**3
-        return np.asarray(of_sphere * np.sqrt(determinant))
-    from aacmm_pin.accuracy import zonotope
-
+        return of_sphere * np.sqrt(determinant), covariance
     generators = sources.generators(sensitivity)
     if method == "zonotope":
-        return zonotope.volume(generators)
+        return zonotope.volume(generators), covariance
     bounded = [sources.parameters[i] for i in sources.bounded]
     joints = np.array([p.joint or 0 for p in bounded])
     if sources.correlation is not None:
@@ -387,4 +382,4 @@ def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covarianc
                 "'ellipsoid'"
             )
     volumes = [zonotope.volume(generators[:, :, joints == joint]) for joint in np.unique(joints)]
-    return np.asarray(np.sum(volumes, axis=0))
+    return np.sum(volumes, axis=0), covariance

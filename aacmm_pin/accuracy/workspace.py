@@ -378,7 +378,7 @@ def _cells(
     working = reach.sectors
     n = len(points)
     q = working.q
-    arrays: dict[str, Array] = {
+    arrays: dict[str, Any] = {
         "reachable": reach.reachable,
         "complete": reach.complete,
         "works": working.working,
@@ -480,7 +480,7 @@ def map_caveats(
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
         notes.append(Note("first_joint_limited"))
-    first = arm.require_dh(MAP, WRIST_ROW, revolute=True).links()[0]
+    first = arm.require_dh(MAP, WRIST_ROW, revolute=True).chain.links()[0]
     if np.abs(first[:2, 2:]).max() > SMALLEST_ARM:
         notes.append(Note("first_axis_off_z"))
     if abs(arm.up[2]) < 1 - 1e-12:

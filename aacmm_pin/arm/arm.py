@@ -153,20 +153,14 @@ class Arm(Shown):
 
         model = pin.buildModelFromXML(urdf_text(arm))
         model.gravity.linear = np.array(arm.gravity_m_s2)
-        return Arm(
-            name=arm.name,
+        return _of_file(
+            arm,
             model=model,
             tip="tip",
             limits=arm.limits,
             parameters=arm.dh_parameters(),
             dh=arm.dh,
             encoder_noise=arm.encoder_noise,
-            stylus_axis=_stylus_axis(arm),
-            source=arm.source,
-            reference_temperature=arm.reference_temperature_c,
-            file=arm,
-            covariance=arm.covariance,
-            couplings=tuple(arm.couplings),
         )
 
     @staticmethod
@@ -688,28 +682,33 @@ def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) 
     shift = file.urdf.translation_half_width_mm * MM
     parameters = _placement_parameters(model, shift, file.urdf.rotation_half_width_rad)
     limits = np.column_stack([model.lowerPositionLimit, model.upperPositionLimit])
-    return Arm(
-        name=file.name,
+    return _of_file(
+        file,
         model=model,
         tip=file.urdf.frame,
         limits=drive.limits(limits),
         parameters=calibrated(parameters, file.covariance),
         encoder_noise=None if noise is None else noise[drive.own],
-        stylus_axis=_stylus_axis(file),
-        source=file.source,
-        reference_temperature=file.reference_temperature_c,
-        file=file,
-        covariance=file.covariance,
         nominal=nominal,
-        couplings=tuple(file.couplings),
         mimics=mimics,
     )
 
 
-def _stylus_axis(file: ArmFile | UrdfArmFile) -> Array | None:
-    if file.stylus is None:
-        return None
-    return unit_vector(file.stylus.axis, "the axis of the stylus")
+def _of_file(file: ArmFile | UrdfArmFile, **fields: Any) -> Arm:
+    """The arm with what every file states, and these ``fields`` besides."""
+    axis = None
+    if file.stylus is not None:
+        axis = unit_vector(file.stylus.axis, "the axis of the stylus")
+    return Arm(
+        name=file.name,
+        stylus_axis=axis,
+        source=file.source,
+        reference_temperature=file.reference_temperature_c,
+        file=file,
+        covariance=file.covariance,
+        couplings=tuple(file.couplings),
+        **fields,
+    )
 
 
 def _motion(twist: Array) -> Any:
@@ -745,8 +744,7 @@ def as_arm(given: object, name: str = "arm") -> Arm:
 def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:
     parameters = []
     for joint in range(1, model.njoints):
-        for axis in ("x", "y", "z"):
-            parameters.append(Parameter.bounded(f"{axis}{joint}", axis, joint, "m", 0.0, shift))
-        for axis in ("rx", "ry", "rz"):
-            parameters.append(Parameter.bounded(f"{axis}{joint}", axis, joint, "rad", 0.0, turn))
+        for kind in ("x", "y", "z", "rx", "ry", "rz"):
+            unit, bound = ("rad", turn) if "r" in kind else ("m", shift)
+            parameters.append(Parameter.bounded(f"{kind}{joint}", kind, joint, unit, 0.0, bound))
     return tuple(parameters)

@@ -29,9 +29,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.batches import chunks, cross
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.compiled import Loop
+from aacmm_pin._support.plausible import REACH_POSTURES, out_of_reach
 from aacmm_pin.arm.couplings import Drive, Mimic
 
 OF_A_POSE = 6
@@ -158,6 +160,23 @@ class Chain:
         places = np.flatnonzero(self.joint >= 0)
         return [int(place) // 2 for place in places]
 
+    def links(self) -> Array:
+        """Constant transforms L of ``L_0 Rz(q_1) L_1 … Rz(q_m) L_m`` (Tz where a joint slides):
+        (m + 1, 4, 4) [m].
+
+        A constant before a joint that is a screw about its axis commutes with it, and is put behind
+        it.
+        """
+        links = [np.eye(4)]
+        for constant, joint in zip(self.constant, self.moved, strict=True):
+            if joint >= 0 and (constant[:2, 2:] == 0.0).all() and constant[2, 2] > 0.0:
+                links.append(constant)
+                continue
+            links[-1] = links[-1] @ constant
+            if joint >= 0:
+                links.append(np.eye(4))
+        return np.stack(links)
+
     def cut(self, place: int, offset: Array | None = None) -> Chain:
         """The chain whose tip is at ``place``, shifted by ``offset`` (3,) [m] in the axes there.
 
@@ -177,15 +196,13 @@ class Chain:
 
         Args:
             q: configurations (n, nq).
-            errors: added to the parameters, (n, p) or (1, p) [m, rad]; nothing is linearised.
+            errors: added to the parameters (n, p) [m, rad]; nothing is linearised.
         """
         if errors is None:
             return self._differentiated(q, np.empty((0, 2), dtype=np.intp))[0]
-        twists = self._twists(errors)
         position = np.empty((len(q), 3))
         for part in chunks(len(q)):
-            own = {place: t if len(t) == 1 else t[part] for place, t in twists.items()}
-            position[part] = self.walk(q[part], own)[1][-1]
+            position[part] = self.walk(q[part], self._twists(errors[part]))[1][-1]
         return position
 
     def position_and_jacobian(self, q: Array) -> tuple[Array, Array]:
@@ -223,6 +240,14 @@ class Chain:
                     if place != NO_PLACE:
                         columns[:, k, part] = _derivative(frames, place, component)
         return position, columns.transpose(2, 0, 1)
+
+    def beyond_reach(self) -> str:
+        """That the tip is farther from the base than any arm reaches, in words; "" where it is not.
+
+        Looked at with all joints at zero, and spread over a turn with slides at zero.
+        """
+        spread = spread_angles(REACH_POSTURES, self.nq) * ~self.prismatic
+        return out_of_reach(self.positions(np.vstack([np.zeros(self.nq), spread])))
 
     def jacobian(self, rotation: Array, origin: Array, point: Array) -> tuple[Array, Array]:
         """Motion of a point (n, 3) [m] of the last body by the joints, from the frames of a
@@ -298,9 +323,9 @@ class Chain:
         place, component = self.parameters.T
         twists = {}
         for here in np.unique(place[place != NO_PLACE]).tolist():
-            own = np.flatnonzero(place == here)
+            parameters_here = np.flatnonzero(place == here)
             twists[here] = np.zeros((6, len(errors))).T  # components contiguous
-            twists[here][:, component[own]] = errors[:, own]
+            twists[here][:, component[parameters_here]] = errors[:, parameters_here]
         return twists
 
     def _with_constant(self, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:

@@ -51,9 +51,9 @@ def coupling_matrix(couplings: Sequence[Coupling], rows: Sequence[int]) -> Array
         for key in ("joint", "of"):
             row = getattr(coupling, key)
             if row not in rows:
-                known = ", ".join(map(str, rows))
+                numbers = ", ".join(map(str, rows))
                 raise ValueError(
-                    f"{place}.{key} is {row}; expected a row with a joint, one of {known}"
+                    f"{place}.{key} is {row}; expected a row with a joint, one of {numbers}"
                 )
         if abs(coupling.ratio) > MOST_RATIO:
             raise ValueError(
@@ -116,8 +116,8 @@ class Drive:
             matrix[mimic.joint - 1] = mimic.ratio * np.eye(joints)[mimic.of - 1]
             offset[mimic.joint - 1] = mimic.offset
         followers = [mimic.joint - 1 for mimic in mimics if mimic.joint != mimic.of]
-        own = np.delete(np.arange(joints), followers)
-        return Drive(matrix[:, own], offset, own)
+        leaders = np.delete(np.arange(joints), followers)
+        return Drive(matrix[:, leaders], offset, leaders)
 
     @cached_property
     def is_identity(self) -> bool:
@@ -147,16 +147,16 @@ class Drive:
             UnsupportedArmError: there are none.
         """
         scale = self.matrix[self.own, np.arange(len(self.own))][:, None]
-        found = np.sort((of_all[self.own] - self.offset[self.own, None]) / scale, axis=1)
+        limits = np.sort((of_all[self.own] - self.offset[self.own, None]) / scale, axis=1)
         for joint, leader in enumerate(self.leader):
             ratio = self.matrix[joint, leader]
             if ratio and np.ptp(of_all[joint]) < 4.0 * np.pi:
                 bounds = (of_all[joint] - self.offset[joint]) / ratio
-                low, high = found[leader]
-                found[leader] = max(low, bounds.min()), min(high, bounds.max())
-        if (found[:, 0] > found[:, 1]).any():
+                low, high = limits[leader]
+                limits[leader] = max(low, bounds.min()), min(high, bounds.max())
+        if (limits[:, 0] > limits[:, 1]).any():
             raise UnsupportedArmError(
                 "the limits of a joint exclude the limits of a joint that mimics it; expected a "
                 "common range"
             )
-        return found
+        return limits

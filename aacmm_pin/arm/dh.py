@@ -98,22 +98,6 @@ class DHTable(Shown):
         numbers = np.where(self.moving, np.cumsum(self.moving) - 1, -1)
         return Chain.of_pieces(axes, ends, numbers, self.slides[self.moving], parameters)
 
-    def links(self) -> Array:
-        """Constant transforms L of ``L_0 Rz(q_1) L_1 … Rz(q_nq) L_nq`` (Tz for a prismatic joint):
-        (nq + 1, 4, 4) [m].
-
-        What is on the axis of a row commutes with its joint, and is put behind it.
-        """
-        constant = self.chain.constant
-        links = [constant[end(0)]]
-        for row, moves in enumerate(self.moving.tolist(), start=1):
-            link = constant[axis(row)] @ constant[end(row)]
-            if moves:
-                links.append(link)
-            else:
-                links[-1] = links[-1] @ link
-        return np.stack(links)
-
     def place(self, frame: int) -> int:
         """Place of the chain that has the origin of ``frame``, 0 the base."""
         if frame == 0:

@@ -13,10 +13,10 @@ import os
 import re
 import reprlib
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 import tomli_w
@@ -30,7 +30,6 @@ from pydantic import (
     model_validator,
 )
 
-from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.plausible import (
@@ -38,7 +37,6 @@ from aacmm_pin._support.plausible import (
     MOST_JOINTS,
     MOST_ROWS,
     MOST_TURNS,
-    REACH_POSTURES,
     SHIFT_HALF_WIDTH,
     SMALLEST_ARM,
     Acceleration,
@@ -56,7 +54,6 @@ from aacmm_pin._support.plausible import (
     Text,
     expected_words,
     like_degrees,
-    out_of_reach,
     without_nul,
 )
 from aacmm_pin._support.units import DEG, MM
@@ -71,11 +68,6 @@ COVERAGE_FACTOR = 2.0
 
 MOST_BYTES = 32_000_000
 """Size of a file: one with a covariance of a thousand parameters has half of it."""
-DEEPEST = 20
-"""Tables inside one another; those of an arm file are three."""
-MANY_KEY_PARTS = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){100}""")
-"""A dotted key of more than a hundred parts: Python's parser takes their square in time and memory.
-"""
 DECIMAL_COMMA = re.compile(r"=\s*([+-]?[0-9]{1,9},[0-9]{1,17})")
 """A value with a decimal comma, which is none in TOML."""
 TABLE = re.compile(
@@ -123,7 +115,7 @@ class _WithAngles(_Part):
             for key in data
             if key.endswith("_deg") and f"{key[:-4]}_rad" in cls.model_fields
         }
-        found = {key: value for key, value in data.items() if key not in in_degrees}
+        in_radians = {key: value for key, value in data.items() if key not in in_degrees}
         for key, name in in_degrees.items():
             if name in data:
                 raise ValueError(f"both {key} and {name} are stated; expected one of these keys")
@@ -136,8 +128,8 @@ class _WithAngles(_Part):
             radians = [
                 number * DEG if abs(number) < LARGEST_DEG else math.inf for number in numbers
             ]
-            found[name] = radians if isinstance(data[key], list) else radians[0]
-        return found
+            in_radians[name] = radians if isinstance(data[key], list) else radians[0]
+        return in_radians
 
 
 class Uncertainty(_WithAngles):
@@ -207,6 +199,11 @@ class Row(_WithAngles):
         return "mm" if self.slides else "rad"
 
     @property
+    def _scale(self) -> float:
+        """SI unit per unit of readings."""
+        return MM if self.slides else 1.0
+
+    @property
     def _limits(self) -> Pair | None:
         return self.limits_mm if self.slides else self.limits_rad
 
@@ -216,20 +213,17 @@ class Row(_WithAngles):
         if self._limits is None:
             return None
         lower, upper = self._limits
-        scale = MM if self.slides else 1.0
-        return lower * scale, upper * scale
+        return lower * self._scale, upper * self._scale
 
     @property
     def encoder_noise(self) -> float | None:
         """Standard uncertainty of a reading [rad; m for a prismatic joint]; None if not stated."""
-        if self.slides:
-            return None if self.encoder_noise_mm is None else self.encoder_noise_mm * MM
-        return self.encoder_noise_rad
+        noise = self.encoder_noise_mm if self.slides else self.encoder_noise_rad
+        return None if noise is None else noise * self._scale
 
     def with_encoder_noise(self, noise: float) -> Row:
         """The row with this standard uncertainty of one reading [rad; m for a prismatic joint]."""
-        scale = MM if self.slides else 1.0
-        return self.model_copy(update={f"encoder_noise_{self.unit}": noise / scale})
+        return self.model_copy(update={f"encoder_noise_{self.unit}": noise / self._scale})
 
 
 class Stylus(_Part):
@@ -417,6 +411,7 @@ class UrdfJoint(_WithAngles):
     shift_mm: Annotated[tuple[LengthMm, LengthMm, LengthMm], _FROM_ARRAY] = (0.0, 0.0, 0.0)
     turn_rad: Annotated[tuple[Angle, Angle, Angle], _FROM_ARRAY] = (0.0, 0.0, 0.0)
     encoder_noise_rad: EncoderNoise | None = None
+    unit: ClassVar[str] = "rad"
 
     @property
     def encoder_noise(self) -> float | None:
@@ -441,10 +436,7 @@ class UrdfArmFile(AnyArmFile):
                 "urdf.sha256 is missing; expected the SHA-256 of the URDF to which joints and "
                 "covariance belong"
             )
-        noise = {}
-        for number, joint in enumerate(self.joints, start=1):
-            noise[f"joints[{number}].encoder_noise_rad"] = joint.encoder_noise
-        _check_noise(noise)
+        _check_noise(enumerate(self.joints, start=1))
         return self
 
     @property
@@ -475,17 +467,13 @@ class ArmFile(AnyArmFile):
             raise ValueError(
                 f"{len(self.moving_rows)} rows have a joint; expected at most {MOST_JOINTS}"
             )
-        noise = {}
-        for number, row in zip(self.moving_numbers, self.moving_rows, strict=True):
-            noise[f"joints[{number}].encoder_noise_{row.unit}"] = row.encoder_noise
-        _check_noise(noise)
+        _check_noise(zip(self.moving_numbers, self.moving_rows, strict=True))
         coupling_matrix(self.couplings, self.moving_numbers)
         return self
 
     @model_validator(mode="after")
     def _has_a_size(self) -> ArmFile:
-        postures = np.vstack([np.zeros(self.dh.nq), spread_angles(REACH_POSTURES, self.dh.nq)])
-        if refused := out_of_reach(self.dh.chain.positions(postures)):
+        if refused := self.dh.chain.beyond_reach():
             lengths = {
                 f"joints[{n}].{k}": getattr(r, k)
                 for n, r in enumerate(self.joints, start=1)
@@ -563,12 +551,11 @@ def _noise(joints: Iterable[Row | UrdfJoint]) -> Array | None:
     return np.array(noise, dtype=np.float64) if noise and None not in noise else None
 
 
-def _check_noise(noise: Mapping[str, float | None]) -> None:
-    """Refuse joints, by the key of their noise, of which only some state the noise of their
-    encoder.
-    """
-    missing = [key for key, u in noise.items() if u is None]
-    if 0 < len(missing) < len(noise):
+def _check_noise(numbered: Iterable[tuple[int, Row | UrdfJoint]]) -> None:
+    """Refuse joints of which only some state the noise of their encoder."""
+    keys = {f"joints[{number}].encoder_noise_{joint.unit}": joint for number, joint in numbered}
+    missing = [key for key, joint in keys.items() if joint.encoder_noise is None]
+    if 0 < len(missing) < len(keys):
         raise ValueError(f"{missing[0]} is missing; expected a value for all joints or for none")
 
 
@@ -581,13 +568,13 @@ def calibrated(
     if covariance is None:
         return tuple(parameters)
     u = dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
-    found = []
+    with_uncertainty = []
     for parameter in parameters:
         if parameter.name in u:
-            own = u[parameter.name]
-            parameter = replace(parameter, u=own, half_width=COVERAGE_FACTOR * own)
-        found.append(parameter)
-    return tuple(found)
+            its_u = u[parameter.name]
+            parameter = replace(parameter, u=its_u, half_width=COVERAGE_FACTOR * its_u)
+        with_uncertainty.append(parameter)
+    return tuple(with_uncertainty)
 
 
 def bundled_arms() -> list[str]:
@@ -619,12 +606,9 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
         resource = importlib.resources.files("aacmm_pin.arm") / "bundled" / f"{name}.toml"
         return parse_arm_file(resource.read_bytes(), f"{name}.toml")
     path = Path(name_or_path)
-    try:
-        if path.suffix != ".toml" and not path.exists():
-            known = [*bundled_arms(), *EXAMPLE_ROBOTS]
-            raise UnknownNameError("arm", name, known, "or state the path of an arm file, *.toml")
-    except OSError as error:
-        raise ArmFileError(name, "", f"the file cannot be read: {error.strerror}") from None
+    if path.suffix != ".toml" and not os.path.exists(path):
+        names = [*bundled_arms(), *EXAMPLE_ROBOTS]
+        raise UnknownNameError("arm", name, names, "or state the path of an arm file, *.toml")
     content = content_of(
         path, MOST_BYTES, "an arm file (*.toml)", lambda message: ArmFileError(name, "", message)
     )
@@ -639,9 +623,6 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
     """
     try:
         text = content.decode("utf-8-sig")
-        if long_key := MANY_KEY_PARTS.search(text):
-            line = text.count("\n", 0, long_key.start()) + 1
-            raise refused(f"line {line} has a key with more than 100 parts; expected fewer")
         return tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise refused(f"byte {error.start} is not UTF-8; expected a TOML file in UTF-8") from None
@@ -679,12 +660,11 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
             path, "", "this is a table (CSV); expected an arm file (TOML); state ARM before DATA"
         )
     data = toml_of(content, refused)
-    _check_depth(data, path)
     if "urdf" not in data:
         return validated(ArmFile, data, path)
     file = validated(UrdfArmFile, data, path)
-    found = os.path.abspath(Path(os.path.realpath(path)).parent / file.urdf.file)
-    return file.model_copy(update={"urdf": file.urdf.model_copy(update={"file": found})})
+    absolute = os.path.abspath(Path(os.path.realpath(path)).parent / file.urdf.file)
+    return file.model_copy(update={"urdf": file.urdf.model_copy(update={"file": absolute})})
 
 
 def validated(kind: type[Kind], data: dict[str, Any], path: str) -> Kind:
@@ -697,25 +677,6 @@ def validated(kind: type[Kind], data: dict[str, Any], path: str) -> Kind:
         return kind.model_validate(data)
     except ValidationError as error:
         raise _explained(error, path, kind) from None
-
-
-def _check_depth(data: dict[str, Any], path: str) -> None:
-    """Refuse tables and arrays inside one another that no arm file has, before anything walks them
-    by recursion.
-    """
-    level: list[tuple[str, Any]] = list(data.items())
-    for _ in range(DEEPEST):
-        inside = [
-            (key, list(value.values()) if isinstance(value, dict) else value)
-            for key, value in level
-        ]
-        level = [(key, item) for key, value in inside if isinstance(value, list) for item in value]
-    if level:
-        raise ArmFileError(
-            path,
-            level[0][0],
-            f"too many nested tables or arrays; expected at most {DEEPEST} levels",
-        )
 
 
 def _explained(error: ValidationError, path: str, kind: type[AnyArmFile]) -> ArmFileError:
@@ -743,8 +704,8 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
             }
             parents = [part for part in item["loc"][:-1] if isinstance(part, str)]
             fields = (kinds[parents[-1]] if parents else kind).model_fields
-            known = sorted(field.alias or name for name, field in fields.items())
-            return key, f"unknown key; expected one of {', '.join(known)}"
+            keys = sorted(field.alias or name for name, field in fields.items())
+            return key, f"unknown key; expected one of {', '.join(keys)}"
         case "missing":
             return key, "missing key; expected a value"
         case "value_error":

@@ -56,10 +56,10 @@ def wide_half_width_notes(parameters: Sequence[Parameter]) -> list[Note]:
     """A note for lengths, and one for angles, whose half-widths are larger than those of an arm as
     assembled; none otherwise.
     """
-    found = []
+    notes = []
     for code, unit in (("length_half_widths_large", "m"), ("angle_half_widths_large", "rad")):
         stated = {p.name: p.half_width or 0.0 for p in parameters if p.unit == unit}
         wide = {name: width for name, width in stated.items() if width > WIDEST_HALF_WIDTHS[unit]}
         if wide:
-            found.append(Note(code, {"parameters": [*wide], "most": max(wide.values())}))
-    return found
+            notes.append(Note(code, {"parameters": [*wide], "most": max(wide.values())}))
+    return notes

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.plausible import MOST_JOINTS, REACH_POSTURES, out_of_reach
+from aacmm_pin._support.plausible import MOST_JOINTS
 from aacmm_pin.arm.chain import Chain, end
 from aacmm_pin.arm.couplings import Mimic
 from aacmm_pin.errors import UnknownNameError, UnsupportedArmError
@@ -46,28 +45,20 @@ def serial_part(
         UnknownNameError: no such frame.
         UnsupportedArmError: the chain is none of an arm, or a joint of it follows one beside it.
     """
-    joint = model.frames[frame_number(model, frame)].parentJoint
-    chain = []
-    while joint > 0:
-        chain.append(joint)
-        joint = model.parents[joint]
+    chain = model.supports[model.frames[frame_number(model, frame)].parentJoint].tolist()[1:]
     if len(chain) > MOST_JOINTS:
         raise UnsupportedArmError(
             f"{model.name}: {len(chain)} joints move the frame {frame!r}; expected at most "
             f"{MOST_JOINTS}"
         )
-    names = [model.names[joint] for joint in reversed(chain)]
+    names = [model.names[joint] for joint in chain]
     mimics = _mimics(names, {*model.names}, followers)
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()
     if others:
         _rename(model, others)
         model = pin.buildReducedModel(model, others, pin.neutral(model))
-    wide = [
-        model.names[j]
-        for j in range(1, model.njoints)
-        if model.joints[j].nq != 1 or model.joints[j].nv != 1
-    ]
+    wide = [name for name, joint in zip(model.names, model.joints, strict=True) if joint.nq > 1]
     if wide:
         raise UnsupportedArmError(
             f"{model.name}: joint {', '.join(wide)} has more than one coordinate; expected one; "
@@ -77,15 +68,12 @@ def serial_part(
         raise UnsupportedArmError(
             f"{model.name}: no joint moves the frame {frame!r}; expected a frame beyond a joint"
         )
-    if refused := out_of_reach(_spread_tips(model, frame)):
-        shifts = {
-            model.names[j]: float(np.linalg.norm(model.jointPlacements[j].translation))
-            for j in range(1, model.njoints)
-        }
-        name = max(shifts, key=lambda joint: shifts[joint])
+    if refused := chain_of(model, frame).beyond_reach():
+        shifts = [np.linalg.norm(placement.translation) for placement in model.jointPlacements]
+        farthest = int(np.argmax(shifts))
         raise UnsupportedArmError(
-            f"{model.name}: joint {name!r} is {shifts[name]:.4g} m beyond the joint before, so "
-            f"that {refused}"
+            f"{model.name}: joint {model.names[farthest]!r} is {shifts[farthest]:.4g} m beyond the "
+            f"joint before, so that {refused}"
         )
     return model, mimics
 
@@ -97,7 +85,7 @@ def _mimics(
 
     A joint beside the chain that some follow has the encoder: the first of these has its reading.
     """
-    found = []
+    mimics = []
     first_of: dict[str, int] = {}
     for number, name in enumerate(names, start=1):
         if name not in followers:
@@ -109,22 +97,8 @@ def _mimics(
                 "joint has its own encoder, delete <mimic>"
             )
         of = names.index(leader) + 1 if leader in names else first_of.setdefault(leader, number)
-        found.append(Mimic(number, of, ratio, offset))
-    return tuple(found)
-
-
-def _spread_tips(model: Any, frame: str) -> Array:
-    """Origin of a frame with all joints at zero, and in postures that are spread over a turn,
-    slides at zero: (n, 3) [m].
-    """
-    turns = _motions(model)[:, 3:].any(axis=1)
-    data = model.createData()
-    number = frame_number(model, frame)
-    tips = []
-    for q in np.vstack([np.zeros(model.nq), spread_angles(REACH_POSTURES, model.nq) * turns]):
-        pin.forwardKinematics(model, data, q)
-        tips.append(pin.updateFramePlacement(model, data, number).translation.copy())
-    return np.array(tips)
+        mimics.append(Mimic(number, of, ratio, offset))
+    return tuple(mimics)
 
 
 def _rename(model: Any, joints: list[int]) -> None:
@@ -136,13 +110,10 @@ def _rename(model: Any, joints: list[int]) -> None:
         if frame.type == pin.FrameType.FIXED_JOINT and frame.name in links:
             frame.name = f"joint {frame.name}"
     for joint in joints:
-        if model.names[joint] in links:
-            frame = next(
-                f
-                for f in model.frames
-                if f.name == model.names[joint] and f.type == pin.FrameType.JOINT
-            )
-            frame.name = model.names[joint] = f"joint {frame.name}"
+        name = model.names[joint]
+        if name in links:
+            frame = model.frames[model.getFrameId(name, pin.FrameType.JOINT)]
+            frame.name = model.names[joint] = f"joint {name}"
 
 
 def chain_of(model: Any, tip: str, mimics: Sequence[Mimic] = ()) -> Chain:
@@ -167,11 +138,11 @@ def _motions(model: Any) -> Array:
     """Twist of every joint per unit of its number, in its own axes (nq, 6)."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    each = [
-        pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, -1)
-        for joint in range(1, model.njoints)
-    ]
-    return np.array([jacobian[:, number] for number, jacobian in enumerate(each)])
+    motions = np.empty((model.nv, 6))
+    for joint in range(model.nv):
+        jacobian = pin.getJointJacobian(model, data, joint + 1, pin.LOCAL)
+        motions[joint] = jacobian.reshape(6, -1)[:, joint]
+    return motions
 
 
 def joint_axes(model: Any) -> Array:

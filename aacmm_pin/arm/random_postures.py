@@ -116,19 +116,19 @@ class Room:
         """
         kept = []
         tips = []
-        found = 0
+        useful = 0
         for _ in range(MOST_DRAWS):
             q = random_postures(self.arm, count, rng)
             tip = self.arm.positions(q)
             use = self.admits(tip)
             kept.append(q[use])
             tips.append(tip[use])
-            found += int(use.sum())
-            if found >= count:
+            useful += int(use.sum())
+            if useful >= count:
                 return np.concatenate(kept)[:count], np.concatenate(tips)[:count]
         high = "" if self.above is None else f" and {self.above / MM:g} mm above the base"
         raise AacmmError(
-            f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have the tip at "
+            f"{self.arm.name}: {useful} of {MOST_DRAWS * count} random postures have the tip at "
             f"least {CLEAR / MM:g} mm from the axis of joint 1{high}; expected at least "
             f"{count}; check the lengths and joint limits of the arm, and the height of the table"
         )

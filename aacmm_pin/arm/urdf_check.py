@@ -12,6 +12,7 @@ import hashlib
 import math
 import os
 import tempfile
+import threading
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,6 +48,8 @@ PLACES = "joint/origin | link/inertial/origin | joint[@type!='fixed' and @type!=
 """The elements that Pinocchio reads of these, as XPath."""
 MAX_INERTIA = 1e9
 """Of a mass [kg] or a moment [kg m²]."""
+STDERR = threading.Lock()
+"""Held by the thread that has redirected the standard error."""
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 Element = Any
@@ -128,7 +131,7 @@ def parsed_urdf(content: bytes, path: str) -> Element:
 
 def _model(text: str, path: str) -> Any:
     """The model that Pinocchio builds; what it refuses, it explains on the standard error."""
-    with tempfile.TemporaryFile() as said:
+    with STDERR, tempfile.TemporaryFile() as said:
         stderr = os.dup(2)
         os.dup2(said.fileno(), 2)
         try:

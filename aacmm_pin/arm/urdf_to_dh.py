@@ -27,7 +27,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, screws
-from aacmm_pin.arm.file import AnyArmFile, ArmFile, UrdfArmFile, validated
+from aacmm_pin.arm.file import ArmFile, UrdfArmFile, validated
 from aacmm_pin.errors import UnsupportedArmError
 
 PARALLEL = 1e-13
@@ -81,16 +81,15 @@ def dh_file(arm: Arm) -> ArmFile:
                 frames.append(frame)
     turn = frame[:3, :3].T @ rotation[-1]
     shift = frame[:3, :3].T @ (origin[-1] - frame[:3, 3])
-    rest, (last, joint_of_last) = (
-        Row(0.0, float(shift[2]), 0.0, math.atan2(turn[1, 0], turn[0, 0])),
-        rows[-1],
-    )
+    remaining = Row(0.0, float(shift[2]), 0.0, math.atan2(turn[1, 0], turn[0, 0]))
+    last, joint_of_last = rows[-1]
     if last.a == last.alpha == 0.0:
-        rows[-1] = Row(0.0, last.d + rest.d, 0.0, last.theta + rest.theta), joint_of_last
-        frames[-1] = frame @ _motion(rest)
-    elif np.abs(rest).max() > SAME:
-        rows.append((rest, None))
-        frames.append(frame @ _motion(rest))
+        along = Row(0.0, last.d + remaining.d, 0.0, last.theta + remaining.theta)
+        rows[-1] = along, joint_of_last
+        frames[-1] = frame @ _motion(remaining)
+    elif np.abs(remaining).max() > SAME:
+        rows.append((remaining, None))
+        frames.append(frame @ _motion(remaining))
     return _file(arm, file, rows, frames)
 
 
@@ -104,10 +103,8 @@ def _file(
     rotation, origin = (part[axes, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
     joints = []
     for (row, joint), frame in zip(rows, frames, strict=True):
-        keys = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
-        entry: dict[str, Any] = dict(
-            zip(keys, (row.a / MM, row.d / MM, row.alpha, row.theta), strict=True)
-        )
+        entry: dict[str, Any] = {"a_mm": row.a / MM, "d_mm": row.d / MM}
+        entry |= {"alpha_rad": row.alpha, "theta_offset_rad": row.theta}
         if joint is None:
             entry["fixed"] = True
         else:
@@ -125,8 +122,7 @@ def _file(
         joints.append(entry)
     kept = file.model_dump(
         by_alias=True,
-        include=set(AnyArmFile.model_fields)
-        - {"couplings", "effects", "discrepancy", "covariance"},
+        exclude={"urdf", "joints", "couplings", "effects", "discrepancy", "covariance"},
     )
     row_of = [number for number, (_, joint) in enumerate(rows, start=1) if joint is not None]
     kept["couplings"] = [

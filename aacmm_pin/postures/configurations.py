@@ -37,14 +37,13 @@ from aacmm_pin.postures.postures_at_point import (
     missing_notes,
     open_curve_notes,
 )
-from aacmm_pin.postures.tip_ik import tip_curves, tip_equations
+from aacmm_pin.postures.tip_ik import tip_curves
 from aacmm_pin.postures.wrist_ik import (
     FEW_PER_TURN,
     WRIST_ROW,
     Wrist,
     reach_of_wrist,
     wrist_curves,
-    wrist_equations,
 )
 
 if TYPE_CHECKING:
@@ -218,25 +217,24 @@ def configuration_circles(
             )
         wrist = None
         stylus, direction = directed_stylus(arm, axis)
-        found = tip_curves(dh, points, stylus, direction)
-        systems = [tip_equations(dh, point[None, :], stylus, direction) for point in points]
+        curves = tip_curves(dh, points, stylus, direction)
     else:
         if axis is not None:
             raise AacmmError("axis requires tip=True")
         wrist = Wrist.of_arm(arm, "a configuration circle", rest)
-        found = wrist_curves(wrist, points, SEEDS_PER_TURN)
-        systems = [wrist_equations(wrist, point[None, :]) for point in points]
+        curves = wrist_curves(wrist, points, SEEDS_PER_TURN)
     swivel = Swivel(dh, arm.up)
     circles = []
-    for number, (point, system) in enumerate(zip(points, systems, strict=True)):
-        curves = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
-        components = Components(swivel, system, point[None, :], curves, wrist)
-        notes = open_curve_notes(curves) + [Note("arm_degenerate")] * found.degenerate
+    for number, point in enumerate(points):
+        equations = replace(curves.equations, goals=curves.equations.goals[[number]])
+        mine = [replace(curve, problem=0) for curve in curves.curves if curve.problem == number]
+        components = Components(swivel, equations, point[None, :], mine, wrist)
+        notes = open_curve_notes(mine) + [Note("arm_degenerate")] * curves.degenerate
         notes += wrist.notes if wrist is not None and rest is None else []
-        if number in found.families:
-            posture = in_degrees(components.full(found.families[number][None, :])[0])
+        if number in curves.families:
+            posture = in_degrees(components.full(curves.families[number][None, :])[0])
             notes.append(Note("singular_unlisted", {"posture": posture}))
-        if number in found.unfinished:
+        if number in curves.unfinished:
             notes.append(Note("search_ended"))
         at = arm.tip if tip else WRIST
         circle = _sampled(arm, point, at, components, count, tuple(notes))
@@ -348,19 +346,17 @@ def reach_of_points(
     swivel = Swivel(dh, arm.up)
     if axis is None:
         wrist = Wrist.of_arm(arm, purpose)
-        found = wrist_curves(wrist, points, FEW_PER_TURN)
-        equations = wrist_equations(wrist, points)
+        curves = wrist_curves(wrist, points, FEW_PER_TURN)
     else:
         wrist = None
         stylus, direction = directed_stylus(arm, axis)
-        found = tip_curves(dh, points, stylus, direction)
-        equations = tip_equations(dh, points, stylus, direction)
-    components = Components(swivel, equations, points, found.curves, wrist)
-    with_curves = [curve.problem for curve in found.curves]
-    open_curves = [curve.problem for curve in found.curves if not curve.closed]
+        curves = tip_curves(dh, points, stylus, direction)
+    components = Components(swivel, curves.equations, points, curves.curves, wrist)
+    with_curves = [curve.problem for curve in curves.curves]
+    open_curves = [curve.problem for curve in curves.curves if not curve.closed]
     reachable = np.zeros(len(points), dtype=bool)
-    reachable[[*with_curves, *found.families]] = True
-    complete = np.full(len(points), not found.degenerate)
-    complete[[*open_curves, *found.families, *found.unfinished]] = False
+    reachable[[*with_curves, *curves.families]] = True
+    complete = np.full(len(points), not curves.degenerate)
+    complete[[*open_curves, *curves.families, *curves.unfinished]] = False
     sector_states = Sectors.of(components, arm.limits, sectors)
     return Reach(sector_states, arc_fractions(components, arm.limits), reachable, complete)

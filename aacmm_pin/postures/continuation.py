@@ -309,10 +309,10 @@ def touches(begin: int, end: int, vertices: Array, space: Array) -> bool:
     n = vertices.shape[1]
     for j in range(n):
         chord = wrap(vertices[end, j] - vertices[begin, j])
-        off = wrap(space[SOUGHT, j] - vertices[begin, j])
-        space[IMAGE, j], space[GUESS, j] = vertices[begin, j] + off, chord
+        ahead = wrap(space[SOUGHT, j] - vertices[begin, j])
+        space[IMAGE, j], space[GUESS, j] = vertices[begin, j] + ahead, chord
         square += chord**2
-        part += chord * off
+        part += chord * ahead
     part = min(max(part / square, 0.0), 1.0)
     for j in range(n):
         space[GUESS, j] = vertices[begin, j] + part * space[GUESS, j]
@@ -324,11 +324,11 @@ def meets(links: Array, tangent: int, space: Array) -> bool:
     ``tangent`` in ``IMAGE`` itself?
     """
     n = space.shape[1] - 2
-    off = 0.0
+    beyond = 0.0
     for j in range(n):
-        off += (space[GUESS, j] - space[IMAGE, j]) * space[tangent, j]
+        beyond += (space[GUESS, j] - space[IMAGE, j]) * space[tangent, j]
     for j in range(n):
-        space[GUESS, j] -= off * space[tangent, j]
+        space[GUESS, j] -= beyond * space[tangent, j]
     if not distance(GUESS, IMAGE, space) < 2 * LONGEST_CURVE_STEP:
         return False
     arrived, _ = correct(links, GUESS, tangent, MOST_MEETINGS, space)
@@ -573,10 +573,10 @@ def residual_after(count: int, space: Array) -> float:
     n = space.shape[1] - 2
     largest = 0.0
     for i in range(count):
-        rest = space[EQUATIONS + i, n]
+        residual = space[EQUATIONS + i, n]
         for j in range(n):
-            rest += space[EQUATIONS + i, j] * space[MATRIX + j, n]
-        largest = max(largest, abs(rest))
+            residual += space[EQUATIONS + i, j] * space[MATRIX + j, n]
+        largest = max(largest, abs(residual))
     return largest
 
 

@@ -138,12 +138,12 @@ class Components:
         q = q.reshape(-1, cuts, joints)
         turn = wrapped(np.diff(swivel, axis=1)).ravel()
         there = there.reshape(-1, cuts)
-        known = (there[:, :-1] & there[:, 1:]).ravel()
-        start = q[:, :-1].reshape(-1, joints)[known]
-        end = q[:, 1:].reshape(-1, joints)[known]
-        swivel = swivel[:, :-1].ravel()[known]
-        numbers = np.repeat(pieces.problem[which], LIMIT_PARTS)[known]
-        return _Segments(start, end, swivel, turn[known], numbers)
+        arrived = (there[:, :-1] & there[:, 1:]).ravel()
+        start = q[:, :-1].reshape(-1, joints)[arrived]
+        end = q[:, 1:].reshape(-1, joints)[arrived]
+        swivel = swivel[:, :-1].ravel()[arrived]
+        numbers = np.repeat(pieces.problem[which], LIMIT_PARTS)[arrived]
+        return _Segments(start, end, swivel, turn[arrived], numbers)
 
 
 @dataclass(frozen=True)
@@ -215,9 +215,9 @@ def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
             # Made when it is back at its start.
             turns = np.round((q[-1] - q[0]) / (2 * np.pi)) * 2 * np.pi
             q = np.vstack([q, q[:1] + turns])
-        known = np.arange(len(q))
-        rows = np.arange(known[-1] * FINER + 1) / FINER
-        finer.append(np.column_stack([np.interp(rows, known, angles) for angles in q.T]))
+        numbers = np.arange(len(q))
+        rows = np.arange(numbers[-1] * FINER + 1) / FINER
+        finer.append(np.column_stack([np.interp(rows, numbers, angles) for angles in q.T]))
     lengths = [len(q) for q in finer]
     problem = np.repeat([c.problem for c in curves], lengths)
     # What does not arrive is near enough to measure a way.
@@ -234,10 +234,10 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
     """
     order = np.argsort(wrapped(angles))
     turns = 2 * np.pi * np.arange(-1, 2)
-    every = (wrapped(angles)[order] + turns[:, None]).ravel()
+    crossings = (wrapped(angles)[order] + turns[:, None]).ravel()
     low, high = np.sort([pieces.swivel, pieces.swivel + pieces.turn], axis=0)
-    first = np.searchsorted(every, low - SAME_SWIVEL)
-    last = np.searchsorted(every, high + SAME_SWIVEL)
+    first = np.searchsorted(crossings, low - SAME_SWIVEL)
+    last = np.searchsorted(crossings, high + SAME_SWIVEL)
     count = last - first
     piece = np.repeat(np.arange(len(first)), count)
     number = np.arange(len(piece)) + np.repeat(last - np.cumsum(count), count)
@@ -360,10 +360,10 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
     Raises:
         AacmmError: ``sectors`` is below 1, or too large.
     """
-    found = Sectors.of(components, limits, whole(sectors, 1, "sectors"))
-    working = tuple(found.working[0].tolist())
+    states = Sectors.of(components, limits, whole(sectors, 1, "sectors"))
+    working = tuple(states.working[0].tolist())
     (arc_fraction,) = arc_fractions(components, limits)
-    return Flexibility(float(found.zeta[0]), working, float(arc_fraction))
+    return Flexibility(float(states.zeta[0]), working, float(arc_fraction))
 
 
 def arc_fractions(components: Components, limits: Array) -> Array:
@@ -378,13 +378,13 @@ def arc_fractions(components: Components, limits: Array) -> Array:
         return np.full(m, np.nan)
     pieces = components.segments
     first, last = components.inside(pieces, limits - CURVED * OUTWARDS)
-    whole = (first == 0.0) & (last == 1.0)
-    fine = components.divided(pieces, ~(components.outside(limits) | whole))
+    inside = (first == 0.0) & (last == 1.0)
+    fine = components.divided(pieces, ~(components.outside(limits) | inside))
     first, last = components.inside(fine, limits)
     some = last > first
-    problem = np.concatenate([pieces.problem[whole], fine.problem[some]])
-    swivel = np.concatenate([pieces.swivel[whole], (fine.swivel + first * fine.turn)[some]])
-    turn = np.concatenate([pieces.turn[whole], ((last - first) * fine.turn)[some]])
+    problem = np.concatenate([pieces.problem[inside], fine.problem[some]])
+    swivel = np.concatenate([pieces.swivel[inside], (fine.swivel + first * fine.turn)[some]])
+    turn = np.concatenate([pieces.turn[inside], ((last - first) * fine.turn)[some]])
     theoretical = _covered_bins(pieces.problem, pieces.swivel, pieces.turn, m)
     working = _covered_bins(problem, swivel, turn, m)
     with np.errstate(invalid="ignore"):

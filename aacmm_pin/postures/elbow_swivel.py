@@ -41,14 +41,9 @@ class Swivel:
             place = place - self.dh.a[0] * rotation[frame, 0, :, 0]
         return np.asarray(place)
 
-    @property
-    def elbow_row(self) -> int:
-        """Frame whose origin lies on joint axis 4."""
-        return 3 if self.dh.standard else 4
-
     def elbow(self, q: Array) -> Array:
-        """Position of the elbow for ``q`` (n, nq): (n, 3) [m]."""
-        frame = self.dh.place(self.elbow_row)
+        """Position of the elbow, on joint axis 4, for ``q`` (n, nq): (n, 3) [m]."""
+        frame = self.dh.place(3 if self.dh.standard else 4)
         return self.dh.chain.cut(frame).positions(q)
 
     def angle(self, q: Array, points: Array) -> Array:

@@ -177,28 +177,28 @@ def reaching_postures(
     finds: Isolated | SelfMotion
     if conditions.free == 0:
         finds = Isolated(equations, q=np.empty((0, arm.nq)))
-        found = search(finds, arm.nq, most_starts)
+        outcome = search(finds, arm.nq, most_starts)
         q = finds.q
         component = np.arange(len(finds.q))
-        notes = [*_families(finds, found), *_next_to_singular(finds, found)]
+        notes = [*_families(finds, outcome), *_next_to_singular(finds, outcome)]
     else:
         finds = SelfMotion(equations)
-        found = search(finds, arm.nq, most_starts)
+        outcome = search(finds, arm.nq, most_starts)
         curves = tuple(finds.curves)
         q = np.empty((0, arm.nq))
         component = np.arange(0)
         missing = 0
         if curves:
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
-        notes = _families(finds, found) + open_curve_notes(curves) + missing_notes(missing)
-    notes += [Note("arm_degenerate")] * found.degenerate
-    reason = "" if len(q) else "; ".join(map(str, notes)) or f"{found}, out of reach"
+        notes = _families(finds, outcome) + open_curve_notes(curves) + missing_notes(missing)
+    notes += [Note("arm_degenerate")] * outcome.degenerate
+    reason = "" if len(q) else "; ".join(map(str, notes)) or f"{outcome}, out of reach"
     q = into_limits(q, arm.limits)
     swivel = _swivel(arm, q, conditions.point)
     broken = outside_limits(q, arm.limits)
     at = (arm, conditions.point, arm.tip)
-    complete = not (notes or found.ended)
-    those = (*at, q, component + 1, swivel, broken, conditions, curves, found)
+    complete = not (notes or outcome.ended)
+    those = (*at, q, component + 1, swivel, broken, conditions, curves, outcome)
     return ReachingPostures(*those, reason=reason, notes=tuple(notes), complete=complete)
 
 
@@ -260,11 +260,11 @@ def _rotation(values: ArrayLike) -> Array:
     if matrix.shape != (3, 3):
         raise ShapeError(f"rotation has shape {matrix.shape}; expected (3, 3)")
     matrix = vector(matrix.ravel(), 9, "rotation", "1").reshape(3, 3)
-    off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
-    if off > ORTHONORMAL or np.linalg.det(matrix) < 0:
+    deviation = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+    if deviation > ORTHONORMAL or np.linalg.det(matrix) < 0:
         what = (
-            f"a deviation of {off:.1e} from orthonormal"
-            if off > ORTHONORMAL
+            f"a deviation of {deviation:.1e} from orthonormal"
+            if deviation > ORTHONORMAL
             else "the matrix is a reflection"
         )
         raise ShapeError(f"rotation: {what}; expected a right-handed orthonormal matrix")
@@ -288,8 +288,7 @@ def _next_to_singular(single: Isolated, found: Search) -> list[Note]:
     """That some postures are so flat that rounding decides whether a neighbour is found, and
     whether it is another one.
     """
-    problem = np.zeros(len(single.q), dtype=np.intp)
-    ratio, _ = flattest(single.equations, single.q, problem)
+    ratio, _ = flattest(single.equations, single.q)
     near = np.flatnonzero(ratio < NEARLY_SINGULAR)
     notes = []
     if near.size:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from aacmm_pin._support.angles import spread_angles, wrapped
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin.postures.continuation import CLOSE_ENOUGH, NO_CURVE, SAME_POINT
 from aacmm_pin.postures.pose_equations import Equations
@@ -94,8 +94,8 @@ class Search:
         if not self.arrived:
             return f"none of {self.starts} starts of the search converged"
         counts = {"arrived": self.arrived, "starts": self.starts, "since": self.since_new}
-        found = [str(Note("search_converged", counts | {"unseen": 100 * self.unseen}))]
-        return "; ".join(found + [str(Note("search_ended"))] * self.ended)
+        sentences = [str(Note("search_converged", counts | {"unseen": 100 * self.unseen}))]
+        return "; ".join(sentences + [str(Note("search_ended"))] * self.ended)
 
 
 @dataclass(eq=False)
@@ -182,7 +182,7 @@ class Isolated(SolutionSet):
             if distance[number] > MERGE_DISTANCE:
                 return None
             between = (q + 0.5 * gap[number])[None, :]
-            if np.abs(self.equations(between, _the_one(between))[0]).max() <= CLOSE_ENOUGH:
+            if np.abs(self.equations(between)[0]).max() <= CLOSE_ENOUGH:
                 return int(number)  # a solution of higher order is known less sharply
         return None
 
@@ -195,11 +195,11 @@ class Isolated(SolutionSet):
             if not left:
                 return
             find = left.pop(0)
-            direction = flattest(self.equations, find[None, :], _the_one(find[None, :]))[1][0, -1]
+            direction = flattest(self.equations, find[None, :])[1][0, -1]
             starts = find + np.concatenate([-ASIDE, ASIDE])[:, None] * direction
-            found, good = self.equations.polish(starts, _the_one(starts))
-            found = found[good]
-            for other in found[self._single(found)]:
+            neighbours, good = self.equations.polish(starts)
+            neighbours = neighbours[good]
+            for other in neighbours[self._single(neighbours)]:
                 if len(self.q) < MOST_SINGLE and self._number(other) is None:
                     self._add(other)
                     left.append(other)
@@ -211,15 +211,15 @@ class Isolated(SolutionSet):
         single = np.ones(len(q), dtype=bool)
         if not len(q):
             return single
-        size, vectors = flattest(self.equations, q, _the_one(q))
+        size, vectors = flattest(self.equations, q)
         flat = np.flatnonzero(size < SINGULAR)
         start, step = np.broadcast_arrays(
             q[flat, None, None], ALONG[:, None] * vectors[flat, -2:, None]
         )
         guess = (start + step).reshape(-1, q.shape[1])
-        found, good = self.equations.polish(guess, _the_one(guess))
-        off = np.linalg.norm(found - guess, axis=1).reshape(-1, 2, len(ALONG))
-        there = good.reshape(off.shape) & (off < ABOUT_THERE * ALONG)
+        solutions, good = self.equations.polish(guess)
+        miss = np.linalg.norm(solutions - guess, axis=1).reshape(-1, 2, len(ALONG))
+        there = good.reshape(miss.shape) & (miss < ABOUT_THERE * ALONG)
         single[flat] = ~there.all(axis=2).any(axis=1)
         return single
 
@@ -243,15 +243,15 @@ class SelfMotion(SolutionSet):
 
     def add(self, q: Array) -> int:
         """See :meth:`SolutionSet.add`."""
-        regular = flattest(self.equations, q, _the_one(q))[0] > SINGULAR
+        regular = flattest(self.equations, q)[0] > SINGULAR
         newest = self._count_families(q, regular)
-        known = len(self.hits)
+        before = len(self.hits)
         number = np.where(regular, self._search.add(q, regular), NO_CURVE)
         last = int(number.max(initial=NO_CURVE))
-        if last >= known:
+        if last >= before:
             newest = max(newest, int(np.argmax(number)) + 1)
-        hits = np.bincount(number[number >= 0], minlength=known)
-        hits[:known] += np.array(self.hits, dtype=np.intp)
+        hits = np.bincount(number[number >= 0], minlength=before)
+        hits[:before] += np.array(self.hits, dtype=np.intp)
         self.hits = hits.tolist()
         return newest
 
@@ -270,7 +270,7 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
         and not finds.ended
     ):
         some = spread[starts : starts + ROUND]
-        q, good = equations.polish(some, _the_one(some))
+        q, good = equations.polish(some)
         stalled += _stalled(equations, q[~good])
         q = q[good]
         newest = finds.add(q) if len(q) else 0
@@ -286,13 +286,8 @@ def _stalled(equations: Equations, q: Array) -> int:
     """How many of some that did not arrive (n, k) stand beside a solution that is nearly
     singular.
     """
-    values, _ = equations(q, _the_one(q))
-    off = np.abs(values).max(axis=1, initial=0.0)
-    beside = q[off < STALLED_BELOW]  # others of these would have arrived with more steps
-    ratio, _ = flattest(equations, beside, _the_one(beside))
+    values, _ = equations(q)
+    residual = np.abs(values).max(axis=1, initial=0.0)
+    beside = q[residual < STALLED_BELOW]  # others of these would have arrived with more steps
+    ratio, _ = flattest(equations, beside)
     return int((ratio < NEARLY_SINGULAR).sum())
-
-
-def _the_one(q: Array | Index) -> Index:
-    """Numbers of the problems of solutions ``q`` (n, …) where there is but one."""
-    return np.zeros(len(q), dtype=np.intp)

@@ -34,36 +34,26 @@ class Equations:
     count: int
 
     @staticmethod
-    def of_points(links: Array, points: Array) -> Equations:
-        """The tip shall be at ``points`` (m, 3) [m]; ``links`` (n + 1, 4, 4) are in the base."""
-        return Equations(links, np.ascontiguousarray(points), POINT)
-
-    @staticmethod
     def of_axis(links: Array, points: Array, tool: Array, axis: Array) -> Equations:
-        """The unit vector ``tool`` of the tip (3,) shall lie along ``axis`` of the base
-        (3,) too.
+        """The tip shall be at ``points`` (m, 3) [m], and its unit vector ``tool`` (3,) along
+        ``axis`` of the base (3,); ``links`` (n + 1, 4, 4) are in the base.
         """
         upright = rotation_between(axis, Z_AXIS)
         turned = _in_axes(links, upright)
         turned[-1, :3, :3] = turned[-1, :3, :3] @ rotation_between(Z_AXIS, tool)
         return Equations(turned, points @ upright.T, POINT_AND_AXIS)
 
-    @staticmethod
-    def of_pose(links: Array, points: Array, rotation: Array) -> Equations:
-        """The tip's frame shall have the orientation ``rotation`` in the base (3, 3) too."""
-        return Equations(_in_axes(links, rotation.T), points @ rotation, POSE)
-
-    def __call__(self, q: Array, problem: Index) -> tuple[Array, Array]:
+    def __call__(self, q: Array, problem: Index | int = 0) -> tuple[Array, Array]:
         """Values (n, k) [m, rad] and derivatives (n, k, joints) at ``q`` (n, joints) [rad].
 
         Args:
             q: configurations.
-            problem: number of the problem of each (n,).
+            problem: number of the problem of each (n,), or of all.
         """
         _, equations, _ = self._newton(q, problem, 0)
         return equations[:, :, -1], equations[:, :, :-1]
 
-    def polish(self, q: Array, problem: Index) -> tuple[Array, Mask]:
+    def polish(self, q: Array, problem: Index | int = 0) -> tuple[Array, Mask]:
         """Move each row to the nearest solution by damped least-norm Newton steps.
 
         Returns:
@@ -72,13 +62,14 @@ class Equations:
         moved, _, arrived = self._newton(q, problem, MOST_POLISHES)
         return moved, arrived
 
-    def _newton(self, q: Array, problem: Index, most: int) -> tuple[Array, Array, Mask]:
+    def _newton(self, q: Array, problem: Index | int, most: int) -> tuple[Array, Array, Mask]:
         """Angles after at most so many steps, the equations at the last ones, who arrived."""
         joints = q.shape[1]
         moved = np.array(q, order="C")
         arrived = np.empty(len(q), dtype=np.bool_)
         equations = np.empty((len(q), self.count, joints + 1))
-        goals = self.goals[problem]
+        goals = np.empty((len(q), 3))
+        goals[:] = self.goals[problem]
         loop = continuation.NEWTON.compiled
         space = continuation.working_space(joints)
         loop(self.links, goals, most, moved, equations, arrived, space)
@@ -119,13 +110,13 @@ class PoseConditions:
 
     def equations(self) -> Equations:
         """The same as equations of one problem."""
-        links = _links(self.chain)
+        links = self.chain.links()
         points = self.point[None]
         if self.rotation is not None:
-            return Equations.of_pose(links, points, self.rotation)
+            return Equations(_in_axes(links, self.rotation.T), points @ self.rotation, POSE)
         if self.axis is not None and self.tool is not None:
             return Equations.of_axis(links, points, self.tool, self.axis)
-        return Equations.of_points(links, points)
+        return Equations(links, points, POINT)
 
 
 def rotation_between(u: Array, v: Array) -> Array:
@@ -144,13 +135,3 @@ def _in_axes(links: Array, rotation: Array) -> Array:
     turned = links.copy()
     turned[0, :3] = rotation @ turned[0, :3]
     return turned
-
-
-def _links(chain: Chain) -> Array:
-    """Constant transforms of ``L_0 Rz(q_1) L_1 … Rz(q_nq) L_nq``: (nq + 1, 4, 4) [m]."""
-    links = [np.eye(4)]
-    for constant, joint in zip(chain.constant, chain.joint, strict=True):
-        links[-1] = links[-1] @ constant
-        if joint >= 0:
-            links.append(np.eye(4))
-    return np.stack(links)

@@ -72,11 +72,12 @@ class CurveSearch:
         """
         equations = self.equations
         number = np.empty(len(seeds), dtype=np.intp)
-        those = equations.links, equations.goals[self.problem], np.ascontiguousarray(seeds)
-        known = self._count, self._vertices, self._ends, self._closed
+        goal = np.ascontiguousarray(equations.goals[self.problem])
+        those = equations.links, goal, np.ascontiguousarray(seeds)
+        so_far = self._count, self._vertices, self._ends, self._closed
         space = continuation.working_space(seeds.shape[1])
         loop = continuation.CURVES.compiled
-        self._count, self.steps = loop(*those, is_regular, self.steps, *known, number, space)
+        self._count, self.steps = loop(*those, is_regular, self.steps, *so_far, number, space)
         return number
 
     @property
@@ -84,11 +85,11 @@ class CurveSearch:
         """Those found."""
         ends = self._ends[: self._count].tolist()
         begins = [0, *ends][: self._count]
-        found = []
+        curves = []
         for begin, end, closed in zip(begins, ends, self._closed, strict=False):
             vertices = self._vertices[begin:end].copy()
-            found.append(Curve(vertices, bool(closed), self.problem))
-        return found
+            curves.append(Curve(vertices, bool(closed), self.problem))
+        return curves
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +97,7 @@ class Curves:
     """The curves of some problems, and what is known besides of their solutions.
 
     Attributes:
+        equations: of all problems.
         curves: sorted by the number of their problem.
         families: by problem, a singular solution that is on none of its curves: such go on in
             families of more dimensions.
@@ -104,6 +106,7 @@ class Curves:
         degenerate: see :func:`degenerate`.
     """
 
+    equations: Equations
     curves: list[Curve]
     families: dict[int, Array]
     unfinished: frozenset[int]
@@ -145,7 +148,7 @@ def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate
         if (is_alone & regular[mine]).any():
             unfinished.add(number)
         curves += search.curves
-    return Curves(curves, families, frozenset(unfinished), is_degenerate)
+    return Curves(equations, curves, families, frozenset(unfinished), is_degenerate)
 
 
 def degenerate(equations: Equations, spread: Array) -> bool:
@@ -154,11 +157,11 @@ def degenerate(equations: Equations, spread: Array) -> bool:
 
     So it is with arms whose axes are parallel, or meet in a point, all of them or nearly.
     """
-    ratio, _ = flattest(equations, spread, np.zeros(len(spread), dtype=np.intp))
+    ratio, _ = flattest(equations, spread)
     return bool(ratio.max(initial=0.0) < NEARLY_SINGULAR)
 
 
-def flattest(equations: Equations, q: Array, problem: Index) -> tuple[Array, Array]:
+def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[Array, Array]:
     """How far each solution (n, k) is from singular, and in which direction it is most easily left.
 
     Returns:

@@ -165,8 +165,8 @@ def _roots(form: Array) -> tuple[Array, Index]:
             change = -2 * f / (slope + sense * np.sqrt(np.maximum(square, 0.0)))
             change = np.where(square < 0, -slope / bend, change)
         phi = phi + np.clip(np.nan_to_num(change), -step, step)
-    off = np.abs(phi - grid[left] - 0.5 * step)
-    good = (square > -((NEARLY * bend) ** 2)) & (off < 0.5 * step + 1e-6)
+    from_middle = np.abs(phi - grid[left] - 0.5 * step)
+    good = (square > -((NEARLY * bend) ** 2)) & (from_middle < 0.5 * step + 1e-6)
     return phi[good], who[good]
 
 
@@ -178,12 +178,12 @@ def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
     weight = np.linalg.norm(rows[:, :, :2], axis=2) / np.maximum(size, 1e-300)
     weight[:, 0] *= 0.999  # the z equation where both are as good
     pick = np.argmax(weight, axis=1)
-    each = np.arange(len(u))
-    normal = rows[each, pick, :2]
-    value = h[each, pick]
+    rows_of_u = np.arange(len(u))
+    normal = rows[rows_of_u, pick, :2]
+    value = h[rows_of_u, pick]
     x, y, _ = u.T
     size = np.linalg.norm(normal, axis=1) * np.hypot(x, y)
     cosine = value / np.maximum(size, 1e-300)
     half = np.arccos(np.clip(cosine, -1.0, 1.0))
     middle = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(y, x)
-    return np.concatenate([middle + half, middle - half]), np.concatenate([each, each])
+    return np.concatenate([middle + half, middle - half]), np.concatenate([rows_of_u, rows_of_u])

@@ -36,21 +36,16 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
         stylus: unit direction of the stylus in the last frame (3,).
         axis: unit direction that it shall have in the base (3,).
     """
-    equations = tip_equations(dh, points, stylus, axis)
+    equations = Equations.of_axis(dh.chain.links(), points, stylus, axis)
     seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis), len(points), SPREAD)
     seeds, good = equations.polish(seeds, problem)
     flat = len(points) > 0 and degenerate(equations, spread_angles(DIRECTIONS, dh.nq))
     return all_curves(equations, seeds[good], problem[good], flat)
 
 
-def tip_equations(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Equations:
-    """The tip at its point among ``points`` (m, 3) [m], and the stylus along ``axis``."""
-    return Equations.of_axis(dh.links(), points, stylus, axis)
-
-
 def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:
     """Starting values (n, 6) [rad], near solutions, and the number of their point (n,)."""
-    links = dh.links()
+    links = dh.chain.links()
     behind = links[6]  # from joint 6 to the tip
     stylus_in_6 = behind[:3, :3] @ stylus
     bodies = _bodies_about(axis, stylus_in_6)
@@ -100,10 +95,10 @@ def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[A
     pick = np.flatnonzero((gap * gap[behind] <= 0) | least)
     seeds = q[pick].copy()
     seeds[:, 4] = np.arctan2(axis[pick, 1], axis[pick, 0]) - np.arctan2(wanted[1], wanted[0])
-    rest = np.einsum(
+    remaining = np.einsum(
         "nji,njk->nik", before[pick] @ _turns(seeds[:, 4]) @ links[5][:3, :3], body[pick]
     )
-    seeds[:, 5] = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
+    seeds[:, 5] = np.arctan2(remaining[:, 1, 0], remaining[:, 0, 0])
     return seeds, pick
 
 

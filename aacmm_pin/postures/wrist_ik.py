@@ -23,6 +23,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, screws, table
 from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.postures.continuation import POINT
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate
 from aacmm_pin.postures.three_revolutes import candidates
@@ -139,8 +140,8 @@ class Wrist:
 
     def full(self, q: Array) -> Array:
         """All joints from the first four: (n, nq) [rad]."""
-        rest = np.tile(self.rest, (len(q), 1))
-        return np.hstack([q, rest])
+        held = np.tile(self.rest, (len(q), 1))
+        return np.hstack([q, held])
 
 
 def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
@@ -149,8 +150,8 @@ def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
     """
 
     def square(place: Array) -> tuple[Array, Array]:
-        off = place - shoulder
-        return np.sum(off * off, axis=-1), 2.0 * off
+        from_shoulder = place - shoulder
+        return np.sum(from_shoulder * from_shoulder, axis=-1), 2.0 * from_shoulder
 
     nearest, farthest = _extremes(wrist, square)
     return float(np.sqrt(max(nearest, 0.0))), float(np.sqrt(farthest))
@@ -209,13 +210,6 @@ def _extremes(
     return extremes[0], extremes[1]
 
 
-def wrist_equations(wrist: Wrist, points: Array) -> Equations:
-    """The wrist's distance (n, 3) [m] from its point among ``points`` (m, 3), as a function of
-    joints 1 to 4.
-    """
-    return Equations.of_points(wrist.table.links(), points)
-
-
 def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
     """Curves of joints 1 to 4 on which the wrist is at ``points`` (m, 3) [m].
 
@@ -224,8 +218,8 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
         points: where it shall be (m, 3) [m].
         per_turn: angles at which each of the joints 1 to 4 is held to find seeds.
     """
-    equations = wrist_equations(wrist, points)
-    links = wrist.table.links()
+    links = wrist.table.chain.links()
+    equations = Equations(links, points, POINT)
     distance = np.linalg.norm(points - links[0, :3, 3], axis=1)
     longest = np.linalg.norm(links[1:, :3, 3], axis=1).sum()
     near = np.flatnonzero(distance <= longest)
@@ -255,10 +249,10 @@ def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Inde
     for held in range(POSITIONING):
         (b0, b1, b2), c = _chain_with_held(links, held, angles)
         which, angle = np.indices((len(points), per_turn)).reshape(2, -1)
-        found, who = candidates(b0[angle], b1[angle], b2[angle], c[angle], points[which])
+        angles_of_three, who = candidates(b0[angle], b1[angle], b2[angle], c[angle], points[which])
         free = [joint for joint in range(POSITIONING) if joint != held]
-        q = np.empty((len(found), POSITIONING))
-        q[:, free], q[:, held] = found, angles[angle[who]]
+        q = np.empty((len(angles_of_three), POSITIONING))
+        q[:, free], q[:, held] = angles_of_three, angles[angle[who]]
         seeds.append(q)
         numbers.append(which[who])
     return np.concatenate(seeds), np.concatenate(numbers)

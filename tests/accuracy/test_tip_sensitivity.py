@@ -8,18 +8,16 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import exact_positions
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
+from aacmm_pin.accuracy.volume import accuracy_volume, circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import Covariance, load_arm_file
 from aacmm_pin.effects import (
-    BaseCompliance,
     EncoderEccentricity,
     ErrorModel,
     JointHysteresis,
@@ -348,49 +346,3 @@ def test_share_is_what_the_variance_owes_to_u(calibrated):
         assert table.loc[p.name, "share"] == pytest.approx((ahead - behind) / 4e-4, abs=1e-7)
         own = np.sqrt(np.square(s[:, :, i] * p.u).sum() / 3)
         assert table.loc[p.name, "u_mm"] == pytest.approx(1e3 * own, rel=1e-9)
-
-
-@pytest.fixture
-def opposed() -> AccuracyVolume:
-    """theta_offset3 and the eccentricity of the same joint move the tip alike: at r = -0.95 they
-    hide each other.
-    """
-    names, correlation = (
-        ("theta_offset3", "encoder_eccentricity:3.cos"),
-        np.array([[1, -0.95], [-0.95, 1]]),
-    )
-    model = with_covariance(names, (4e-5, 8e-5), correlation)
-    q = postures(model.arm, np.random.default_rng(5), 1)
-    q[0, 2] = 0.1
-    return accuracy_volume(model, q, conditions=WARM)
-
-
-def test_a_share_may_be_negative(opposed):
-    table = opposed.budget().set_index("parameter")
-    assert table.loc["theta_offset3", "share"] < 0
-    assert table.loc["theta_offset3", "u_mm"] > 0
-    assert table["share"].sum() == pytest.approx(1.0)
-    assert opposed.budget("joint").set_index("joint").loc[3, "share"] > 0
-
-
-def test_causes_of_the_whole_arm_have_no_joint(sino6):
-    model = ErrorModel(sino6, (BaseCompliance(values=(1e-5,), u=(5e-6,)),))
-    q = postures(sino6, np.random.default_rng(5), 3)
-    table = accuracy_volume(model, q).budget()
-    of_arm = table.set_index("parameter").loc["base_compliance", "joint"]
-    assert pd.isna(of_arm)
-    by_joint = accuracy_volume(model, q).budget("joint")
-    assert by_joint["joint"].isna().sum() == 1
-    assert by_joint["share"].sum() == pytest.approx(1.0)
-
-
-def test_an_uncertainty_that_cannot_be_squared_is_none():
-    known = Covariance(
-        parameters=("d1", "d3"), standard_uncertainty_si=(1e-300, 1e-6), correlation=((), (0.5,))
-    )
-    arm = changed("sino6", covariance=known)
-    sources = accuracy_volume(arm, np.zeros((1, 6))).sources
-    names = [parameter.name for parameter in sources.parameters]
-    assert "d3" in names
-    assert "d1" not in names
-    assert sources.axes is None

@@ -26,7 +26,7 @@ def random_q(dh: DHTable, rng: np.random.Generator, n: int) -> Array:
 
 
 def test_links_between_joints_make_the_arm(dh, rng):
-    (q,), (first, *links) = random_q(dh, rng, 1), dh.links()
+    (q,), (first, *links) = random_q(dh, rng, 1), dh.chain.links()
     slides = dh.chain.prismatic
     motions = screws(np.where(slides, 0.0, q), np.where(slides, q, 0.0), 2)
     for motion, link in zip(motions, links, strict=True):

@@ -9,9 +9,9 @@ import pandas as pd
 import pinocchio as pin
 import pytest
 
-from aacmm_pin import accuracy_volume, calibrate, diagnose
+from aacmm_pin import accuracy_volume, diagnose
 from aacmm_pin.arm import Arm
-from aacmm_pin.effects import ErrorModel, JointZeroOffset
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.measurements import Measurements
 from tests.cli import shell
@@ -117,16 +117,6 @@ def records(rng: np.random.Generator, off: float, ratio: float = 0.0, n: int = 6
     shown = q + READING * rng.normal(size=q.shape)
     stated = tips(q, off, ratio) + REFERENCE * rng.normal(size=q.shape)
     return Measurements.of(shown, stated, np.full(q.shape, REFERENCE))
-
-
-def test_an_offset_is_recovered_with_its_u(crane):
-    off, seen = 2e-4, []
-    for seed in range(12):
-        of_plant = records(np.random.default_rng(seed), off)
-        found = calibrate(crane, of_plant, [JointZeroOffset(3)], hold_out=False, progress=False)
-        (effect,) = found.model.effects
-        seen.append((effect.values[0] - off) / effect.u[0])
-    assert 0.5 < np.sqrt(np.mean(np.square(seen))) < 1.5
 
 
 def test_noise_and_errors_of_an_encoder_act_on_each_joint_that_it_moves(crane, rng):

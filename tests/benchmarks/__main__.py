@@ -22,7 +22,6 @@ from typing import Any
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: one thread, as the loop in C has
 
-from aacmm_pin._support.compiled import ALWAYS, VARIABLE
 from tests.benchmarks.operations import OPERATIONS, Table
 from tests.measured import commit, head
 
@@ -126,7 +125,6 @@ def main(words: Sequence[str]) -> None:
     parser.add_argument("--long", action="store_true", help="also run tasks that need many minutes")
     given = parser.parse_args(words)
     given.json.parent.mkdir(parents=True, exist_ok=True)
-    os.environ.setdefault(VARIABLE, ALWAYS)  # as in a process that has worked for a while
     report: dict[str, Any] = {
         "commit": commit(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),

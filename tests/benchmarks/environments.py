@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.compiled import BY_SIZE, VARIABLE
-
 PEERS = Path(__file__).parent / "peers"
+FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
 
 
 class MissingError(Exception):
@@ -82,12 +81,9 @@ def ask(
 
 
 def child(*words: str) -> Seconds:
-    """CPU time of ``python WORDS`` with all that it starts, which loads compiled loops when they
-    are worth it [s].
-    """
-    environment = os.environ | {VARIABLE: BY_SIZE}
+    """CPU time of ``python WORDS`` with all that it starts [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, env=environment)
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         raise RuntimeError(f"python {' '.join(words)}: {done.stderr}")
@@ -133,7 +129,7 @@ class PlainC:
             library = Path(built) / "kernels.so"
             source = PEERS / "kernels.c"
             subprocess.run(
-                [compiler, "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"],
+                [compiler, *FLAGS, str(source), "-o", str(library), "-lm"],
                 check=True,
             )
             self.library = ctypes.CDLL(str(library))

@@ -687,21 +687,3 @@ def test_a_map_says_what_it_does_not_stand_for(sino6):
     ]
     wall = changed("sino6", gravity_m_s2=(9.81, 0.0, 0.0))
     assert map_caveats(wall)[0].code == "gravity_off_first_axis"
-
-
-def test_long_and_short_curves_traced_together_are_found_once():
-    """Two places at once: what is found at the one may not depend on the length of the curves at
-    the other.
-    """
-    dh = changed("sino6", convention="modified-dh").require_dh("")
-    wrist, rng = Wrist.of(dh, np.zeros(2)), np.random.default_rng(2)
-    hard = [
-        [-0.5613270715600934, 0.2105439318645954, -1.1109481019553742],
-        [0.3873560469020973, -0.22004002553804586, 1.1807423968630923],
-    ]
-    points = np.array(hard + list(directions(rng, 30) * rng.uniform(0.2, 1.2, (30, 1))))
-    curves = wrist_curves(wrist, points, 24).curves
-    assert twice(at_wrist(dh, points), [c for c in curves if c.problem < 2]) == 0
-    together = np.bincount([c.problem for c in curves], minlength=len(points))
-    alone = [len(wrist_curves(wrist, point[None], 24).curves) for point in points[:6]]
-    np.testing.assert_array_equal(together[:6], alone)

@@ -30,7 +30,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.postures.curve_sampling import Components, Sectors
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves, wrist_equations
+from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves
 from papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations, tube_end_to_point
 from papers.sino6.tables import NominalArm, printed_table2, sino6_nominal
 
@@ -150,5 +150,5 @@ def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:
     """
     wrist, swivel = Wrist.of(arm.dh), Swivel(arm.dh, np.array([0.0, 0.0, -1.0]))
     curves = wrist_curves(wrist, points, FEW_PER_TURN)
-    components = Components(swivel, wrist_equations(wrist, points), points, curves.curves, wrist)
+    components = Components(swivel, curves.equations, points, curves.curves, wrist)
     return np.asarray(Sectors.of(components, LIMITS, SECTORS).working.sum(axis=1))

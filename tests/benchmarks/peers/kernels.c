@@ -1,6 +1,6 @@
 /* The plain loop that a C programmer writes for an arm in standard DH: the limit that this package is timed against.
  *
- * gcc -O2 -shared -fPIC kernels.c -o kernels.so -lm
+ * gcc -O3 -march=native -shared -fPIC kernels.c -o kernels.so -lm
  *
  * All arrays are in C order, SI units. rows is at most 16, a row being a, d, alpha, theta_offset; every row has a joint.
  */
