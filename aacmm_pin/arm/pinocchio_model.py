@@ -4,6 +4,9 @@ axes, its chain.
 
 from __future__ import annotations
 
+import os
+import tempfile
+import threading
 from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -15,10 +18,38 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import MOST_JOINTS
 from aacmm_pin.arm.chain import Chain, end
 from aacmm_pin.arm.couplings import Mimic
-from aacmm_pin.errors import UnknownNameError, UnsupportedArmError
+from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 
 if TYPE_CHECKING:
     from aacmm_pin.arm.urdf_check import Follower
+
+
+STDERR = threading.Lock()
+"""Held by the thread that has redirected the standard error."""
+
+
+def built_model(text: str, path: str) -> Any:
+    """The model that Pinocchio builds of a URDF; ``path`` is what errors call it.
+
+    Raises:
+        ArmFileError: Pinocchio refuses it; what it says on the standard error is the message.
+    """
+    with STDERR, tempfile.TemporaryFile() as said:
+        stderr = os.dup(2)
+        os.dup2(said.fileno(), 2)
+        try:
+            return pin.buildModelFromXML(text)
+        except (ValueError, RuntimeError) as error:
+            said.seek(0)
+            explained = (
+                said.readline().decode(errors="replace").removeprefix("Error:").strip(" .\n")
+            )
+            raise ArmFileError(
+                path, "", f"{explained or error}; expected a URDF that Pinocchio can load"
+            ) from None
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
 
 
 def frame_number(model: Any, name: str) -> int:

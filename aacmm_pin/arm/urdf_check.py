@@ -10,13 +10,9 @@ from __future__ import annotations
 import codecs
 import hashlib
 import math
-import os
-import tempfile
-import threading
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import pinocchio as pin
 from lxml import etree
 
 from aacmm_pin._support.input_files import content_of
@@ -27,6 +23,7 @@ from aacmm_pin._support.plausible import (
     MOST_RATIO,
     like_degrees,
 )
+from aacmm_pin.arm.pinocchio_model import built_model
 from aacmm_pin.errors import ArmFileError
 
 FULL_TURN = 2 * math.pi
@@ -44,12 +41,10 @@ ATTRIBUTES = {"origin": ("xyz", "rpy"), "axis": ("xyz",)}
 """All that may be in these elements: what is not understood might place a body elsewhere."""
 SHORTEST_AXIS = 1e-3
 """Largest component of an axis, at least."""
-PLACES = "joint/origin | link/inertial/origin | joint[@type!='fixed' and @type!='floating']/axis"
-"""The elements that Pinocchio reads of these, as XPath."""
+CHECKED_PLACES = ("joint/origin", "joint/axis", "link/inertial/origin")
+"""Those of these elements that Pinocchio reads."""
 MAX_INERTIA = 1e9
 """Of a mass [kg] or a moment [kg m²]."""
-STDERR = threading.Lock()
-"""Held by the thread that has redirected the standard error."""
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 Element = Any
@@ -85,8 +80,9 @@ def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
             str(path), "", f"the file has {links} links; expected at most {MAX_LINKS}"
         )
     etree.strip_elements(robot, *IGNORED, with_tail=False)
-    for element in robot.xpath(PLACES):
-        _check_place(element)
+    for path_of_place in CHECKED_PLACES:
+        for element in robot.iterfind(path_of_place):
+            _check_place(element)
     for inertial in robot.iterfind("link/inertial"):
         _check_inertial(inertial)
     joints = {joint.get("name", ""): joint for joint in robot.iterfind("joint")}
@@ -95,7 +91,7 @@ def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
             _check_limits(joint)
     followers = _followers(joints)
     etree.strip_elements(robot, "mimic", with_tail=False)
-    model = _model(etree.tostring(robot, encoding="unicode"), str(path))
+    model = built_model(etree.tostring(robot, encoding="unicode"), str(path))
     for name, joint in joints.items():
         if joint.get("type") != "fixed" and name not in model.names:
             raise _refused(joint, "this joint is in a cycle of links; expected one tree")
@@ -127,26 +123,6 @@ def parsed_urdf(content: bytes, path: str) -> Element:
                 "FILE.urdf",
             )
     return root
-
-
-def _model(text: str, path: str) -> Any:
-    """The model that Pinocchio builds; what it refuses, it explains on the standard error."""
-    with STDERR, tempfile.TemporaryFile() as said:
-        stderr = os.dup(2)
-        os.dup2(said.fileno(), 2)
-        try:
-            return pin.buildModelFromXML(text)
-        except (ValueError, RuntimeError) as error:
-            said.seek(0)
-            explained = (
-                said.readline().decode(errors="replace").removeprefix("Error:").strip(" .\n")
-            )
-            raise ArmFileError(
-                path, "", f"{explained or error}; expected a URDF that Pinocchio can load"
-            ) from None
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
 
 
 def _refused(element: Element, message: str) -> ArmFileError:
@@ -182,6 +158,8 @@ def _numbers(element: Element, name: str, default: str, largest: float) -> list[
 
 def _check_place(element: Element) -> None:
     """Refuse an origin or an axis that Pinocchio would misread."""
+    if element.tag == "axis" and element.getparent().get("type") in ("fixed", "floating"):
+        return
     allowed = ATTRIBUTES[element.tag]
     for name in element.attrib:
         if name not in allowed:

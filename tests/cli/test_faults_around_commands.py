@@ -142,7 +142,6 @@ def test_a_machine_without_memory():
 def test_names_that_cannot_be(tmp_path, monkeypatch):
     long, gone = "x" * 300, tmp_path / "gone"
     for words in (
-        ("urdf", long),
         ("urdf", f"{long}.toml"),
         ("calibrate", "sino6", long),
         ("urdf", "sino6", "-o", long),
