@@ -133,7 +133,8 @@ class Table:
         texts = {}
         for name in shown:
             head = str(name)
-            form = forms.get(head) or _form(head)
+            unit = head.rpartition("[")[2].removesuffix("]")
+            form = forms.get(head) or FORMATS.get(unit, "")
             texts[head] = [cell(value, form) for value in shown[name]]
         return pd.DataFrame(texts, dtype=object)
 
@@ -298,14 +299,6 @@ def cell(value: object, form: Format = "") -> str:
     if isinstance(value, tuple | list):
         return ", ".join(map(cell, value))
     return format(value, form or ".4g") if isinstance(value, float) else str(value)
-
-
-def _form(head: str) -> str:
-    """The format of numbers under this head, by its unit."""
-    for unit, form in FORMATS.items():
-        if head.endswith(f"[{unit}]"):
-            return form
-    return ""
 
 
 def blank_axes(width: float, height: float) -> Axes:

@@ -10,7 +10,6 @@ import pandas as pd
 from rich.box import SIMPLE
 from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Column
 from rich.table import Table as Grid
 
 from aacmm_pin._support.text_escaping import note, printable, say, stdout, warn
@@ -57,21 +56,36 @@ def show(document: Document, notes_alone: bool = False) -> None:
 
 
 def _print_table(table: Table) -> None:
+    """Numbers to the right; the widest columns are narrowed, to their words and, if need be, to the
+    names of files and commands.
+    """
     if table.caption:
         say(f"{table.caption}:")
-    cells = table.cells().map(printable).rename(columns=printable)
-    known = stdout().isatty() or "COLUMNS" in os.environ
+    width_is_known = stdout().isatty() or "COLUMNS" in os.environ
     console = _Console(
-        file=stdout(), width=None if known else WIDTH, markup=False, highlight=False, emoji=False
+        file=stdout(),
+        width=None if width_is_known else WIDTH,
+        markup=False,
+        highlight=False,
+        emoji=False,
     )
+    cells = table.cells().map(printable).rename(columns=printable)
     others = cells.drop(columns=table.spare, errors="ignore")
-    if sum(_widths(others)) + GAP * len(cells.columns) + SPARE > console.width:
+    if sum(_widths(others).values()) + GAP * len(cells.columns) + SPARE > console.width:
         cells = others
-    columns = _columns(cells, console.width)
-    console.width = max(
-        console.width, sum(column.width or 0 for column in columns) + GAP * len(columns)
-    )
-    grid = Grid(*columns, box=SIMPLE, pad_edge=False, collapse_padding=True)
+    widths = _widths(cells)
+    for kept in (r"\S+", r"\S*_\S*"):
+        least = {head: _least(head, [*cells[head]], kept) for head in widths}
+        while sum(widths.values()) + GAP * len(widths) > console.width:
+            wide = {head: width for head, width in widths.items() if width > least[head]}
+            if not wide:
+                break
+            widths[max(wide, key=wide.__getitem__)] -= 1
+    console.width = max(console.width, sum(widths.values()) + GAP * len(widths))
+    grid = Grid(box=SIMPLE, pad_edge=False, collapse_padding=True)
+    for head, width in widths.items():
+        way: Literal["right", "left"] = "right" if are_numbers(cells[head]) else "left"
+        grid.add_column(head, justify=way, width=width, overflow="fold")
     for row in cells.itertuples(index=False):
         grid.add_row(*row)
     # A terminal that is too narrow for the names breaks the lines; nothing is left out.
@@ -80,33 +94,8 @@ def _print_table(table: Table) -> None:
         say(f"  … and {len(table.frame) - len(cells)} more rows of this table")
 
 
-def _columns(cells: pd.DataFrame, width: int) -> list[Column]:
-    """Numbers to the right; the widest are narrowed, to their words and, if need be, to the names
-    of files and commands.
-    """
-    columns = {str(head): [str(text) for text in texts] for head, texts in cells.items()}
-    widths = _widths(cells)
-    for kept in (r"\S+", r"\S*_\S*"):
-        least = [_least(head, texts, kept) for head, texts in columns.items()]
-        while sum(widths) + GAP * len(widths) > width:
-            wide = [w if w > few else 0 for w, few in zip(widths, least, strict=True)]
-            if not any(wide):
-                break
-            widths[wide.index(max(wide))] -= 1
-    ways: list[Literal["right", "left"]] = [
-        "right" if are_numbers(texts) else "left" for texts in columns.values()
-    ]
-    return [
-        Column(head, justify=way, width=w, overflow="fold")
-        for head, way, w in zip(columns, ways, widths, strict=True)
-    ]
-
-
-def _widths(cells: pd.DataFrame) -> list[int]:
-    widths = []
-    for head, texts in cells.items():
-        widths.append(max(cell_len(str(text)) for text in (head, *texts)))
-    return widths
+def _widths(cells: pd.DataFrame) -> dict[str, int]:
+    return {str(head): max(map(cell_len, [head, *texts])) for head, texts in cells.items()}
 
 
 def _least(head: str, texts: list[str], kept: str) -> int:
