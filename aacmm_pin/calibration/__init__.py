@@ -2,7 +2,6 @@
 held-out residuals.
 """
 
-from aacmm_pin.calibration.base_placement import BasePlacement, base_is_open, base_placements
 from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import calibrated_model, is_of_setup
 from aacmm_pin.calibration.common_readings import Correlation
@@ -23,12 +22,18 @@ from aacmm_pin.calibration.parameter_vector import ParameterVector, geometric_pa
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.predicted_residuals import predicted_rms
 from aacmm_pin.calibration.problem import Frame, Problem, registered
-from aacmm_pin.calibration.result import Calibration, residuals_by_record
+from aacmm_pin.calibration.result import (
+    BasePlacement,
+    Calibration,
+    base_is_open,
+    base_placements,
+    residuals_by_record,
+)
 from aacmm_pin.calibration.session_frames import FEWEST_OF_A_FRAME, in_first_frame, session_notes
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.solver import MISFIT
-from aacmm_pin.calibration.variance_components import information_of_seats, pulls_on_seats
+from aacmm_pin.calibration.variance_components import information_of_seats
 
 __all__ = [
     "FEWEST_OF_A_FRAME",
@@ -68,7 +73,6 @@ __all__ = [
     "observations_of",
     "predicted_rms",
     "problem_of",
-    "pulls_on_seats",
     "registered",
     "remaining_triangle",
     "residuals_by_record",

@@ -27,10 +27,10 @@ from aacmm_pin.calibration.noise_model import BAR_NOISE, contradictions, referen
 from aacmm_pin.calibration.parameters import (
     ASSEMBLED,
     ParameterSet,
+    free_geometry,
     named_parameters,
     problem_of,
     scale_is_unidentifiable,
-    unstated,
 )
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
@@ -510,12 +510,10 @@ def _farther_off(after: Fit) -> list[Note]:
     scatter: their stated uncertainties then hold them in.
     """
     problem = after.problem
-    mine = problem.stated & np.array(
-        [parameter is not None for parameter in problem.vector.arm_parameters], dtype=bool
-    )
+    mine = problem.stated & problem.vector.geometric
     if not mine.any():
         return []
-    without = fit(unstated(problem, mine), used=after.used)
+    without = fit(free_geometry(problem), used=after.used)
     in_widths = np.where(mine, np.abs(without.point.x - problem.start) / problem.widths, 0.0)
     if without.unmodelled > HELD_IN * after.unmodelled or in_widths.max() < FAR_OFF:
         return []

@@ -386,13 +386,12 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
         changed = moved_arm(arm, wrong.errors, arm.covariance)
         yield Mistake("value", wrong.note.code, wrong.note.data, arm=changed, chosen=True)
     rows = arm.chain.moving_rows()
-    records = problem.measurements
-    for joint, factor in enumerate(likely_ratios(arm, records, problem.external)):
+    for joint, factor in enumerate(likely_ratios(problem)):
         ratio = float(arm.coupling_matrix[joint, joint]) * factor
         data = {"joint": joint + 1, "row": rows[joint], "ratio": ratio}
         times = _times(joint, factor, arm.nq)
         yield Mistake("ratio", "joint_ratio", data, angles=times, chosen=True)
-    scales = likely_scales(arm, records)
+    scales = likely_scales(problem)
     if scales is None:
         return
     for letters in ("xyz", *"xyz"):
@@ -405,14 +404,13 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
 
 def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
     """Columns in another order; signs and quarter turns of two joints or more, the signs first."""
-    records = problem.measurements
     arm = problem.model.arm
     mistakes: list[tuple[Mistake, ...]] = []
-    for order in likely_orders(arm, records, problem.external):
+    for order in likely_orders(problem):
         data = {"joints": [joint + 1 for joint in order]}
         ordered = partial(np.take, indices=np.argsort(order), axis=1)
         mistakes.append((Mistake("columns", "columns_in_order", data, angles=ordered),))
-    for columns in likely_columns(arm, records, problem.external):
+    for columns in likely_columns(problem):
         signs = [_reversed(one.joint, arm.nq) for one in columns if one.sign < 0]
         turns = [_turned(one.joint, one.degrees, arm.nq) for one in columns if one.degrees]
         mistakes.append((*signs, *turns))

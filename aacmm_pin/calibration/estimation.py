@@ -295,25 +295,28 @@ class _Estimation:
         Noise that is not the same in all directions would turn the arm as a whole where nothing
         else holds it.
         """
-        judgement = {
-            "stated": self.stated,
-            "used": used,
-            "excluded": self.observations.has_target & ~used,
-            "chi2_stated": chi2,
-            "dof": solution.chi2.dof,
-        }
-        fitted = Fit.of(solution, **judgement)
+        fitted = Fit.of(
+            solution,
+            stated=self.stated,
+            used=used,
+            excluded=self.observations.has_target & ~used,
+            chi2_stated=chi2,
+            dof=solution.chi2.dof,
+        )
         unknown = fitted.unknown[: self.problem.widths.size].T
         moved = unknown @ ((solution.point.x - self.problem.start) / self.problem.widths)
         if np.abs(moved).max(initial=0.0) < STAYED:
             return fitted
-        held = solve(
-            replace(self.problem, held=unknown), solution.noise, solution.point, solution.weights
-        )
+        problem = replace(self.problem, held=unknown)
+        held = solve(problem, solution.noise, solution.point, solution.weights)
         back = solution_at(self.problem, solution.noise, held.point, solution.weights)
-        steps = solution.steps + held.steps
-        message = solution.message or held.message
-        return Fit.of(replace(back, steps=steps, message=message), **judgement)
+        return replace(
+            fitted,
+            point=held.point,
+            system=back.system,
+            steps=solution.steps + held.steps,
+            message=solution.message or held.message,
+        )
 
 
 def _median_scatter(squares: Array) -> float:

@@ -125,15 +125,25 @@ class Fit(Solution):
         return self.noise.of_residuals
 
     @property
+    def by_geometry(self) -> Array:
+        """Displacement of each record's tip, in the frame of the references, by independent errors
+        of the geometry of unit variance (n, 3, p) [m].
+        """
+        model, records = self.problem.model, self.problem.measurements
+        values, vectors = np.linalg.eigh(model.covariance())
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        moved = model.sensitivity(records.q, records.conditions) @ root
+        along = self.point.frame.rotation @ moved
+        counting = self.observations.along_normals(along.transpose(0, 2, 1))
+        return counting.transpose(0, 2, 1)
+
+    @property
     def stated_variance(self) -> Array:
         """Variance of each record's distance by the stated uncertainties of the arm and, if nothing
         is fitted, of the seats: (n,) [m²].
         """
-        model, records = self.problem.model, self.problem.measurements
-        rotation = self.point.frame.rotation
-        moved = rotation @ model.sensitivity(records.q, records.conditions)
-        counting = self.observations.along_normals(moved.transpose(0, 2, 1))
-        variance = np.einsum("npi,pq,nqi->n", counting, model.covariance(), counting, optimize=True)
+        records = self.problem.measurements
+        variance = np.square(self.by_geometry).sum(axis=(1, 2))
         if self.problem.scales.size == 0:
             u = np.zeros((records.n, 3))
             seat = self.observations.seat

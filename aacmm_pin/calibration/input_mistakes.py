@@ -37,7 +37,7 @@ from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import DH_KIND_OF_EFFECT
-from aacmm_pin.calibration.parameters import ASSEMBLED, asked_again
+from aacmm_pin.calibration.parameters import ASSEMBLED, asked_again, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.session_frames import another_frame
 from aacmm_pin.calibration.setup import Setup, sessions_of
@@ -212,12 +212,10 @@ def _far_in_a_session(after: Fit) -> bool:
 def _by_session(problem: Problem) -> list[Problem]:
     """The same unknowns with the records of each session alone."""
     records = problem.measurements
-    if records.conditions.session is None:
-        return []
-    rows_of = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
+    labels = records.conditions.session
     alone = []
-    for session, rows in rows_of.items():
-        of_session = records.take(np.asarray(rows))
+    for session in () if labels is None else np.unique(labels):
+        of_session = records.take(labels == session)
         if of_session.placed.any() or not problem.setup.frame_of_session:
             source = f"{records.source}: session {session}"
             alone.append(problem.of(replace(of_session, source=source)))
@@ -474,22 +472,29 @@ class _Touches(NamedTuple):
 
 
 class _Misfits:
-    """How far tips and targets of a problem are apart by the arm as it is described, without some
-    mistakes; the tips of one mistake, and what was touched, are worked out once.
+    """How far tips and targets of a problem are apart by the arm as it is described, with nothing
+    unknown but frame and targets, without some mistakes; the tips of one mistake, and what was
+    touched, are worked out once.
     """
 
     def __init__(self, problem: Problem) -> None:
+        of_targets = [
+            item for item in problem.asked if item == "tool" or isinstance(item, StylusOffset)
+        ]
+        records = replace(problem.measurements, orientation=None)
+        bare = problem_of(problem.model, records, of_targets, problem.setup)
+
         @cache
         def tips_of(*mistakes: Mistake) -> tuple[Problem, Array]:
-            """With nothing unknown but targets; tips in the base (n, 3) [m]."""
-            bare = _of_targets(_undone(problem, mistakes))
-            return bare, bare.poses(bare.start, Frame.identity())
+            """In the base (n, 3) [m]."""
+            undone = _undone(bare, mistakes)
+            return undone, undone.poses(undone.start, Frame.identity())
 
         @cache
         def touches_of(*mistakes: Mistake) -> _Touches:
-            undone = _undone(problem, mistakes)
-            records = replace(undone.measurements, orientation=None)
-            return _Touches(records, observations_of(records, undone.setup), undone.setup)
+            undone = _undone(bare, mistakes)
+            observations = observations_of(undone.measurements, undone.setup)
+            return _Touches(undone.measurements, observations, undone.setup)
 
         self.tips_of = tips_of
         self.touches_of = touches_of
@@ -559,26 +564,6 @@ def _of_first_session(problem: Problem) -> Problem:
     alone = problem.of(records.take(session == sessions_of(records)[0]))
     setup = replace(problem.setup, reference_frame="external")
     return asked_again(alone, problem.model, setup)
-
-
-def _of_targets(problem: Problem) -> Problem:
-    """The problem with nothing unknown but where targets sit, and the frame."""
-    kept = np.zeros(problem.widths.size, dtype=bool)
-    effects = []
-    for effect, entries in problem.vector:
-        if isinstance(effect, StylusOffset):
-            effects.append(effect)
-            kept[entries] = True
-    vector = replace(problem.vector, effects=tuple(effects))
-    return replace(
-        problem,
-        measurements=replace(problem.measurements, orientation=None),
-        targets=(),
-        vector=vector,
-        widths=problem.widths[kept],
-        stated=problem.stated[kept],
-        correlation=problem.correlation[np.ix_(kept, kept)],
-    )
 
 
 def _thinned(records: Measurements) -> Index:

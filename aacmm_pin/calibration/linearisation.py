@@ -48,8 +48,7 @@ class SeatElimination:
         self._orthonormal(by_seat[self._touched])
         self._bar_residual, along = observations.of_bars(points)
         self._seat_residual = observations.of_seats(points)
-        inverse, (first, second) = np.linalg.inv(self._root), observations.ends.T
-        self._bar_ends = along[:, None, :] @ inverse[first], -along[:, None, :] @ inverse[second]
+        self._bar_jacobian = self._by_seats(along)
 
     def _orthonormal(self, by: Array) -> None:
         """Q of the derivatives of records (touched, 3 or 6, 3) and of stated coordinates, and C.
@@ -88,9 +87,9 @@ class SeatElimination:
         sums = np.asarray(self._sum @ flat)
         return sums.reshape(len(sums), *shape)
 
-    def eliminated(self, rows: Array, residual: bool) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Whitened rows (n, 3 or 6, c) with the seats at their best; where ``residual``, the last
-        column is the residual.
+    def eliminated(self, rows: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+        """Whitened rows (n, 3 or 6, c) with the seats at their best; the last column is the
+        residual.
 
         Returns:
             ``Qᵀ R`` (s, 3, c); and the records' rows (n, 3 or 6, c), in place, the seats' own (s,
@@ -98,11 +97,10 @@ class SeatElimination:
         """
         along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
         ties = np.zeros_like(along)
-        if residual:
-            ties[:, :, -1] = self._seat_residual
-            along += self._q_tie.transpose(0, 2, 1) @ ties
+        ties[:, :, -1] = self._seat_residual
+        along += self._q_tie.transpose(0, 2, 1) @ ties
         rows[self._touched] -= self._q @ along[self._numbers]
-        return along, (rows, ties - self._q_tie @ along, self._bar_rows(along, residual))
+        return along, (rows, ties - self._q_tie @ along, self._bar_rows(along))
 
     def along(self, rows: Array, records: Index) -> Array:
         """``Qᵀ R`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
@@ -128,34 +126,27 @@ class SeatElimination:
         along[:, :, -1] += np.einsum("sji,sj->si", self._q_tie, ties)
         of_ties = np.zeros((1, along.shape[2]))
         of_ties[0, -1] = np.linalg.norm(ties[seats])
-        of_bars = self._bar_rows(along, residual=True)[bars]
+        of_bars = self._bar_rows(along)[bars]
         return np.concatenate([of_ties, of_bars]), along[seats].reshape(-1, along.shape[2])
 
-    def _bar_rows(self, along: Array, residual: bool) -> Array:
+    def _bar_rows(self, along: Array) -> Array:
         """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``,
         H of the bars.
         """
-        rows = -self._by_bars(along)
-        if residual:
-            rows[:, -1] += self._bar_residual
-        return (
-            np.asarray(solve_triangular(self._bar_factor, rows, lower=True)) if len(rows) else rows
-        )
+        rows = -self._bar_jacobian @ along.reshape(-1, along.shape[2])
+        rows[:, -1] += self._bar_residual
+        if len(rows):
+            rows = np.asarray(solve_triangular(self._bar_factor, rows, lower=True))
+        return rows
 
-    def _by_bars(self, along: Array) -> Array:
-        """``H`` times vectors of the seats (s, 3, c): (b, c)."""
-        first, second = self.observations.ends.T
-        moved = self._bar_ends[0] @ along[first] + self._bar_ends[1] @ along[second]
-        return np.asarray(moved[:, 0])
-
-    @cached_property
-    def _bar_jacobian(self) -> Array:
-        """``H`` (b, 3 s)."""
+    def _by_seats(self, along: Array) -> Array:
+        """``H`` (b, 3 s), of the bars' whitened derivatives by their first ends (b, 3)."""
         ends = self.observations.ends
-        dense = np.zeros((len(ends), len(self.observations.labels), 3))
-        for k, by_end in enumerate(self._bar_ends):
-            dense[np.arange(len(ends)), ends[:, k]] += by_end[:, 0]
-        return dense.reshape(len(ends), -1)
+        inverse = np.linalg.inv(self._root)
+        by_seats = np.zeros((len(ends), len(inverse), 3))
+        for sign, seats in zip((1.0, -1.0), ends.T, strict=True):
+            by_seats[np.arange(len(ends)), seats] += sign * (along[:, None] @ inverse[seats])[:, 0]
+        return by_seats.reshape(len(ends), 3 * len(inverse))
 
     @cached_property
     def _bar_factor(self) -> Array:
@@ -170,7 +161,7 @@ class SeatElimination:
             return np.zeros((0, 3))
         best = -along
         if len(self.observations.ends):
-            rows = self._bar_residual[:, None] - self._by_bars(along)
+            rows = self._bar_residual[:, None] - self._bar_jacobian @ along.reshape(-1, 1)
             once = solve_triangular(self._bar_factor, rows, lower=True)
             twice = solve_triangular(self._bar_factor.T, once, lower=False)
             best = best - (self._bar_jacobian.T @ twice).reshape(best.shape)
@@ -273,7 +264,7 @@ def linearise(
     rows = correlation.whitened(rows)
     by_seats = correlation.whitened(observations.by_seats(whitening))
     elimination = SeatElimination(observations, points, by_seats)
-    along_seats, (rows, of_seats, of_bars) = elimination.eliminated(rows, residual=True)
+    along_seats, (rows, of_seats, of_bars) = elimination.eliminated(rows)
     placed = observations.known
     parts = [rows if has_target.all() else rows[has_target], of_seats[placed], of_bars]
     some = [part.reshape(-1, p + 1) for part in parts if part.size]

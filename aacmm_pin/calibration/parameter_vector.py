@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm import Arm, Parameter
 from aacmm_pin.effects import (
     Effect,
@@ -104,6 +104,11 @@ class ParameterVector:
             own_parameters = geometric_parameters(self.arm, effect)
             parameters += own_parameters or [None] * len(effect.terms)
         return tuple(parameters)
+
+    @property
+    def geometric(self) -> Mask:
+        """True where an entry changes a parameter of the arm (p,)."""
+        return np.array([p is not None for p in self.arm_parameters], dtype=bool)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -11,9 +11,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.arm import Arm, end
-from aacmm_pin.calibration.calibrated_arm import is_of_setup
 from aacmm_pin.calibration.parameter_vector import (
-    DH_KIND_OF_EFFECT,
     ParameterVector,
     geometric_parameters,
 )
@@ -24,7 +22,6 @@ from aacmm_pin.effects import (
     ErrorModel,
     JointDistance,
     JointPlacement,
-    JointZeroOffset,
     LinkLength,
     LinkTilt,
     ReferenceFrame,
@@ -127,6 +124,7 @@ def problem_of(
         setup,
         tuple(known_from.split()),
         targets,
+        tuple(items),
     )
 
 
@@ -155,21 +153,13 @@ def _of_names(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
 
 def asked_again(problem: Problem, model: ErrorModel, setup: Setup, *others: Effect) -> Problem:
     """The problem with its unknowns and ``others``, of another model or with another set-up."""
-    effects = problem.vector.effects
-    named = [
-        effect
-        for effect in effects
-        if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT))
-        and not is_of_setup(effect)
-    ]
-    geometry = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
-    zeros = any(isinstance(effect, JointZeroOffset) for effect in effects)
-    sets = ["geometry"] if geometry else ["zero-offsets"] if zeros else []
-    return problem_of(model, problem.measurements, [*sets, *named, *others], setup)
+    asked = [*problem.asked, *others]
+    return problem_of(model, problem.measurements, asked, setup)
 
 
-def unstated(problem: Problem, mine: Mask) -> Problem:
-    """The problem as if nothing were stated of some geometric parameters, ``mine`` (p,)."""
+def free_geometry(problem: Problem) -> Problem:
+    """The problem as if nothing were stated of the geometric parameters."""
+    mine = problem.vector.geometric
     units = [parameter.unit for parameter in problem.vector.parameters]
     assembled = np.array([ASSEMBLED.get(unit, np.nan) for unit in units])
     of_mine = mine[:, None] | mine

@@ -22,11 +22,8 @@ def predicted_rms(at: Fit) -> float:
     ``C = (Aᵀ W A + P)⁻¹`` of ISO/IEC Guide 98-3 (JCGM 100:2008, eq. 13) for ``e - A C Aᵀ W e``, e
     the errors by geometry and noise.
     """
-    covariance = at.problem.model.covariance()
-    if not covariance.any():
-        return float("nan")
     used = np.flatnonzero(at.used & at.observations.has_target)
-    if not used.size:
+    if not (used.size and at.problem.model.covariance().any()):
         return float("nan")
     used = used[:: -(-used.size // RECORDS_FOR_MEAN)]
     noise = at.noise.without_scatter[used, :3, :3]
@@ -38,7 +35,7 @@ def predicted_rms(at: Fit) -> float:
     flat = columns.reshape(3 * used.size, columns.shape[2])
     precision = times * flat.T @ flat + ties
     inverse = np.linalg.pinv(precision, hermitian=True)
-    by_geometry = whiten @ _displacements(at, covariance)[used]
+    by_geometry = whiten @ at.by_geometry[used]
     taken = inverse @ (flat.T @ by_geometry.reshape(3 * used.size, by_geometry.shape[2]))
     left = by_geometry - times * columns @ taken
     white = whiten @ noise @ whiten.transpose(0, 2, 1)
@@ -68,14 +65,3 @@ def _columns(at: Fit, whitening: Array) -> tuple[Array, Array]:
     rows = np.concatenate([of_seats.reshape(count, count), of_bars])
     ties[first:, first:] = rows.T @ rows
     return columns, ties
-
-
-def _displacements(at: Fit, covariance: Array) -> Array:
-    """Displacement of each record's tip, in the frame of the references, by independent errors of
-    the geometry of unit variance (n, 3, p) [m].
-    """
-    model, records = at.problem.model, at.problem.measurements
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    moved = at.point.frame.rotation @ model.sensitivity(records.q, records.conditions) @ root
-    return at.observations.along_normals(moved.transpose(0, 2, 1)).transpose(0, 2, 1)

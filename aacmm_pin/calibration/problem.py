@@ -14,7 +14,7 @@ from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.least_squares import Prior
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.effects import ErrorModel, State, StylusOffset
+from aacmm_pin.effects import Effect, ErrorModel, State, StylusOffset
 from aacmm_pin.measurements import Measurements, orientation
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
@@ -115,6 +115,7 @@ class Problem:
         known_from: fingerprints of the records that the arm's file knows its parameters from.
         targets: labels of the targets whose orientation on the tip is unknown; their turns are the
             last columns.
+        asked: what was asked for: sets and names of parameters, causes.
         candidates: how many of the effects, the last ones, are those of a search that may choose
             again without them.
         held: directions in which the parameters stay where the search starts, in units of the
@@ -130,6 +131,7 @@ class Problem:
     setup: Setup
     known_from: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
+    asked: tuple[str | Effect, ...] = ()
     candidates: int = 0
     held: Array = field(default_factory=lambda: np.zeros((0, 0)))
 

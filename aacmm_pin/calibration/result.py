@@ -1,4 +1,4 @@
-"""What a calibration gives back."""
+"""What a calibration gives back, and where the base is in an unknown frame of the references."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.identifiability import Observability
+from aacmm_pin.calibration.identifiability import ROTATION, Observability
 from aacmm_pin.calibration.parameters import ASSEMBLED
-from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration.setup import sessions_of
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.solver import LEAST_DOF
 from aacmm_pin.effects import CONDITION_COLUMNS, ErrorModel
@@ -231,36 +232,39 @@ class Calibration(Shown):
 
     def summary(self) -> dict[str, Any]:
         """Return the content of the JSON file with the schema ``aacmm-pin/calibration/1``."""
-        scatters = self.fit.noise.scatters
-        content: dict[str, Any] = {"schema": CALIBRATION_SCHEMA, "arm": self.model.arm.name}
-        content["records"] = self._records()
-        rms_mm = {"simulation": self.rms_before, "calibrated": self.rms, "noise": self.noise}
-        content["rms_mm"] = {name: value / MM for name, value in rms_mm.items()}
-        content["chi2"] = None
-        if self.fit.chi2_stated is not None:
-            value, dof = self.fit.chi2_stated
-            content["chi2"] = {"value": value, "dof": dof, "p_value": self.p_value}
-        content["rms_rad"] = self.turns
-        content["unmodelled_mm"] = self.fit.unmodelled / MM
-        content["unmodelled_rad"] = scatters.turn if self.turns else None
-        content["unmodelled_seat_mm"] = scatters.seat / MM or None
-        content["noise_stated"] = self.fit.stated
-        content["parameters"] = [_plain_values(row) for row in self.parameters.to_dict("records")]
-        content["undetermined"] = list(self.undetermined)
-        content["observability"] = _plain_values(vars(self.observability))
-        content["held_out"] = [held.summary() for held in self.held_out]
-        return content | notes_in_json(self.notes)
-
-    def _records(self) -> dict[str, Any]:
-        """How many records were used, and which were excluded."""
-        table = self.excluded[["row", "reason", "residual_mm"]]
-        used = self.fit.used
-        excluded = self.fit.excluded
-        records: dict[str, Any] = {"used": int(used.sum())}
-        records["silent"] = int((~used & ~excluded).sum())
-        records["excluded"] = [_plain_values(row) for row in table.to_dict("records")]
-        records["exclusions"] = self.exclusions.summary()
-        return records
+        fit = self.fit
+        scatters = fit.noise.scatters
+        chi2 = None
+        if fit.chi2_stated is not None:
+            value, dof = fit.chi2_stated
+            chi2 = {"value": value, "dof": dof, "p_value": self.p_value}
+        excluded = self.excluded[["row", "reason", "residual_mm"]]
+        return {
+            "schema": CALIBRATION_SCHEMA,
+            "arm": self.model.arm.name,
+            "records": {
+                "used": int(fit.used.sum()),
+                "silent": int((~fit.used & ~fit.excluded).sum()),
+                "excluded": [_plain_values(row) for row in excluded.to_dict("records")],
+                "exclusions": self.exclusions.summary(),
+            },
+            "rms_mm": {
+                "simulation": self.rms_before / MM,
+                "calibrated": self.rms / MM,
+                "noise": self.noise / MM,
+            },
+            "chi2": chi2,
+            "rms_rad": self.turns,
+            "unmodelled_mm": fit.unmodelled / MM,
+            "unmodelled_rad": scatters.turn if self.turns else None,
+            "unmodelled_seat_mm": scatters.seat / MM or None,
+            "noise_stated": fit.stated,
+            "parameters": [_plain_values(row) for row in self.parameters.to_dict("records")],
+            "undetermined": list(self.undetermined),
+            "observability": _plain_values(vars(self.observability)),
+            "held_out": [held.summary() for held in self.held_out],
+            **notes_in_json(self.notes),
+        }
 
     def __str__(self) -> str:
         left = self.exclusions
@@ -293,3 +297,62 @@ def _plain_values(given: Mapping[Any, Any]) -> dict[str, Any]:
         is_number = not isinstance(plain, float) or math.isfinite(plain)
         values[str(key)] = plain if is_number else None
     return values
+
+
+@dataclass(frozen=True, eq=False)
+class BasePlacement:
+    """The base in a frame of references.
+
+    Attributes:
+        session: label of the session whose frame it is; "" if all records have one.
+        rotation, shift: ``x_reference = R x_base + t``, (3, 3) and (3,) [m].
+        u_shift: standard uncertainty of t along the axes of the references (3,) [m].
+        u_rotation: of the rotation about these axes (3,) [rad].
+    """
+
+    session: str
+    rotation: Array
+    shift: Array
+    u_shift: Array
+    u_rotation: Array
+
+
+def base_is_open(fit: Fit) -> bool:
+    """Whether the records do not determine where the base is in an unknown frame of the
+    references.
+    """
+    if not fit.problem.external:
+        return False
+    p = fit.problem.widths.size
+    variances = np.diag(fit.covariance)[p + 3 : p + 6]
+    return fit.undetermined.frame_is_open or bool(variances.max() > ROTATION**2)
+
+
+def base_placements(fit: Fit) -> list[BasePlacement]:
+    """The base in each frame of the references; none if that is the base's own, or these records
+    leave it open.
+    """
+    problem = fit.problem
+    if not problem.external or base_is_open(fit):
+        return []
+    p = problem.widths.size
+    frame = fit.point.frame
+    of_frame = fit.covariance[p : p + 6]
+    by_session = problem.setup.frame_of_session
+    first = sessions_of(problem.measurements)[0] if by_session else ""
+    placements = [_placed(first, frame.rotation, frame.shift, of_frame[:, p : p + 6])]
+    for session, entries in problem.vector.of_sessions():
+        displaced = Frame(frame.rotation, frame.shift).moved(fit.point.x[entries])
+        crossed = of_frame[:, entries]
+        covariance = of_frame[:, p : p + 6] + fit.covariance[entries, entries] + crossed + crossed.T
+        turned, moved = problem.setup.moved_frames.get(session, (np.eye(3), np.zeros(3)))
+        there = turned.T @ displaced.rotation, turned.T @ (displaced.shift - moved)
+        placements.append(_placed(session, *there, covariance))
+    return placements
+
+
+def _placed(session: str, rotation: Array, shift: Array, covariance: Array) -> BasePlacement:
+    """With the covariance (6, 6) of a twist of the base in its own axes [m, rad]."""
+    turned = np.kron(np.eye(2), rotation)
+    u = np.sqrt(np.diag(turned @ covariance @ turned.T))
+    return BasePlacement(session, rotation, shift, u[:3], u[3:])

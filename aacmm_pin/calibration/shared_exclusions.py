@@ -122,10 +122,12 @@ class Exclusions:
 
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON; SI."""
-        content: dict[str, Any] = {"doubtful": self.doubtful, "too_many": self.too_many}
-        content["shared"] = None if self.shared is None else asdict(self.shared)
-        content["narrowed"] = [asdict(joint) for joint in self.narrowed]
-        return content
+        return {
+            "doubtful": self.doubtful,
+            "too_many": self.too_many,
+            "shared": None if self.shared is None else asdict(self.shared),
+            "narrowed": [asdict(joint) for joint in self.narrowed],
+        }
 
 
 def exclusions_of(fit: Fit) -> Exclusions:

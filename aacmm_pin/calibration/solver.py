@@ -282,8 +282,7 @@ class _Search:
 
     def system(self, point: Point) -> Linearisation:
         """The linear model at a point."""
-        prior = self.problem.prior(point.x)
-        return linearise(point.prediction, prior, self.noise, point.seats, self.weights)
+        return solution_at(self.problem, self.noise, point, self.weights).system
 
     def trial(
         self, point: Point, seats: Array, step: Array, cost: float

@@ -10,7 +10,6 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.solver import Solution
 from aacmm_pin.calibration.variance_components import (
     information_of_seats,
-    pulls_on_seats,
     squared_distances,
 )
 from aacmm_pin.measurements import NOTHING_KNOWN
@@ -30,12 +29,12 @@ def deleted_distances(solution: Solution) -> Array:
     touched = np.flatnonzero(observations.seat >= 0)
     if touched.size:
         seat = observations.seat[touched]
-        information, _, weighted = information_of_seats(solution)
-        others = np.linalg.inv(information[seat] - weighted + NOTHING_KNOWN * np.eye(3))
-        pulls = pulls_on_seats(solution, deviations)
+        information, _, of_records, pulls = information_of_seats(solution)
+        others = np.linalg.inv(information[seat] - of_records + NOTHING_KNOWN * np.eye(3))
         # By one unit of a seat a deviation changes by minus these.
         changes = -observations.by_seats(np.tile(np.eye(3), (len(deviations), 1, 1)))[touched]
-        deviations[touched] += np.einsum("nij,njk,nk->ni", changes, others, pulls)
+        moved = changes @ others @ pulls @ deviations[touched][:, :, None]
+        deviations[touched] += moved[:, :, 0]
         covariance[touched] += changes @ others @ changes.transpose(0, 2, 1)
     covariance = observations.counting(covariance)
     deviations = observations.along_normals(deviations[:, None, :])[:, 0]

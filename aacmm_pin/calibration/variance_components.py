@@ -102,7 +102,7 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     first = len(system.residual) - ties - bars
     steps = system.jacobian[first : first + ties] @ system.independent_steps
     by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
-    information, tie, _ = information_of_seats(solution)
+    information, tie, *_ = information_of_seats(solution)
     variances = np.diagonal(np.linalg.inv(information[placed]), axis1=1, axis2=2)
     parts = 1.0 - tie[placed] * variances - by_parameters
     dof_of_seat = np.where(open_[placed], parts, 0.0).sum(axis=1)
@@ -121,32 +121,21 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     return float(np.sqrt(variance)), dof
 
 
-def information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
+def information_of_seats(solution: Solution) -> tuple[Array, Array, Array, Array]:
     """Information on the place of each seat (s, 3, 3) [1/m²], without bars; the part of its stated
-    coordinates, the diagonal (s, 3); the part of each record at a seat (records, 3, 3).
-    """
-    observations = solution.noise.observations
-    touched = np.flatnonzero(observations.seat >= 0)
-    by_seats = observations.by_seats(solution.noise.whitening)[touched, :3]
-    of_records = by_seats.transpose(0, 2, 1) @ by_seats
-    of_records = solution.weights[touched, None, None] * of_records
-    tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
-    information = tie[:, :, None] * np.eye(3)
-    np.add.at(information, observations.seat[touched], of_records)
-    return information, tie, np.asarray(of_records)
-
-
-def pulls_on_seats(solution: Solution, deviation: Array) -> Array:
-    """What deviations (n, 3) [m] of the records at seats pull these by, information times distance
-    (records, 3) [1/m].
+    coordinates, the diagonal (s, 3); the part of each record at a seat (records, 3, 3); and what a
+    deviation of this record pulls the seat by, information times distance (records, 3, 3) [1/m²].
     """
     observations = solution.observations
     touched = np.flatnonzero(observations.seat >= 0)
     whitening = solution.noise.whitening
     by_seats = observations.by_seats(whitening)[touched, :3]
-    whitened = whitening[touched, :3, :3] @ deviation[touched][:, :, None]
-    pulls = -by_seats.transpose(0, 2, 1) @ whitened
-    return np.asarray(solution.weights[touched, None] * pulls[:, :, 0])
+    weighted = solution.weights[touched, None, None] * by_seats.transpose(0, 2, 1)
+    of_records = weighted @ by_seats
+    tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
+    information = tie[:, :, None] * np.eye(3)
+    np.add.at(information, observations.seat[touched], of_records)
+    return information, tie, of_records, -weighted @ whitening[touched, :3, :3]
 
 
 def squared_distances(deviation: Array, covariance: Array) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm import Arm
+from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.measurements import Measurements
 
 QUARTERS = (0, 90, -90, 180)
@@ -57,60 +57,52 @@ class Turned(NamedTuple):
     degrees: int
 
 
-def likely_columns(arm: Arm, records: Measurements, external: bool) -> list[tuple[Turned, ...]]:
+def likely_columns(problem: Problem) -> list[tuple[Turned, ...]]:
     """Combinations of two joints or more that bring tips and targets nearest together, of those
     that are alike the simplest first; none of records without references and seats.
-
-    Args:
-        arm: as it is described.
-        records: their readings are to be changed.
-        external: the references are in an unknown frame.
     """
-    tried = [*_combinations(arm.chain.prismatic)]
-    signs = np.ones((len(tried), arm.nq))
-    offsets = np.zeros((len(tried), arm.nq))
+    tried = [*_combinations(problem.model.arm.chain.prismatic)]
+    nq = problem.model.arm.nq
+    signs = np.ones((len(tried), nq))
+    offsets = np.zeros((len(tried), nq))
     for number, several in enumerate(tried):
         for joint, sign, degrees in several:
             signs[number, joint] = sign
             offsets[number, joint] = degrees * DEG
-    misfit = _misfits(
-        arm, records, external, lambda readings: signs[:, None] * readings + offsets[:, None]
-    )
+    misfit = _misfits(problem, lambda readings: signs[:, None] * readings + offsets[:, None])
     if not misfit.size:
         return []
     alike = misfit <= SIMILAR_RATIO * misfit.min()
     joints = np.array([len(several) for several in tried])
-    simplest = np.lexsort((misfit, np.where(alike, joints, arm.nq + 1)))
+    simplest = np.lexsort((misfit, np.where(alike, joints, nq + 1)))
     return [tried[number] for number in simplest[:NEAREST]]
 
 
-def likely_orders(arm: Arm, records: Measurements, external: bool) -> list[tuple[int, ...]]:
+def likely_orders(problem: Problem) -> list[tuple[int, ...]]:
     """The orders of the columns that bring tips and targets nearest together, the best first: the
     joint (from 0) that each column is of. None for many joints.
     """
-    if arm.nq > MANY_JOINTS:
+    nq = problem.model.arm.nq
+    if nq > MANY_JOINTS:
         return []
-    orders = [*permutations(range(arm.nq))][1:]
-    misfit = _misfits(
-        arm, records, external, lambda readings: readings[:, np.argsort(orders)].transpose(1, 0, 2)
-    )
+    orders = [*permutations(range(nq))][1:]
+    misfit = _misfits(problem, lambda readings: readings[:, np.argsort(orders)].transpose(1, 0, 2))
     nearest = np.argsort(misfit, kind="stable")[:FEW_ORDERS]
     return [orders[number] for number in nearest]
 
 
-def likely_ratios(arm: Arm, records: Measurements, external: bool) -> list[float]:
+def likely_ratios(problem: Problem) -> list[float]:
     """For each joint the factor of its readings, other than 1, that brings tips and targets nearest
     together, whatever the zeros of the joints; none of records without references and seats.
     """
     ratios = []
-    for joint in range(arm.nq):
+    nq = problem.model.arm.nq
+    for joint in range(nq):
         grid = np.geomspace(1 / LARGEST_RATIO, LARGEST_RATIO, 2 * RATIOS)
         for _ in range(REFINEMENTS):
-            factors = np.ones((grid.size, arm.nq))
+            factors = np.ones((grid.size, nq))
             factors[:, joint] = grid
-            misfit = _misfits(
-                arm, records, external, partial(np.multiply, factors[:, None]), any_zeros=True
-            )
+            misfit = _misfits(problem, partial(np.multiply, factors[:, None]), any_zeros=True)
             if not misfit.size:
                 return []
             best = int(np.argmin(misfit))
@@ -120,17 +112,18 @@ def likely_ratios(arm: Arm, records: Measurements, external: bool) -> list[float
     return ratios
 
 
-def likely_scales(arm: Arm, records: Measurements) -> Array | None:
+def likely_scales(problem: Problem) -> Array | None:
     """Factors of the x, y and z coordinates (3,) that bring tips and references together best,
     whatever their frame; None with too few references.
 
     The tips are an affine function of the references, a rotation of scaled coordinates: its columns
     are as long as the scales.
     """
+    records = problem.measurements
     placed = np.flatnonzero(records.known)
     if placed.size < KNOWN_RECORDS:
         return None
-    tips = arm.chain.positions(records.q[placed])
+    tips = problem.model.arm.chain.positions(records.q[placed])
     references = np.column_stack([records.reference[placed], np.ones(placed.size)])
     weights = np.ones(placed.size)
     for _ in range(REWEIGHTED):
@@ -142,17 +135,13 @@ def likely_scales(arm: Arm, records: Measurements) -> Array | None:
 
 
 def _misfits(
-    arm: Arm,
-    records: Measurements,
-    external: bool,
-    change: Callable[[Array], Array],
-    *,
-    any_zeros: bool = False,
+    problem: Problem, change: Callable[[Array], Array], *, any_zeros: bool = False
 ) -> Array:
     """Median distance of tips and targets, over what the tips travel, with readings (n, nq) changed
     in m ways (m, n, nq) [rad], and with the best zeros to first order if they may be any: (m,), or
     none without references and seats.
     """
+    arm, records, external = problem.model.arm, problem.measurements, problem.external
     rows, groups = _judges(records)
     if not rows.size:
         return np.empty(0)

@@ -19,7 +19,7 @@ from aacmm_pin.calibration.calibrated_arm import moved_arm
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.least_squares import remaining_triangle
-from aacmm_pin.calibration.parameters import asked_again, unstated
+from aacmm_pin.calibration.parameters import asked_again, free_geometry
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.effects import StylusOffset
 from aacmm_pin.errors import AacmmError
@@ -106,7 +106,7 @@ def _free_geometry(after: Fit) -> _Geometry | None:
     The tip of an arm from a URDF has no parameters, but is as uncertain as other places.
     """
     problem = after.problem
-    geometric = np.flatnonzero([p is not None for p in problem.vector.arm_parameters])
+    geometric = np.flatnonzero(problem.vector.geometric)
     if not geometric.size or not after.tells_noise:
         return None
     moved = np.abs(after.point.x - problem.start)[geometric]
@@ -117,11 +117,9 @@ def _free_geometry(after: Fit) -> _Geometry | None:
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
     if problem.model.arm.dh is None and not has_offset:
         asked = asked_again(asked, problem.model, problem.setup, TIP_OFFSET)
-    geometric = np.flatnonzero([p is not None for p in asked.vector.arm_parameters])
-    mine = np.zeros(asked.widths.size, dtype=bool)
-    mine[geometric] = True
+    geometric = np.flatnonzero(asked.vector.geometric)
     try:
-        free = fit(unstated(asked, mine))
+        free = fit(free_geometry(asked))
     except AacmmError:
         return None
     values = _Geometry.of(free, geometric, _usual(asked, geometric))

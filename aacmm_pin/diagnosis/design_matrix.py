@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.calibration import Fit, information_of_seats, pulls_on_seats
+from aacmm_pin.calibration import Fit, information_of_seats
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
@@ -268,9 +268,10 @@ class Design:
         deviations = observations.deviations(tips, points)
         if not touched.size:
             return deviations
-        information, tie, _ = information_of_seats(self.fit)
+        information, tie, _, by_records = information_of_seats(self.fit)
         pull = -tie * np.nan_to_num(points - observations.stated)
-        np.add.at(pull, observations.seat[touched], pulls_on_seats(self.fit, deviations[:, :3]))
+        pulls = by_records @ deviations[touched, :3, None]
+        np.add.at(pull, observations.seat[touched], pulls[:, :, 0])
         moved = np.einsum("sij,sj->si", np.linalg.pinv(information, hermitian=True), pull)
         return observations.deviations(tips, points + moved)
 

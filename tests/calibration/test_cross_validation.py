@@ -36,18 +36,6 @@ def test_a_file_appended_to_itself_says_the_same(sino6, rng):
     )
 
 
-@pytest.mark.long
-def test_so_does_its_diagnosis(sino6, rng):
-    model = ErrorModel(sino6).with_effects(EncoderEccentricity(3, values=(2e-4, 1e-4)))
-    table = simulate_measurements(model, "seats", 60, rng=rng, seats=6).to_frame()
-    found, again = (diagnose(sino6, several(table, k), hold_out=False) for k in (1, 2))
-    ((one,), (other,)) = found.findings, again.findings
-    assert one.effect.label == other.effect.label == "encoder_eccentricity:3"
-    assert one.effect.values == pytest.approx(other.effect.values, rel=1e-9)
-    assert one.effect.u == pytest.approx(other.effect.u, rel=1e-9)
-    assert one.probability == pytest.approx(other.probability)
-
-
 def test_what_makes_a_copy():
     table = pd.DataFrame(
         {

@@ -155,26 +155,6 @@ def test_an_independent_least_squares_with_the_centres_agrees(sino6, rng):
     np.testing.assert_allclose(np.diag(stated), np.diag(bound), rtol=0.02)
 
 
-@pytest.mark.long
-def test_estimates_scatter_as_stated(sino6):
-    """Over 20 arms and files; χ² of the residuals, and of the estimates by their covariance."""
-    rng = np.random.default_rng(11)
-    off = dof = value = count = 0.0
-    names = [p.name for p in sino6.parameters]
-    for _ in range(20):
-        errors = drawn(sino6, rng)
-        q, sphere = Machine(sino6, errors).touching(rng)
-        result = calibrated(sino6, q + READING * rng.normal(size=q.shape), sphere)
-        chosen = [names.index(name) for name in result.parameters["parameter"]]
-        miss = result.fit.point.x - errors[chosen]
-        off += miss @ np.linalg.solve(result.covariance, miss)
-        count += miss.size
-        value += result.fit.chi2_stated.value
-        dof += result.fit.chi2_stated.dof
-    assert 0.001 < chi2.sf(off, count) < 0.999
-    assert 0.001 < chi2.sf(value, dof) < 0.999
-
-
 def test_the_scale_of_a_sphere_is_that_of_its_diameter(sino6, rng):
     """All tips 1e-3 too far away make spheres of unknown centre larger by 1e-3, and nothing else:
     14 µm of a radius that the contacts know within 1 µm.
