@@ -11,9 +11,10 @@ from .compliance import (
 )
 from .conditions import (
     CONDITION_COLUMNS,
-    CONDITION_UNITS,
+    CONDITION_ENTRIES,
     TEMPERATURE_TOLERANCE,
     Conditions,
+    Covariate,
     Labels,
     Records,
     labels_of,
@@ -116,7 +117,7 @@ from .time_dependent import EncoderSlip, ZeroDrift
 __all__ = [
     "CAUSES",
     "CONDITION_COLUMNS",
-    "CONDITION_UNITS",
+    "CONDITION_ENTRIES",
     "LEAST_SPREAD",
     "RECORDED",
     "TEMPERATURE_TOLERANCE",
@@ -127,6 +128,7 @@ __all__ = [
     "Conditions",
     "Cosines",
     "Counterbalance",
+    "Covariate",
     "Discrepancy",
     "Displacement",
     "Effect",

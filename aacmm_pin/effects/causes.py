@@ -233,7 +233,7 @@ def example(cause: type[Effect]) -> Effect | None:
         probe_direction=np.tile(np.eye(3), (n // 3, 1)),
         seat=np.array(list("ABC") * (n // 3), dtype=object),
         marker=np.full(n, "1", dtype=object),
-    )
+    ).with_usual(CONDITION_COLUMNS, arm.nq)
     q = low + part[:, None] * (high - low)
     records = SimpleNamespace(q=q, conditions=conditions, known=np.ones(n, dtype=bool))
     variants = _candidates(cause, arm, records)

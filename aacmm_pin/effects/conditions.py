@@ -4,10 +4,10 @@ torque, in which direction probed, at which seat.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,32 +15,43 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support.checks import Array, Index, Mask, batch, is_no_unit, vector, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
+from aacmm_pin._support.plausible import Range
 from aacmm_pin.errors import MissingConditionError, ShapeError
 
 Labels = NDArray[np.object_]
 """(n,) of str; "" where a record has none."""
+Covariate = Literal["anywhere", "joints", "groups", "none"]
+"""What residuals and excluded records are compared with a column for, see
+:class:`aacmm_pin.measurements.csv_columns.Column`.
+"""
 
-CONDITION_COLUMNS = {
-    "time": "time_s",
-    "temperature": "temperature_c",
-    "link_temperature": "temperature1_c …",
-    "approach": "approach1 …",
-    "torque": "torque1_nm …",
-    "probe_direction": "probe_direction_x …",
-    "seat": "seat",
-    "marker": "marker",
-    "session": "session",
-}
-"""The column of a measurement file behind each condition."""
-CONDITION_UNITS = {
-    "time": "s",
-    "temperature": "°C",
-    "link_temperature": "°C",
-    "approach": "1",
-    "torque": "N·m",
-    "probe_direction": "1",
-}
-"""What the numbers of a condition are."""
+
+class ConditionColumn(NamedTuple):
+    """How a measurement file states a condition.
+
+    Attributes:
+        names: its columns, one for each component; # stands for the numbers of joints or DH rows.
+        covariate: what residuals are compared with it for.
+        unit: of the numbers; "" of labels.
+        of_reference: whether it says where the tip should be.
+        range: what the numbers can be, in SI; None: the range of the unit.
+        usual: value in planned and simulated records, if a cause needs it; None if they compute
+            values of their own.
+    """
+
+    names: tuple[str, ...]
+    covariate: Covariate
+    unit: str = ""
+    of_reference: bool = False
+    range: Range | None = None
+    usual: float | None = None
+
+    @property
+    def is_numbered(self) -> bool:
+        """Whether there are as many columns as joints or rows."""
+        return "#" in self.names[0]
+
+
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
 """No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
 TEMPERATURE_TOLERANCE = 2.0
@@ -71,15 +82,24 @@ class Conditions(Shown):
     """
 
     n: int
-    time: Array | None = None
-    temperature: Array | None = None
-    link_temperature: Array | None = None
-    approach: Array | None = None
-    torque: Array | None = None
-    probe_direction: Array | None = None
-    seat: Labels | None = None
-    marker: Labels | None = None
-    session: Labels | None = None
+    time: Annotated[Array | None, ConditionColumn(("time_s",), "anywhere", "s")] = None
+    temperature: Annotated[Array | None, ConditionColumn(("temperature_c",), "anywhere", "°C")] = (
+        None
+    )
+    link_temperature: Annotated[
+        Array | None, ConditionColumn(("temperature#_c",), "none", "°C")
+    ] = None
+    approach: Annotated[Array | None, ConditionColumn(("approach#",), "none", "1")] = None
+    torque: Annotated[Array | None, ConditionColumn(("torque#_nm",), "joints", "N·m")] = None
+    probe_direction: Annotated[
+        Array | None,
+        ConditionColumn(
+            ("probe_direction_x", "probe_direction_y", "probe_direction_z"), "none", "1"
+        ),
+    ] = None
+    seat: Annotated[Labels | None, ConditionColumn(("seat",), "groups", "", True)] = None
+    marker: Annotated[Labels | None, ConditionColumn(("marker",), "groups")] = None
+    session: Annotated[Labels | None, ConditionColumn(("session",), "anywhere")] = None
 
     def __post_init__(self) -> None:
         """What is given, as arrays of its own."""
@@ -87,33 +107,45 @@ class Conditions(Shown):
             raise ShapeError(f"conditions have {self.n} records; expected 0 or more")
         for name in self.present:
             values = getattr(self, name)
+            column = CONDITION_ENTRIES[name]
             given: NDArray[Any]
-            if name not in CONDITION_UNITS:
+            if not column.unit:
                 given = labels_of(name, values, self.n)
-            elif name in ("time", "temperature"):
-                given = vector(values, self.n, name, CONDITION_UNITS[name])
-            elif name == "probe_direction":
+            elif len(column.names) > 1:
                 given = _directions(values)
+            elif column.is_numbered:
+                given = batch(values, width_of(values), name, column.unit)
             else:
-                given = batch(values, width_of(values), name, CONDITION_UNITS[name])
+                given = vector(values, self.n, name, column.unit)
             if len(given) != self.n:
                 raise ShapeError(
                     f"{name} has {len(given)} rows; expected {self.n}, one for each record"
                 )
+            if column.range is not None:
+                column.range.check(given, name, ShapeError)
             if name == "approach" and not np.isin(given, (-1.0, 0.0, 1.0)).all():
                 raise ShapeError("approach contains other numbers; expected -1, 0 or 1")
             object.__setattr__(self, name, given)
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Conditions:
         """Return the conditions of some of the records, by indices, a slice or a mask."""
-        chosen = {}
-        for field in fields(self)[1:]:
-            values = getattr(self, field.name)
-            chosen[field.name] = None if values is None else values[rows]
-        count = (
-            len(range(self.n)[rows]) if isinstance(rows, slice) else len(np.arange(self.n)[rows])
-        )
-        return Conditions(count, **chosen)
+        index = np.arange(self.n)[rows]
+        return Conditions(len(index), **{name: getattr(self, name)[index] for name in self.present})
+
+    def with_usual(self, needs: Iterable[str], nq: int) -> Conditions:
+        """Return the conditions with the usual values of unknown conditions in ``needs``.
+
+        Args:
+            needs: names of conditions.
+            nq: number of joints.
+        """
+        usual: dict[str, Any] = {}
+        for name in {*needs}.difference(self.present):
+            column = CONDITION_ENTRIES[name]
+            if column.usual is not None:
+                shape = (self.n, nq) if column.is_numbered else self.n
+                usual[name] = np.full(shape, column.usual)
+        return replace(self, **usual)
 
     @cached_property
     def times(self) -> Array:
@@ -125,8 +157,7 @@ class Conditions(Shown):
     @property
     def present(self) -> tuple[str, ...]:
         """The names of the known conditions."""
-        names = [field.name for field in fields(self)[1:]]
-        return tuple(name for name in names if getattr(self, name) is not None)
+        return tuple(name for name in CONDITION_ENTRIES if getattr(self, name) is not None)
 
     def odd_temperatures(self, reference: float) -> list[Note]:
         """Return notes about temperatures that are implausible for a workshop.
@@ -187,6 +218,19 @@ class Conditions(Shown):
         if values is None:
             raise MissingConditionError(purpose, CONDITION_COLUMNS[name])
         return np.asarray(values)
+
+
+CONDITION_ENTRIES: dict[str, ConditionColumn] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(Conditions, include_extras=True).items()
+    if hasattr(hint, "__metadata__")
+}
+"""The columns of each condition."""
+CONDITION_COLUMNS: dict[str, str] = {}
+"""The same for messages, such as ``approach1 …``."""
+for _name, _column in CONDITION_ENTRIES.items():
+    _several = _column.is_numbered or len(_column.names) > 1
+    CONDITION_COLUMNS[_name] = _column.names[0].replace("#", "1") + " …" * _several
 
 
 class Records(Protocol):

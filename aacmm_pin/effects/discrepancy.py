@@ -21,7 +21,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import expected_words
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import BASE, DiscrepancyEntry, DiscrepancyPart, axis
-from aacmm_pin.effects.conditions import CONDITION_UNITS, Conditions
+from aacmm_pin.effects.conditions import CONDITION_ENTRIES, Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, tubes, twist
 from aacmm_pin.effects.environment import growth_of_body
 from aacmm_pin.effects.state import State
@@ -556,7 +556,7 @@ class Discrepancy(Effect):
                 "of": conditions.n,
                 "cause": self.label,
                 "condition": cosines.of,
-                "unit": CONDITION_UNITS[cosines.of],
+                "unit": CONDITION_ENTRIES[cosines.of].unit,
                 "low": float(low),
                 "high": float(high),
             }

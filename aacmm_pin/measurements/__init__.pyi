@@ -12,13 +12,12 @@ from .csv_columns import (
     REFERENCE_U,
     UNKNOWN_COLUMN,
     Column,
-    is_of_reference,
+    column_of,
     is_reading,
     span,
 )
-from .csv_table import measurement_file, read_table
-from .csv_values import check_numbers, read_values
-from .excel_sheet import is_workbook
+from .csv_table import is_workbook, measurement_file, read_table
+from .csv_values import check_values, read_values
 from .measuring_points import Pool, bars_for, seats_for
 from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from .observations import (
@@ -82,10 +81,10 @@ __all__ = [
     "bars_for",
     "best_sphere",
     "centre_of_sphere",
-    "check_numbers",
+    "check_values",
+    "column_of",
     "fingerprints",
     "fingerprints_of_standards",
-    "is_of_reference",
     "is_reading",
     "is_workbook",
     "means_of_contacts",

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,11 +14,9 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import RANGES
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.effects import CONDITION_COLUMNS, CONDITION_UNITS
+from aacmm_pin.effects import CONDITION_ENTRIES, Covariate
 
 AngleUnit = Literal["deg", "rad"]
-Covariate = Literal["anywhere", "joints", "groups", "none"]
-"""What residuals and excluded records are compared with a column for, see :class:`Column`."""
 
 SI_OF_UNIT = {"mm": MM, "°": DEG}
 """Units of files that are not SI."""
@@ -67,6 +65,11 @@ class Column:
         return "#" in self.names[0]
 
     @property
+    def is_direction(self) -> bool:
+        """Whether its components are those of a unit vector, or of a unit quaternion."""
+        return self.unit == "1" and len(self.names) > 1
+
+    @property
     def si(self) -> float:
         """One unit of the file in SI."""
         return SI_OF_UNIT.get(self.unit, 1.0)
@@ -84,6 +87,12 @@ class Column:
             return number_in(name, self.names[0]) is not None
         return name in self.names
 
+    def among(self, names: Collection[str]) -> list[str]:
+        """Its columns among ``names``, in the order of components or numbers."""
+        if self.is_numbered:
+            return sorted(filter(self.has, names), key=lambda name: (len(name), name))
+        return [name for name in self.names if name in names]
+
     def quantity(self, name: str) -> str:
         """What its column ``name`` states, such as ``torque 2``; the name if in no attribute."""
         if not self.field:
@@ -92,17 +101,18 @@ class Column:
         return f"{self.field} {number}" if number else self.field
 
 
-def _condition(field: str, covariate: Covariate, of_reference: bool = False) -> Column:
+def _condition(field: str) -> Column:
     """The column of a condition, see :class:`aacmm_pin.effects.conditions.Conditions`."""
-    unit = CONDITION_UNITS.get(field, "")
-    limits = RANGES.get(unit)
-    return Column(field, (_form(field),), covariate, unit, limits, of_reference=of_reference)
-
-
-def _form(condition: str) -> str:
-    """The name of its columns with # for a number."""
-    first, several, _ = CONDITION_COLUMNS[condition].partition(" …")
-    return first.replace("1", "#") if several else first
+    column = CONDITION_ENTRIES[field]
+    return Column(
+        field,
+        column.names,
+        column.covariate,
+        column.unit,
+        column.range or RANGES.get(column.unit),
+        may_be_empty=len(column.names) > 1,
+        of_reference=column.of_reference,
+    )
 
 
 THETA: dict[AngleUnit, str] = {"deg": "theta#_deg", "rad": "theta#_rad"}
@@ -128,16 +138,18 @@ case.
 ORIENTATIONS = (ORIENTATION, ROTATION_VECTOR, *ROTATION_ORDERS)
 """Ways to state an orientation, of which a file has one; quaternions are written."""
 ORIENTATION_U = "u_rot_rad"
-PROBE_DIRECTION = ("probe_direction_x", "probe_direction_y", "probe_direction_z")
+PROBE_DIRECTION = CONDITION_ENTRIES["probe_direction"].names
 BAR = ("bar", "bar_end", "bar_length_mm")
 BAR_U = "u_bar_length_mm"
 FEATURE = "feature"
 FEATURE_KIND = "feature_kind"
 PLANE = "plane"
 DIAMETERS = ("feature_diameter_mm", "probe_diameter_mm")
-APPROACH = _form("approach")
-LINK_TEMPERATURE = _form("link_temperature")
+(APPROACH,) = CONDITION_ENTRIES["approach"].names
+(LINK_TEMPERATURE,) = CONDITION_ENTRIES["link_temperature"].names
 
+AT_FRONT = ("seat", "marker")
+"""Conditions whose columns stand beside the coordinates."""
 _TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
 _NO_DEGREES = "degrees, in columns theta1_deg …"
 _LENGTH = (plausible.BAR_LENGTH, True)
@@ -158,17 +170,15 @@ _ORIENTATION_COLUMNS = (
         for form in ROTATION_ORDERS
     ),
 )
-READING_COLUMNS = (
-    Column("q", (THETA["deg"],), "none", "°", plausible.READING),
-    Column("q", (THETA["rad"],), "none", "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES)),
-)
+DEGREES = Column("q", (THETA["deg"],), "none", "°", plausible.READING)
+RADIANS = Column("q", (THETA["rad"],), "none", "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES))
+READING_COLUMNS = (DEGREES, RADIANS)
 RECORD_COLUMNS = (
     Column("reference", REFERENCE, "none", "mm", plausible.COORDINATE, True, of_reference=True),
     Column("reference_u", REFERENCE_U, "none", "mm", *_LENGTH_U, of_reference=True),
     Column("orientation", ORIENTATION, "none", "1", may_be_empty=True, of_reference=True),
     Column("orientation_u", (ORIENTATION_U,), "none", "rad", *_TURN_U, of_reference=True),
-    _condition("seat", "groups", of_reference=True),
-    _condition("marker", "groups"),
+    *map(_condition, AT_FRONT),
     Column("bar", ("bar",), "groups", of_reference=True),
     Column("bar_end", ("bar_end",), "none", of_reference=True),
     Column("bar_length", ("bar_length_mm",), "none", "mm", *_LENGTH, of_reference=True),
@@ -176,13 +186,7 @@ RECORD_COLUMNS = (
     _FEATURE_DIAMETER,
     _PROBE_DIAMETER,
     Column("feature_kind", (FEATURE_KIND,), "none", of_reference=True),
-    _condition("time", "anywhere"),
-    _condition("temperature", "anywhere"),
-    _condition("link_temperature", "none"),
-    _condition("approach", "none"),
-    _condition("torque", "joints"),
-    Column("probe_direction", PROBE_DIRECTION, "none", "1", may_be_empty=True),
-    _condition("session", "anywhere"),
+    *(_condition(name) for name in CONDITION_ENTRIES if name not in AT_FRONT),
     Column("operator", ("operator",), "joints"),
     Column("record", ("record",), "none"),
 )
@@ -225,11 +229,11 @@ def columns_of_file(header: Iterable[object]) -> tuple[Column, ...]:
 
 def single_names(columns: Iterable[Column]) -> tuple[str, ...]:
     """The names without numbers."""
-    found: list[str] = []
+    names: list[str] = []
     for column in columns:
         if not column.is_numbered:
-            found += column.names
-    return tuple(found)
+            names += column.names
+    return tuple(names)
 
 
 def numbered_forms(columns: Iterable[Column]) -> tuple[str, ...]:
@@ -237,25 +241,14 @@ def numbered_forms(columns: Iterable[Column]) -> tuple[str, ...]:
     return tuple(column.names[0] for column in columns if column.is_numbered)
 
 
-def column_of(name: str, columns: Iterable[Column] = MEASUREMENT_FILE) -> Column | None:
-    """The entry of a name; None of an unknown one."""
-    return next((column for column in columns if column.has(name)), None)
-
-
-def entry_of(name: object) -> Column:
-    """The entry of a column of a measurement file, :data:`UNKNOWN_COLUMN` of one without."""
-    return column_of(str(name)) or UNKNOWN_COLUMN
+def column_of(name: object, columns: Iterable[Column] = MEASUREMENT_FILE) -> Column:
+    """The entry of a name; :data:`UNKNOWN_COLUMN` of one without."""
+    return next((column for column in columns if column.has(str(name))), UNKNOWN_COLUMN)
 
 
 def is_reading(name: object) -> bool:
     """Whether it names a column of angles."""
-    return column_of(str(name), READING_COLUMNS) is not None
-
-
-def is_of_reference(name: object) -> bool:
-    """Whether it names a column that says where the tip should be."""
-    column = column_of(str(name))
-    return column is not None and column.of_reference
+    return column_of(name, READING_COLUMNS) in READING_COLUMNS
 
 
 def named(form: str, count: int) -> list[str]:

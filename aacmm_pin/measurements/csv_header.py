@@ -8,7 +8,6 @@ import difflib
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.file_problems import Problems, shortened
@@ -21,14 +20,13 @@ from aacmm_pin.measurements.csv_columns import (
     MEASUREMENT_FILE,
     ORIENTATION_U,
     ORIENTATIONS,
-    PROBE_DIRECTION,
+    READING_COLUMNS,
     REFERENCE,
     REFERENCE_U,
     THETA,
-    AngleUnit,
+    UNKNOWN_COLUMN,
     Column,
     column_of,
-    entry_of,
     named,
     number_in,
     numbered_forms,
@@ -48,52 +46,70 @@ MOST_NAMES = 8
 """So many columns are listed."""
 
 
-@dataclass(frozen=True)
-class Header:
-    """Unit of the angles, the columns of each form with numbers in the order of these, and those
-    that no attribute has.
-    """
-
-    unit: AngleUnit
-    numbered: dict[str, tuple[str, ...]]
-    extra: tuple[str, ...]
-
-    @property
-    def theta(self) -> tuple[str, ...]:
-        """Columns of the angles."""
-        return self.numbered[THETA[self.unit]]
-
-    def names(self, column: Column) -> tuple[str, ...]:
-        """The columns of an entry."""
-        return self.numbered[column.names[0]] if column.is_numbered else column.names
-
-
-def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> Header:
-    """Sort the names of columns of a measurement file; ``nq`` is the number of joints, None where
-    any will do.
+def check_header(names: Sequence[object], nq: int | None, problems: Problems) -> None:
+    """Whether the names of columns are those of a measurement file; ``nq`` is the number of joints,
+    None where any will do.
 
     Raises:
         MeasurementFileError: a name is missing, there twice, almost a known one, or one that does
             not stand alone.
     """
     texts = checked_names(names, MEASUREMENT_FILE, problems)
-    unit = _angle_unit(texts, problems)
-    extra = tuple(name for name in dict.fromkeys(texts) if not entry_of(name).field)
-    forms = numbered_forms(MEASUREMENT_FILE)
-    header = Header(unit, {form: _numbered(texts, form, problems) for form in forms}, extra)
-    joints = len(header.theta)
-    _check_joints(header, [*map(str, names)], nq, problems)
-    for form, columns in header.numbered.items():
-        each_joint = form != LINK_TEMPERATURE
-        if each_joint and columns and joints and len(columns) != joints:
+    degrees, radians = (column.among(texts) for column in READING_COLUMNS)
+    if degrees and radians:
+        came = (
+            f"{', '.join(map(shortened, degrees))} are in degrees, and "
+            f"{', '.join(map(shortened, radians))} in radians"
+        )
+        problems.add("", f"{came}; expected one unit for all joints")
+        problems.stop()
+    theta = degrees or radians
+    joints = len(theta)
+    for form in numbered_forms(MEASUREMENT_FILE):
+        columns = column_of(form.replace("#", "1")).among(texts)
+        there = {*columns}
+        missing = [name for name in named(form, len(columns)) if name not in there]
+        if missing:
+            numbers = [shortened(number_in(name, form) or "") for name in columns]
+            problems.add(
+                span(columns),
+                f"the numbers are {', '.join(numbers)}; expected numbers from 1 without a gap; add "
+                f"{missing[0]}",
+            )
+        if form != LINK_TEMPERATURE and columns and joints and len(columns) != joints:
             problems.add(
                 span(columns),
                 f"{len(columns)} columns; expected one for each of the {joints} joints",
             )
+    of_rows = column_of(LINK_TEMPERATURE.replace("#", "1")).among(texts)
+    if not joints:
+        came = _renaming([*map(str, names)], nq)
+        problems.add(
+            "",
+            f"no angles; expected columns theta1_deg … or theta1_rad …{came}; configurations "
+            "computes the angles of a pose",
+        )
+    elif nq is not None and joints != nq:
+        expected = span(named(THETA["rad" if radians else "deg"], nq))
+        problems.add(
+            span(theta),
+            f"the file has angles of {joints} joints; expected {expected}, because the arm has "
+            f"{count(nq, 'joint')}",
+        )
     _check_companions({*texts}, problems)
-    _check_temperatures({*texts}, joints, header.numbered[LINK_TEMPERATURE], problems)
+    if of_rows and "temperature_c" in texts:
+        problems.add(
+            "temperature_c",
+            f"stated together with {span(of_rows)}; expected either temperature_c for the whole "
+            "arm, or one column for each DH row",
+        )
+    if 0 < len(of_rows) < joints:
+        problems.add(
+            span(of_rows),
+            f"{len(of_rows)} columns; expected {joints} or more, one for each DH row; for the "
+            "whole arm use temperature_c",
+        )
     problems.stop()
-    return header
 
 
 def checked_names(
@@ -114,7 +130,7 @@ def checked_names(
     for name, times in Counter(texts).items():
         if times > 1 and name.strip():
             problems.add(name, f"{times} columns have this name; expected each name once")
-    unknown = [name for name in dict.fromkeys(texts) if column_of(name, columns) is None]
+    unknown = [name for name in dict.fromkeys(texts) if column_of(name, columns) is UNKNOWN_COLUMN]
     most = plausible.MOST_UNKNOWN
     if len(unknown) > most:
         first = ", ".join(map(shortened, unknown[:3]))
@@ -125,12 +141,14 @@ def checked_names(
         )
         problems.stop()
     meant = {name: near_miss(name, texts, columns) or name for name in unknown}
-    for name in unknown:
-        if meant[name] != name:
+    for name, intended in meant.items():
+        if intended != name:
+            unit = column_of(intended, columns).unit
+            in_unit = f" with numbers in {unit}" if unit else ""
             problems.add(
                 name,
-                f"unknown name; expected {shortened(meant[name])}{_in_unit(meant[name], columns)}; "
-                "rename the column, or use a less similar name if it has other values",
+                f"unknown name; expected {shortened(intended)}{in_unit}; rename the column, or use "
+                "a less similar name if it has other values",
             )
     return list(dict.fromkeys(meant.get(name, name) for name in texts))
 
@@ -144,33 +162,21 @@ def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> s
         return with_unit  # a reference that would be lost in silence
     if name.lower().startswith(EULER):  # so would be an orientation
         return f"{EULER}ORDER_a_deg (or b, c) with ORDER {', '.join(EULER_ORDERS)}"
-    known = _names_with_number_of(name, columns)
-    letters = {_letters(k): k for k in known}
+    possible = single_names(columns)
+    if digits := re.search("[0-9]+", name):
+        number = digits[0].lstrip("0") or "0"
+        possible = tuple(form.replace("#", number) for form in numbered_forms(columns))
+    letters = {_letters(other): other for other in possible}
     if _letters(name) in letters:
         return letters[_letters(name)]
-    stems = {_stem(k) for k in known if k in present}
-    missing = {key: k for key, k in letters.items() if _stem(k) not in stems}
+    stems = {_stem(other) for other in possible if other in present}
+    missing = {key: other for key, other in letters.items() if _stem(other) not in stems}
     if name.rpartition("_")[2] in OTHER_UNITS:
-        for k in missing.values():
-            if _stem(k) == _stem(name):
-                return k
+        for other in missing.values():
+            if _stem(other) == _stem(name):
+                return other
     close = difflib.get_close_matches(_letters(name), missing, n=1, cutoff=SPELLING_SIMILARITY)
     return missing[close[0]] if close else None
-
-
-def _in_unit(name: str, columns: Sequence[Column]) -> str:
-    """The unit of the numbers in a column, in words; "" where its cells are labels."""
-    column = column_of(name, columns)
-    return f" with numbers in {column.unit}" if column is not None and column.unit else ""
-
-
-def _names_with_number_of(name: str, columns: Sequence[Column]) -> tuple[str, ...]:
-    """The known names: with the number that is in ``name``, or those without numbers."""
-    digits = re.search("[0-9]+", name)
-    if digits is None:
-        return single_names(columns)
-    number = digits[0].lstrip("0") or "0"
-    return tuple(form.replace("#", number) for form in numbered_forms(columns))
 
 
 def similar_labels(labels: Iterable[str]) -> list[str]:
@@ -196,54 +202,6 @@ def _letters(name: str) -> str:
     return "".join(c for c in text if c.isalnum())
 
 
-def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str, ...]:
-    """The columns of ``form`` in the order of their numbers."""
-    numbers = [number for number in (number_in(name, form) for name in names) if number is not None]
-    numbers.sort(key=lambda number: (len(number), number))
-    found = [form.replace("#", number) for number in numbers]
-    expected = named(form, len(found))
-    if found != expected:
-        there = {*found}
-        missing = next(name for name in expected if name not in there)
-        came = ", ".join(map(shortened, numbers))
-        problems.add(
-            span(found),
-            f"the numbers are {came}; expected numbers from 1 without a gap; add {missing}",
-        )
-    return tuple(found)
-
-
-def _angle_unit(names: Sequence[str], problems: Problems) -> AngleUnit:
-    """Unit of the angles."""
-    columns = {
-        unit: ", ".join(shortened(name) for name in names if number_in(name, form))
-        for unit, form in THETA.items()
-    }
-    if all(columns.values()):
-        came = f"{columns['deg']} are in degrees, and {columns['rad']} in radians"
-        problems.add("", f"{came}; expected one unit for all joints")
-        problems.stop()
-    return "rad" if columns["rad"] else "deg"
-
-
-def _check_joints(header: Header, names: Sequence[str], nq: int | None, problems: Problems) -> None:
-    """Whether there are angles, of as many joints as the arm has."""
-    theta = header.theta
-    if not theta:
-        problems.add(
-            "",
-            f"no angles; expected columns theta1_deg … or theta1_rad …{_renaming(names, nq)}; "
-            "configurations computes the angles of a pose",
-        )
-    elif nq is not None and len(theta) != nq:
-        expected = span(named(THETA[header.unit], nq))
-        problems.add(
-            span(theta),
-            f"the file has angles of {len(theta)} joints; expected {expected}, because the arm has "
-            f"{count(nq, 'joint')}",
-        )
-
-
 def _renaming(names: Sequence[str], nq: int | None) -> str:
     """How to name columns that may be the angles, for they are unknown and numbered, as many as
     joints; "" where there are none.
@@ -251,14 +209,14 @@ def _renaming(names: Sequence[str], nq: int | None) -> str:
     alike: dict[str, list[str]] = {}
     for name in names:
         form, numbers = re.subn("[0-9]+", "#", name)
-        if numbers == 1 and column_of(name) is None:
+        if numbers == 1 and column_of(name) is UNKNOWN_COLUMN:
             alike.setdefault(form, []).append(name)
     joints = nq or max(map(len, alike.values()), default=0)
-    found = [each for each in alike.values() if len(each) == joints > 1]
-    if not found:
+    angles = [same for same in alike.values() if len(same) == joints > 1]
+    if not angles:
         return f"; the first line has {listed(map(repr, names))}" if names else ""
     degrees, radians = (span(named(form, joints)) for form in THETA.values())
-    came = " or ".join(f"{shortened(each[0])} … {shortened(each[-1])}" for each in found)
+    came = " or ".join(f"{shortened(same[0])} … {shortened(same[-1])}" for same in angles)
     return f"; if {came} are the angles, rename them {degrees}, or in radians {radians}"
 
 
@@ -270,7 +228,8 @@ def listed(names: Iterable[str]) -> str:
 
 def _check_companions(there: set[str], problems: Problems) -> None:
     """Names that need others."""
-    for group in (REFERENCE, REFERENCE_U, *ORIENTATIONS, BAR, PROBE_DIRECTION):
+    groups = [column.names for column in MEASUREMENT_FILE if len(column.names) > 1]
+    for group in (*groups, BAR):
         present = [name for name in group if name in there]
         missing = [name for name in group if name not in there]
         if present and missing:
@@ -278,35 +237,18 @@ def _check_companions(there: set[str], problems: Problems) -> None:
             problems.add(
                 ", ".join(missing), f"missing, but the file has {', '.join(present)}; {expected}"
             )
-    stated = [form for form in ORIENTATIONS if there.intersection(form)]
-    if len(stated) > 1:
+    forms = [form for form in ORIENTATIONS if there.intersection(form)]
+    if len(forms) > 1:
         problems.add(
-            ", ".join(map(span, stated)),
+            ", ".join(map(span, forms)),
             "orientations in two forms; expected one of these forms",
         )
-    for u, of in ((REFERENCE_U[0], REFERENCE), (ORIENTATION_U, (stated or ORIENTATIONS)[0])):
-        if u in there and not there.intersection(of):
-            problems.add(u, f"uncertainty without values; expected also {', '.join(of)}")
+    needs = {REFERENCE_U[0]: REFERENCE, ORIENTATION_U: (*forms, *ORIENTATIONS)[0]}
+    for u, values in needs.items():
+        if u in there and not there.intersection(values):
+            problems.add(u, f"uncertainty without values; expected also {', '.join(values)}")
     if there.intersection(BAR) and "seat" not in there:
         problems.add(
             "seat",
             "missing, but the file has bar; expected the label of the seat at each end of a bar",
-        )
-
-
-def _check_temperatures(
-    there: set[str], joints: int, of_rows: Sequence[str], problems: Problems
-) -> None:
-    """One temperature of the arm, or one of each row."""
-    if of_rows and "temperature_c" in there:
-        problems.add(
-            "temperature_c",
-            f"stated together with {span(of_rows)}; expected either temperature_c for the whole "
-            "arm, or one column for each DH row",
-        )
-    if 0 < len(of_rows) < joints:
-        problems.add(
-            span(of_rows),
-            f"{len(of_rows)} columns; expected {joints} or more, one for each DH row; for the "
-            "whole arm use temperature_c",
         )

@@ -1,4 +1,5 @@
-"""The cells of a CSV file as text, however the program that wrote it separates cells and writes
+"""The cells of a CSV file, or of an Excel workbook (``*.xlsx``, with openpyxl, the extra
+``excel``), as text, however the program that wrote it separates cells and writes
 numbers.
 
 pandas reads neither the lines of records nor rows that are too short so that a message could name
@@ -11,7 +12,8 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections import Counter
+import warnings
+import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from typing import Any, NamedTuple
@@ -25,10 +27,16 @@ from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text, csv_unquoted
 from aacmm_pin.errors import MeasurementFileError
-from aacmm_pin.measurements.csv_columns import ACCEPTANCE_FILE, column_of, columns_of_file
+from aacmm_pin.measurements.csv_columns import (
+    ACCEPTANCE_FILE,
+    UNKNOWN_COLUMN,
+    column_of,
+    columns_of_file,
+)
 from aacmm_pin.measurements.csv_header import listed, near_miss
-from aacmm_pin.measurements.excel_sheet import first_sheet, is_workbook
 
+MOST_UNPACKED = 500_000_000
+"""Bytes of an unpacked workbook that is read."""
 LARGEST_FILE = 100_000_000
 """Bytes of a measurement file that is read, which are a quarter of a million records; its table
 takes ten times as much.
@@ -46,11 +54,15 @@ DECIMAL_SIGNS = {".": "point", ",": "comma"}
 
 
 class Row(NamedTuple):
-    """The cells of a line; the number of the line, and whether it begins like a comment."""
+    """The number of a line, and its cells."""
 
     line: int
     cells: list[str]
-    is_comment: bool
+
+    @property
+    def is_comment(self) -> bool:
+        """Whether the line begins like a comment."""
+        return _NO_HEADER.match(self.cells[0]) is not None
 
 
 class Dialect(NamedTuple):
@@ -77,6 +89,11 @@ class CsvTable(NamedTuple):
     lines: Index
     notes: tuple[Note, ...]
     dialect: Dialect
+
+
+def is_workbook(content: bytes) -> bool:
+    """Whether the content of a file is that of a workbook, or of another ZIP archive."""
+    return content.startswith(b"PK\x03\x04")
 
 
 def measurement_file(path: str) -> bytes:
@@ -115,10 +132,10 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
         if spaced:
             ways.append("without the spaces around cells")
         rows = list(_rows(path, text, separator, spaced))
-    while rows and not any(cell.strip() for cell in rows[-1].cells):
+    while rows and not any(map(str.strip, rows[-1].cells)):
         rows.pop()
     header, lines, records = _records(path, rows, ways)
-    cells = [list(column) for column in zip(*records, strict=True)] or [[] for _ in header]
+    cells = [[*column] for column in zip(*records, strict=True)] or [[] for _ in header]
     sign = "." if separator == "," else _decimal_sign_of(header, cells, Problems(path, lines))
     if sign == ",":
         ways.append("with decimal commas")
@@ -132,27 +149,70 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
 
 
 def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[Row]:
-    """The rows of the first sheet of a workbook, with the empty cells at the end of a record that
-    the header has names for.
+    """The rows of the first sheet of a workbook that are not empty: numbers as Python writes them,
+    formulas as their last values; with the empty cells at the end of a record that the header has
+    names for.
 
     Raises:
-        MeasurementFileError: see :func:`first_sheet`; or the sheet is empty.
+        MeasurementFileError: openpyxl is not installed, or cannot read the file; the file is too
+            large, or the sheet empty.
     """
-    sheet = first_sheet(path, content)
-    if not sheet.rows:
+    try:
+        import openpyxl  # optional
+    except ImportError:
         raise MeasurementFileError(
-            path, None, "", f"the sheet {sheet.title!r} is empty; expected a header and records"
-        )
-    if sheet.of > 1:
-        ways.append(f"from sheet {sheet.title!r}, the first of {sheet.of}")
+            path,
+            None,
+            "",
+            "this is an Excel workbook; expected a CSV file; save the workbook as CSV, or run "
+            "pip install 'aacmm-pin[excel]'",
+        ) from None
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > MOST_UNPACKED:
+            raise MeasurementFileError(
+                path,
+                None,
+                "",
+                f"the unpacked workbook has {size / 1e6:.0f} MB; expected at most "
+                f"{MOST_UNPACKED / 1e6:g} MB",
+            )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of styles and extensions
+            book = openpyxl.load_workbook(io.BytesIO(content), read_only=True, data_only=True)
+            sheets = book.worksheets
+            sheet = [*sheets[0].iter_rows(values_only=True)]
+    except MeasurementFileError:
+        raise
+    except Exception as error:  # whatever the reader makes of the bytes
+        raise MeasurementFileError(
+            path,
+            None,
+            "",
+            f"openpyxl cannot read this file: {error}; expected an Excel workbook (*.xlsx) or a "
+            "CSV file in UTF-8",
+        ) from None
+    title = sheets[0].title
     width = 0
     rows = []
-    for line, cells in sheet.rows:
-        is_comment = _NO_HEADER.match(cells[0]) is not None
-        if not is_comment:
+    for line, values in enumerate(sheet, start=1):
+        cells = ["" if value is None else str(value) for value in values]
+        while cells and not cells[-1].strip():
+            cells.pop()
+        if not cells:
+            continue
+        row = Row(line, cells)
+        if not row.is_comment:
             width = width or len(cells)
-            cells = cells + [""] * (width - len(cells))
-        rows.append(Row(line, cells, is_comment))
+            cells += [""] * (width - len(cells))
+        rows.append(row)
+    if not rows:
+        raise MeasurementFileError(
+            path, None, "", f"the sheet {title!r} is empty; expected a header and records"
+        )
+    if len(sheets) > 1:
+        ways.append(f"from sheet {title!r}, the first of {len(sheets)}")
     return rows
 
 
@@ -178,7 +238,7 @@ def _separator(line: str) -> str:
 def _has_names(cells: Sequence[str]) -> bool:
     """Whether one of the cells is the name of a known column, or two, or the only one, nearly."""
     names = [cell.strip(' "') for cell in cells]
-    if any(column_of(name.lower(), ACCEPTANCE_FILE) for name in names):
+    if any(column_of(name.lower(), ACCEPTANCE_FILE) is not UNKNOWN_COLUMN for name in names):
         return True
     similar = [name for name in names if near_miss(name, names, ACCEPTANCE_FILE)]
     return len(similar) >= min(2, len(names))
@@ -193,14 +253,13 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
     end = 0
     lines = io.StringIO(text, newline="")
     reader = csv.reader(lines, strict=True, delimiter=separator, skipinitialspace=spaced)
+    has_quotes = "'" in text
     try:
         for cells in reader:
             if cells:
-                is_comment = _NO_HEADER.match(cells[0]) is not None
-                unquoted = [csv_unquoted(cell) for cell in cells]
-                yield Row(
-                    end + 1, [cell.strip() for cell in unquoted] if spaced else unquoted, is_comment
-                )
+                if has_quotes:
+                    cells = [*map(csv_unquoted, cells)]
+                yield Row(end + 1, [*map(str.strip, cells)] if spaced else cells)
             end = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(
@@ -214,22 +273,37 @@ def _records(
     """The header, and lines and cells of the records: of all rows but comments.
 
     Raises:
-        MeasurementFileError: there are comments only, a row has another number of cells than the
-            header, or it begins with # as a label may.
+        MeasurementFileError: there are comments only, or rows above the header or of units below
+            it; a row has another number of cells than the header, or it begins with # as a label
+            may.
     """
-    own_rows = [k for k, row in enumerate(rows) if not row.is_comment]
-    if not own_rows:
+    stated = [row for row in rows if not row.is_comment]
+    if not stated:
         raise MeasurementFileError(
             path, None, "", "only comments; expected a header and one row per record"
         )
-    first = own_rows[0]
-    headers = (rows[k] for k in own_rows[:LAST_HEADER] if _has_names(rows[k].cells))
-    _check_title(path, rows[first], next(headers, rows[first]))
-    header = _with_known_names(rows[first].cells, ways)
-    column = column_of(header[0], columns_of_file(header))
-    may_be_label = column is None or column.is_label  # a number does not begin with #
+    first = stated[0]
+    with_names = next((row for row in stated[:LAST_HEADER] if _has_names(row.cells)), first)
+    if with_names is not first:
+        raise MeasurementFileError(
+            path,
+            first.line,
+            "",
+            f"{shortened(first.cells[0])!r}; expected the names of the columns (row "
+            f"{with_names.line}); delete the rows above the header, or begin them with #",
+        )
+    header = first.cells
+    known = columns_of_file(header)
+    lower = [
+        name if column_of(name.lower(), known) is UNKNOWN_COLUMN else name.lower()
+        for name in header
+    ]
+    if lower != header and len({*lower}) == len(lower):
+        ways.append("with lower-case column names")
+        header = lower
+    may_be_label = column_of(header[0], known).is_label  # a number does not begin with #
     records = []
-    for row in rows[first + 1 :]:
+    for row in rows[rows.index(first) + 1 :]:
         if not row.is_comment or (may_be_label and len(row.cells) == len(header)):
             records.append(row)
     problems = Problems(path, np.array([row.line for row in records], dtype=np.intp))
@@ -241,62 +315,33 @@ def _records(
         "marks around text with commas",
         counts,
     )
-    like_comments = np.array([row.is_comment for row in records], dtype=bool)
     problems.at(
-        like_comments,
+        np.array([row.is_comment for row in records], dtype=bool),
         header[0],
         "the label begins with # as a comment does; expected another label; if the row is a "
         "comment, delete this row",
     )
     problems.stop()
     if len(records) > 1:
-        _check_first_record(path, header, records)
+        of_first, of_second = ([row.cells[k] for k in _numeric(header)] for row in records[:2])
+        words = [repr(shortened(cell)) for cell in of_first if cell.strip()]
+        begins_late = any(map(_NUMBER.fullmatch, of_second))
+        if words and begins_late and not any(map(_NUMBER.fullmatch, of_first)):
+            raise MeasurementFileError(
+                path,
+                records[0].line,
+                "",
+                f"{listed(words)}; expected numbers of the first record; delete this row, or begin "
+                "the row with #",
+            )
     return header, problems.lines, [row.cells for row in records]
-
-
-def _check_title(path: str, first: Row, header: Row) -> None:
-    """Refuse a ``first`` row above the header."""
-    if first.line != header.line:
-        raise MeasurementFileError(
-            path,
-            first.line,
-            "",
-            f"{shortened(first.cells[0])!r}; expected the names of the columns (row "
-            f"{header.line}); delete the rows above the header, or begin them with #",
-        )
-
-
-def _check_first_record(path: str, header: list[str], records: Sequence[Row]) -> None:
-    """Refuse a row of words, such as units, between the header and the records."""
-    numeric = _numeric(header)
-    first, second = ([row.cells[k] for k in numeric] for row in records[:2])
-    if any(map(_NUMBER.fullmatch, first)) or not any(map(_NUMBER.fullmatch, second)):
-        return
-    if words := [repr(shortened(cell)) for cell in first if cell.strip()]:
-        raise MeasurementFileError(
-            path,
-            records[0].line,
-            "",
-            f"{listed(words)}; expected numbers of the first record; delete this row, or begin the "
-            "row with #",
-        )
 
 
 def _numeric(header: Sequence[str]) -> list[int]:
     """The columns that may hold numbers: those of numbers, and unknown ones."""
     known = columns_of_file(header)
     entries = [column_of(name, known) for name in header]
-    return [k for k, entry in enumerate(entries) if entry is None or not entry.is_label]
-
-
-def _with_known_names(header: list[str], ways: list[str]) -> list[str]:
-    """The names, those that are known in lower case so."""
-    known = columns_of_file(header)
-    lower = [name.lower() if column_of(name.lower(), known) else name for name in header]
-    if lower == header or max(Counter(lower).values()) > 1:
-        return header
-    ways.append("with lower-case column names")
-    return lower
+    return [k for k, entry in enumerate(entries) if entry is UNKNOWN_COLUMN or entry.unit]
 
 
 def _decimal_sign_of(
@@ -327,8 +372,8 @@ def _decimal_sign(cell: object) -> str:
 
 def _with_sign(cells: Iterable[Any], sign: str) -> list[Any]:
     """The cells, in which numbers have this decimal sign."""
-    found = [(cell, _decimal_sign(cell)) for cell in cells]
-    return [str(cell).replace(own, sign) if own else cell for cell, own in found]
+    signs = [(cell, _decimal_sign(cell)) for cell in cells]
+    return [str(cell).replace(stated, sign) if stated else cell for cell, stated in signs]
 
 
 def _text(path: str, content: bytes) -> str:
@@ -366,3 +411,48 @@ def _text(path: str, content: bytes) -> str:
             "this is an arm file (TOML); expected a measurement file (CSV); state ARM before DATA",
         )
     return text
+
+
+def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataFrame:
+    """The rows of the first file with the columns of the second.
+
+    Rows belong together by the column ``record`` if both files have it, else in their order.
+
+    Raises:
+        MeasurementFileError: both files have a column; a label is missing or repeated; or the files
+            have other numbers of rows.
+    """
+    one, two = first.table, second.table
+    for name in one.columns.intersection(two.columns).drop("record", errors="ignore"):
+        raise MeasurementFileError(
+            other, 1, name, f"{path} also has this column; expected each column in one file only"
+        )
+    if "record" in one and "record" in two:
+        _check_labels(path, first, two["record"], other)
+        _check_labels(other, second, one["record"], path)
+        return one.merge(two, how="left", on="record")
+    if len(one) != len(two):
+        raise MeasurementFileError(
+            other,
+            None,
+            "record",
+            f"{len(two)} rows; expected {len(one)}, as many as in {path}, or the column "
+            "`record` in both files",
+        )
+    return pd.concat([one, two], axis=1)
+
+
+def _check_labels(path: str, file: CsvTable, others: pd.Series, other: str) -> None:
+    """Each label of a file stands there once, and in the other file.
+
+    Raises:
+        MeasurementFileError: it does not.
+    """
+    problems = Problems(path, file.lines)
+    labels = file.table["record"]
+    cells = labels.to_numpy()
+    again = labels.duplicated().to_numpy()
+    problems.at(again, "record", "{!r} occurs again; expected each label once", cells)
+    missing = ~labels.isin(others).to_numpy()
+    problems.at(missing, "record", f"{{!r}}; expected a label that is also in {other}", cells)
+    problems.stop()

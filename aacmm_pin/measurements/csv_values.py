@@ -10,10 +10,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import MOST_LENGTH_ERROR, Array, is_no_unit
 from aacmm_pin._support.file_problems import Problems
-from aacmm_pin.measurements.csv_columns import MEASUREMENT_FILE, RECORD_COLUMNS, Column, column_of
-from aacmm_pin.measurements.csv_header import Header, read_header
+from aacmm_pin._support.plausible import Range
+from aacmm_pin.measurements.csv_columns import (
+    MEASUREMENT_FILE,
+    ORIENTATION,
+    ROLL_PITCH_YAW,
+    ROTATION_VECTOR,
+    Column,
+    column_of,
+    span,
+)
+from aacmm_pin.measurements.csv_header import check_header
 
 Cells = NDArray[np.object_]
 """(n,) of str; "" where there is nothing."""
@@ -21,40 +30,51 @@ Cells = NDArray[np.object_]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """What stands in the known columns of a table: numbers (n,) in the units of the file, and
-    labels (n,).
+    """What stands in the n rows of a table by the names of columns, each (n,): numbers in the units
+    of the file, labels, and text of unknown columns.
     """
 
     n: int
-    numbers: dict[str, Array]
-    labels: dict[str, Cells]
+    columns: dict[str, NDArray[Any]]
 
     def block(self, names: Sequence[str]) -> Array:
         """The columns ``names`` side by side, (n, len(names)); NaN where one is not there."""
         missing = np.full(self.n, np.nan)
-        return np.column_stack([self.numbers.get(name, missing) for name in names])
+        return np.column_stack([self.columns.get(name, missing) for name in names])
 
     def label(self, name: str) -> Cells:
         """The column ``name``; "" where it is not there."""
-        return self.labels.get(name, np.full(self.n, "", dtype=object))
+        return self.columns.get(name, np.full(self.n, "", dtype=object))
+
+    def names(self, entry: Column) -> list[str]:
+        """The columns of an entry, in the order of components or numbers."""
+        return entry.among(self.columns)
+
+    def field(self, entry: Column) -> NDArray[Any] | None:
+        """What stands in the columns of an entry, in SI; None where there are none.
+
+        (n,) of a single column, (n, columns) of several or of numbered ones.
+        """
+        names = self.names(entry)
+        if not names:
+            return None
+        if entry.is_label:
+            return self.columns[names[0]]
+        block = self.block(names) * entry.si
+        return block if entry.is_numbered or len(names) > 1 else block[:, 0]
 
 
 def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Problems) -> Values:
-    """The cells of the known ``columns`` of a table, text or numbers; what is wrong with them goes
-    to ``problems``.
+    """The cells of a table, text or numbers, of which ``columns`` are known; what is wrong with
+    them goes to ``problems``.
     """
-    numbers: dict[str, Array] = {}
-    labels: dict[str, Cells] = {}
+    values = Values(len(table), {})
     for name in table.columns:
-        column = column_of(name, columns)
-        if column is None:
-            continue
+        entry = column_of(name, columns)
         cells = cells_of(table[name])
-        if column.is_label:
-            labels[name] = cells
-        else:
-            numbers[name] = _numbers(name, cells, column, problems)
-    return Values(len(table), numbers, labels)
+        is_label = entry.is_label
+        values.columns[name] = cells if is_label else _numbers(name, cells, entry, problems)
+    return values
 
 
 def cells_of(column: pd.Series) -> Cells:
@@ -68,75 +88,85 @@ def cells_of(column: pd.Series) -> Cells:
 
 
 def _numbers(name: str, cells: Cells, column: Column, problems: Problems) -> Array:
-    """Cells as numbers, NaN where there is nothing."""
-    values = np.array([_number(cell) for cell in cells], dtype=np.float64)
-    empty = np.array([not cell.strip() for cell in cells], dtype=bool)
+    """Cells as numbers, NaN where there is nothing, infinite where there is none."""
+    stripped = pd.Series(cells, dtype=object).str.strip()
+    values = np.array(pd.to_numeric(stripped, errors="coerce"), dtype=np.float64)
+    empty = (stripped == "").to_numpy()
     unreadable = ~np.isfinite(values) & ~empty
     problems.at(unreadable, name, "{!r}; expected a finite number with a decimal point", cells)
+    values[unreadable] = np.inf
     if not column.may_be_empty:
         problems.at(empty, name, "empty cell or NaN; expected a number in each row")
     return values
 
 
-def _number(cell: str) -> float:
-    """A text as a number, NaN where it is none; Python's 1_000 is none."""
-    try:
-        return np.nan if "_" in cell else float(cell)
-    except ValueError:
-        return np.nan
+def check_values(values: Values, columns: Sequence[Column], problems: Problems) -> None:
+    """Whether the numbers of a table can be those of its columns."""
+    for entry in columns:
+        names = values.names(entry)
+        if names and not entry.is_label:
+            check_numbers(entry, names, values.block(names), entry.range_in_file, problems)
 
 
-def check_numbers(values: Values, columns: Sequence[Column], problems: Problems) -> None:
-    """Whether each number can be one of its column, see :class:`Column`."""
-    for name, numbers in values.numbers.items():
-        column = column_of(name, columns)
-        if column is None:
-            continue
+def check_numbers(
+    column: Column,
+    places: Sequence[str],
+    numbers: Array,
+    possible: Range | None,
+    problems: Problems,
+) -> None:
+    """Whether numbers (n, k) can be those of a column, see :class:`Column`.
+
+    The components are called ``places`` (k,); ``possible`` is the range in their unit.
+    """
+    stated = ~np.isnan(numbers)
+    partly = stated.any(axis=1) & ~stated.all(axis=1)
+    for k, place in enumerate(places):
+        component = numbers[:, k]
         if column.above_zero:
             expected = "expected a standard uncertainty above 0"
-            problems.at(numbers == 0.0, name, f"{{:g}}; {expected}", numbers)
-        if (possible := column.range_in_file) is not None:
+            problems.at(component == 0.0, place, f"{{:g}}; {expected}", component)
+        if possible is not None:
             message = f"{{:.6g}} {possible.unit}; {possible.expected}"
-            problems.at(possible.outside(numbers), name, message, numbers)
+            outside = possible.outside(component) & np.isfinite(component)
+            problems.at(outside, place, message, component)
+        problems.at(
+            partly & ~stated[:, k],
+            place,
+            f"empty cell or NaN in a row with part of {', '.join(column.names)}; expected all or "
+            "none of these values",
+        )
+    if not column.is_direction:
+        return
+    length = np.linalg.norm(numbers, axis=1)
+    wrong = is_no_unit(length) & np.isfinite(length)
+    if column.names == ORIENTATION:
+        problems.at(
+            wrong,
+            span(places),
+            "a norm of {:.6g}; expected 1, because these are unit quaternions with the scalar "
+            f"first; for other forms use {span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)}",
+            length,
+        )
+    else:
+        problems.at(
+            wrong & (length > 0.0),
+            span(places),
+            f"a length of {{:.6g}}; expected 1 ± {MOST_LENGTH_ERROR:g}, or empty cells if there is "
+            "no direction",
+            length,
+        )
 
 
-@dataclass(frozen=True, eq=False)
-class RecordTable:
-    """The columns of a measurement file: header and values in the units of the file."""
-
-    header: Header
-    values: Values
-
-    def field(self, column: Column) -> NDArray[Any] | None:
-        """What stands in the columns of an entry, in SI; None where there are none.
-
-        (n,) of a single column, (n, columns) of several or of numbered ones.
-        """
-        names = self.header.names(column)
-        if not names:
-            return None
-        if column.is_label:
-            return self.values.labels.get(names[0])
-        if names[0] not in self.values.numbers:
-            return None
-        block = self.values.block(names) * column.si
-        return block if column.is_numbered or len(names) > 1 else block[:, 0]
-
-    def fields(self) -> dict[str, NDArray[Any] | None]:
-        """What the file states, by the attribute that has it; but for the angles."""
-        entries = [column for column in RECORD_COLUMNS if column.field]
-        return {column.field: self.field(column) for column in entries}
-
-
-def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> RecordTable:
+def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Values:
     """The columns of a measurement file of an arm with ``nq`` joints; None: of any arm.
 
     Raises:
         MeasurementFileError: the header or a cell is not as expected, or there are no records.
     """
-    header = read_header(list(table.columns), nq, problems)
+    check_header(list(table.columns), nq, problems)
     if not len(table):
         problems.add("", "a header without records; expected one row per record")
     values = read_values(table, MEASUREMENT_FILE, problems)
     problems.stop()
-    return RecordTable(header, values)
+    return values

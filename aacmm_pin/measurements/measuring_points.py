@@ -113,12 +113,12 @@ class Pool:
         if arrived.any():
             state = self.state_of(q[arrived], np.flatnonzero(arrived))
             arrived[arrived] = agile(state)
-        found = []
+        postures = []
         for start in range(0, len(q), guesses):
             of_point = slice(start, start + guesses)
             there = q[of_point][arrived[of_point]]
-            found.append(different_postures(self.arm, there, each))
-        return found
+            postures.append(different_postures(self.arm, there, each))
+        return postures
 
     def places(self, candidates: Array, wanted: int, each: int, what: str) -> list[Place]:
         """The first ``wanted`` of the ``candidates`` (c, k, 3) all of whose points can be touched
@@ -127,26 +127,26 @@ class Pool:
         Raises:
             AacmmError: there are fewer.
         """
-        found: list[Place] = []
+        places: list[Place] = []
         most, at = 0, 0
-        while len(found) < wanted and at < len(candidates):
-            part = candidates[at : at + wanted - len(found)]
+        while len(places) < wanted and at < len(candidates):
+            part = candidates[at : at + wanted - len(places)]
             at += len(part)
             postures = self.touched(part.reshape(-1, 3), each)
             for k, points in enumerate(part):
-                own = tuple(postures[k * len(points) : (k + 1) * len(points)])
-                fewest = min(len(q) for q in own)
+                at_points = tuple(postures[k * len(points) : (k + 1) * len(points)])
+                fewest = min(map(len, at_points))
                 if fewest == each:
-                    found.append(Place(points, own))
+                    places.append(Place(points, at_points))
                 else:
                     most = max(most, fewest)
-        if len(found) < wanted:
+        if len(places) < wanted:
             raise AacmmError(
-                f"{self.arm.name}: the arm reaches only {len(found)} {what} in {each} postures "
+                f"{self.arm.name}: the arm reaches only {len(places)} {what} in {each} postures "
                 f"within the limits; expected {wanted}; reduce the number of records or {what} "
                 f"(the other {what} have at most {most} postures)"
             )
-        return found
+        return places
 
 
 def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> list[Place]:
@@ -178,25 +178,25 @@ def bars_for(
     """
     a = pool.dense(rng, CANDIDATES * wanted)
     b = a.copy()
-    found = np.zeros(len(a), dtype=bool)
+    has_end = np.zeros(len(a), dtype=bool)
     enough = float(pool.thinness(a).max())
     for _ in range(MOST_DRAWS):
         way = pool.tips[rng.integers(len(pool.tips), size=len(a))] - a
         distance = np.linalg.norm(way, axis=1, keepdims=True)
         end = a + length * way / np.maximum(distance, MM)
-        fits = ~found & (distance[:, 0] > MM)
+        fits = ~has_end & (distance[:, 0] > MM)
         fits &= pool.room.admits(end) & (pool.thinness(end) <= enough)
         b[fits] = end[fits]
-        found |= fits
-    if found.sum() < wanted:
+        has_end |= fits
+    if has_end.sum() < wanted:
         extent = np.linalg.norm(pool.tips.max(axis=0) - pool.tips.min(axis=0))
         raise AacmmError(
-            f"{pool.arm.name}: the workspace has room for {found.sum()} bars of {length / MM:g} "
+            f"{pool.arm.name}: the workspace has room for {has_end.sum()} bars of {length / MM:g} "
             f"mm; expected {wanted}; use shorter or fewer bars (the diagonal of the "
             f"workspace is {extent / MM:.0f} mm)"
         )
-    a = a[found]
-    b = b[found]
+    a = a[has_end]
+    b = b[has_end]
     order = spread_out((a + b) / 2, TRIES * wanted, 0.0)
     return pool.places(np.stack([a, b], axis=1)[order], wanted, each, "bars")
 

@@ -64,6 +64,6 @@ class Noise:
             ShapeError: ``encoder`` has another number of entries than ``nq``, or is not finite.
             AacmmError: a number is negative, not finite, or larger than any arm's.
         """
-        each = np.full(nq, encoder, dtype=np.float64) if np.ndim(encoder) == 0 else encoder
-        of_encoders = vector(each, nq, "encoder noise", "rad")
-        return Noise(of_encoders, float(reference), float(probe))
+        of_encoders = np.full(nq, encoder, dtype=float) if np.ndim(encoder) == 0 else encoder
+        checked = vector(of_encoders, nq, "encoder noise", "rad")
+        return Noise(checked, float(reference), float(probe))

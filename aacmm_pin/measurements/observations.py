@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,9 +38,9 @@ def best_sphere(points: Array) -> tuple[Array, float]:
     middle = points.mean(axis=0)
     about = points - middle
     columns = np.column_stack([2.0 * about, np.ones(len(about))])
-    found, *_ = np.linalg.lstsq(columns, np.square(about).sum(axis=1), rcond=1e-6)
-    centre, rest = np.split(found, [3])
-    return middle + centre, float(np.sqrt(np.maximum(rest[0] + centre @ centre, 0.0)))
+    solution, *_ = np.linalg.lstsq(columns, np.square(about).sum(axis=1), rcond=1e-6)
+    centre, k = solution[:3], solution[3]
+    return middle + centre, float(np.sqrt(np.maximum(k + centre @ centre, 0.0)))
 
 
 def centre_of_sphere(points: Array, radius: float) -> Array:
@@ -48,9 +49,8 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
     The robust fit (soft L1 loss) starts on both sides of the points.
     """
 
-    def beyond(centre: Array) -> Array:
-        distances = np.linalg.norm(points - centre, axis=1)
-        return np.asarray(distances - radius)
+    def beyond(centre: Array) -> Any:
+        return np.linalg.norm(points - centre, axis=1) - radius
 
     normal = normal_of_plane(points)
     middle = points.mean(axis=0)
@@ -176,26 +176,24 @@ class Observations:
             tips: positions of the tip ``(n, 3)`` [m].
             points: coordinates of the seats ``(s, 3)`` [m].
         """
-        on = self.on_sphere
-        way = tips[on] - points[self.seat[on]]
         normal = np.zeros((len(tips), 3))
-        normal[on] = way / np.linalg.norm(way, axis=1, keepdims=True)
+        touches = self.on_sphere
+        way = tips[touches] - points[self.seat[touches]]
+        normal[touches] = way / np.linalg.norm(way, axis=1, keepdims=True)
         anchor = self.anchor.copy()
         for k in np.flatnonzero(self.planes & np.isnan(anchor[:, 0])):
             anchor[k] = points[k] - normal_of_plane(tips[self.seat == k])
         placed = replace(self, anchor=anchor)
-        return placed._with_planes(normal, tips, points)
-
-    def _with_planes(self, normal: Array, tips: Array, points: Array) -> Observations:
-        on = self.on_plane
-        seat = self.seat[on]
-        height = np.linalg.norm(points[seat] - self.anchor[seat], axis=1)[:, None]
-        normal[on] = self._normals_of_planes(points)
-        off = tips[on] - points[seat]
-        along = np.sum(off * normal[on], axis=1, keepdims=True) * normal[on]
+        touches = self.on_plane
+        seat = self.seat[touches]
+        of_planes = placed._normals_of_planes(points)
+        normal[touches] = of_planes
+        height = np.linalg.norm(points[seat] - anchor[seat], axis=1)[:, None]
+        beside = tips[touches] - points[seat]
+        along = np.sum(beside * of_planes, axis=1, keepdims=True) * of_planes
         by_place = np.zeros_like(normal)
-        by_place[on] = normal[on] - (off - along) / height
-        return replace(self, normal=normal, by_place=by_place)
+        by_place[touches] = of_planes - (beside - along) / height
+        return replace(placed, normal=normal, by_place=by_place)
 
     def _normals_of_planes(self, points: Array) -> Array:
         """Of the planes that records touch, with the seats at ``points`` (s, 3) [m]."""
@@ -209,12 +207,11 @@ class Observations:
         Args:
             whitening: rows that whiten the deviations ``(n, r, 3 or 6)``.
         """
-        found = -whitening[:, :, :3]
-        on = self.on_plane
-        if on.any():
-            along = found[on] @ self.normal[on][:, :, None]
-            found[on] = along * self.by_place[on][:, None, :]
-        return found
+        derivative = -whitening[:, :, :3]
+        touches = self.on_plane
+        along = derivative[touches] @ self.normal[touches][:, :, None]
+        derivative[touches] = along * self.by_place[touches][:, None, :]
+        return derivative
 
     def along_normals(self, rows: Array) -> Array:
         """Return rows ``(n, r, 3 or 6)`` that multiply only the part of a deviation that counts."""
@@ -233,15 +230,15 @@ class Observations:
         projection = self._projections(covariance.shape[2])
         along = projection @ covariance @ projection
         size = np.trace(along[:, :3, :3], axis1=1, axis2=2)[:, None, None]
-        rest = NOTHING_BESIDE**2 * size * (np.eye(covariance.shape[2]) - projection)
-        return np.asarray(along + rest)
+        beside = NOTHING_BESIDE**2 * size * (np.eye(covariance.shape[2]) - projection)
+        return np.asarray(along + beside)
 
     def _projections(self, width: int) -> Array:
         """Onto the part of deviations that counts (n, width, width)."""
-        found = np.tile(np.eye(width), (len(self.normal), 1, 1))
+        projections = np.tile(np.eye(width), (len(self.normal), 1, 1))
         normal = self.normal[self.on_surface]
-        found[self.on_surface, :3, :3] = normal[:, :, None] * normal[:, None, :]
-        return found
+        projections[self.on_surface, :3, :3] = normal[:, :, None] * normal[:, None, :]
+        return projections
 
     @property
     def known(self) -> Mask:
@@ -277,15 +274,15 @@ class Observations:
         if not touched.any():
             return np.empty((0, 3))
         medians = pd.DataFrame(tips[touched]).groupby(self.seat[touched]).median()
-        found = self.stated.copy()
-        open_ = [k for k in medians.index if not self.known[k]]
-        found[open_] = medians.loc[open_].to_numpy()
+        places = self.stated.copy()
+        free = [k for k in medians.index if not self.known[k]]
+        places[free] = medians.loc[free].to_numpy()
         for k in np.flatnonzero(self.spheres & ~self.known):
-            own = self.seat == k
-            found[k] = centre_of_sphere(tips[own], float(self.radius[own][0]))
+            contacts = self.seat == k
+            places[k] = centre_of_sphere(tips[contacts], float(self.radius[contacts][0]))
         for k in np.flatnonzero(self.planes):
-            found[k] = tips[self.seat == k].mean(axis=0)
-        return np.nan_to_num(found)
+            places[k] = tips[self.seat == k].mean(axis=0)
+        return np.nan_to_num(places)
 
     def targets(self, points: Array) -> Array:
         """Return the target of each tip, ``(n, 3)`` [m]; NaN for records without target.
@@ -293,9 +290,10 @@ class Observations:
         Args:
             points: coordinates of the seats ``(s, 3)`` [m].
         """
-        found = self.reference.copy()
-        found[self.seat >= 0] = points[self.seat[self.seat >= 0]]
-        return found
+        touched = self.seat >= 0
+        targets = self.reference.copy()
+        targets[touched] = points[self.seat[touched]]
+        return targets
 
     def deviations(self, poses: Array, points: Array) -> Array:
         """Return the deviations of ``poses`` from the targets, ``(n, 3 or 6)`` [m, rad].
@@ -307,15 +305,15 @@ class Observations:
                 6)`` [m, rad].
             points: coordinates of the seats ``(s, 3)`` [m].
         """
-        off = poses.copy()
-        off[:, :3] -= self.targets(points)
-        on = self.on_sphere
-        beyond = np.linalg.norm(off[on, :3], axis=1) - self.radius[on]
-        off[on, :3] = beyond[:, None] * self.normal[on]
-        on = self.on_plane
-        above = np.sum(off[on, :3] * self._normals_of_planes(points), axis=1)
-        off[on, :3] = above[:, None] * self.normal[on]
-        return off
+        deviations = poses.copy()
+        deviations[:, :3] -= self.targets(points)
+        touches = self.on_sphere
+        beyond = np.linalg.norm(deviations[touches, :3], axis=1) - self.radius[touches]
+        deviations[touches, :3] = beyond[:, None] * self.normal[touches]
+        touches = self.on_plane
+        above = np.sum(deviations[touches, :3] * self._normals_of_planes(points), axis=1)
+        deviations[touches, :3] = above[:, None] * self.normal[touches]
+        return deviations
 
     def of_seats(self, points: Array) -> Array:
         """Return the residuals of the stated coordinates of seats over their u, ``(s, 3)``; zero if
@@ -352,15 +350,11 @@ class Observations:
         seat = np.full(len(self.seat), -1)
         seat[touched] = number.ravel()
         parts, old = pairs.astype(np.intp).T
-        place = {pair: k for k, pair in enumerate(map(tuple, pairs.tolist()))}
-        ends = []
-        bars = []
-        for p in np.unique(parts).tolist():
-            for bar, (a, b) in enumerate(self.ends.tolist()):
-                if (p, a) in place and (p, b) in place:
-                    ends.append((place[p, a], place[p, b]))
-                    bars.append(bar)
-        kept = np.array(bars, dtype=np.intp)
+        place = np.full((part.max(initial=-1) + 1, len(self.labels)), -1)
+        place[parts, old] = np.arange(len(old))
+        ends = place[:, self.ends]
+        has_both = (ends >= 0).all(axis=2)
+        bars = np.nonzero(has_both)[1]
         divided = replace(
             self,
             seat=seat,
@@ -368,8 +362,8 @@ class Observations:
             stated=self.stated[old],
             stated_u=self.stated_u[old],
             anchor=self.anchor[old],
-            ends=np.array(ends, dtype=np.intp).reshape(-1, 2),
-            length=self.length[kept],
-            length_u=self.length_u[kept],
+            ends=ends[has_both],
+            length=self.length[bars],
+            length_u=self.length_u[bars],
         )
         return divided, old, parts

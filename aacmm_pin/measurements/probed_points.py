@@ -4,11 +4,8 @@ amount to.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
@@ -23,11 +20,10 @@ from aacmm_pin.measurements.csv_columns import (
     PROBED_POINT_COLUMNS,
     REFERENCE,
     REFERENCE_U,
-    column_of,
     is_reading,
 )
 from aacmm_pin.measurements.csv_header import checked_names
-from aacmm_pin.measurements.csv_values import cells_of, check_numbers, read_values
+from aacmm_pin.measurements.csv_values import cells_of, check_values, read_values
 from aacmm_pin.measurements.record_checks import FEWEST_CONTACTS
 
 NEEDED = {
@@ -40,6 +36,8 @@ NEEDED = {
     "volumetric": ("feature", "position", "length_id", "length_mm"),
 }
 """The tests, and the columns that must not be empty in their rows."""
+POINT_FIELDS = {column.names[0]: column.field for column in PROBED_POINT_COLUMNS}
+"""What each column states of a point."""
 LENGTH_TESTS = tuple(test for test, needed in NEEDED.items() if "length_mm" in needed)
 ONE_VALUE = {
     ("length_id", "position", "repeat"): ("length_mm", "probe_diameter_mm", "u_length_mm"),
@@ -74,25 +72,19 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
         problems.add("", "a header without probed points; expected one row per probed point")
     problems.stop()
     values = read_values(table, PROBED_POINT_COLUMNS, problems)
-    check_numbers(values, PROBED_POINT_COLUMNS, problems)
+    check_values(values, PROBED_POINT_COLUMNS, problems)
     points = pd.DataFrame({"row": problems.lines})
+    lengths = []
     for column in PROBED_POINT_COLUMNS:
-        (name,) = column.names
         if column.is_label:
-            points[column.field] = [label.strip() for label in values.label(name)]
+            points[column.field] = [label.strip() for label in values.label(column.names[0])]
         else:
-            points[column.field] = values.block([name])[:, 0]
+            points[column.field] = values.block(column.names)
+            lengths.append(column.field)
     _check_tests(points, problems)
     _state_one_value(points, problems)
-    lengths = [column.field for column in PROBED_POINT_COLUMNS if not column.is_label]
     points[lengths] *= MM
     return points
-
-
-def _field(name: str) -> str:
-    """The field of a column."""
-    column = column_of(name, PROBED_POINT_COLUMNS)
-    return name if column is None else column.field
 
 
 def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
@@ -105,7 +97,7 @@ def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
     problems.at(~np.isin(tests, list(NEEDED)), "test", f"{{!r}}; {expected}", tests)
     for test, names in NEEDED.items():
         for name in names:
-            stated = points[_field(name)]
+            stated = points[POINT_FIELDS[name]]
             empty = (stated.isna() | (stated == "")).to_numpy()
             problems.at(
                 empty & (tests == test),
@@ -123,25 +115,25 @@ def _state_one_value(points: pd.DataFrame, problems: Problems) -> None:
         of_these = points["test"].isin(tests)
         groups = points.groupby(["test", *labels]).ngroup()
         for name in names:
-            values = points[_field(name)].to_numpy()
+            values = points[POINT_FIELDS[name]].to_numpy()
             stated = of_these & np.isfinite(values)
             first = problems.of_other_values(name, values, stated, groups, ", ".join(labels))
-            points[_field(name)] = np.where(of_these & (first >= 0), values[first], values)
+            points[POINT_FIELDS[name]] = np.where(of_these & (first >= 0), values[first], values)
 
 
 def has_probed_points(table: pd.DataFrame) -> bool:
     """Whether a table states readings of probed points: a column ``test`` with a known test, and
     angles.
     """
-    if "test" not in table or not any(is_reading(name) for name in table):
+    if "test" not in table or not any(map(is_reading, table)):
         return False
-    return any(cell.strip() in NEEDED for cell in cells_of(table["test"]))
+    return bool(table["test"].astype(str).str.strip().isin(NEEDED).any())
 
 
 def with_features_as_seats(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
     """The table of a measurement file with its labels of features in the column of seats."""
     feature = cells_of(table[FEATURE])
-    seat = cells_of(table["seat"]) if "seat" in table else np.full(len(table), "", dtype=object)
+    seat = cells_of(table["seat"]) if "seat" in table else np.full_like(feature, "")
     both = (feature != "") & (seat != "")
     problems.at(
         both, FEATURE, "{!r} in a row with seat {!r}; expected one of the two labels", feature, seat
@@ -164,71 +156,60 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
     """
     points = read_probed_points(table, problems)
     problems.stop()
-    records = table.loc[:, [not _is_of_test(str(name)) for name in table]].reset_index(drop=True)
+    of_test = [
+        name in (*POINT_FIELDS, *REFERENCE, *REFERENCE_U) or name.lower().startswith(PLANNED)
+        for name in map(str, table)
+    ]
+    records = table.loc[:, np.logical_not(of_test)].reset_index(drop=True)
     notes = [Note("touches_no_reference")] if REFERENCE[0] in table else []
     if {"seat", *BAR} & {*table}:
         return records, tuple(notes)
     seats = _seats_of(points)
-    for name in seats.columns.drop("kind"):
-        records[name] = seats[name].to_numpy()
+    kind = seats.pop("kind")
     counts = {
-        "points": points["position"][seats["kind"] == "point"].nunique(),
-        "lengths": seats["bar"][seats["kind"] == "bar"].nunique(),
-        "spheres": seats["seat"][seats["kind"] == "sphere"].nunique(),
+        "points": points["position"][kind == "point"].nunique(),
+        "lengths": seats["bar"][kind == "bar"].nunique(),
+        "spheres": seats["seat"][kind == "sphere"].nunique(),
     }
     notes.append(Note("touches_as_seats", counts))
-    if unused := int((seats["kind"] == "").sum()):
+    if unused := int((kind == "").sum()):
         notes.append(Note("touches_unused", {"unused": unused}))
-    return records, tuple(notes)
-
-
-def _is_of_test(name: str) -> bool:
-    """Whether a column has no part in records: it is of the test, of its coordinates, or
-    planned.
-    """
-    of_test = column_of(name, PROBED_POINT_COLUMNS) is not None
-    return of_test or name in (*REFERENCE, *REFERENCE_U) or name.lower().startswith(PLANNED)
-
-
-def _ends_in_turn(features: pd.Series) -> NDArray[Any]:
-    """The end of a bar, A or B, that each feature of a length is."""
-    number, _ = pd.factorize(features)
-    return np.where(number % 2 == 0, "A", "B")
+    return records.assign(**seats), tuple(notes)
 
 
 def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
     """Seat, bar and sphere of each probed point, in the columns of a measurement file, and its
     ``kind``: ``point``, ``bar``, ``sphere`` or "".
     """
-    place = [points[name] for name in ("test", "length_id", "position")]
-    probed = points.groupby([*place, points["repeat"], points["feature"]])["test"].transform("size")
-    is_bar = points["test"].isin(LENGTH_TESTS) & (probed.groupby(place).transform("max") == 1)
-    is_bar &= points.groupby(place)["feature"].transform("nunique") == 2
-    is_point = (points["test"] == "single-point") & (probed.groupby(place).transform("sum") > 1)
-    bar = points["test"] + " " + points["length_id"] + " in position " + points["position"]
-    features = points.groupby(place)["feature"]
-    end = features.transform(_ends_in_turn)
-    both_sides = points["test"] == "length-bi"
-    length = points["length"] + np.where(both_sides, points["probe_diameter"], 0.0)
+    test, feature, position = (points[name] for name in ("test", "feature", "position"))
+    place = ["test", "length_id", "position"]
+    labels = [points[name] for name in place]
+    features = feature.groupby(labels)
+    once = ~points.duplicated([*place, "repeat", "feature"], keep=False)
+    is_bar = test.isin(LENGTH_TESTS) & once.groupby(labels).transform("all")
+    is_bar &= features.transform("nunique") == 2
+    is_point = (test == "single-point") & points.duplicated(place, keep=False)
+    bar = test + " " + points["length_id"] + " in position " + position
+    end = pd.Series(np.where(feature == features.transform("first"), "A", "B"))
+    opposite = test == "length-bi"
+    length = points["length"] + points["probe_diameter"].where(opposite, 0.0)
     diameters = points[["feature_diameter", "probe_diameter"]]
-    sphere = points["test"] + " " + points["feature"]
-    sphere += (" in position " + points["position"]).where(points["position"] != "", "")
+    sphere = test + " " + feature + (" in position " + position).where(position != "", "")
     is_sphere = diameters.notna().all(axis=1) & ~is_bar & ~is_point
     is_sphere &= sphere.where(is_sphere).groupby(sphere).transform("count") >= FEWEST_CONTACTS
     of_kind = {
-        "point": (is_point, "point " + points["position"]),
-        "bar": (is_bar, bar + ", " + points["feature"]),
+        "point": (is_point, "point " + position),
+        "bar": (is_bar, bar + ", " + feature),
         "sphere": (is_sphere, sphere),
     }
     seats = pd.DataFrame({"kind": "", "seat": ""}, index=points.index)
     for kind, (chosen, label) in of_kind.items():
         seats["kind"] = seats["kind"].where(~chosen, kind)
         seats["seat"] = seats["seat"].where(~chosen, label)
-    for name, column in zip(diameters, DIAMETERS, strict=True):
-        seats[column] = (diameters[name] / MM).astype(object).where(is_sphere, "")
+    seats[[*DIAMETERS]] = (diameters / MM).where(is_sphere)
     seats["bar"], seats["bar_end"] = bar.where(is_bar, ""), end.where(is_bar, "")
-    seats["bar_length_mm"] = (length / MM).astype(object).where(is_bar, "")
+    seats["bar_length_mm"] = (length / MM).where(is_bar)
     if points["u_length"].notna().any():
-        u = points["u_length"].clip(lower=LEAST_LENGTH_U).groupby(place).transform("max")
-        seats[BAR_U] = (u / MM).astype(object).where(is_bar & u.notna(), "")
+        u = points["u_length"].clip(lower=LEAST_LENGTH_U).groupby(labels).transform("max")
+        seats[BAR_U] = (u / MM).where(is_bar)
     return seats

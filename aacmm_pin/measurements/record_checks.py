@@ -4,32 +4,30 @@ that fit one another.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import MOST_LENGTH_ERROR, Array, is_no_unit
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
     BAR_U,
+    DEGREES,
     DIAMETERS,
     FEATURE_KIND,
     MEASUREMENT_FILE,
-    ORIENTATION,
     ORIENTATIONS,
     PLANE,
     PROBE_DIRECTION,
     REFERENCE,
-    REFERENCE_U,
-    ROLL_PITCH_YAW,
-    ROTATION_VECTOR,
     THETA,
+    column_of,
     named,
     span,
 )
-from aacmm_pin.measurements.csv_values import RecordTable, Values, check_numbers
+from aacmm_pin.measurements.csv_values import Values, check_values
 from aacmm_pin.measurements.repeats import WHOLE_TOLERANCE
 
 ENOUGH_RECORDS = 5
@@ -47,23 +45,21 @@ FEWEST_CONTACTS = 4
 """Three contacts determine a plane, or the centre of a sphere, and nothing else."""
 
 
-def check_records(table: RecordTable, problems: Problems) -> None:
+def check_records(values: Values, problems: Problems) -> None:
     """Whether cells that can be read say together what records can say.
 
     Raises:
         MeasurementFileError: they do not.
     """
-    values = table.values
-    _check_angles(table, problems)
+    if theta := values.names(DEGREES):
+        _check_degrees(theta, values.block(theta), problems)
+    check_values(values, MEASUREMENT_FILE, problems)
     _check_references(values, problems)
-    for name in table.header.numbered[APPROACH]:
-        sign = values.numbers[name]
+    for name in values.names(column_of(f"{APPROACH[:-1]}1")):
+        sign = values.columns[name]
         problems.at(~np.isin(sign, SIGNS), name, "{:g}; expected -1, 0 or 1", sign)
-    check_numbers(values, MEASUREMENT_FILE, problems)
-    _check_seats(values, problems)
-    _check_spheres(values, problems)
-    _check_planes(values, problems)
-    if "bar" in values.labels:
+    _check_features(values, problems)
+    if "bar" in values.columns:
         _check_bars(values, problems)
     problems.stop()
 
@@ -104,89 +100,48 @@ def rounding_steps(angles: Array) -> Array:
     return np.where(different < ENOUGH_ANGLES, 0.0, steps)
 
 
-def _check_angles(table: RecordTable, problems: Problems) -> None:
+def _check_degrees(theta: Sequence[str], degrees: Array, problems: Problems) -> None:
     """Degrees that must be radians."""
-    theta = table.header.theta
-    q = table.values.block(theta)
-    if table.header.unit == "rad" or not looks_like_radians(q):
-        return
-    largest = np.abs(q).max()
-    in_radians = span(named(THETA["rad"], len(theta)))
-    problems.add(
-        span(theta),
-        f"all angles of {len(q)} records lie within ±{largest:.4g}°; expected degrees, but these "
-        f"numbers may be radians. If they are radians, rename the columns {in_radians}. If they "
-        "are degrees, convert them to radians and use these names.",
-    )
+    if looks_like_radians(degrees):
+        largest = np.abs(degrees).max()
+        in_radians = span(named(THETA["rad"], len(theta)))
+        problems.add(
+            span(theta),
+            f"all angles of {len(degrees)} records lie within ±{largest:.4g}°; expected degrees, "
+            f"but these numbers may be radians. If they are radians, rename the columns "
+            f"{in_radians}. If they are degrees, convert them to radians and use these names.",
+        )
 
 
 def _check_references(values: Values, problems: Problems) -> None:
-    """References and directions with all of their components, quaternions and directions of the
-    norm 1.
+    """References that a program wrote for want of others, and seats and orientations without.
+
+    No arm brings its tip to the origin in every record, but to one seat there.
     """
-    for names in (REFERENCE, REFERENCE_U, *ORIENTATIONS, PROBE_DIRECTION):
-        stated = np.isfinite(values.block(names))
-        partly = stated.any(axis=1) & ~stated.all(axis=1)
-        for k, name in enumerate(names):
-            others = ", ".join(names)
-            problems.at(
-                partly & ~stated[:, k],
-                name,
-                f"empty cell in a row with part of {others}; expected all or none of these values",
-            )
-    _check_zeros(values, problems)
-    norm = np.linalg.norm(values.block(ORIENTATION), axis=1)
-    problems.at(
-        is_no_unit(norm),
-        span(ORIENTATION),
-        "a norm of {:.6g}; expected 1, because these are unit quaternions with the scalar first; "
-        f"for other forms use {span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)}",
-        norm,
-    )
-    length = np.linalg.norm(values.block(PROBE_DIRECTION), axis=1)
-    problems.at(
-        is_no_unit(length) & (length > 0.0),
-        span(PROBE_DIRECTION),
-        f"a length of {{:.6g}}; expected 1 ± {MOST_LENGTH_ERROR:g}, or empty cells if there is "
-        "no direction",
-        length,
-    )
-    placed = np.isfinite(values.block(REFERENCE)).any(axis=1) | (values.label("seat") != "")
+    coordinates = values.block(REFERENCE)
+    complete = np.isfinite(coordinates).all(axis=1)
+    number = np.count_nonzero(complete)
+    seat = values.label("seat")
+    seats = {*seat[complete]}
+    of_one_seat = len(seats) == 1 and "" not in seats
+    if number > 1 and not coordinates[complete].any() and not of_one_seat:
+        problems.add(
+            span(REFERENCE),
+            f"all {number} references are 0, 0, 0; expected the coordinates of each point; leave "
+            "unknown coordinates empty; if all records are of one point, label this point in the "
+            "column `seat`",
+        )
+    placed = np.isfinite(coordinates).any(axis=1)
     for form in ORIENTATIONS:
         oriented = np.isfinite(values.block(form)).all(axis=1)
         problems.at(
-            oriented & ~placed,
+            oriented & ~placed & (seat == ""),
             span(form),
             f"an orientation without a position; expected also {span(REFERENCE)} or seat",
         )
-
-
-def _check_zeros(values: Values, problems: Problems) -> None:
-    """Coordinates that a program wrote as zeros for want of others: no arm brings its tip to the
-    origin in every record, but to one seat there.
-    """
-    coordinates = values.block(REFERENCE)
-    known = np.isfinite(coordinates).all(axis=1)
-    seats = values.label("seat")[known]
-    of_one_seat = len({*seats}) == 1 and seats[0] != ""
-    if np.count_nonzero(known) > 1 and not coordinates[known].any() and not of_one_seat:
-        problems.add(
-            span(REFERENCE),
-            f"all {np.count_nonzero(known)} references are 0, 0, 0; expected the coordinates of "
-            "each point; leave unknown coordinates empty; if all records are of one point, label "
-            "this point in the column `seat`",
-        )
-
-
-def _check_seats(values: Values, problems: Problems) -> None:
-    """Each seat has two records, coordinates or a bar."""
-    seat = values.label("seat")
-    counts = Counter(seat)
-    single = np.array([counts[label] == 1 for label in seat], dtype=bool)
-    known = np.isfinite(values.block(REFERENCE)).any(axis=1)
-    useless = (seat != "") & single & ~known & (values.label("bar") == "")
+    single = ~pd.Series(seat).duplicated(keep=False).to_numpy()
     problems.at(
-        useless,
+        (seat != "") & single & ~placed & (values.label("bar") == ""),
         "seat",
         "only this record has the label {!r}, and it has no coordinates; expected two or more "
         "records with this label, or an empty cell",
@@ -194,27 +149,27 @@ def _check_seats(values: Values, problems: Problems) -> None:
     )
 
 
-def _check_spheres(values: Values, problems: Problems) -> None:
-    """Each record of a sphere states its label and both diameters, and each sphere the same in all
-    of its records; a probe's diameter alone is that of a contact with a direction.
+def _check_features(values: Values, problems: Problems) -> None:
+    """Each record of a sphere or plane states its label and what it is, each has enough contacts,
+    and each sphere the same diameters in all of its records; a probe's diameter alone is that of a
+    contact with a direction.
     """
+    kind = values.label(FEATURE_KIND)
+    is_kind = np.isin(kind, [PLANE, ""])
+    problems.at(~is_kind, FEATURE_KIND, f"{{!r}}; expected {PLANE} or an empty cell", kind)
+    plane = kind == PLANE
     seat = values.label("seat")
     diameters = values.block(DIAMETERS)
-    feature, probe = np.isfinite(diameters).T
-    probe &= values.label(FEATURE_KIND) != PLANE
+    sphere, probe = np.isfinite(diameters).T
+    probe &= ~plane
     problems.at(
-        feature & (seat == ""),
-        DIAMETERS[0],
-        "a diameter in a row without a label in the column feature; expected a label",
-    )
-    problems.at(
-        feature & ~probe,
+        sphere & ~probe,
         DIAMETERS[1],
         "empty cell in a row with the diameter of a feature; expected both diameters",
     )
-    directed = np.linalg.norm(values.block(PROBE_DIRECTION), axis=1) > 0.0
+    directed = np.nan_to_num(values.block(PROBE_DIRECTION)).any(axis=1)
     problems.at(
-        ~feature & probe & ~(directed & (seat == "")),
+        ~sphere & probe & ~(directed & (seat == "")),
         DIAMETERS[0],
         "empty cell in a row with the diameter of a probe; expected both diameters, or "
         f"{span(PROBE_DIRECTION)} in a row without feature and seat",
@@ -222,51 +177,10 @@ def _check_spheres(values: Values, problems: Problems) -> None:
     labels = pd.Series(seat)
     stated = np.column_stack([diameters, values.block(REFERENCE)])
     for name, numbers in zip((*DIAMETERS, *REFERENCE), stated.T, strict=True):
-        problems.of_other_values(name, numbers, feature & np.isfinite(numbers), labels, "feature")
-    of_sphere = labels.isin(seat[feature]).to_numpy() & (seat != "")
-    problems.at(
-        of_sphere & ~feature,
-        DIAMETERS[0],
-        "empty cell in a row of the sphere {!r}; expected a value in all rows of this sphere",
-        seat,
-    )
-    contacts = labels.groupby(labels).transform("size").to_numpy()
+        problems.of_other_values(name, numbers, sphere & np.isfinite(numbers), labels, "feature")
     placed = np.isfinite(values.block(REFERENCE)).any(axis=1)
-    placed_sphere = labels.isin(seat[placed]).to_numpy()
     problems.at(
-        feature & (contacts < FEWEST_CONTACTS) & ~placed_sphere,
-        "seat",
-        "the sphere {!r} has {} records without coordinates of its centre; expected 4 or more",
-        seat,
-        contacts,
-    )
-
-
-def _check_planes(values: Values, problems: Problems) -> None:
-    """Each record of a plane states its label, and neither diameter of a sphere nor coordinates;
-    each plane has enough contacts.
-    """
-    kind = values.label(FEATURE_KIND)
-    seat = values.label("seat")
-    known = np.isin(kind, [PLANE, ""])
-    problems.at(~known, FEATURE_KIND, f"{{!r}}; expected {PLANE} or an empty cell", kind)
-    plane = kind == PLANE
-    problems.at(
-        plane & (seat == ""),
-        FEATURE_KIND,
-        "a plane without a label in the column feature; expected a label",
-    )
-    labels = pd.Series(seat)
-    of_plane = labels.isin(seat[plane]).to_numpy() & (seat != "")
-    problems.at(
-        of_plane & ~plane,
-        FEATURE_KIND,
-        "empty cell in a row of the plane {!r}; expected plane",
-        seat,
-    )
-    stated = np.isfinite(values.block((*REFERENCE, DIAMETERS[0]))).any(axis=1)
-    problems.at(
-        plane & stated,
+        plane & (placed | sphere),
         FEATURE_KIND,
         "plane in a row with coordinates or a diameter; expected empty cells there",
     )
@@ -276,13 +190,31 @@ def _check_planes(values: Values, problems: Problems) -> None:
         "a bar in a row of a plane; expected an empty cell",
     )
     contacts = labels.groupby(labels).transform("size").to_numpy()
-    problems.at(
-        plane & (contacts < FEWEST_CONTACTS),
-        "seat",
-        "the plane {!r} has {} records; expected 4 or more",
-        seat,
-        contacts,
+    unplaced = ~labels.isin(seat[placed]).to_numpy()
+    features = (
+        ("sphere", sphere, DIAMETERS[0], "a diameter", " without coordinates of its centre"),
+        (PLANE, plane, FEATURE_KIND, PLANE, ""),
     )
+    for name, rows, column, value, which in features:
+        problems.at(
+            rows & (seat == ""),
+            column,
+            f"{value} in a row without a label in the column feature; expected a label",
+        )
+        problems.at(
+            labels.isin(seat[rows]).to_numpy() & (seat != "") & ~rows,
+            column,
+            f"empty cell in a row of the {name} {{!r}}; expected {value} in all rows of this "
+            f"{name}",
+            seat,
+        )
+        problems.at(
+            rows & (contacts < FEWEST_CONTACTS) & unplaced,
+            "seat",
+            f"the {name} {{!r}} has {{}} records{which}; expected 4 or more",
+            seat,
+            contacts,
+        )
 
 
 def _check_bars(values: Values, problems: Problems) -> None:
@@ -292,13 +224,11 @@ def _check_bars(values: Values, problems: Problems) -> None:
     bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
     length, u = values.block(["bar_length_mm", BAR_U]).T
     of_bar = bar != ""
-    row = np.arange(values.n)
     cells = {"bar_end": (end, end != ""), "bar_length_mm": (length, np.isfinite(length))}
     for name, (stated, is_stated) in cells.items():
         problems.at(
             ~of_bar & is_stated, name, "{} in a row without bar; expected an empty cell", stated
         )
-    problems.at(of_bar & ~np.isin(end, BAR_ENDS), "bar_end", "{!r}; expected A or B", end)
     for name, empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
         problems.at(
             of_bar & empty, name, "empty cell in a row of the bar {!r}; expected a value", bar
@@ -309,21 +239,20 @@ def _check_bars(values: Values, problems: Problems) -> None:
     problems.of_other_values(
         "seat", seat, of_bar & (seat != ""), groups + "\0" + end, "end of a bar"
     )
-    table = pd.DataFrame({"bar": bar, "end": end, "seat": seat, "row": row})
-    by_bar = table.groupby("bar")
-    first = by_bar["row"].transform("first").to_numpy()
-    of_bar &= np.isin(end, BAR_ENDS)
-    one_end = by_bar["end"].transform("nunique").to_numpy() == 1
+    is_end = of_bar & np.isin(end, BAR_ENDS)
+    problems.at(of_bar & ~is_end, "bar_end", "{!r}; expected A or B", end)
+    ends = pd.Series(end)
+    one_end = ends.groupby(bar).transform("nunique").to_numpy() == 1
     problems.at(
-        of_bar & one_end & (row == first),
+        is_end & one_end & ~groups.duplicated().to_numpy(),
         "bar_end",
         "the bar {!r} has records of end {} only; expected records of A and B",
         bar,
         end,
     )
-    ends_of_seat = table.groupby(["bar", "seat"])["end"].transform("nunique").to_numpy()
+    ends_of_seat = ends.groupby([bar, seat]).transform("nunique").to_numpy()
     problems.at(
-        of_bar & (ends_of_seat == 2) & (seat != ""),
+        is_end & (ends_of_seat == 2) & (seat != ""),
         "seat",
         "{!r} is at both ends of the bar {!r}; expected two seats",
         seat,

@@ -7,7 +7,7 @@ The file speaks millimetres and degrees (or radians); :class:`Measurements` spea
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,18 +18,18 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, Mask, batch, is_no_unit, vector, width_of
+from aacmm_pin._support.checks import Array, Index, Mask, batch, vector, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, count
 from aacmm_pin.arm import Arm
-from aacmm_pin.effects import CONDITION_COLUMNS, Conditions, Labels, labels_of
+from aacmm_pin.effects import CONDITION_ENTRIES, Conditions, Covariate, Labels, labels_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
-from aacmm_pin.measurements.contacts import at_centres
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
+    DEGREES,
     DIAMETERS,
     FEATURE,
     FEATURE_KIND,
@@ -37,25 +37,23 @@ from aacmm_pin.measurements.csv_columns import (
     ORIENTATIONS,
     PLANE,
     PROBE_DIRECTION,
+    RADIANS,
     RECORD_COLUMNS,
     THETA,
     AngleUnit,
     Column,
-    Covariate,
-    entry_of,
+    column_of,
     named,
 )
-from aacmm_pin.measurements.csv_header import read_header, similar_labels
-from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.csv_header import check_header, similar_labels
+from aacmm_pin.measurements.csv_table import joined, read_table
 from aacmm_pin.measurements.csv_values import (
-    RecordTable,
     Values,
-    cells_of,
     check_numbers,
+    check_values,
     read_records,
     read_values,
 )
-from aacmm_pin.measurements.joined_files import joined
 from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.orientation import as_quaternions
 from aacmm_pin.measurements.probed_points import (
@@ -140,7 +138,7 @@ class Measurements(Shown):
             from outside. NaN if the seat is a point. If the seat is a sphere, the references are
             coordinates of its centre.
         probe_diameter: diameter of the ball of the probe ``(n,)`` [m]. NaN if the references are
-            for the tip; see :func:`~aacmm_pin.measurements.contacts.at_centres`.
+            for the tip; see :func:`~aacmm_pin.measurements.records.at_centres`.
         feature_kind: ``plane`` if the seat is a plane, otherwise "" ``(n,)``.
         of_encoders: readings, if they differ from ``q``, ``(n, nq)`` [rad]; otherwise None.
     """
@@ -149,14 +147,14 @@ class Measurements(Shown):
     reference: Array
     reference_u: Array
     conditions: Conditions
-    bar: Labels | None
-    bar_end: Labels | None
-    bar_length: Array | None
-    operator: Labels | None
-    record: Labels | None
     extra: pd.DataFrame
     row: Index
     source: str
+    bar: Labels | None = None
+    bar_end: Labels | None = None
+    bar_length: Array | None = None
+    operator: Labels | None = None
+    record: Labels | None = None
     read_as: tuple[Note, ...] = ()
     header: tuple[str, ...] = ()
     orientation: Array | None = None
@@ -187,8 +185,8 @@ class Measurements(Shown):
         table, lines, read_as, _ = first
         if references is not None:
             table = joined(str(path), first, str(references), read_table(str(references)))
-        found = _from_table(table, lines, nq, str(path))
-        return replace(found, read_as=read_as + found.read_as, header=tuple(table.columns))
+        read = _from_table(table, lines, nq, str(path))
+        return replace(read, read_as=read_as + read.read_as, header=tuple(table.columns))
 
     @staticmethod
     def from_frame(
@@ -211,25 +209,18 @@ class Measurements(Shown):
         reference_u: ArrayLike | None = None,
         conditions: Conditions | None = None,
         *,
-        bar: ArrayLike | None = None,
-        bar_end: ArrayLike | None = None,
-        bar_length: ArrayLike | None = None,
-        operator: ArrayLike | None = None,
-        record: ArrayLike | None = None,
-        orientation: ArrayLike | None = None,
-        orientation_u: ArrayLike | None = None,
-        bar_length_u: ArrayLike | None = None,
-        feature_diameter: ArrayLike | None = None,
-        probe_diameter: ArrayLike | None = None,
-        feature_kind: ArrayLike | None = None,
         extra: pd.DataFrame | None = None,
         source: str = "table",
+        **attributes: ArrayLike | None,
     ) -> Measurements:
         """Make measurements from arrays in SI units; None for unknown quantities.
 
-        The arguments are the attributes of the class. Coordinates of contacts become coordinates of
-        the tip; see :func:`~aacmm_pin.measurements.contacts.at_centres`. The method checks shapes
-        and numbers. Only :meth:`read` also checks whether seats and bars suffice for a calibration.
+        The arguments are the attributes of the class; ``attributes`` may be ``orientation``,
+        ``orientation_u``, ``bar``, ``bar_end``, ``bar_length``, ``bar_length_u``,
+        ``feature_diameter``, ``probe_diameter``, ``feature_kind``, ``operator`` and ``record``.
+        Coordinates of contacts become coordinates of the tip; see
+        :func:`~aacmm_pin.measurements.records.at_centres`. The method checks shapes and numbers.
+        Only :meth:`read` also checks whether seats and bars suffice for a calibration.
 
         Raises:
             ShapeError: an array has a wrong shape or impossible numbers, or ``extra`` has a known
@@ -242,42 +233,28 @@ class Measurements(Shown):
         extra = pd.DataFrame(index=range(n)) if extra is None else extra.reset_index(drop=True)
         if len(extra) != n:
             raise ShapeError(f"extra has {len(extra)} rows; expected {n}, one per record")
-        known = Conditions(n) if conditions is None else conditions
-        if known.n != n:
-            raise ShapeError(f"conditions have {known.n} records; expected {n}")
-        unknown = np.full((n, 3), np.nan)
-        given = {
-            "reference": unknown if reference is None else reference,
-            "reference_u": unknown if reference_u is None else reference_u,
-            "orientation": orientation,
-            "orientation_u": orientation_u,
-            "bar": bar,
-            "bar_end": bar_end,
-            "bar_length": bar_length,
-            "bar_length_u": bar_length_u,
-            "feature_diameter": feature_diameter,
-            "probe_diameter": probe_diameter,
-            "feature_kind": feature_kind,
-            "operator": operator,
-            "record": record,
-        }
-        entries = {column.field: column for column in RECORD_COLUMNS}
-        checked = {name: _checked(entries[name], values, n) for name, values in given.items()}
+        conditions = Conditions(n) if conditions is None else conditions
+        if conditions.n != n:
+            raise ShapeError(f"conditions have {conditions.n} records; expected {n}")
+        stated: dict[str, Any] = {"reference": reference, "reference_u": reference_u} | attributes
+        for column in RECORD_COLUMNS:
+            if stated.get(column.field) is not None:
+                stated[column.field] = _checked(column, stated[column.field], n)
         row = np.arange(n) + FIRST_RECORD
-        measurements = Measurements(
-            q=q, conditions=known, extra=extra, row=row, source=source, **checked
+        measurements = _measurements(
+            q, stated, conditions=conditions, extra=extra, row=row, source=source
         )
         problems = Problems(source, row)
-        header = read_header([*measurements.to_frame()], None, problems)
-        check_numbers(read_values(extra, RECORD_COLUMNS, problems), RECORD_COLUMNS, problems)
-        problems.stop()
-        if list(header.extra) != list(extra.columns):
-            known_names = [name for name in extra.columns if name not in header.extra]
+        check_header([*measurements.to_frame()], None, problems)
+        if taken := [name for name in map(str, extra) if column_of(name).field]:
             raise ShapeError(
-                f"extra has columns of known names: {', '.join(known_names)}; expected these as "
+                f"extra has columns of known names: {', '.join(taken)}; expected these as "
                 "arguments of their own"
             )
-        return at_centres(measurements)
+        values = read_values(extra, RECORD_COLUMNS, problems)
+        check_values(values, RECORD_COLUMNS, problems)
+        problems.stop()
+        return replace(measurements, extra=_with_numbers(extra, values))
 
     @property
     def n(self) -> int:
@@ -432,14 +409,14 @@ class Measurements(Shown):
         if self.bar is None or self.bar_end is None or self.bar_length is None or seat is None:
             return []
         stated_u = np.full(self.n, np.nan) if self.bar_length_u is None else self.bar_length_u
-        found = []
+        bars = []
         for bar, rows in _records_by_label(self.bar).items():
             at_a, at_b = (rows[self.bar_end[rows] == end] for end in ("A", "B"))
             if len(at_a) and len(at_b):
                 length = float(self.bar_length[rows[0]])
                 u = float(np.fmax.reduce(stated_u[rows]))
-                found.append(Bar(bar, seat[at_a[0]], seat[at_b[0]], length, u))
-        return found
+                bars.append(Bar(bar, seat[at_a[0]], seat[at_b[0]], length, u))
+        return bars
 
     def bar_length_errors(self, tips: Array) -> Array:
         """Compute the error of each bar length, ``(b,)`` [m].
@@ -476,7 +453,7 @@ class Measurements(Shown):
     def _in_file(self, column: Column) -> dict[str, NDArray[Any]]:
         """What is stated in the columns of an entry, in their unit; nothing where nothing is."""
         values = getattr(
-            self.conditions if column.field in CONDITION_COLUMNS else self, column.field
+            self.conditions if column.field in CONDITION_ENTRIES else self, column.field
         )
         if values is None:
             return {}
@@ -493,18 +470,14 @@ class Measurements(Shown):
         :attr:`extra`.
         """
         kinds = get_args(Covariate)
-        known = [entry for entry in RECORD_COLUMNS if entry.field]
-        known.sort(key=lambda entry: kinds.index(entry.covariate))
-        found = []
-        for entry in known:
-            found += [CovariateColumn(*column, entry) for column in self._in_file(entry).items()]
+        entries = [entry for entry in RECORD_COLUMNS if entry.field]
+        entries.sort(key=lambda entry: kinds.index(entry.covariate))
+        columns = []
+        for entry in entries:
+            columns += [CovariateColumn(*column, entry) for column in self._in_file(entry).items()]
         for name in map(str, self.extra):
-            entry = entry_of(name)
-            values = self.extra[name]
-            if not entry.is_label:
-                values = pd.to_numeric(values, errors="coerce")
-            found.append(CovariateColumn(name, values, entry))
-        return [column for column in found if column.entry.covariate != "none"]
+            columns.append(CovariateColumn(name, self.extra[name], column_of(name)))
+        return [column for column in columns if column.entry.covariate != "none"]
 
     def csv(self) -> str:
         """Return the records as CSV text from which :meth:`read` restores the same numbers.
@@ -534,14 +507,14 @@ class Measurements(Shown):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
-        found = f"{self.source}: {count(self.n, 'record')} of {count(self.nq, 'joint')}"
+        text = f"{self.source}: {count(self.n, 'record')} of {count(self.nq, 'joint')}"
         if self.known.any():
-            found += f", {self.known.sum()} with reference coordinates"
+            text += f", {self.known.sum()} with reference coordinates"
         for noun, number in (("seat", len(self.seats())), ("bar", len(self.bars()))):
-            found += f", {count(number, noun)}" if number else ""
+            text += f", {count(number, noun)}" if number else ""
         if self.extra.columns.empty:
-            return found
-        return f"{found}, other columns {', '.join(self.extra.columns)}"
+            return text
+        return f"{text}, other columns {', '.join(self.extra.columns)}"
 
 
 def _records_by_label(labels: Labels | None) -> dict[str, Index]:
@@ -591,89 +564,130 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
         table, read_as = as_records(table, problems)
     elif {FEATURE, FEATURE_KIND, *DIAMETERS} & {*table} > {FEATURE}:
         table = with_features_as_seats(table, problems)
-    columns = read_records(table, nq, problems)
-    check_records(columns, problems)
-    found = columns.fields()
-    unknown = np.full((len(table), 3), np.nan)
-    for name in ("reference", "reference_u"):
-        found[name] = unknown if found[name] is None else found[name]
-    found["orientation"] = _unit_quaternions(_stated_orientations(columns.values))
-    if found["orientation"] is None:
-        found["orientation_u"] = None
-    directions = np.nan_to_num(columns.values.block(PROBE_DIRECTION))
+    values = read_records(table, nq, problems)
+    check_records(values, problems)
+    stated = {column.field: values.field(column) for column in RECORD_COLUMNS if column.field}
+    for form in ORIENTATIONS:
+        if form[0] in values.columns:
+            stated["orientation"] = as_quaternions(form, values.block(form))
+    directions = np.nan_to_num(values.block(PROBE_DIRECTION))
     has_direction = directions.any(axis=1)
-    found["probe_direction"] = directions if has_direction.any() else None
+    stated["probe_direction"] = directions if has_direction.any() else None
     if has_direction.any() and not has_direction.all():
         rows = lines[~has_direction].tolist()
         read_as = (*read_as, Note("directions_missing", {"rows": rows}))
-    conditions = Conditions(len(table), **{name: found.pop(name) for name in CONDITION_COLUMNS})
-    theta = columns.values.block(columns.header.theta)
-    q = theta * DEG if columns.header.unit == "deg" else theta
+    conditions = {name: stated.pop(name) for name in CONDITION_ENTRIES}
+    others = [name for name in map(str, table) if not column_of(name).field]
     with_values = [
-        name for name in columns.header.extra if any(map(str.strip, cells_of(table[name])))
+        name for name in others if column_of(name).unit or any(map(str.strip, values.columns[name]))
     ]
     extra = table[with_values].reset_index(drop=True)
-    stated: dict[str, Any] = dict(found)
-    read_as += _notes(columns)
-    measurements = Measurements(
-        q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **stated
+    angles = DEGREES if values.names(DEGREES) else RADIANS
+    return _measurements(
+        values.field(angles),
+        stated,
+        conditions=Conditions(values.n, **conditions),
+        extra=_with_numbers(extra, values),
+        row=lines,
+        source=source,
+        read_as=read_as + _notes(values, angles),
     )
-    return at_centres(measurements)
 
 
-def _notes(columns: RecordTable) -> tuple[Note, ...]:
-    """What may be in another unit, and labels that may be mistyped."""
+def _with_numbers(extra: pd.DataFrame, values: Values) -> pd.DataFrame:
+    """Unknown columns, with numbers in those that have a unit."""
+    numbers = {name: values.columns[name] for name in map(str, extra) if column_of(name).unit}
+    return extra.assign(**numbers)
+
+
+def _measurements(q: Any, stated: dict[str, Any], **others: Any) -> Measurements:
+    """Records with what is ``stated``: unit quaternions without what rounding did to their norms,
+    and references of the tip.
+    """
+    for name in ("reference", "reference_u"):
+        if stated[name] is None:
+            stated[name] = np.full((len(q), 3), np.nan)
+    orientation = stated.get("orientation")
+    if orientation is None or np.isnan(orientation).all():
+        stated |= {"orientation": None, "orientation_u": None}
+    else:
+        norm = np.linalg.norm(orientation, axis=1, keepdims=True)
+        stated["orientation"] = orientation / norm
+    return at_centres(Measurements(q, **stated, **others))
+
+
+def at_centres(records: Measurements) -> Measurements:
+    """The records with references of the tip, which is the centre of the probe's ball.
+
+    A record that states a probe's diameter and a direction, and neither feature nor seat, states
+    the coordinates of its contact: the centre is half the diameter before that, ``c = p - r d``. It
+    then has no diameter, and a note in ``read_as`` lists these records.
+    """
+    diameter = records.probe_diameter
+    direction = records.conditions.probe_direction
+    if diameter is None or direction is None:
+        return records
+    touches = np.isfinite(diameter) & direction.any(axis=1) & records.known
+    if records.conditions.seat is not None:
+        touches &= records.conditions.seat == ""
+    if not touches.any():
+        return records
+    half = np.where(touches, diameter / 2, 0.0)
+    elsewhere = np.where(touches, np.nan, diameter)
+    note = Note("contacts_at_centres", {"rows": records.row[touches].tolist()})
+    return replace(
+        records,
+        reference=records.reference - half[:, None] * direction,
+        probe_diameter=elsewhere if np.isfinite(elsewhere).any() else None,
+        read_as=(*records.read_as, note),
+    )
+
+
+def _notes(values: Values, angles: Column) -> tuple[Note, ...]:
+    """What may be in another unit, labels that may be mistyped, and angles that are rounded to a
+    step whose standard uncertainty, step/√12 (JCGM 100:2008, F.2.2.1), is larger than the usual
+    noise of an encoder.
+    """
     notes = []
-    u = np.nan_to_num(columns.values.block([ORIENTATION_U])).max()
-    if u > plausible.USUAL_TURN_NOISE:
-        notes.append(Note("orientation_u_large", {"u": float(u)}))
-    if columns.header.unit == "deg" and mostly_like_radians(
-        columns.values.block(columns.header.theta)
-    ):
+    turn_u = float(np.nan_to_num(values.block([ORIENTATION_U])).max())
+    if turn_u > plausible.USUAL_TURN_NOISE:
+        notes.append(Note("orientation_u_large", {"u": turn_u}))
+    names = values.names(angles)
+    theta = values.block(names)
+    if angles is DEGREES and mostly_like_radians(theta):
         notes.append(Note("angles_like_radians", {"turn": 2 * np.pi}))
-    notes += _rounded_angles(columns)
+    steps = rounding_steps(theta)
+    step = float(steps.max(initial=0.0))
+    u = step * angles.si / np.sqrt(12.0)
+    if u > ENCODER:
+        rounded = np.array(names)[steps == step].tolist()
+        sign = "°" if angles is DEGREES else " rad"
+        data = {"columns": rounded, "step": step, "unit": sign, "u": float(u)}
+        notes.append(Note("angles_rounded", data))
     for name in ("seat", "marker", "bar", "session"):
-        if pairs := similar_labels(dict.fromkeys(columns.values.label(name).tolist())):
+        if pairs := similar_labels(dict.fromkeys(values.label(name).tolist())):
             notes.append(Note("labels_alike", {"column": name, "labels": ", ".join(pairs)}))
     return tuple(notes)
-
-
-def _rounded_angles(columns: RecordTable) -> list[Note]:
-    """That angles are rounded to a step whose standard uncertainty, step/√12 (JCGM 100:2008,
-    F.2.2.1), is larger than the usual noise of an encoder.
-    """
-    unit = columns.header.unit
-    steps = rounding_steps(columns.values.block(columns.header.theta))
-    step = float(steps.max(initial=0.0))
-    u = step * (DEG if unit == "deg" else 1.0) / np.sqrt(12.0)
-    if u <= ENCODER:
-        return []
-    names = np.array(columns.header.theta)[steps == step].tolist()
-    sign = "°" if unit == "deg" else " rad"
-    return [Note("angles_rounded", {"columns": names, "step": step, "unit": sign, "u": float(u)})]
-
-
-def _stated_orientations(values: Values) -> Array | None:
-    """Quaternions (n, 4) by the columns that a file has for them; None where it has none."""
-    for form in ORIENTATIONS:
-        if form[0] in values.numbers:
-            return as_quaternions(form, values.block(form))
-    return None
-
-
-def _unit_quaternions(quaternions: Array | None) -> Array | None:
-    """With the norm of one, which those of a file have but for rounding; None where none is
-    stated.
-    """
-    if quaternions is None or np.isnan(quaternions).all():
-        return None
-    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
 
 
 # --- from arrays
 
 
-def _checked(column: Column, values: ArrayLike | None, n: int) -> Any:
+class _ArrayProblems(Problems):
+    """What is wrong with an array, whose columns are such as ``reference[#, 0]``."""
+
+    def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
+        """Refuse the first of the rows ``bad``.
+
+        Raises:
+            ShapeError: there is one.
+        """
+        for row in np.flatnonzero(bad)[:1]:
+            text = message.format(*(v[row] for v in values))
+            raise ShapeError(f"{column.replace('#', str(row))}: {text}")
+
+
+def _checked(column: Column, values: ArrayLike, n: int) -> Any:
     """What is given for the field of a column, as an array of its own; numbers that are not known
     are NaN where they may be.
 
@@ -681,66 +695,19 @@ def _checked(column: Column, values: ArrayLike | None, n: int) -> Any:
         ShapeError: another shape, or numbers or labels that cannot be.
     """
     name = column.field
-    if values is None:
-        return None
     if column.is_label:
         return labels_of(name, values, n)
-    array = _numbers(column, values, n)
-    if column.range is not None:
-        column.range.check(np.where(np.isnan(array), column.range.most, array), name, ShapeError)
-    if column.above_zero and (array == 0.0).any():
-        raise ShapeError(f"{name} contains zeros; expected standard uncertainties above 0")
-    return _checked_quaternions(array) if name == "orientation" else array
-
-
-def _numbers(column: Column, values: ArrayLike, n: int) -> Array:
-    """Numbers of n records, of each component of a column or of none.
-
-    Raises:
-        ShapeError: they are not.
-    """
-    name = column.field
     width = len(column.names)
     unit = column.range.unit if column.range is not None else column.unit
-    if width == 1:
-        array = _with_gaps(values, lambda filled: vector(filled, n, name, unit))
-    else:
-        array = _with_gaps(values, lambda filled: batch(filled, width, name, unit))
-    if len(array) != n:
-        raise ShapeError(f"{name} has {len(array)} rows; expected {n}, one per record")
-    if width > 1:
-        unknown = np.isnan(array)
-        partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
-        if partly.size:
-            raise ShapeError(
-                f"{name}[{partly[0]}] is {array[partly[0]]}; expected numbers, or only NaN if all "
-                "are unknown"
-            )
-    return array
-
-
-def _checked_quaternions(array: Array) -> Array | None:
-    """Unit quaternions without what rounding did to their norms; None where none is stated.
-
-    Raises:
-        ShapeError: a norm is off by more than rounding.
-    """
-    norm = np.linalg.norm(array, axis=1)
-    if is_no_unit(norm).any():
-        came = f"norms of {np.nanmin(norm):g} to {np.nanmax(norm):g}"
-        raise ShapeError(f"orientation has {came}; expected unit quaternions, of norm 1")
-    return _unit_quaternions(array)
-
-
-def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
-    """``values`` after a ``check`` for which NaN counts as a number; masks stay what they are and
-    do not pass it.
-    """
-    if isinstance(values, np.ma.MaskedArray):
-        return check(values)
     unknown = pd.isna(
         values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object)
     )
-    array = check(np.where(unknown, 0.0, values) if np.any(unknown) else values)
+    filled = np.where(unknown, 0.0, values) if np.any(unknown) else values
+    array = vector(filled, n, name, unit) if width == 1 else batch(filled, width, name, unit)
+    if len(array) != n:
+        raise ShapeError(f"{name} has {len(array)} rows; expected {n}, one per record")
     array[unknown] = np.nan
+    places = [f"{name}[#, {k}]" for k in range(width)] if width > 1 else [f"{name}[#]"]
+    problems = _ArrayProblems("", np.arange(n))
+    check_numbers(column, places, array.reshape(n, width), column.range, problems)
     return array

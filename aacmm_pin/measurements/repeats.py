@@ -5,9 +5,8 @@ posture.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -73,27 +72,21 @@ def originals(records: Measurements) -> Index:
     table["single"] = np.where(single, np.arange(records.n), -1)
     table[angles] = degrees
     group = _group_numbers(table)
-    for rounded, values in _roundings(records, degrees):
-        others = [
-            *(angles if "angles" in rounded else ()),
-            *(REFERENCE if "reference" in rounded else ()),
-        ]
-        group = _joined(group, _group_numbers(table.drop(columns=others)), values)
+    angle_steps = [degrees / step for step in ANGLE_STEPS]
+    reference_steps: list[Array] = []
+    if records.known.any():
+        reference_steps = [records.reference / step for step in REFERENCE_STEPS]
+    others = _group_numbers(table.drop(columns=angles))
+    for values in angle_steps:
+        group = _joined(group, others, values)
+    of_angles = _group_numbers(table.drop(columns=[*REFERENCE]))
+    labels = _group_numbers(table.drop(columns=[*angles, *REFERENCE]))
+    for reference in reference_steps:
+        group = _joined(group, of_angles, reference)
+        for values in angle_steps:
+            group = _joined(group, labels, np.hstack([values, reference]))
     _, first, number = np.unique(group, return_index=True, return_inverse=True)
     return np.asarray(first[number], dtype=np.intp)
-
-
-def _roundings(records: Measurements, degrees: Array) -> Iterator[tuple[tuple[str, ...], Array]]:
-    """What another export may have rounded, and its values (n, k) in the steps of that: angles, the
-    reference, or both.
-    """
-    for step in ANGLE_STEPS:
-        yield ("angles",), degrees / step
-    for size in REFERENCE_STEPS if records.known.any() else ():
-        reference = records.reference / size
-        yield ("reference",), reference
-        for step in ANGLE_STEPS:
-            yield ("angles", "reference"), np.hstack([degrees / step, reference])
 
 
 def _group_numbers(table: pd.DataFrame) -> Index:
@@ -110,17 +103,17 @@ def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
     ``equal_otherwise`` (n,) are compared.
     """
     finite = np.isfinite(values).all(axis=1)
-    whole = finite & (np.abs(values - np.rint(values)) < WHOLE_TOLERANCE).all(axis=1)
-    between = np.flatnonzero(finite & ~whole)
-    if not whole.any() or not between.size:
+    is_whole = finite & (np.abs(values - np.rint(values)) < WHOLE_TOLERANCE).all(axis=1)
+    between = np.flatnonzero(finite & ~is_whole)
+    if not is_whole.any() or not between.size:
         return group
     apart = np.column_stack([values, 2.0 * equal_otherwise])
-    tree = scipy.spatial.KDTree(apart[whole])
+    tree = scipy.spatial.KDTree(apart[is_whole])
     half = 0.5 + 2 * WHOLE_TOLERANCE
     distance, nearest = tree.query(apart[between], p=np.inf, distance_upper_bound=half)
-    found = np.isfinite(distance)
+    has_near = np.isfinite(distance)
     joined = np.arange(group.max() + 1)
-    joined[group[between[found]]] = group[whole][nearest[found]]
+    joined[group[between[has_near]]] = group[is_whole][nearest[has_near]]
     return np.asarray(joined[group], dtype=np.intp)
 
 
@@ -145,17 +138,17 @@ def posture_numbers(q: Array, within: float = SAME_POSTURE) -> Index:
     """
     tree = scipy.spatial.KDTree(q)
     single = _nearest_difference(q, 2.0 * within) > within
-    found = np.full(len(q), -1, dtype=np.intp)
+    posture = np.full(len(q), -1, dtype=np.intp)
     number = 0
     for k in range(len(q)):
-        if found[k] >= 0:
+        if posture[k] >= 0:
             continue
         near = np.array([k])
         if not single[k]:
             near = np.asarray(tree.query_ball_point(q[k], within, p=np.inf))
-        found[near[found[near] < 0]] = number
+        posture[near[posture[near] < 0]] = number
         number += 1
-    return found
+    return posture
 
 
 def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
@@ -174,13 +167,12 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
     _, first, number, count = unique
     if count.max(initial=1) == 1:
         return records, np.zeros(0, dtype=np.intp)
-    found = records.take(first)
-    means = pd.DataFrame(records.q).groupby(number).mean().to_numpy()
-    found = replace(found, q=means)
-    if records.of_encoders is not None:
-        of_encoders = pd.DataFrame(records.of_encoders).groupby(number).mean().to_numpy()
-        found = replace(found, of_encoders=of_encoders)
-    return found, np.flatnonzero(count[number] > 1)
+    means: dict[str, Any] = {
+        name: pd.DataFrame(getattr(records, name)).groupby(number).mean().to_numpy()
+        for name in ("q", "of_encoders")
+        if getattr(records, name) is not None
+    }
+    return replace(records.take(first), **means), np.flatnonzero(count[number] > 1)
 
 
 def fingerprints(records: Measurements) -> tuple[str, ...]:

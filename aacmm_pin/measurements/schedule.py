@@ -4,10 +4,12 @@ either side.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.effects import Conditions, Labels
+from aacmm_pin.effects import Conditions, ErrorModel, Labels
 from aacmm_pin.errors import AacmmError
 
 MOST_IN_SESSION = 200
@@ -32,13 +34,12 @@ def sessions(records: int) -> Index:
 
 
 def workshop_conditions(
+    model: ErrorModel,
     session: Index,
     q: Array,
-    *,
-    rng: np.random.Generator,
-    reference_temperature: float,
+    seat: Labels | None,
     temperature_range: float,
-    seat: Labels | None = None,
+    rng: np.random.Generator,
 ) -> Conditions:
     """Conditions of records in the order in which they are taken.
 
@@ -47,54 +48,44 @@ def workshop_conditions(
     (1/10), each drawn. The approach is the sign of the way from the record before, turned round for
     one joint in five, which overshot; the first record is approached from the mean of all postures.
     ``session`` is the number of each record's session, ascending (n,); q is (n, nq) [rad].
+    Directions of probes are all round, if a cause of the ``model`` needs them.
 
     Raises:
         AacmmError: the range is negative or not finite.
     """
     if not (np.isfinite(temperature_range) and temperature_range >= 0):
         raise AacmmError(f"temperature_range is {temperature_range:g} K; expected 0 K or more")
-    time = _time(session, rng)
-    temperature = reference_temperature + temperature_range * _warmth(time, rng)
-    approach = _approach(q, rng)
+    n = len(session)
+    steps = rng.uniform(*RECORD_INTERVAL, size=n)
+    steps += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE_LENGTH, size=n)
+    steps += (np.diff(session, prepend=session[:1]) > 0) * rng.uniform(*BREAK, size=n)
+    time = np.cumsum(steps)
+    offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
+    warmth = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
+    warmth += 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
+    warmth += rng.uniform(-0.1, 0.1, size=n)
+    way = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
+    came_back = rng.random(q.shape) < OVERSHOOT
     labels = None
     if session.any():
         labels = np.array([str(number + 1) for number in session], dtype=object)
-    return Conditions(
-        n=len(session),
+    conditions = Conditions(
+        n,
         time=time,
-        temperature=temperature,
-        approach=approach,
+        temperature=model.arm.reference_temperature + temperature_range * warmth,
+        approach=np.where(came_back, -way, way) + 0.0,
         seat=seat,
         session=labels,
     )
+    needs = {need for effect in model.effects for need in effect.needs}
+    if "probe_direction" in needs:
+        # A stream of its own: all other numbers are the same without it.
+        directions = probe_directions(n, rng.spawn(1)[0])
+        conditions = replace(conditions, probe_direction=directions)
+    return conditions.with_usual(needs, q.shape[1])
 
 
 def probe_directions(n: int, rng: np.random.Generator) -> Array:
     """Directions in which probes move when they touch, unit vectors all round (n, 3)."""
     vectors = rng.normal(size=(n, 3))
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-
-
-def _time(session: Index, rng: np.random.Generator) -> Array:
-    n = len(session)
-    steps = rng.uniform(*RECORD_INTERVAL, size=n)
-    steps += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE_LENGTH, size=n)
-    steps += (np.diff(session, prepend=session[:1]) > 0) * rng.uniform(*BREAK, size=n)
-    return np.cumsum(steps)
-
-
-def _warmth(time: Array, rng: np.random.Generator) -> Array:
-    """Temperature above the reference, within ±1: (n,)."""
-    offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
-    slow = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
-    angle = 2 * np.pi * time / DAY + np.pi * phase
-    of_day = 0.2 * np.sin(angle)
-    noise = rng.uniform(-0.1, 0.1, size=len(time))
-    return np.asarray(slow + of_day + noise)
-
-
-def _approach(q: Array, rng: np.random.Generator) -> Array:
-    middle = q.mean(axis=0, keepdims=True)
-    way = np.sign(np.diff(q, axis=0, prepend=middle))
-    came_back = rng.random(q.shape) < OVERSHOOT
-    return np.where(came_back, -way, way) + 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -24,7 +24,7 @@ from aacmm_pin.measurements.measuring_points import (
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.schedule import probe_directions, sessions, workshop_conditions
+from aacmm_pin.measurements.schedule import sessions, workshop_conditions
 from aacmm_pin.postures import brought_to
 
 Scheme = Literal["free", "seats", "ball-bar", "single-point"]
@@ -102,23 +102,19 @@ def simulate_measurements(
     points = {"free": 0, "single-point": 1}.get(scheme, seats)
     stated = scheme == "free" or (scheme == "seats" and known)
     _check_numbers(scheme, records, points, stated, bar_length)
-    for effect in model.effects:
-        if (
-            scheme == "seats"
-            and known
-            and corrects_seat(effect)
-            and effect.place not in _seat_labels(seats)
-        ):
-            raise UnknownNameError(
-                f"seat of {effect.cause}", str(effect.place), _seat_labels(seats)
-            )
-    encoder = model.arm.encoder_noise if encoder_noise is None else encoder_noise
-    assumed = f", encoder noise {ENCODER * 1e6:g} µrad (assumed)" if encoder is None else ""
+    if scheme == "seats" and known:
+        labels = _seat_labels(seats)
+        for effect in filter(corrects_seat, model.effects):
+            if effect.place not in labels:
+                raise UnknownNameError(f"seat of {effect.cause}", str(effect.place), labels)
+    assumed = ""
+    if encoder_noise is None:
+        encoder_noise = model.arm.encoder_noise
+    if encoder_noise is None:
+        encoder_noise = ENCODER
+        assumed = f", encoder noise {ENCODER * 1e6:g} µrad (assumed)"
     noise = Noise.of(
-        model.arm.nq,
-        encoder=ENCODER if encoder is None else encoder,
-        reference=reference_noise,
-        probe=probe_noise,
+        model.arm.nq, encoder=encoder_noise, reference=reference_noise, probe=probe_noise
     )
     seed = seed_of(rng)
     source = (
@@ -198,17 +194,16 @@ class _Workshop:
             seats = self.model.predict(q[first], conditions.take(first), as_referenced=True)
             reference = (seats + self._normal(self.noise.reference, seats))[point]
         if self.noise.probe > 0:
-            q = self._exactly(
-                q, points[point] + self._normal(self.noise.probe, points[point]), conditions
-            )
+            contacts = points[point] + self._normal(self.noise.probe, points[point])
+            q = self._exactly(q, contacts, conditions)
         bars: dict[str, Any] = {}
         if length is not None:
             lengths = length + self._normal(self.noise.reference, np.empty(len(places)))
             bars = {
                 "bar": [f"B{k // 2 + 1}" for k in point],
                 "bar_end": ["AB"[k % 2] for k in point],
+                "bar_length": lengths[point // 2],
             }
-            bars["bar_length"] = lengths[point // 2]
         return self._recorded(q, conditions, reference, **bars)
 
     def at(self, points: Array, q: Array) -> Measurements:
@@ -238,21 +233,7 @@ class _Workshop:
         return q
 
     def _conditions(self, session: Index, q: Array, seat: Labels | None) -> Conditions:
-        reference = self.model.arm.reference_temperature
-        spread = self.temperature_range
-        found = workshop_conditions(
-            session,
-            q,
-            rng=self.rng,
-            reference_temperature=reference,
-            temperature_range=spread,
-            seat=seat,
-        )
-        if not any("probe_direction" in effect.needs for effect in self.model.effects):
-            return found
-        # A stream of its own: all other numbers are the same without it.
-        directions = probe_directions(len(q), self.rng.spawn(1)[0])
-        return replace(found, probe_direction=directions)
+        return workshop_conditions(self.model, session, q, seat, self.temperature_range, self.rng)
 
     def _normal(self, u: float, like: Array) -> Array:
         return u * self.rng.normal(size=like.shape)
@@ -261,23 +242,20 @@ class _Workshop:
         self, q: Array, conditions: Conditions, reference: Array | None, **more: Any
     ) -> Measurements:
         """The records, with noisy readings; exact references state no uncertainty."""
-        n = len(q)
-        u = self.noise.reference
         arm = self.model.arm
         readings = arm.readings(q) + self.noise.encoder * self.rng.normal(size=q.shape)
-        reference_u = None
+        u = self.noise.reference
         if reference is not None and u > 0:
-            reference_u = np.full((n, 3), u)
+            more["reference_u"] = np.full_like(reference, u)
         turn_u = self.orientation_noise
         if turn_u is not None and reference is not None:
             state = self.model.state(q, conditions, as_referenced=True)
             turn = self._normal(turn_u, reference)
             rotation = exp(np.hstack([np.zeros_like(turn), turn]))[:, :3, :3]
             more["orientation"] = quaternions(rotation @ state.rotation[-1])
-            more["orientation_u"] = np.full(n, turn_u) if turn_u > 0 else None
-        record = np.array([str(k) for k in range(1, n + 1)], dtype=object)
-        more |= {"record": record, "source": self.source}
-        records = Measurements.of(readings, reference, reference_u, conditions, **more)
+            more["orientation_u"] = np.full(len(q), turn_u) if turn_u > 0 else None
+        more |= {"record": [*map(str, range(1, len(q) + 1))], "source": self.source}
+        records = Measurements.of(readings, reference, conditions=conditions, **more)
         return records.with_joint_angles(arm)
 
 

@@ -155,7 +155,7 @@ def _conditions(
         chosen["probe_direction"] = probe_directions(n, rng.spawn(1)[0])
     if chosen["seat"] is None and "seat" in needed:
         chosen["seat"] = np.full(n, "", dtype=object)
-    return Conditions(n, **chosen)
+    return Conditions(n, **chosen).with_usual(needed, arm.nq)
 
 
 def _times(

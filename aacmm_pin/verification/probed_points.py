@@ -21,8 +21,8 @@ from aacmm_pin.measurements import (
     PROBED_POINT_COLUMNS,
     REFERENCE,
     Measurements,
-    check_numbers,
-    is_of_reference,
+    check_values,
+    column_of,
     is_reading,
     read_probed_points,
     read_table,
@@ -122,7 +122,7 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
             ", ".join(missing), f"missing, but the file has {', '.join(given)}; expected all three"
         )
     values = read_values(table[given], MEASUREMENT_FILE, problems)
-    check_numbers(values, MEASUREMENT_FILE, problems)
+    check_values(values, MEASUREMENT_FILE, problems)
     for name in given:
         empty = np.array([not cell.strip() for cell in table[name]], dtype=bool)
         problems.at(empty, name, "empty cell; expected a number with a decimal point")
@@ -160,7 +160,7 @@ def _by_arms(
             f"no readings; expected columns theta1_deg … for the named arms (the file has "
             f"{_listed(table)})",
         )
-    of_arm = [name for name in table if name not in OF_TEST and not is_of_reference(name)]
+    of_arm = [name for name in table if name not in OF_TEST and not column_of(name).of_reference]
     tips: dict[str, Array] = {}
     notes: dict[Note, list[str]] = {}
     for name, model in models.items():

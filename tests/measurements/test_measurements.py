@@ -611,11 +611,11 @@ ARRAYS: list[tuple[dict[str, object], str]] = [
     ({"q": [1.0, 2.0]}, r"q has shape \(2,\).*pass q\[None, :\]"),
     ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan; expected a finite number"),
     ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\); expected \(n, 3\)"),
-    ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN"),
+    ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0, 1\]: .*NaN"),
     ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
     (
         {"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1e-3, 0, 1e-3]]},
-        "reference_u .* above 0",
+        r"reference_u\[0, 1\]: 0; .* above 0",
     ),
     ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m; expected -100 to 100"),
     ({"q": ONE, "record": [3]}, r"record\[0\] is 3; expected text"),
