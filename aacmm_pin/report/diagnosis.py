@@ -32,11 +32,13 @@ from aacmm_pin.report.calibration import (
     files,
     frame_in_words,
 )
+from aacmm_pin.report.diagnosis_json import discrepancy_to_dicts
 from aacmm_pin.report.document import (
     Block,
     Bullets,
     Document,
     Figure,
+    Format,
     Heading,
     Notes,
     Paragraph,
@@ -599,15 +601,9 @@ def _shape(result: Diagnosis, name: str, way: str) -> Figure:
 @document_of.register
 def unexplained_document(left: Unexplained) -> Document:
     """What depends on a column in a way that no cause has."""
-    sizes = [
-        {
-            "depends on": _quantity(part.covariate),
-            "rms_mm": part.rms / MM,
-            "u_mm": part.u / MM,
-            "probability": probability(part.probability),
-        }
-        for part in left.discrepancy
-    ]
+    sizes = pd.DataFrame(discrepancy_to_dicts(left))
+    forms: dict[str, Format] = {"covariate": _quantity, "probability": probability}
+    depends = {"covariate": "depends on"}
     ways = [
         f"In the structure that depends on {name}, {way}." for name, way in left.acts_on.items()
     ]
@@ -615,7 +611,7 @@ def unexplained_document(left: Unexplained) -> Document:
     heads = {"name": "group", "times": "relative residuals", "p_value": "p"}
     blocks: list[Block] = [
         Paragraph(unexplained_in_words(left), finding=left.structure),
-        Table(pd.DataFrame(sizes), DISCREPANCY_AT_TIP, explained=DISCREPANCY),
+        Table(sizes, DISCREPANCY_AT_TIP, forms, depends, explained=DISCREPANCY),
         Bullets(ways),
         Table(groups, GROUPS, {"times": ".1f", "p_value": p_value}, heads),
     ]

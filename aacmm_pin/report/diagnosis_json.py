@@ -63,15 +63,7 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             "probability": max(1.0 - sum(likely.values()), 0.0),
         },
         "agreement": {"total_variation": posterior.disagreement, "agree": posterior.agree},
-        "discrepancy": [
-            {
-                "covariate": part.covariate,
-                "rms_mm": part.rms / MM,
-                "u_mm": part.u / MM,
-                "probability": part.probability,
-            }
-            for part in diagnosis.unexplained.discrepancy
-        ],
+        "discrepancy": discrepancy_to_dicts(diagnosis.unexplained),
         "unexplained": _unexplained(diagnosis.unexplained),
         "not_tried": not_tried_in_json(
             not_tried(diagnosis.model.arm, diagnosis.choice.library, records)
@@ -87,13 +79,14 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
 def finding_to_dict(finding: Finding) -> dict[str, Any]:
     """A cause with its place, inner fields, probabilities and values."""
     effect, brought = finding.effect, finding.brought
-    fields = {name: getattr(effect, name) for name in fields_of(type(effect))}
+    names = [name for name in fields_of(type(effect)) if name not in PLACE_FIELDS]
+    inner = {name: getattr(effect, name) for name in names}
     waves = strongest_waves(effect)
     spectrum = [{"order": order, "amplitude_rad": size} for order, size in waves or ()]
     return {
         "cause": finding.cause,
         "joint": finding.joint,
-        **{name: fields[name] for name in fields if _is_inner(name, fields[name])},
+        **{name: value for name, value in inner.items() if value not in (None, ())},
         **({} if waves is None else {"spectrum": spectrum}),
         "probability": finding.probability,
         "p_value": finding.p_value,
@@ -113,9 +106,17 @@ def finding_to_dict(finding: Finding) -> dict[str, Any]:
     }
 
 
-def _is_inner(name: str, value: object) -> bool:
-    """Whether a field is an order, a time or the like, and set."""
-    return name not in PLACE_FIELDS and value not in (None, ())
+def discrepancy_to_dicts(left: Unexplained) -> list[dict[str, Any]]:
+    """What no cause explains: covariate, size at the tip, u, probability."""
+    return [
+        {
+            "covariate": part.covariate,
+            "rms_mm": part.rms / MM,
+            "u_mm": part.u / MM,
+            "probability": part.probability,
+        }
+        for part in left.discrepancy
+    ]
 
 
 def _place(effect: Effect | None, label: str) -> dict[str, Any]:
