@@ -422,8 +422,11 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
     """The stated box, or one around the reach (4,) [m]."""
     wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP, revolute=True))
     if extent is None:
-        beyond = 0.0 if axis is None else _tip_beyond_wrist(arm, wrist)
-        around = box_of_wrist(wrist) + OUTWARDS_OF_BOX * beyond
+        around = box_of_wrist(wrist)
+        if axis is not None:
+            q = spread_angles(PROBES, arm.nq)
+            stylus = np.linalg.norm(arm.positions(q) - arm.positions(q, WRIST), axis=1)
+            around += OUTWARDS_OF_BOX * (stylus.max() + 2.0 * wrist.lever)
         _, farthest, lowest, highest = around.tolist()
         size = max(farthest, highest - lowest)
         if size < SMALLEST_ARM:
@@ -438,13 +441,6 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
         raise AacmmError(f"extent is {(box / MM).tolist()} mm; expected 0 ≤ X0 < X1 and Z0 < Z1")
     return box
-
-
-def _tip_beyond_wrist(arm: Arm, wrist: Wrist) -> float:
-    """How much farther the tip reaches than the wrist with joint 5 held, at most [m]."""
-    q = spread_angles(PROBES, arm.nq)
-    stylus = np.linalg.norm(arm.positions(q) - arm.positions(q, WRIST), axis=1)
-    return float(stylus.max()) + 2.0 * wrist.lever
 
 
 def _probe(

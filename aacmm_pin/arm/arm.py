@@ -679,8 +679,14 @@ def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) 
     for joint, step in enumerate(file.corrections, start=1):
         model.jointPlacements[joint] = nominal.jointPlacements[joint] * _motion(step)
     model.gravity.linear = np.array(file.gravity_m_s2)
-    shift = file.urdf.translation_half_width_mm * MM
-    parameters = _placement_parameters(model, shift, file.urdf.rotation_half_width_rad)
+    half_widths = {"m": file.urdf.translation_half_width_mm * MM}
+    half_widths["rad"] = file.urdf.rotation_half_width_rad
+    parameters = []
+    for joint in range(1, model.njoints):
+        for kind in ("x", "y", "z", "rx", "ry", "rz"):
+            unit = "rad" if "r" in kind else "m"
+            name = f"{kind}{joint}"
+            parameters.append(Parameter.bounded(name, kind, joint, unit, 0.0, half_widths[unit]))
     limits = np.column_stack([model.lowerPositionLimit, model.upperPositionLimit])
     return _of_file(
         file,
@@ -739,12 +745,3 @@ def as_arm(given: object, name: str = "arm") -> Arm:
         f"{name} is of type {type(given).__name__}; expected an Arm, or the name or path of an "
         f"arm{held}"
     )
-
-
-def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:
-    parameters = []
-    for joint in range(1, model.njoints):
-        for kind in ("x", "y", "z", "rx", "ry", "rz"):
-            unit, bound = ("rad", turn) if "r" in kind else ("m", shift)
-            parameters.append(Parameter.bounded(f"{kind}{joint}", kind, joint, unit, 0.0, bound))
-    return tuple(parameters)

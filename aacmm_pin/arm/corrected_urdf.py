@@ -49,7 +49,11 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
         )
     robot = parsed_urdf(content, urdf.file)
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}
-    motions = _corrections(arm)
+    motions = {}  # of each joint's placement, in its own axes
+    placements = zip(arm.nominal.jointPlacements, arm.model.jointPlacements, strict=True)
+    for name, (before, after) in zip(arm.model.names, placements, strict=True):
+        if before != after:
+            motions[name] = before.actInv(after)
     if tip_shift is not None and np.any(tip_shift):
         motions[_joint_of_tip(joints, arm)] = pin.SE3(np.eye(3), np.array(tip_shift))
     if not motions:
@@ -60,17 +64,6 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     return bytes(
         etree.tostring(tree, xml_declaration=True, encoding=tree.docinfo.encoding or "utf-8")
     )
-
-
-def _corrections(arm: Arm) -> dict[str, Any]:
-    """Motion of each joint's placement, in its own axes, by the name of the joint."""
-    motions = {}
-    for number, name in enumerate(arm.joint_names, start=1):
-        before = arm.nominal.jointPlacements[number]
-        after = arm.model.jointPlacements[number]
-        if before != after:
-            motions[name] = before.actInv(after)
-    return motions
 
 
 def _joint_of_tip(joints: dict[str, Element], arm: Arm) -> str:

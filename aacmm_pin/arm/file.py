@@ -676,15 +676,10 @@ def validated(kind: type[Kind], data: dict[str, Any], path: str) -> Kind:
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        raise _explained(error, path, kind) from None
-
-
-def _explained(error: ValidationError, path: str, kind: type[AnyArmFile]) -> ArmFileError:
-    """One line for each problem: what came, what was expected, and where."""
-    (key, message), *others = [_problem(item, kind) for item in error.errors()]
-    for problem in others:
-        message += f"\n{ArmFileError(path, *problem)}"
-    return ArmFileError(path, key, message)
+        (key, message), *others = [_problem(item, kind) for item in error.errors()]
+        for problem in others:
+            message += f"\n{ArmFileError(path, *problem)}"
+        raise ArmFileError(path, key, message) from None
 
 
 def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:

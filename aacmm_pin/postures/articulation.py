@@ -48,7 +48,9 @@ def places(arm: Arm, points: Array) -> pd.DataFrame:
     bearing from the base's first level axis (counter-clockwise, seen from above), height over the
     base.
     """
-    level = _level(arm)
+    level = np.eye(3)[np.argmin(np.abs(arm.up))]
+    level = level - arm.up * (level @ arm.up)
+    level /= np.linalg.norm(level)
     x = points @ level
     y = points @ np.cross(arm.up, level)
     bearing = np.round(np.arctan2(y, x) / DEG) + 0.0
@@ -59,13 +61,6 @@ def places(arm: Arm, points: Array) -> pd.DataFrame:
             "height_mm": points @ arm.up / MM,
         }
     ).round(0)
-
-
-def _level(arm: Arm) -> Array:
-    """The base's axis that is least along gravity, made level (3,)."""
-    level = np.eye(3)[np.argmin(np.abs(arm.up))]
-    level = level - arm.up * (level @ arm.up)
-    return np.asarray(level / np.linalg.norm(level))
 
 
 def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
