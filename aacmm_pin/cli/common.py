@@ -107,16 +107,6 @@ Plot = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 
 
-def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
-    """Refuse those of the ``options``, by the names of their arguments, that were given with a
-    command.
-    """
-    for parameter in context.command.params:
-        source = context.get_parameter_source(str(parameter.name))
-        if parameter.name in options and source is not None and source.name != "DEFAULT":
-            raise typer.BadParameter(f"{parameter.opts[0]} {why}")
-
-
 @dataclass(frozen=True)
 class Replacing:
     """Options of a command that writes files."""

@@ -189,7 +189,16 @@ def _errors_as_messages() -> Iterator[None]:
         ending = _ending(error)
         if ending is None:
             raise
-        _end(*ending)
+        status, message = ending
+        with suppress(OSError):  # nobody may read it
+            if message:
+                print_error(f"aacmm-pin: {message}")
+        for stream in (sys.stdout, sys.stderr):
+            try:
+                stream.flush()
+            except OSError:  # it would be tried again at exit, with a message of Python's own
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        raise SystemExit(status) from None
 
 
 def _ending(error: BaseException) -> tuple[int, str] | None:
@@ -213,7 +222,10 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
         case BrokenPipeError():  # its reader has what it wanted, as head has
             return 128 + signal.SIGPIPE, ""
         case OSError():
-            return 1, _of_the_system(error)
+            words = error.strerror or str(error)
+            of_stream = error.errno == errno.ENOSPC or isinstance(error, io.UnsupportedOperation)
+            place = error.filename or ("standard output" if of_stream else "")
+            return 1, f"{place}: {words}".removeprefix(": ")
     if "aacmm_pin.cli.plugins" not in sys.modules:
         return None
     from aacmm_pin.cli.plugins import plugin_error
@@ -231,26 +243,6 @@ def _of_option(message: str, options: Mapping[str, str]) -> str:
         return message
     value = re.sub(r"[][(),]", "", said[2])
     return f"{options[said[1]]} {value}: {message[said.end() :]}"
-
-
-def _of_the_system(error: OSError) -> str:
-    words = error.strerror or str(error)
-    of_stream = error.errno == errno.ENOSPC or isinstance(error, io.UnsupportedOperation)
-    place = error.filename or ("standard output" if of_stream else None)
-    return words if place is None else f"{place}: {words}"
-
-
-def _end(status: int, message: str) -> None:
-    """Say why, if anybody reads it, and give up what standard output did not take."""
-    with suppress(OSError):
-        if message:
-            print_error(f"aacmm-pin: {message}")
-    for stream in (sys.stdout, sys.stderr):
-        try:
-            stream.flush()
-        except OSError:  # it would be tried again at exit, with a message of Python's own
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    raise SystemExit(status)
 
 
 OF_PROGRAMS = (

@@ -24,7 +24,6 @@ from aacmm_pin.cli.common import (
     length_option,
     note,
     output_option,
-    refuse,
     status,
 )
 from aacmm_pin.effects import Effect, ErrorModel, require_shown, stated_cause
@@ -179,17 +178,21 @@ def _refuse_others(
     context: typer.Context, scheme: Scheme, procedure: Path | None, no_seat_coordinates: bool
 ) -> None:
     """Refuse options that this scheme or the procedure does not use."""
-    if procedure is not None:
-        refuse(context, ("scheme", "records", *SCHEMES_WITH), "cannot be combined with --procedure")
-    for option, schemes in SCHEMES_WITH.items():
-        if scheme not in schemes:
-            refuse(context, [option], f"requires --scheme {' or '.join(schemes)}")
+    reasons = {
+        option: f"requires --scheme {' or '.join(schemes)}"
+        for option, schemes in SCHEMES_WITH.items()
+        if scheme not in schemes
+    }
     if no_seat_coordinates:
-        refuse(
-            context,
-            ["reference_noise", "orientation_noise"],
-            "cannot be combined with --no-seat-coordinates, which states no reference",
-        )
+        why = "cannot be combined with --no-seat-coordinates, which states no reference"
+        reasons = dict.fromkeys(("reference_noise", "orientation_noise"), why) | reasons
+    if procedure is not None:
+        options = ("scheme", "records", *SCHEMES_WITH)
+        reasons = dict.fromkeys(options, "cannot be combined with --procedure")
+    for parameter in context.command.params:
+        source = context.get_parameter_source(str(parameter.name))
+        if parameter.name in reasons and source is not None and source.name != "DEFAULT":
+            raise typer.BadParameter(f"{parameter.opts[0]} {reasons[parameter.name]}")
 
 
 def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:
