@@ -21,7 +21,7 @@ SAME_FRACTION = 1e-4
 """Part of the squared effect of one cause below which the other has the same effect."""
 UNDETECTABLE = 1e-6
 """A cause whose squared effect, the noise being one, is smaller than this shows nothing."""
-FREQUENCIES = 0.075 * (np.arange(400) + 0.5)
+FREQUENCIES = 0.15 * (np.arange(200) + 0.5)
 """Where a characteristic function is taken, over the standard deviation: probabilities are then
 right to 1e-4.
 """
@@ -178,10 +178,12 @@ def _exceeds(threshold: float, weights: Array, noncentrality: Array) -> float:
     if abs(mean) > CERTAIN * spread:
         return float(mean > 0)
     t = FREQUENCIES / spread
-    turned = 1 - 2j * np.outer(t, weights)
-    shifted = (weights * noncentrality / turned).sum(axis=1)
-    characteristic = np.exp(1j * t * (shifted - threshold)) / np.sqrt(turned).prod(axis=1)
-    integral = 2 * FREQUENCIES[0] * np.sum(characteristic.imag / FREQUENCIES)
+    turn = 2 * np.outer(t, weights)
+    length = 1 + np.square(turn)
+    shifted = weights * noncentrality / length
+    phase = 0.5 * np.arctan(turn).sum(axis=1) + t * (shifted.sum(axis=1) - threshold)
+    decay = 0.25 * np.log(length).sum(axis=1) + t * (turn * shifted).sum(axis=1)
+    integral = 2 * FREQUENCIES[0] * np.sum(np.sin(phase) * np.exp(-decay) / FREQUENCIES)
     return float(np.clip(0.5 + integral / np.pi, 0.0, 1.0))
 
 
