@@ -23,6 +23,7 @@ from .limits import AT_LIMIT, inside_part, into_limits, outside_limits, whole_tu
 from .parameter import Parameter, Scope, wide_half_width_notes
 from .poses import Poses
 from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds, spread_postures
+from .ur_kinematics import UR_FILES, UR_ROBOTS, ur_kinematics, ur_urdf
 from .urdf import urdf_text
 from .urdf_to_dh import dh_file
 
@@ -36,6 +37,8 @@ __all__ = [
     "MOST_BYTES",
     "MOST_DRAWS",
     "OF_A_POSE",
+    "UR_FILES",
+    "UR_ROBOTS",
     "Arm",
     "ArmFile",
     "Chain",
@@ -70,6 +73,8 @@ __all__ = [
     "spread_postures",
     "table",
     "toml_of",
+    "ur_kinematics",
+    "ur_urdf",
     "urdf_text",
     "validated",
     "whole_turn_notes",

@@ -16,6 +16,7 @@ the offset itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from aacmm_pin._support.units import MM
@@ -89,27 +90,23 @@ def _add_row(
     d = row.d_mm * MM
     tilt = (row.alpha_rad, 0.0, 0.0)
     if not standard:
-        parent = _fixed_link(robot, parent, f"twist{number}", (a, 0.0, 0.0), tilt)
+        parent = fixed_link(robot, parent, f"twist{number}", (a, 0.0, 0.0), tilt)
         if abs(a) > SHORTEST_DRAWN:
             _draw(parent, "tube", TUBE_RADIUS, abs(a), (-a / 2, 0.0, 0.0), _ALONG_X)
-    link = ET.SubElement(robot, "link", name=f"link{number}")
-    kind = "fixed" if row.fixed else row.kind
-    joint = _joint(
-        robot, f"joint{number}", kind, parent, link, rpy=(0.0, 0.0, row.theta_offset_rad)
-    )
-    if row.limits is not None:
-        ET.SubElement(joint, "axis", xyz="0 0 1")
-        lower, upper = row.limits
-        ET.SubElement(
-            joint, "limit", lower=_text(lower), upper=_text(upper), effort="0", velocity="10"
-        )
+    names = f"link{number}", f"joint{number}"
+    origin = _ZERO, (0.0, 0.0, row.theta_offset_rad)
+    if row.limits is None:
+        link = ET.SubElement(robot, "link", name=names[0])
+        _joint(robot, names[1], "fixed", parent, link, *origin)
+    else:
+        link = moving_link(robot, parent, *names, row.kind, row.limits, *origin)
         _draw(link, "joint", 0.026, 0.06)
     material, radius = ("stylus", STYLUS_RADIUS) if last else ("tube", TUBE_RADIUS)
     if abs(d) > SHORTEST_DRAWN:
         _draw(link, material, radius, abs(d), (0.0, 0.0, d / 2))
     if standard and abs(a) > SHORTEST_DRAWN:
         _draw(link, material, radius, abs(a), (a / 2, 0.0, d), _ALONG_X)
-    frame = _fixed_link(
+    frame = fixed_link(
         robot, link, f"frame{number}", (a if standard else 0.0, 0.0, d), tilt if standard else _ZERO
     )
     if row.mass_kg is not None:
@@ -123,9 +120,31 @@ def _add_row(
     return frame
 
 
-def _fixed_link(
-    robot: ET.Element, parent: ET.Element, name: str, xyz: Triple, rpy: Triple
+def moving_link(
+    robot: ET.Element,
+    parent: ET.Element,
+    name: str,
+    joint: str,
+    kind: str,
+    limits: Sequence[float],
+    xyz: Sequence[float],
+    rpy: Sequence[float],
 ) -> ET.Element:
+    """Append a link that turns about, or slides along, z of ``parent`` [rad, m]."""
+    link = ET.SubElement(robot, "link", name=name)
+    moving = _joint(robot, joint, kind, parent, link, xyz, rpy)
+    ET.SubElement(moving, "axis", xyz="0 0 1")
+    lower, upper = limits
+    ET.SubElement(
+        moving, "limit", lower=_text(lower), upper=_text(upper), effort="0", velocity="10"
+    )
+    return link
+
+
+def fixed_link(
+    robot: ET.Element, parent: ET.Element, name: str, xyz: Sequence[float], rpy: Sequence[float]
+) -> ET.Element:
+    """Append a link fixed to ``parent``."""
     link = ET.SubElement(robot, "link", name=name)
     _joint(robot, f"{name}_fixed", "fixed", parent, link, xyz, rpy)
     return link
@@ -137,8 +156,8 @@ def _joint(
     kind: str,
     parent: ET.Element,
     child: ET.Element,
-    xyz: Triple = _ZERO,
-    rpy: Triple = _ZERO,
+    xyz: Sequence[float] = _ZERO,
+    rpy: Sequence[float] = _ZERO,
 ) -> ET.Element:
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(joint, "parent", link=parent.attrib["name"])
@@ -166,7 +185,7 @@ def _draw(
     ET.SubElement(visual, "material", name=material)
 
 
-def _origin(element: ET.Element, xyz: Triple, rpy: Triple) -> None:
+def _origin(element: ET.Element, xyz: Sequence[float], rpy: Sequence[float]) -> None:
     origin = ET.SubElement(element, "origin", xyz=_text(*xyz))
     origin.set("rpy", _text(*rpy))
 

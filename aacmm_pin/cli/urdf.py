@@ -1,4 +1,4 @@
-"""URDF of an arm, or the DH table of a URDF."""
+"""URDF of an arm; the DH table of a URDF; files of Universal Robots."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.text_escaping import encodable
-from aacmm_pin.arm import ArmFile, arm_text, dh_file, urdf_text
+from aacmm_pin.arm import (
+    UR_FILES,
+    UR_ROBOTS,
+    ArmFile,
+    arm_text,
+    dh_file,
+    ur_kinematics,
+    ur_urdf,
+    urdf_text,
+)
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.cli.arm_options import AnyArm
 from aacmm_pin.cli.command import command
@@ -19,6 +28,7 @@ from aacmm_pin.effects import ErrorModel, StylusOffset
 @command(
     "aacmm-pin urdf sino6 -o sino6.urdf",
     "aacmm-pin urdf --to-dh ur5 -o ur5.toml",
+    "aacmm-pin urdf my_robot_calibration.yaml -o my_robot.urdf",
 )
 def run(
     arm: AnyArm,
@@ -30,13 +40,35 @@ def run(
             "names.",
         ),
     ] = False,
+    to_ur: Annotated[
+        bool,
+        typer.Option(
+            "--to-ur",
+            help="Write the kinematics file of the ROS description of Universal Robots.",
+        ),
+    ] = False,
+    ur_robot: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="With calibration.conf of a controller of Universal Robots as ARM: the robot "
+            f"({', '.join(UR_ROBOTS)}).",
+        ),
+    ] = "",
     output: Output = None,
     *,
     files: Replacing,
 ) -> None:
     with Results(files, output) as results:
+        if arm.arm is not None and arm.arm.endswith(UR_FILES):
+            results.text(ur_urdf(arm.arm, ur_robot), output)
+            return
         model = arm.model()
-        if to_dh:
+        if to_ur:
+            if any(isinstance(effect, StylusOffset) for effect in model.effects):
+                note("the kinematics file does not contain the offset of the tip")
+            results.text(ur_kinematics(model.arm), output)
+        elif to_dh:
             table = arm_text(dh_file(model.arm))
             if model.effects:
                 names = ", ".join(effect.label for effect in model.effects)

@@ -1,0 +1,181 @@
+"""Kinematics of one robot of Universal Robots, as its maker calibrated it: the file of the ROS
+description, and the Denavit–Hartenberg table of the controller.
+"""
+
+from __future__ import annotations
+
+import configparser
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+import yaml
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.urdf import fixed_link, moving_link
+from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
+
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+LIMITS = (-2.0 * np.pi, 2.0 * np.pi)
+KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
+ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+UR_ROBOTS = {
+    "ur3": ((-0.24365, -0.21325), (0.1519, 0.11235, 0.08535, 0.0819)),
+    "ur5": ((-0.425, -0.39225), (0.089159, 0.10915, 0.09465, 0.0823)),
+    "ur10": ((-0.612, -0.5723), (0.1273, 0.163941, 0.1157, 0.0922)),
+    "ur3e": ((-0.24355, -0.2132), (0.15185, 0.13105, 0.08535, 0.0921)),
+    "ur5e": ((-0.425, -0.3922), (0.1625, 0.1333, 0.0997, 0.0996)),
+    "ur10e": ((-0.6127, -0.57155), (0.1807, 0.17415, 0.11985, 0.11655)),
+    "ur16e": ((-0.4784, -0.36), (0.1807, 0.17415, 0.11985, 0.11655)),
+    "ur20": ((-0.862, -0.7287), (0.2363, 0.201, 0.1593, 0.1543)),
+    "ur30": ((-0.637, -0.5037), (0.2363, 0.201, 0.1593, 0.1543)),
+}
+"""Lengths a of rows 2 and 3, and d of rows 1, 4, 5 and 6, by the maker's table [m]; all other
+lengths are zero."""
+UR_FILES = (".yaml", ".yml", ".conf")
+"""Ends of the names of such files."""
+
+
+def ur_urdf(path: str | Path, robot: str = "") -> str:
+    """URDF of a robot of Universal Robots by its own calibration, from ``base`` to ``tool0``.
+
+    Args:
+        path: kinematics file of the ROS description (``.yaml``), or ``calibration.conf`` of the
+            controller, whose ``delta_…`` are added to the maker's table.
+        robot: name in :data:`UR_ROBOTS`, such as ``ur5e``; only ``calibration.conf`` needs it.
+
+    Raises:
+        ArmFileError: the file cannot be read, or lacks a value.
+        UnknownNameError: no such robot.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ArmFileError(str(path), "", f"the file cannot be read: {error}") from None
+    if Path(path).suffix == ".conf":
+        name, placements = robot, placements_of_dh(_table(text, str(path), robot))
+    else:
+        name, placements = _of_yaml(text, str(path))
+    root = ET.Element("robot", name=name)
+    link = ET.SubElement(root, "link", name="base")
+    for joint, child, placement in zip(JOINTS, LINKS, placements, strict=False):
+        names = f"{child}_link", f"{joint}_joint"
+        link = moving_link(root, link, *names, "revolute", LIMITS, *_xyz_rpy(placement))
+    fixed_link(root, link, "tool0", *_xyz_rpy(placements[-1]))
+    ET.indent(root)
+    return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def ur_kinematics(arm: Arm) -> str:
+    """The kinematics file of the ROS description for an arm from :func:`ur_urdf`.
+
+    A placement of the tip is not part of the file. The robot's name in the URDF becomes the hash.
+
+    Raises:
+        UnsupportedArmError: the joints are not those of a robot of Universal Robots.
+    """
+    expected = [f"{joint}_joint" for joint in JOINTS]
+    if list(arm.joint_names) != expected:
+        raise UnsupportedArmError(
+            f"{arm.name}: joints {', '.join(arm.joint_names)}; expected {', '.join(expected)}"
+        )
+    kinematics: dict[str, Any] = {}
+    for link, placement in zip(LINKS, arm.model.jointPlacements[1:7], strict=True):
+        xyz, rpy = _xyz_rpy(placement)
+        kinematics[link] = dict(zip(KEYS, (*xyz, *rpy), strict=True))
+    kinematics["hash"] = arm.model.name
+    return str(yaml.safe_dump({"kinematics": kinematics}, sort_keys=False))
+
+
+def placements_of_dh(table: Array) -> list[Any]:
+    """Placement of each joint in the link before it, and of the tool in the last (7 of SE3).
+
+    The axes of joints 2 to 4 are nearly parallel, and the controller's d of these rows may be
+    hundreds of metres. Frames of joints 2 and 3 may stand anywhere along their axes and have any
+    angle about it: joint 2 where row 1 ends, joint 3 in the plane through it perpendicular to axis
+    2, turned no more than the axis is. The tip stays at every posture.
+
+    Args:
+        table: theta, d, a, alpha of standard Denavit–Hartenberg rows (4, 6) [rad, m].
+    """
+    frames = []
+    end = pin.SE3.Identity()
+    ends = [end]
+    for theta, d, a, alpha in table.T:
+        along_z = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, theta), np.array([0.0, 0.0, d]))
+        along_x = pin.SE3(pin.rpy.rpyToMatrix(alpha, 0.0, 0.0), np.array([a, 0.0, 0.0]))
+        frames.append(end * along_z)
+        end = end * along_z * along_x
+        ends.append(end)
+    second, along = ends[1], frames[2].rotation[:, 2]
+    normal = second.rotation[:, 2]
+    beyond = normal @ (frames[2].translation - second.translation) / (normal @ along)
+    rotation = pin.Quaternion.FromTwoVectors(normal, along).matrix() @ second.rotation
+    third = pin.SE3(rotation, frames[2].translation - beyond * along)
+    chain = [pin.SE3.Identity(), frames[0], second, third, *frames[3:], end]
+    return [before.actInv(after) for before, after in itertools.pairwise(chain)]
+
+
+def _xyz_rpy(placement: Any) -> tuple[list[float], list[float]]:
+    return placement.translation.tolist(), pin.rpy.matrixToRpy(placement.rotation).tolist()
+
+
+def _table(text: str, place: str, robot: str) -> Array:
+    """Theta, d, a, alpha of the maker's table with the deltas of a controller (4, 6)."""
+    if robot not in UR_ROBOTS:
+        raise UnknownNameError("robot", robot, list(UR_ROBOTS))
+    (a2, a3), (d1, d4, d5, d6) = UR_ROBOTS[robot]
+    nominal: dict[str, tuple[float, ...]] = {
+        "theta": 6 * (0.0,),
+        "d": (d1, 0.0, 0.0, d4, d5, d6),
+        "a": (0.0, a2, a3, 0.0, 0.0, 0.0),
+        "alpha": ALPHA,
+    }
+    parser = configparser.ConfigParser(strict=False, interpolation=None)
+    try:
+        parser.read_string(text)
+    except configparser.Error as error:
+        raise ArmFileError(place, "", str(error)) from None
+    stated = {key: value for section in parser.values() for key, value in section.items()}
+    rows = []
+    for name, values in nominal.items():
+        try:
+            deltas = json.loads(stated.get(f"delta_{name}", "null"))
+        except json.JSONDecodeError:
+            deltas = stated[f"delta_{name}"]
+        rows.append(_numbers(deltas, place, f"delta_{name}") + np.array(values))
+    return np.array(rows)
+
+
+def _of_yaml(text: str, place: str) -> tuple[str, list[Any]]:
+    """Hash and placements of a kinematics file, the tool in the last link."""
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ArmFileError(place, "", str(error)) from None
+    kinematics = content.get("kinematics") if isinstance(content, dict) else None
+    if not isinstance(kinematics, dict):
+        raise ArmFileError(place, "kinematics", f"missing; expected the links {', '.join(LINKS)}")
+    placements = []
+    for link in LINKS:
+        values = kinematics.get(link)
+        stated = [values.get(key) for key in KEYS] if isinstance(values, dict) else values
+        numbers = _numbers(stated, place, f"kinematics.{link}")
+        placements.append(pin.SE3(pin.rpy.rpyToMatrix(*numbers[3:]), numbers[:3]))
+    return str(kinematics.get("hash", "robot")), [*placements, pin.SE3.Identity()]
+
+
+def _numbers(values: object, place: str, key: str) -> Array:
+    """Six finite numbers."""
+    numbers = values if isinstance(values, list) else []
+    if len(numbers) != 6 or not all(isinstance(v, int | float) for v in numbers):
+        raise ArmFileError(place, key, f"{values!r}; expected six numbers")
+    if not np.isfinite(numbers).all():
+        raise ArmFileError(place, key, f"{values!r}; expected finite numbers")
+    return np.array(numbers, dtype=np.float64)

@@ -1,0 +1,155 @@
+"""Robots of Universal Robots by their own calibration: the tool is where a product of the matrices
+of the controller's Denavit–Hartenberg table has it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm import UR_ROBOTS, Arm, ur_kinematics, ur_urdf
+from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
+from tests.cli import shell
+
+# A calibrated UR5, of which d runs away along the parallel axes.
+UR5 = {
+    "theta": [
+        -9.62699668632896e-06,
+        -1.43707039992005,
+        2.02543119975016,
+        -0.588254688694989,
+        4.13647390228702e-05,
+        8.1737464953645e-06,
+    ],
+    "a": [
+        0.000279332356195598,
+        -0.0566854832098269,
+        -0.32646702272051,
+        1.49388687216263e-05,
+        2.23692592990586e-07,
+        0.0,
+    ],
+    "d": [
+        0.0888794492754001,
+        574.241384579456,
+        -507.363402098168,
+        -66.7676839353205,
+        0.0949734691141216,
+        0.0825625014554953,
+    ],
+    "alpha": [
+        1.57033858830411,
+        -0.000733893428160216,
+        0.00325607356326439,
+        1.57040005185553,
+        -1.57101000328584,
+        0.0,
+    ],
+}
+NOMINAL = {
+    "theta": np.zeros(6),
+    "a": np.array([0.0, -0.425, -0.39225, 0.0, 0.0, 0.0]),
+    "d": np.array([0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823]),
+    "alpha": np.array([np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0]),
+}
+
+
+@pytest.fixture
+def controller(tmp_path):
+    """The file of a controller: differences from the maker's table."""
+    path = tmp_path / "calibration.conf"
+    lines = ["[mounting]", "calibration_status = 2", "joint_checksum = [ 0x1, 0x2 ]"]
+    for name, values in UR5.items():
+        deltas = np.subtract(values, NOMINAL[name]).tolist()
+        lines.append(f"delta_{name} = [ {', '.join(f'{value!r}' for value in deltas)} ]")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def tool(q: Array) -> Array:
+    """The tool of the calibrated UR5 (4, 4)."""
+    place = np.eye(4)
+    for angle, theta, a, d, alpha in zip(q, *(UR5[key] for key in UR5), strict=True):
+        c, s = np.cos(angle + theta), np.sin(angle + theta)
+        ca, sa = np.cos(alpha), np.sin(alpha)
+        place = place @ [
+            [c, -s * ca, s * sa, a * c],
+            [s, c * ca, -c * sa, a * s],
+            [0.0, sa, ca, d],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    return np.asarray(place)
+
+
+def test_the_tool_is_where_the_controller_has_it(controller, tmp_path):
+    path = tmp_path / "ur5.urdf"
+    path.write_text(ur_urdf(controller, "ur5"))
+    arm = Arm.from_urdf(path, "tool0")
+    postures = np.random.default_rng(1).uniform(-np.pi, np.pi, (50, 6))
+    wanted = np.array([tool(q) for q in postures])
+    np.testing.assert_allclose(arm.positions(postures), wanted[:, :3, 3], rtol=0, atol=1e-11)
+    model = pin.buildModelFromUrdf(str(path))
+    data = model.createData()
+    for q, place in zip(postures, wanted, strict=True):
+        pin.framesForwardKinematics(model, data, q)
+        placement = data.oMf[model.getFrameId("tool0")]
+        np.testing.assert_allclose(placement.homogeneous, place, rtol=0, atol=1e-11)
+    assert max(np.abs(p.translation).max() for p in arm.model.jointPlacements) < 1.0
+
+
+def test_a_kinematics_file_there_and_back(controller, tmp_path):
+    """The first links are as the maker's own program writes them."""
+    shell.done(f"urdf {controller} --ur-robot ur5 -o {tmp_path / 'ur5.urdf'}")
+    arm = Arm.from_urdf(tmp_path / "ur5.urdf", "tool0")
+    shell.done(
+        f"urdf --urdf {tmp_path / 'ur5.urdf'} --frame tool0 --to-ur -o {tmp_path / 'a.yaml'}"
+    )
+    content = yaml.safe_load((tmp_path / "a.yaml").read_text())["kinematics"]
+    first, second = (np.array([*content[link].values()]) for link in ("shoulder", "upper_arm"))
+    np.testing.assert_allclose(first, [0, 0, 0.08887944927540013, 0, 0, -9.626996686328957e-06])
+    np.testing.assert_allclose(
+        second, [0.0002793323561955981, 0, 0, 1.570338588304109, 0, 0], atol=1e-15
+    )
+    content["hash"] = "calib_12345"
+    (tmp_path / "b.yaml").write_text(yaml.safe_dump({"kinematics": content}))
+    (tmp_path / "b.urdf").write_text(ur_urdf(tmp_path / "b.yaml"))
+    back = Arm.from_urdf(tmp_path / "b.urdf", "tool0")
+    q = np.random.default_rng(2).uniform(-np.pi, np.pi, (9, 6))
+    np.testing.assert_allclose(back.positions(q), arm.positions(q), rtol=0, atol=1e-12)
+    assert yaml.safe_load(ur_kinematics(back))["kinematics"]["hash"] == "calib_12345"
+
+
+@pytest.mark.parametrize("robot", UR_ROBOTS)
+def test_the_maker_s_table(robot, tmp_path):
+    """Without differences; stretched upwards, the reach is the sum of the lengths."""
+    path = tmp_path / "calibration.conf"
+    zeros = "[0, 0, 0, 0, 0, 0]"
+    path.write_text("[mounting]\n" + "\n".join(f"delta_{name} = {zeros}" for name in UR5))
+    (tmp_path / "robot.urdf").write_text(ur_urdf(path, robot))
+    arm = Arm.from_urdf(tmp_path / "robot.urdf", "tool0")
+    (a2, a3), (d1, d4, d5, d6) = UR_ROBOTS[robot]
+    position = arm.positions(np.zeros((1, 6)))[0]
+    np.testing.assert_allclose(position, [a2 + a3, -d4 - d6, d1 - d5], atol=1e-12)
+
+
+def test_a_file_that_lacks_a_value_is_refused(controller, tmp_path, sino6):
+    text = controller.read_text()
+    controller.write_text(text.replace("delta_a", "delta_b"))
+    with pytest.raises(ArmFileError, match=r"calibration.conf: delta_a: None; expected six"):
+        ur_urdf(controller, "ur5")
+    with pytest.raises(UnknownNameError, match="ur5e"):
+        ur_urdf(controller, "ur6")
+    other = tmp_path / "x.yaml"
+    for content, message in (
+        ("a: 1", "kinematics: missing"),
+        ("{", "x.yaml"),
+        ("kinematics: {shoulder: 1}", "kinematics.shoulder: 1; expected six"),
+    ):
+        other.write_text(content)
+        with pytest.raises(ArmFileError, match=message):
+            ur_urdf(other)
+    with pytest.raises(UnsupportedArmError, match="shoulder_pan_joint"):
+        ur_kinematics(sino6)
