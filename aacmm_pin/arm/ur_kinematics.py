@@ -20,11 +20,11 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.urdf import fixed_link, moving_link
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 
-LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-LIMITS = (-2.0 * np.pi, 2.0 * np.pi)
-KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
-ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+UR_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+UR_LIMITS = (-2.0 * np.pi, 2.0 * np.pi)
+UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
+UR_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 UR_ROBOTS = {
     "ur3": ((-0.24365, -0.21325), (0.1519, 0.11235, 0.08535, 0.0819)),
     "ur5": ((-0.425, -0.39225), (0.089159, 0.10915, 0.09465, 0.0823)),
@@ -64,9 +64,9 @@ def ur_urdf(path: str | Path, robot: str = "") -> str:
         name, placements = _of_yaml(text, str(path))
     root = ET.Element("robot", name=name)
     link = ET.SubElement(root, "link", name="base")
-    for joint, child, placement in zip(JOINTS, LINKS, placements, strict=False):
+    for joint, child, placement in zip(UR_JOINTS, UR_LINKS, placements, strict=False):
         names = f"{child}_link", f"{joint}_joint"
-        link = moving_link(root, link, *names, "revolute", LIMITS, *_xyz_rpy(placement))
+        link = moving_link(root, link, *names, "revolute", UR_LIMITS, *_xyz_rpy(placement))
     fixed_link(root, link, "tool0", *_xyz_rpy(placements[-1]))
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
@@ -80,15 +80,15 @@ def ur_kinematics(arm: Arm) -> str:
     Raises:
         UnsupportedArmError: the joints are not those of a robot of Universal Robots.
     """
-    expected = [f"{joint}_joint" for joint in JOINTS]
+    expected = [f"{joint}_joint" for joint in UR_JOINTS]
     if list(arm.joint_names) != expected:
         raise UnsupportedArmError(
             f"{arm.name}: joints {', '.join(arm.joint_names)}; expected {', '.join(expected)}"
         )
     kinematics: dict[str, Any] = {}
-    for link, placement in zip(LINKS, arm.model.jointPlacements[1:7], strict=True):
+    for link, placement in zip(UR_LINKS, arm.model.jointPlacements[1:7], strict=True):
         xyz, rpy = _xyz_rpy(placement)
-        kinematics[link] = dict(zip(KEYS, (*xyz, *rpy), strict=True))
+        kinematics[link] = dict(zip(UR_KEYS, (*xyz, *rpy), strict=True))
     kinematics["hash"] = arm.model.name
     return str(yaml.safe_dump({"kinematics": kinematics}, sort_keys=False))
 
@@ -135,7 +135,7 @@ def _table(text: str, place: str, robot: str) -> Array:
         "theta": 6 * (0.0,),
         "d": (d1, 0.0, 0.0, d4, d5, d6),
         "a": (0.0, a2, a3, 0.0, 0.0, 0.0),
-        "alpha": ALPHA,
+        "alpha": UR_ALPHA,
     }
     parser = configparser.ConfigParser(strict=False, interpolation=None)
     try:
@@ -161,11 +161,13 @@ def _of_yaml(text: str, place: str) -> tuple[str, list[Any]]:
         raise ArmFileError(place, "", str(error)) from None
     kinematics = content.get("kinematics") if isinstance(content, dict) else None
     if not isinstance(kinematics, dict):
-        raise ArmFileError(place, "kinematics", f"missing; expected the links {', '.join(LINKS)}")
+        raise ArmFileError(
+            place, "kinematics", f"missing; expected the links {', '.join(UR_LINKS)}"
+        )
     placements = []
-    for link in LINKS:
+    for link in UR_LINKS:
         values = kinematics.get(link)
-        stated = [values.get(key) for key in KEYS] if isinstance(values, dict) else values
+        stated = [values.get(key) for key in UR_KEYS] if isinstance(values, dict) else values
         numbers = _numbers(stated, place, f"kinematics.{link}")
         placements.append(pin.SE3(pin.rpy.rpyToMatrix(*numbers[3:]), numbers[:3]))
     return str(kinematics.get("hash", "robot")), [*placements, pin.SE3.Identity()]
