@@ -7,13 +7,14 @@ from __future__ import annotations
 import configparser
 import itertools
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
-import pinocchio as pin
 import yaml
+from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
@@ -87,14 +88,14 @@ def ur_kinematics(arm: Arm) -> str:
         )
     kinematics: dict[str, Any] = {}
     for link, placement in zip(UR_LINKS, arm.model.jointPlacements[1:7], strict=True):
-        xyz, rpy = _xyz_rpy(placement)
+        xyz, rpy = _xyz_rpy(placement.homogeneous)
         kinematics[link] = dict(zip(UR_KEYS, (*xyz, *rpy), strict=True))
     kinematics["hash"] = arm.model.name
     return str(yaml.safe_dump({"kinematics": kinematics}, sort_keys=False))
 
 
-def placements_of_dh(table: Array) -> list[Any]:
-    """Placement of each joint in the link before it, and of the tool in the last (7 of SE3).
+def placements_of_dh(table: Array) -> list[Array]:
+    """Placement of each joint in the link before it, and of the tool in the last (7 of (4, 4)) [m].
 
     The axes of joints 2 to 4 are nearly parallel, and the controller's d of these rows may be
     hundreds of metres. Frames of joints 2 and 3 may stand anywhere along their axes and have any
@@ -105,25 +106,33 @@ def placements_of_dh(table: Array) -> list[Any]:
         table: theta, d, a, alpha of standard Denavit–Hartenberg rows (4, 6) [rad, m].
     """
     frames = []
-    end = pin.SE3.Identity()
-    ends = [end]
+    ends = [np.eye(4)]
     for theta, d, a, alpha in table.T:
-        along_z = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, theta), np.array([0.0, 0.0, d]))
-        along_x = pin.SE3(pin.rpy.rpyToMatrix(alpha, 0.0, 0.0), np.array([a, 0.0, 0.0]))
-        frames.append(end * along_z)
-        end = end * along_z * along_x
-        ends.append(end)
-    second, along = ends[1], frames[2].rotation[:, 2]
-    normal = second.rotation[:, 2]
-    beyond = normal @ (frames[2].translation - second.translation) / (normal @ along)
-    rotation = pin.Quaternion.FromTwoVectors(normal, along).matrix() @ second.rotation
-    third = pin.SE3(rotation, frames[2].translation - beyond * along)
-    chain = [pin.SE3.Identity(), frames[0], second, third, *frames[3:], end]
-    return [before.actInv(after) for before, after in itertools.pairwise(chain)]
+        frames.append(ends[-1] @ _placement([0.0, 0.0, d], [0.0, 0.0, theta]))
+        ends.append(frames[-1] @ _placement([a, 0.0, 0.0], [alpha, 0.0, 0.0]))
+    second, axis = ends[1], frames[2][:3, 2]
+    normal = second[:3, 2]
+    beyond = normal @ (frames[2][:3, 3] - second[:3, 3]) / (normal @ axis)
+    turn, _ = Rotation.align_vectors(axis, normal)
+    third = np.eye(4)
+    third[:3, :3] = turn.as_matrix() @ second[:3, :3]
+    third[:3, 3] = frames[2][:3, 3] - beyond * axis
+    chain = [np.eye(4), frames[0], second, third, *frames[3:], ends[-1]]
+    return [np.linalg.solve(before, after) for before, after in itertools.pairwise(chain)]
 
 
-def _xyz_rpy(placement: Any) -> tuple[list[float], list[float]]:
-    return placement.translation.tolist(), pin.rpy.matrixToRpy(placement.rotation).tolist()
+def _placement(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
+    """By the numbers of a URDF (4, 4)."""
+    placement = np.eye(4)
+    placement[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+    placement[:3, 3] = xyz
+    return placement
+
+
+def _xyz_rpy(placement: Array) -> tuple[list[float], list[float]]:
+    """The numbers of a URDF for a placement (4, 4)."""
+    rpy = Rotation.from_matrix(placement[:3, :3]).as_euler("xyz")
+    return placement[:3, 3].tolist(), rpy.tolist()
 
 
 def _table(text: str, place: str, robot: str) -> Array:
@@ -153,7 +162,7 @@ def _table(text: str, place: str, robot: str) -> Array:
     return np.array(rows)
 
 
-def _of_yaml(text: str, place: str) -> tuple[str, list[Any]]:
+def _of_yaml(text: str, place: str) -> tuple[str, list[Array]]:
     """Hash and placements of a kinematics file, the tool in the last link."""
     try:
         content = yaml.safe_load(text)
@@ -169,8 +178,8 @@ def _of_yaml(text: str, place: str) -> tuple[str, list[Any]]:
         values = kinematics.get(link)
         stated = [values.get(key) for key in UR_KEYS] if isinstance(values, dict) else values
         numbers = _numbers(stated, place, f"kinematics.{link}")
-        placements.append(pin.SE3(pin.rpy.rpyToMatrix(*numbers[3:]), numbers[:3]))
-    return str(kinematics.get("hash", "robot")), [*placements, pin.SE3.Identity()]
+        placements.append(_placement(numbers[:3].tolist(), numbers[3:].tolist()))
+    return str(kinematics.get("hash", "robot")), [*placements, np.eye(4)]
 
 
 def _numbers(values: object, place: str, key: str) -> Array:
