@@ -11,7 +11,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm import axis, rigid_motions, spread_postures
+from aacmm_pin.arm import rigid_motions, spread_postures
 from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
 from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects import listed
@@ -122,12 +122,9 @@ class Undetermined:
         the references.
         """
         records = self.problem.measurements
-        arm = self.problem.model.arm
-        limits = arm.limits.copy()
-        for effect in (*self.problem.model.effects, *self.problem.vector.effects):
-            if effect.known_range is not None and effect.row is not None:
-                limits[arm.chain.joint[axis(effect.row)]] = effect.known_range
-        q = spread_postures(replace(arm, limits=limits), OTHER_POSTURES, records.q)
+        model = self.problem.model.with_effects(*self.problem.vector.effects)
+        arm = model.restricted_to_known_range().arm
+        q = spread_postures(arm, OTHER_POSTURES, records.q)
         drawn = records.take(np.arange(OTHER_POSTURES) % records.n)
         conditions = drawn.conditions
         if on_tip and conditions.marker is not None:
