@@ -30,8 +30,8 @@ from aacmm_pin.report.document import (
     document_of,
 )
 from aacmm_pin.report.numbers import capital, three_digits
+from aacmm_pin.report.plots.residual_vectors import two_views
 from aacmm_pin.report.plots.style import BLUE
-from aacmm_pin.report.plots.two_views import two_views
 
 RIGHT = "probability of the right decision"
 CONSIDERED = f"Set-ups that the plan considered, with the {RIGHT}"

@@ -18,8 +18,8 @@ from aacmm_pin.report.document import (
     Table,
     document_of,
 )
+from aacmm_pin.report.plots.residual_vectors import two_views
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
-from aacmm_pin.report.plots.two_views import two_views
 from aacmm_pin.verification import ASME, EDITIONS, RULE_OF, Procedure
 
 ARTEFACTS = {

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
-from matplotlib.collections import LineCollection, PathCollection
-from matplotlib.colors import to_hex
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import MM
@@ -71,7 +70,8 @@ def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave):
     heights = []
     for ax in panels:
         (means,) = (c[0] for c in ax.containers)
-        x, y = np.deg2rad(means.get_xdata()), means.get_ydata()
+        x, y = np.array(means.get_data(), float)
+        x = np.deg2rad(x)
         columns = np.column_stack([np.cos(x), np.sin(x), np.ones_like(x)])
         heights.append(np.hypot(*np.linalg.lstsq(columns, y, rcond=None)[0][:2]))
     assert np.argmax(heights) == 2
@@ -97,11 +97,9 @@ def test_changes_stand_over_what_was_stated(at_seats):
     (ax,) = drawn(plot_parameter_changes(at_seats)).axes
     table = parameter_table(at_seats)
     assert [tick.get_text() for tick in ax.get_yticklabels()] == list(table["parameter"])
-    (points,) = (c for c in ax.collections if isinstance(c, PathCollection))
-    np.testing.assert_allclose(
-        points.get_offsets()[:, 0], table["change"] / table["stated"], rtol=1e-9
-    )
-    colours = [to_hex(colour) for colour in points.get_edgecolors()]
+    changes = [bar.lines[0].get_xdata()[0] for bar in ax.containers]
+    np.testing.assert_allclose(changes, table["change"] / table["stated"], rtol=1e-9)
+    colours = [bar.lines[0].get_color() for bar in ax.containers]
     assert colours == [VERMILLION if beyond else BLUE for beyond in table["beyond"]]
 
 
@@ -110,10 +108,10 @@ def test_without_stated_uncertainties_changes_stand_in_small_units(of_robot):
     for ax, (_, table) in zip(
         figure.axes, of_robot.parameters.groupby("unit", sort=False), strict=True
     ):
-        (points,) = (c for c in ax.collections if isinstance(c, PathCollection))
         factor = {"mm": 1e3, "rad": 1e6}[table["unit"].iloc[0]]
-        np.testing.assert_allclose(points.get_offsets()[:, 0], factor * table["change"], rtol=1e-9)
-        open_ = [to_hex(colour) == "#ffffff" for colour in points.get_facecolors()]
+        changes = [bar.lines[0].get_xdata()[0] for bar in ax.containers]
+        np.testing.assert_allclose(changes, factor * table["change"], rtol=1e-9)
+        open_ = [bar.lines[0].get_markerfacecolor() == "white" for bar in ax.containers]
         assert open_ == list(table["known"] == "in combination")
 
 

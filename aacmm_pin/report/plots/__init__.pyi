@@ -1,7 +1,9 @@
-from .accuracy import plot_accuracy_of_postures, plot_budget
+from .accuracy import QUANTITIES, plot_accuracy_of_postures, plot_budget, plot_map
 from .calibration import (
     plot_correlation,
+    plot_geometry,
     plot_normalised_residuals,
+    plot_parameter_changes,
     plot_residuals_by_seat,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
@@ -16,8 +18,6 @@ from .groups import (
     plot_rms,
 )
 from .history import plot_history
-from .maps import QUANTITIES, plot_map
-from .parameter_changes import plot_geometry, plot_parameter_changes
 from .residual_vectors import plot_residual_vectors, plot_residual_views
 from .style import BLUE, GREY, INK, VERMILLION
 

@@ -1,43 +1,47 @@
-"""Accuracy at a point."""
+"""Accuracy at a point, and maps of the workspace."""
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3, UM
-from aacmm_pin.accuracy import AccuracyVolume, ErrorSources, paired
-from aacmm_pin.arm import Arm
+from aacmm_pin.accuracy import AccuracyVolume, ErrorSources, Quantity, WorkspaceMap, paired
 from aacmm_pin.effects import row_in_words
-from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures import ConfigurationCircle, PosturesAtPoint, ReachingPostures
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint, ReachingPostures
 from aacmm_pin.report.numbers import length
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
     U_NAME,
     VERMILLION,
+    VOLUME_COLOURS,
     VOLUME_LABEL,
     VOLUME_NAME,
     axes_of,
+    draw_bars,
     legend_below,
     plain,
 )
 
+BudgetBy = Literal["parameter", "joint", "kind"]
 COMPONENT_MARKERS = "os^DvP*h"
 """Shapes of the markers that distinguish closed curves."""
-NOT_THERE = "no mark: no posture within limits"
-GAP, MISSED = 6.0, 3.0
-"""A gap is seen in the curves where no posture is for so many degrees, and for so many usual steps.
-"""
-ABOVE = 1.15
-"""The axes end at so many times the largest value."""
 MARKERS = 18
 """Number of these markers along a component."""
+NOT_THERE = "no mark: no posture within limits"
+ABOVE = 1.15
+"""The axes end at so many times the largest value."""
+UNREACHABLE, OUTSIDE_LIMITS = "#d9d9d9", "#cc79a7"
+FLEXIBILITY_COLOURS = "cividis"
 
 
 @plain
@@ -55,85 +59,61 @@ def plot_accuracy_of_postures(
         ShapeError: ``accuracy`` is for other postures.
     """
     inside, ax = paired(postures, accuracy), axes_of(ax, (7.5, 4.2))
-    left_out = not postures.within_limits.all()
     component = postures.component[inside]
     if isinstance(postures, ConfigurationCircle):
-        left_out = _has_gap(postures.swivel[inside] / DEG)
-        _draw_over(postures.swivel[inside] / DEG, component, accuracy, ax, left_out)
-        ax.set(
-            xlabel="swivel angle (elbow highest at 0°) [°]",
-            xlim=(-180, 180),
-            xticks=range(-180, 181, 60),
-        )
+        place = postures.swivel[inside] / DEG
+        ax.set_xlabel("swivel angle (elbow highest at 0°) [°]")
+        ax.set(xlim=(-180, 180), xticks=range(-180, 181, 60))
     elif isinstance(postures, ReachingPostures) and not postures.single:
-        _draw_over(postures.travel[inside], component, accuracy, ax, left_out)
-        ax.set(xlabel="distance along the curve in joint space [rad]")
-        ax.set_xlim(left=0.0)
+        place = postures.travel[inside]
+        ax.set_xlabel("distance along the curve in joint space [rad]")
+        ax.set_xlim(0.0, 1.05 * place.max(initial=0.0) or None)
     else:
-        _draw_over(component.astype(np.float64), np.ones_like(component), accuracy, ax, left_out)
-        last = int(postures.component.max())
+        place, last = component.astype(np.float64), int(postures.component.max())
+        component = np.ones_like(component)
         ax.set(xlabel="number of the posture", xlim=(0.5, last + 0.5), xticks=range(1, last + 1))
-    ax.set_title(
-        f"{accuracy.sources.arm.name}: accuracy of the postures, {accuracy.method}", fontsize=10
-    )
+    handles = _draw_over(place, component, accuracy, ax)
+    legend_below(ax, handles=handles, title=None if postures.within_limits.all() else NOT_THERE)
+    ax.set_title(f"{accuracy.sources.arm.name}: accuracy of the postures, {accuracy.method}")
     return ax
 
 
-def _has_gap(swivel: Array) -> bool:
-    """Whether there is a gap between swivel angles (n,) [°] somewhere in the turn, or none
-    of them.
-    """
-    if len(swivel) < 2:
-        return True
-    usual = float(np.median(np.abs(np.diff(swivel))))
-    ordered = np.sort(swivel)
-    return bool(np.diff(ordered, append=ordered[0] + 360).max() > max(GAP, MISSED * usual))
-
-
-def _draw_over(
-    place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes, left_out: bool
-) -> None:
-    """Volume on the left, u on the right, over ``place`` (n,); what is not there is explained if
-    some is ``left_out``.
-    """
-    right, numbers = ax.twinx(), np.unique(component)
-    apart = numbers if 1 < len(numbers) <= len(COMPONENT_MARKERS) else numbers[:0]
+def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes) -> list[Line2D]:
+    """Volume on the left, u on the right, over ``place`` (n,); what the legend explains."""
+    right, numbers, handles = ax.twinx(), np.unique(component), []
     size = 1.5 if len(numbers) > 1 else 4.0 if len(place) > 20 else 8.0
-    (of_volume,) = ax.plot(
-        place, accuracy.volume / MM3, "o", ms=size, color=BLUE, label=VOLUME_NAME
-    )
-    (of_u,) = right.plot(
-        place, accuracy.u / UM, "x", ms=size, mew=0.9, color=VERMILLION, label=U_NAME
-    )
+    for axes, values, marker, colour, label in (
+        (ax, accuracy.volume / MM3, "o", BLUE, VOLUME_NAME),
+        (right, accuracy.u / UM, "x", VERMILLION, U_NAME),
+    ):
+        handles += axes.plot(place, values, marker, ms=size, mew=0.9, color=colour, label=label)
+        # From zero, so that a change by two per cent looks like one.
+        axes.set_ylim(0.0, ABOVE * values.max(initial=0.0) or None)
     # The scales have the colours of what they are of.
-    handles = [] if len(apart) else [of_volume, of_u]
-    for k, number in enumerate(apart):
-        mine = np.flatnonzero(component == number)
-        mine = mine[np.argsort(place[mine], kind="stable")]
-        step = max(1, len(mine) // MARKERS)
-        # Shifted, so that coincident components do not hide each other.
-        some = mine[k * step // len(numbers) :: step]
-        style: dict[str, Any] = {
-            "marker": COMPONENT_MARKERS[k],
-            "ms": 6,
-            "ls": "",
-            "label": f"component {number}",
-        }
-        handles += ax.plot(place[some], accuracy.volume[some] / MM3, color=BLUE, **style)
-        right.plot(place[some], accuracy.u[some] / UM, color=VERMILLION, mfc="none", **style)
     ax.set_ylabel(VOLUME_LABEL, color=BLUE)
     right.set_ylabel(f"{U_NAME} [µm]", color=VERMILLION)
-    # From zero, so that a change by two per cent looks like one.
-    ax.set_ylim(0.0, ABOVE * accuracy.volume.max(initial=0.0) / MM3 or None)
-    right.set_ylim(0.0, ABOVE * accuracy.u.max(initial=0.0) / UM or None)
+    if 1 < len(numbers) <= len(COMPONENT_MARKERS):
+        handles = []
+        for k, number in enumerate(numbers):
+            mine = np.flatnonzero(component == number)
+            mine = mine[np.argsort(place[mine], kind="stable")]
+            step = max(1, len(mine) // MARKERS)
+            # Shifted, so that coincident components do not hide each other.
+            some = mine[k * step // len(numbers) :: step]
+            style: dict[str, Any] = {"marker": COMPONENT_MARKERS[k], "ms": 6, "ls": ""}
+            volume, u = accuracy.volume[some] / MM3, accuracy.u[some] / UM
+            handles += ax.plot(
+                place[some], volume, color=BLUE, label=f"component {number}", **style
+            )
+            right.plot(place[some], u, color=VERMILLION, mfc="none", **style)
     ax.grid(alpha=0.3)
-    legend_below(ax, handles=handles, title=NOT_THERE if left_out else None, title_fontsize=8)
+    return handles
 
 
 @plain
 def plot_budget(
     accuracy: AccuracyVolume,
-    by: Literal["parameter", "joint", "kind"] = "parameter",
+    by: BudgetBy = "parameter",
     ax: Axes | None = None,
     most: int = 12,
 ) -> Axes:
@@ -155,49 +135,112 @@ def plot_budget(
             f"most is {most} and accuracy has {len(accuracy.q)} postures; expected at least "
             "1 of each"
         )
-    table = _shortened(accuracy.budget(by), by, most, accuracy.sources)
+    table, sources = _largest_shares(accuracy, by, most), accuracy.sources
     ax = axes_of(ax, (7.0, 0.9 + 0.32 * len(table)))
-    share = 100 * table["share"]
+    labels = [
+        f"{100 * share:.1f} %" + ("" if np.isnan(u) else f",  {length(u * MM)}")
+        for share, u in zip(table["share"], table["u_mm"], strict=True)
+    ]
     colours = [GREY if name.startswith("rest") else BLUE for name in table["name"]]
-    bars = ax.barh(table["name"], share, color=colours, height=0.7)
-    own = ["" if np.isnan(u) else f",  {length(u * MM)}" for u in table["u_mm"]]
-    ax.bar_label(
-        bars, [f"{s:.1f} %{u}" for s, u in zip(share, own, strict=True)], padding=4, fontsize=8
-    )
-    ax.invert_yaxis()
-    room = 0.28 * (share.max() - min(share.min(), 0.0))  # for the labels
-    ax.set_xlim(share.min() - 1.5 * room if share.min() < 0 else 0, share.max() + room)
+    draw_bars(ax, list(table["name"]), 100 * table["share"], labels, colours)
     ax.set_xlabel("share of the variance of the position [%] (labels: share, u)")
-    ax.set_title(
-        f"{accuracy.sources.arm.name} at {accuracy.sources.at}: uncertainty budget by {by}",
-        fontsize=10,
-    )
-    ax.spines[["top", "right"]].set_visible(False)
+    ax.set_title(f"{sources.arm.name} at {sources.at}: uncertainty budget by {by}")
     return ax
 
 
-def _shortened(budget: pd.DataFrame, by: str, most: int, sources: ErrorSources) -> pd.DataFrame:
+def _largest_shares(accuracy: AccuracyVolume, by: BudgetBy, most: int) -> pd.DataFrame:
     """Columns name, share, u_mm: the largest ``most`` rows, without those that have no part; the
     rest as one, without u (nan) where it is not the root of a sum of squares.
     """
+    budget = accuracy.budget(by)
     budget = budget[budget["share"] != 0].sort_values(
-        "share", ascending=False, key=abs, ignore_index=True, kind="stable"
+        "share", ascending=False, key=abs, kind="stable"
     )
-    names = [_source_name(source, by, sources.arm) for source in budget[by]]
-    table = pd.DataFrame({"name": names, "share": budget["share"], "u_mm": budget["u_mm"]})
+    names = [_source_name(source, by, accuracy.sources) for source in budget[by]]
+    table = budget[["share", "u_mm"]].assign(name=names)
     if len(table) <= most:
         return table
-    largest, others = table.head(most - 1), table.iloc[most - 1 :]
-    u = float(np.sqrt((others["u_mm"] ** 2).sum())) if sources.correlation is None else np.nan
-    share = others["share"].sum()
-    rest = pd.DataFrame({"name": [f"rest ({len(others)})"], "share": [share], "u_mm": [u]})
-    return pd.concat([largest, rest], ignore_index=True)
+    others = table.iloc[most - 1 :]
+    rest = {"name": f"rest ({len(others)})", "share": others["share"].sum(), "u_mm": np.nan}
+    if accuracy.sources.correlation is None:
+        rest["u_mm"] = np.linalg.norm(others["u_mm"])
+    return pd.concat([table.head(most - 1), pd.DataFrame([rest])], ignore_index=True)
 
 
-def _source_name(source: Any, by: str, arm: Arm) -> str:
+def _source_name(source: Any, by: str, sources: ErrorSources) -> str:
     """What a bar stands for: a parameter, a kind, a joint with its word; <NA> is what moves the
     whole arm.
     """
     if pd.isna(source):
         return "whole arm"
-    return f"{row_in_words(source, arm)} {source}" if by == "joint" else str(source)
+    return f"{row_in_words(source, sources.arm)} {source}" if by == "joint" else str(source)
+
+
+class _Quantity(NamedTuple):
+    """How a quantity of a map is drawn: its words with their unit, colours, what of the data's unit
+    makes one, the end of the scale.
+    """
+
+    label: str
+    colours: str = VOLUME_COLOURS
+    scale: float = 1.0
+    end: float | None = None
+
+
+QUANTITIES: dict[Quantity, _Quantity] = {
+    "comprehensive_mm3": _Quantity("comprehensive accuracy volume [mm³]"),
+    "best_mm3": _Quantity("smallest accuracy volume [mm³]"),
+    "worst_mm3": _Quantity("largest accuracy volume [mm³]"),
+    "smallest_u_mm": _Quantity(f"smallest {U_NAME} [µm]", scale=MM / UM),
+    "largest_u_mm": _Quantity(f"largest {U_NAME} [µm]", scale=MM / UM),
+    "flexibility": _Quantity("flexibility ζ [1]", FLEXIBILITY_COLOURS, end=1.0),
+    "arc_fraction": _Quantity("flexibility by arc [1]", FLEXIBILITY_COLOURS, end=1.0),
+    "working_sectors": _Quantity("working sectors [1]", FLEXIBILITY_COLOURS),
+}
+"""What a map can show, by the names of its data."""
+
+
+@plain
+def plot_map(
+    map_: WorkspaceMap, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None
+) -> Axes:
+    """Plot one quantity over the half-plane through joint axis 1; cells out of reach are grey.
+
+    Args:
+        map_: the map.
+        quantity: name in the data of the map, one of :data:`QUANTITIES`.
+        ax: axes.
+
+    Raises:
+        UnknownNameError: the quantity is unknown.
+    """
+    if quantity not in QUANTITIES:
+        raise UnknownNameError("quantity", quantity, list(QUANTITIES))
+    how, data, ax = QUANTITIES[quantity], map_.data, axes_of(ax, (5.4, 6.6))
+    x, z = map_.axes
+    reachable = data["reachable"].values.astype(bool)
+    values = np.where(reachable, how.scale * data[quantity].values, np.nan)
+    image = ax.pcolormesh(x, z, values.T, shading="nearest", cmap=how.colours, vmax=how.end)
+    if how.end is not None:
+        image.set_clim(vmin=0.0)
+    ax.figure.colorbar(image, ax=ax, label=how.label)
+    legend = []
+    for cells, colour, text in (
+        (~reachable, UNREACHABLE, "out of reach"),
+        (
+            reachable & np.isnan(values),
+            OUTSIDE_LIMITS,
+            "in reach, no posture within the joint limits",
+        ),
+    ):
+        if cells.any():
+            marked = np.where(cells, 0.0, np.nan).T
+            ax.pcolormesh(x, z, marked, shading="nearest", cmap=ListedColormap([colour]))
+            legend.append(Patch(color=colour, label=text))
+    ax.set(xlabel=f"{x.long_name} [mm]", ylabel=f"{z.long_name} [mm]", aspect="equal")
+    if legend:
+        legend_below(ax, handles=legend)
+    title = f"{how.label.rpartition(' [')[0]}, {map_.sectors} sectors, {data.attrs['method']}"
+    at = "wrist" if data.attrs["working_point"] == WRIST else "tip"
+    ax.set_title(f"{data.attrs['arm']}, {at} in each cell:\n{title}")
+    return ax

@@ -1,5 +1,5 @@
-"""What a calibration found: residuals over joint angles, by seats, against the noise; correlation
-of the parameters.
+"""What a calibration found: residuals over joint angles, by seats, against the noise; changes and
+correlation of the parameters, and geometric values of a diagnosis.
 """
 
 from __future__ import annotations
@@ -8,21 +8,29 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy import stats
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.calibration import Calibration
+from aacmm_pin.arm import COVERAGE_FACTOR
+from aacmm_pin.calibration import Calibration, geometric_parameters
+from aacmm_pin.diagnosis import Diagnosis
+from aacmm_pin.effects import in_words
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.report.numbers import small_unit
+from aacmm_pin.report.parameters import parameter_table
 from aacmm_pin.report.plots.residual_vectors import model_named
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
     INK,
     VERMILLION,
+    aside,
     axes_of,
     draw_beyond,
     legend_below,
     name_places,
+    name_rows,
     numbers_by_size,
     panels_of,
     plain,
@@ -33,6 +41,9 @@ STATE_COLOURS = {"before": GREY, "after": BLUE}
 JOINT_BINS = 18
 """Parts of a joint's range over which residuals are averaged."""
 LEAST_IN_BIN = 4
+WITHIN = "#e4e9ee"
+"""Colour of what was stated."""
+CHANGE_COLUMNS = ["parameter", "unit", "change", "U", "stated", "known", "beyond"]
 UNDETERMINED_COLOUR = "#d9d9d9"
 NOT_AT_ALL = 0.99
 """A parameter whose direction is so much an unknown one is not determined at all."""
@@ -64,35 +75,28 @@ def plot_residuals_over_joint(
     arm, fit = result.model.arm, model_named(result, when)
     if not 1 <= joint <= arm.nq:
         raise AacmmError(f"joint is {joint}; expected 1 to {arm.nq} for {arm.name}")
-    q, point, slides = fit.problem.measurements.readings, fit.point, arm.chain.prismatic[joint - 1]
+    point, slides = fit.point, arm.chain.prismatic[joint - 1]
     motion = fit.problem.reading_jacobian(point.x, point.frame)[:, :3, joint - 1]
     size = np.linalg.norm(motion, axis=1)
     moved = result.fit.used & (size > 1e-6)
     way = motion[moved] / size[moved, None]
     along = np.einsum("ni,ni->n", fit.system.deviation[moved], way) / UM
     unit, one = ("mm", MM) if slides else ("°", DEG)
-    angle, ax = q[moved, joint - 1] / one, axes_of(ax, (5.0, 3.2))
+    angle = fit.problem.measurements.readings[moved, joint - 1] / one
+    ax = axes_of(ax, (5.0, 3.2))
     ax.axhline(0.0, color=INK, lw=0.7)
     ax.plot(angle, along, ".", ms=3, color=STATE_COLOURS[when], alpha=0.8)
     if len(angle):
-        _draw_means(ax, angle, along)
+        parts = pd.DataFrame({"angle": angle, "value": along}).groupby(pd.cut(angle, JOINT_BINS))
+        many = parts.size() >= LEAST_IN_BIN
+        means, u = parts.mean()[many], parts["value"].sem()[many]
+        ax.errorbar(means["angle"], means["value"], u, color=VERMILLION, capsize=2)
     else:  # its axis goes through the tip
-        ax.text(
-            0.5, 0.6, "joint does not move the tip", transform=ax.transAxes, ha="center", color=INK
-        )
+        ax.text(0.5, 0.6, "joint does not move the tip", transform=ax.transAxes, ha="center")
         ax.set_xticks([])
     ax.set(xlabel=f"joint {joint} [{unit}]", ylabel="residual [µm]")
     ax.grid(alpha=0.3)
     return ax
-
-
-def _draw_means(ax: Axes, angle: Array, values: Array) -> None:
-    table = pd.DataFrame({"angle": angle, "value": values})
-    parts = table.groupby(pd.cut(angle, JOINT_BINS, labels=False))
-    many = parts.size() >= LEAST_IN_BIN
-    angles, means = parts.mean()[many].to_numpy().T
-    u = parts["value"].sem()[many].to_numpy()
-    ax.errorbar(angles, means, u, color=VERMILLION, capsize=2)
 
 
 @plain
@@ -120,7 +124,7 @@ def plot_residuals_over_joints(
         if (number - 1) % columns:
             panel.set_ylabel("")
     title = f"{result.model.arm.name}: residual along the motion of each joint, {when} calibration"
-    panels[(columns - 1) // 2].set_title(title, fontsize=10)
+    panels[(columns - 1) // 2].set_title(title)
     return whole(panels)
 
 
@@ -128,7 +132,7 @@ def plot_residuals_over_joints(
 def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     """Plot the residual of every record by seat, before and after calibration.
 
-    Excluded records are crosses. A triangle at the upper edge is an excluded record beyond the
+    Excluded records are crosses. A diamond at the upper edge is an excluded record beyond the
     scale.
 
     Raises:
@@ -141,24 +145,23 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     ax = axes_of(ax, (min(14.0, max(5.0, 1.6 + 0.55 * len(seats))), 3.6))
     top = 1.15 * float(table.loc[result.fit.used, ["before_mm", "after_mm"]].max().max()) or 1.0
     records = np.concatenate([seats[name] for name in names])
-    places = [k + np.linspace(-0.14, 0.14, len(seats[name])) for k, name in enumerate(names)]
-    place = np.concatenate(places)
+    place = np.concatenate([k + aside(len(seats[name]), 0.28) for k, name in enumerate(names)])
     used, excluded = result.fit.used[records], result.fit.excluded[records]
     crossed: list[tuple[Array, Array, str]] = []
-    for aside, (when, colour) in zip((-0.2, 0.2), STATE_COLOURS.items(), strict=True):
-        x, y = place + aside, table[f"{when}_mm"].to_numpy()[records]
-        near = excluded & (y <= top)
+    for shift, (when, colour) in zip((-0.2, 0.2), STATE_COLOURS.items(), strict=True):
+        x, y = place + shift, table[f"{when}_mm"].to_numpy()[records]
         ax.plot(x[used], y[used], ".", ms=4, color=colour, label=f"{when} calibration")
-        ax.plot(x[near], y[near], "x", ms=6, mew=1.5, color=VERMILLION)
         crossed.append((x[excluded], y[excluded], VERMILLION))
     if excluded.any():
-        ax.plot([], [], "x", ms=6, mew=1.5, color=VERMILLION, label="excluded")
+        x, y = np.hstack([series[:2] for series in crossed])
+        near = y <= top
+        ax.plot(x[near], y[near], "x", ms=6, mew=1.5, color=VERMILLION, label="excluded")
     draw_beyond(ax, crossed, (0.0, top))
     name_places(ax, names)
     ax.set(xlabel="seat", ylabel="residual [mm]")
     ax.grid(axis="y", alpha=0.3)
     legend_below(ax, columns=2)
-    ax.set_title(f"{result.model.arm.name}: residuals by seat", fontsize=10)
+    ax.set_title(f"{result.model.arm.name}: residuals by seat")
     return ax
 
 
@@ -175,11 +178,11 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     label = f"{len(distance)} records used"
     ax.hist(distance, 30, range=(0, most), density=True, color=BLUE, alpha=0.75, label=label)
     x = np.linspace(0, most, 300)
-    chi = np.sqrt(2 / np.pi) * x**2 * np.exp(-0.5 * x**2)
-    ax.plot(x, chi, color=VERMILLION, lw=1.8, label="χ distribution, 3 degrees of freedom")
+    label = "χ distribution, 3 degrees of freedom"
+    ax.plot(x, stats.chi(3).pdf(x), color=VERMILLION, lw=1.8, label=label)
     ax.set(xlabel="normalised residual [1]", ylabel="density [1]", xlim=(0, most))
-    ax.legend(fontsize=8, frameon=False)
-    ax.set_title(f"{result.model.arm.name}: residuals against the noise", fontsize=10)
+    ax.legend()
+    ax.set_title(f"{result.model.arm.name}: residuals against the noise")
     return ax
 
 
@@ -203,5 +206,81 @@ def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
         ax.set(xlabel="number of the parameter", ylabel="number of the parameter")
     ax.figure.colorbar(image, ax=ax, label="correlation [1]", shrink=0.8)
     grey = "\ngrey: not determined" if untold.any() else ""
-    ax.set_title(f"{result.model.arm.name}: correlation of the parameters{grey}", fontsize=10)
+    ax.set_title(f"{result.model.arm.name}: correlation of the parameters{grey}")
     return ax
+
+
+@plain
+def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figure:
+    """Plot the change of each parameter with U (k = 2), relative to its stated half-width.
+
+    A second colour marks parameters whose change is larger than the half-width and U together. Open
+    symbols mark parameters that the records determine only in combination. Without stated
+    half-widths, lengths and angles have separate panels.
+
+    Args:
+        result: the calibration.
+        ax: axes whose area the panels share.
+    """
+    table = parameter_table(result)
+    stated, title = table["stated"].notna(), f"{result.model.arm.name}: parameters"
+    if stated.any() and not stated.all():
+        title += f"\n{(~stated).sum()} without a stated uncertainty left out"
+    if (table["known"] == "in combination").any():
+        title += "\nopen symbols: determined only in combination with others"
+    parts = [part for _, part in table.groupby("unit", sort=False)]
+    if stated.any():
+        parts = [table[stated]]
+    height = 1.2 + 0.24 * max(map(len, parts))
+    panels = panels_of(ax, (6.6 if len(parts) == 1 else 4.3, height), len(parts), len(parts))
+    for panel, part in zip(panels, parts, strict=True):
+        _draw_changes(part, panel)
+    panels[0].set_title(title)
+    return whole(panels)
+
+
+@plain
+def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
+    """Plot the changes of geometric values that a diagnosis finds beyond their stated uncertainty.
+
+    Raises:
+        AacmmError: no geometric value changed so much.
+    """
+    effects = [f.effect for f in result.findings if result.geometric(f)]
+    if not effects:
+        raise AacmmError(
+            "no geometric value differs significantly from the stated value; expected one or more"
+        )
+    arm, rows = result.before.problem.model.arm, []
+    for effect in effects:
+        parameters = geometric_parameters(arm, effect)
+        for parameter, value, u in zip(parameters, effect.values, effect.u, strict=True):
+            expanded = COVERAGE_FACTOR * u
+            unit, factor = small_unit(parameter.unit, max(abs(value), expanded))
+            what = in_words(effect, arm) if len(parameters) == 1 else parameter.name
+            amount = f"{factor * value:+.1f} ± {factor * expanded:.1f} {unit}"
+            stated = parameter.half_width or COVERAGE_FACTOR * parameter.u or np.nan
+            rows.append((f"{what}\n{amount}", parameter.unit, value, expanded, stated, "", True))
+    ax = axes_of(ax, (6.6, 1.2 + 0.24 * len(rows)))
+    _draw_changes(pd.DataFrame(rows, columns=CHANGE_COLUMNS), ax)
+    ax.set_title(f"{result.model.arm.name}: geometric values beyond their stated uncertainties")
+    return ax
+
+
+def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
+    """Changes over what was stated, or in a small unit of the first."""
+    largest = np.nanmax(np.abs(table[["change", "U"]].to_numpy()))
+    unit, factor = small_unit(table["unit"].iloc[0], largest)
+    label, scale = f"[{unit}]", pd.Series(1 / factor, table.index)
+    if table["stated"].notna().all():
+        label, scale = "/ stated half-width [1]", table["stated"]
+        ax.axvspan(-1, 1, color=WITHIN, zorder=0)
+    ax.axvline(0, color=INK, lw=0.7)
+    scaled = table.assign(change=table["change"] / scale, U=table["U"] / scale)
+    columns = scaled[["change", "U", "beyond", "known"]].itertuples(index=False)
+    for row, (change, bar, beyond, known) in enumerate(columns):
+        colour = VERMILLION if beyond else BLUE
+        face = "white" if known == "in combination" else colour
+        ax.errorbar(change, row, xerr=bar, fmt="o", ms=5, color=colour, mfc=face)
+    name_rows(ax, list(table["parameter"]), size=8)
+    ax.set_xlabel(f"change {label}; bars: U (k = 2)")

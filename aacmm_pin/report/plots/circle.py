@@ -7,7 +7,6 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
@@ -25,6 +24,7 @@ from aacmm_pin.report.plots.style import (
     VOLUME_COLOURS,
     VOLUME_LABEL,
     plain,
+    some_of,
 )
 
 TUBE_WIDTH = 4.5
@@ -32,10 +32,6 @@ TUBE_WIDTH = 4.5
 TUBE_COLOURS = colormaps["Blues"]
 BASE_LINE = 0.4
 """Half the length at which joint axis 1 is drawn, in lengths of the longest tube."""
-NEXT = 3.0
-"""The ends of a line that nothing calls closed are joined where they are no farther apart than so
-many usual steps.
-"""
 
 
 @plain
@@ -67,85 +63,45 @@ def plot_circle(
         )
     ax.computed_zorder = False
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
-    elbow = circle.components.swivel.elbow(circle.q)
-    drawn = [_draw_base(ax, circle), elbow, circle.point[None]]
+    drawn = [_draw_base(ax, circle), circle.point[None]]
+    reach = "out of reach"
     if len(circle):
-        drawn.append(
-            _draw_postures(
-                ax, circle, evenly(inside if len(inside) else np.arange(len(circle)), postures)
-            )
-        )
-        _draw_elbow(ax, circle, elbow, inside, None if accuracy is None else accuracy.volume / MM3)
-    star: dict[str, Any] = {
-        "marker": "*",
-        "ms": 16,
-        "mfc": VERMILLION,
-        "mec": "white",
-        "ls": "none",
-        "zorder": 10,
-    }
-    ax.plot(*circle.point[:, None] / MM, label="working point", **star)
-    _frame(ax, circle, np.concatenate(drawn) / MM)
+        reach = f"{circle.within_limits.sum()} of {len(circle)} postures within limits"
+        chosen = some_of(inside if len(inside) else np.arange(len(circle)), postures)
+        drawn += [*_draw_postures(ax, circle, chosen), circle.components.swivel.elbow(circle.q)]
+        _draw_elbow(ax, circle, inside, accuracy)
+    star: dict[str, Any] = {"marker": "*", "ms": 16, "mfc": VERMILLION, "mec": "white", "ls": ""}
+    ax.plot(*circle.point[:, None] / MM, label="working point", zorder=10, **star)
+    ax.auto_scale_xyz(*np.concatenate(drawn).T / MM)
+    ax.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    ax.set_aspect("equal", adjustable="box")
+    ax.locator_params(nbins=5)
+    ax.tick_params(labelsize=8)
     x, y, z = circle.point / MM
-    found = (
-        f"{circle.within_limits.sum()} of {len(circle)} postures within limits"
-        if len(circle)
-        else "out of reach"
-    )
+    toward = circle.point - circle.components.swivel.shoulder
+    # The camera looks past the point to the shoulder.
+    ax.view_init(elev=18, azim=float(np.arctan2(toward[1], toward[0])) / DEG + 35)
     ax.set_title(
-        f"{circle.arm.name}: {circle.at} at ({x:.1f}, {y:.1f}, {z:.1f}) mm\n{found}",
-        fontsize=10,
-        pad=-14,
+        f"{circle.arm.name}: {circle.at} at ({x:.1f}, {y:.1f}, {z:.1f}) mm\n{reach}", pad=-14
     )
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=3, fontsize=8, frameon=False)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=3)
     return ax
 
 
-def evenly(members: Index, count: int) -> Index:
-    """So many of the members, evenly spread."""
-    places = np.linspace(0, len(members), count, endpoint=False, dtype=np.intp)
-    return members[np.unique(places)]
-
-
-def neighbours(circle: PosturesAtPoint, members: Index, path: Array) -> Index:
-    """Numbers of the configurations at both ends of every piece of the ``path`` (n, 3) through the
-    members: (pieces, 2).
+def neighbours(circle: PosturesAtPoint, members: Index) -> Index:
+    """Numbers of the configurations at both ends of every piece of the path through the members:
+    (pieces, 2).
     """
     pairs = [np.empty((0, 2), dtype=np.intp)]
+    curves = getattr(circle, "curves", ())
+    if isinstance(circle, ConfigurationCircle):
+        curves = circle.components.curves
     for number in np.unique(circle.component[members]):
         along = members[circle.component[members] == number]
-        if _closed(circle, int(number), path[along]):
+        if curves and curves[number - 1].closed:
             along = np.append(along, along[0])
         pairs.append(np.column_stack([along[:-1], along[1:]]))
     return np.concatenate(pairs)
-
-
-def _closed(circle: PosturesAtPoint, number: int, line: Array) -> bool:
-    if isinstance(circle, ConfigurationCircle):
-        return bool(circle.components.curves[number - 1].closed)
-    if len(line) <= 2:
-        return False
-    usual = np.median(np.linalg.norm(np.diff(line, axis=0), axis=1))
-    return bool(np.linalg.norm(line[-1] - line[0]) <= NEXT * usual)
-
-
-def _frame(ax: Axes3D, circle: ConfigurationCircle, points: Array) -> None:
-    """Labels, one scale for all axes, and room for the points [mm]; the camera looks past the point
-    to the shoulder.
-    """
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, extent = (low + high) / 2, high - low
-    half = np.maximum(extent / 2, 0.3 * extent.max()) + 10.0
-    ticks = np.maximum(2, np.round(5 * half / half.max()).astype(int))
-    for k, name in enumerate("xyz"):
-        getattr(ax, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
-        getattr(ax, f"set_{name}label")(f"{name} [mm]", labelpad=8)
-        getattr(ax, f"{name}axis").set_major_locator(MaxNLocator(ticks[k]))
-    ax.set_box_aspect(half, zoom=0.98)
-    ax.tick_params(labelsize=8)
-    x, y, _ = circle.point - circle.components.swivel.shoulder
-    azimuth = float(np.arctan2(y, x)) / DEG
-    ax.view_init(elev=18, azim=azimuth + 35)
 
 
 def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
@@ -153,66 +109,49 @@ def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
     dh, shoulder = circle.components.swivel.dh, circle.components.swivel.shoulder
     rotation, _ = dh.chain.walk(np.zeros((1, dh.nq)))
     axis = rotation[dh.chain.moving_axes()[0], 0, :, 2]
-    length = BASE_LINE * float(np.abs([dh.a, dh.d]).max())
-    along = length * axis
+    along = BASE_LINE * float(np.abs([dh.a, dh.d]).max()) * axis
     line = np.array([shoulder - along, shoulder + along])
     ax.plot(*line.T / MM, color=INK, lw=1.0, ls="-.", zorder=3, label="joint axis 1")
-    ax.plot(
-        *shoulder[:, None] / MM,
-        marker="s",
-        ms=7,
-        color=INK,
-        ls="none",
-        zorder=5,
-        label="base (shoulder)",
-    )
+    ax.plot(*shoulder[:, None] / MM, "s", ms=7, color=INK, zorder=5, label="base (shoulder)")
     return np.asarray(line)
 
 
-def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> Array:
+def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> list[Array]:
     """The arm from the base to the working point, from light to dark, so that each posture can be
     followed; its corners.
     """
-    lines = ArmLines(circle.arm)
-    last = circle.arm.dh_row(circle.at) or circle.components.swivel.dh.rows
-    joints = lines.placements(circle.q[chosen])[1 : last + 1, :, :3, 3]
-    style: dict[str, Any] = {
-        "lw": TUBE_WIDTH,
-        "zorder": 4,
-        "solid_capstyle": "round",
-        "solid_joinstyle": "round",
-    }
-    shades, drawn = TUBE_COLOURS(np.linspace(0.3, 0.75, len(chosen))), []
-    for k, corners in enumerate(lines.corners(circle.q[chosen])):
+    shades, lines = TUBE_COLOURS(np.linspace(0.3, 0.75, len(chosen))), []
+    style: dict[str, Any] = {"lw": TUBE_WIDTH, "solid_capstyle": "round", "marker": "o", "ms": 3.5}
+    for k, corners in enumerate(ArmLines(circle.arm).corners(circle.q[chosen])):
         at_point = int(np.linalg.norm(corners - circle.point, axis=1).argmin())
         line = corners[: at_point + 1]
         label = "arm to the point" if k == len(chosen) // 2 else None
-        ax.plot(*line.T / MM, color=shades[k], label=label, **style)
-        drawn.append(line)
-        ax.plot(*joints[:, k].T / MM, color=INK, marker="o", ms=3.5, ls="none", zorder=5)
-    return np.concatenate(drawn)
+        ax.plot(*line.T / MM, color=shades[k], mfc=INK, mec=INK, label=label, zorder=4, **style)
+        lines.append(line)
+    return lines
 
 
 def _draw_elbow(
-    ax: Axes3D, circle: ConfigurationCircle, elbow: Array, inside: Index, volume: Array | None
+    ax: Axes3D, circle: ConfigurationCircle, inside: Index, accuracy: AccuracyVolume | None
 ) -> None:
-    """The elbow's path: coloured by ``volume`` (n,) [mm³] between configurations within limits,
+    """The elbow's path: coloured by the accuracy volume between configurations within limits,
     elsewhere grey.
     """
-    pairs = neighbours(circle, np.arange(len(circle)), elbow)
+    elbow = circle.components.swivel.elbow(circle.q)
+    pairs = neighbours(circle, np.arange(len(circle)))
     pieces, values = elbow[pairs] / MM, np.full(len(circle), np.nan)
-    values[inside] = 0.0 if volume is None else volume
+    values[inside] = 0.0 if accuracy is None else accuracy.volume / MM3
     value = values[pairs].mean(axis=1)
     works = np.isfinite(value)
     if works.any():
-        style: dict[str, Any] = (
-            {"colors": BLUE} if volume is None else {"cmap": VOLUME_COLOURS, "array": value[works]}
-        )
+        style: dict[str, Any] = {"colors": BLUE}
+        if accuracy is not None:
+            style = {"cmap": VOLUME_COLOURS, "array": value[works]}
         path = Line3DCollection(
             pieces[works], linewidths=3.5, zorder=6, label="elbow, within limits", **style
         )
         ax.add_collection3d(path)
-        if volume is not None:
+        if accuracy is not None:
             ax.figure.colorbar(path, ax=ax, label=VOLUME_LABEL, shrink=0.6, pad=0.1)
     if not works.all():
         style = {"colors": GREY, "linewidths": 1.0, "zorder": 2, "label": "elbow, outside limits"}

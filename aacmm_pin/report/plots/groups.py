@@ -4,6 +4,8 @@ groups that were left out.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -21,6 +23,7 @@ from aacmm_pin.report.plots.style import (
     INK,
     VERMILLION,
     axes_of,
+    draw_bars,
     name_places,
     numbers_by_size,
     panels_of,
@@ -41,27 +44,14 @@ named.
 @plain
 def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """Plot the RMS residual of the models, and the value expected from noise alone."""
-    unit, scale = length_unit(max(result.rms.values()))
-    words = dict(zip(result.rms, lengths(result.rms.values()), strict=True))
+    models = ["simulation", "recalibrated", *["extended"] * bool(result.findings), "noise"]
+    sizes = [result.rms[name] for name in models]
+    unit, scale = length_unit(max(sizes))
     ax = axes_of(ax, (6.8, 2.2))
-    models = [*MODELS] if result.findings else ["simulation", "recalibrated"]
-    sizes = [result.rms[name] / scale for name in models]
-    arms = ["nominal", *models[1:]]
-    bars = ax.barh(arms, sizes, color=[MODELS[name] for name in models], height=0.6)
-    box = {"fc": "white", "ec": "none", "pad": 1}
-    ax.bar_label(bars, [words[name] for name in models], padding=5, fontsize=9, bbox=box)
-    ax.axvline(
-        result.rms["noise"] / scale,
-        color=VERMILLION,
-        ls="--",
-        lw=1.4,
-        label=f"noise alone: {words['noise']}",
-    )
-    ax.invert_yaxis()
-    ax.set_xlim(0, 1.15 * max(result.rms.values()) / scale)
+    names = ["nominal", *models[1:-1], "noise alone"]
+    colours = [(MODELS | {"noise": VERMILLION})[name] for name in models]
+    draw_bars(ax, names, [size / scale for size in sizes], lengths(sizes), colours)
     ax.set_xlabel(f"RMS residual [{unit}]")
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     return ax
 
 
@@ -75,19 +65,14 @@ def part_in_words(result: Diagnosis, part: BudgetPart) -> str:
 def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """Plot the parts of the residual of the nominal arm, as RMS displacements of the tip."""
     parts = result.budget
-    unit, scale = length_unit(max(part.rms for part in parts))
+    sizes = [part.rms for part in parts]
+    unit, scale = length_unit(max(sizes))
     ax = axes_of(ax, (6.8, 0.9 + 0.32 * len(parts)))
     names = [part_in_words(result, part) for part in parts]
-    colors = [BLUE if part.causes else GREY for part in parts]
-    sizes = [part.rms / scale for part in parts]
-    bars = ax.barh(range(len(parts)), sizes, color=colors, height=0.6)
-    ax.set_yticks(range(len(parts)), names)
-    ax.bar_label(bars, lengths([part.rms for part in parts]), padding=5, fontsize=9)
-    ax.invert_yaxis()
-    ax.margins(x=0.15)
+    colours = [BLUE if part.causes else GREY for part in parts]
+    draw_bars(ax, names, [size / scale for size in sizes], lengths(sizes), colours)
     ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel(f"RMS displacement of the tip [{unit}]")
-    ax.spines[["top", "right"]].set_visible(False)
     return ax
 
 
@@ -108,7 +93,7 @@ def plot_residuals_by_row(result: Diagnosis, ax: Axes | None = None) -> Axes:
     by = "the rows" if records.conditions.time is None else "time"
     ax.set_xlabel(f"record, in the order of {by}")
     ax.set_ylabel(f"tip minus reference [{unit}]")
-    ax.legend(ncols=3, fontsize=8, frameon=False)
+    ax.legend(ncols=3)
     return ax
 
 
@@ -146,9 +131,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     for panel in panels[::columns]:
         panel.set_ylabel("RMS residual [mm]")
     handles, labels = panels[0].get_legend_handles_labels()
-    panels[0].figure.legend(
-        handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False
-    )
+    panels[0].figure.legend(handles, labels, loc="outside lower center", ncols=5)
     return whole(panels)
 
 
@@ -159,40 +142,22 @@ def _draw_groups(
     label).
     """
     unit, many = RANGE_UNITS.get(kind.split()[0], ""), len(table) > MANY
+    key = _start if unit else numbers_by_size
+    table = table.sort_values("group", key=lambda groups: groups.map(key))
     if many:
         table = table.sort_values("simulation_mm", ascending=False)
-    else:
-        table = table.sort_values(
-            "group", key=lambda groups: groups.map(_start if unit else numbers_by_size)
-        )
     edges = np.arange(len(table) + 1) - 0.5
     for name, (line, label) in expected.items():
-        panel.stairs(
-            table[f"{name}_mm"],
-            edges,
-            baseline=None,
-            color=VERMILLION,
-            lw=1.2,
-            ls=line,
-            label=label,
-        )
+        style: dict[str, Any] = {"color": VERMILLION, "lw": 1.2, "ls": line, "label": label}
+        panel.stairs(table[f"{name}_mm"], edges, baseline=None, **style)
     for name, colour in MODELS.items():
-        label = MODEL_WORDS.get(name, name)
-        panel.plot(
-            np.arange(len(table)),
-            table[f"{name}_mm"],
-            "o-",
-            ms=2 if many else 4,
-            lw=1,
-            color=colour,
-            label=label,
-        )
+        style = {"ms": 2 if many else 4, "lw": 1, "label": MODEL_WORDS.get(name, name)}
+        panel.plot(range(len(table)), table[f"{name}_mm"], "o-", color=colour, **style)
     names = [group.removesuffix(unit).strip().replace(" to ", "\nto ") for group in table["group"]]
     if many:
+        worst = "\n".join([f"{len(names)} groups, largest first:", *names[:WORST]])
         panel.set_xticks([])
-        panel.set_xlabel(
-            "\n".join([f"{len(names)} groups, largest first:", *names[:WORST]]), fontsize=7
-        )
+        panel.set_xlabel(worst, fontsize=7)
     else:
         name_places(panel, names, letters=48, size=7)
     panel.set_title(f"{kind} [{unit}]" if unit else kind, fontsize=9)
@@ -220,27 +185,22 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
     held = result.held_out
     if held is None:
         raise AacmmError("no records were held out; expected a diagnosis with hold_out=True")
-    seats = result.extended.problem.measurements.seats() if held.kind == "seats" else {}
     there = np.isfinite(held.extended)
     numbers = np.unique(held.part[there])
-    chosen = held.chosen if len(held.chosen) == len(numbers) else [()] * len(numbers)
-    rows = []
-    for number, without_it in zip(numbers, chosen, strict=True):
-        mine = (held.part == number) & there
-        names = [seat for seat, records in seats.items() if mine[records].any()]
-        before = float(np.sqrt(np.mean(held.recalibrated[mine] ** 2)))
-        after = float(np.sqrt(np.mean(held.extended[mine] ** 2)))
-        rows.append(
-            {
-                "part": ", ".join(sorted(names, key=numbers_by_size)) or f"block {number + 1}",
-                "records": int(mine.sum()),
-                "recalibrated_mm": before / MM,
-                "extended_mm": after / MM,
-                "gain": 1 - after / before,
-                "chosen": without_it,
-            }
-        )
-    table = pd.DataFrame(rows)
+    names = {number: f"block {number + 1}" for number in numbers}
+    if held.kind == "seats":
+        seats = result.extended.problem.measurements.seats()
+        for number in numbers:
+            mine = (held.part == number) & there
+            inside = [seat for seat, records in seats.items() if mine[records].any()]
+            names[number] = ", ".join(sorted(inside, key=numbers_by_size)) or names[number]
+    squares = {"recalibrated_mm": held.recalibrated[there], "extended_mm": held.extended[there]}
+    groups = (pd.DataFrame(squares) / MM).pow(2).groupby(held.part[there])
+    table = groups.mean().pow(0.5)
+    table.insert(0, "records", groups.size())
+    table.insert(0, "part", table.index.map(names))
+    table["gain"] = 1 - table["extended_mm"] / table["recalibrated_mm"]
+    table["chosen"] = held.chosen if len(held.chosen) == len(table) else [()] * len(table)
     return table.sort_values(
         "part", key=lambda parts: parts.map(numbers_by_size), ignore_index=True
     )
@@ -263,11 +223,9 @@ def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
     if not result.extended.observations.labels:
         ax.axhline(result.noise / MM, color=VERMILLION, ls="--", lw=1.2, label="noise alone")
     blocks = table["part"].str.startswith("block ").all()
-    name_places(ax, [part.removeprefix("block ") for part in table["part"]])
-    ax.set(
-        xlabel=f"held-out {'block of joint space' if blocks else 'seats'}",
-        ylabel="RMS residual [mm]",
-    )
-    ax.set_ylim(top=1.25 * float(table[["recalibrated_mm", "extended_mm"]].max().max()))
-    ax.legend(fontsize=8, frameon=False, ncols=3, loc="upper left")
+    name_places(ax, list(table["part"].str.removeprefix("block ")))
+    ax.set_xlabel(f"held-out {'block of joint space' if blocks else 'seats'}")
+    ax.set_ylabel("RMS residual [mm]")
+    ax.margins(y=0.25)
+    ax.legend(ncols=3, loc="upper left")
     return ax

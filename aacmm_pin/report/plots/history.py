@@ -29,16 +29,13 @@ MOST_PANELS = 12
 """Panels in all, in two rows of up to six."""
 FINEST = 1e-4
 """What a panel shows at least, from its lower to its upper edge [mm]: one digit of the table."""
+NOT_COUNTED = "nonconforming or outside the limits, not counted"
+LATEST_OUTSIDE = "latest check, outside the limits"
 MARKS: dict[str, dict[str, Any]] = {
     "earlier check": {"marker": "o", "ms": 3, "color": INK, "ls": ""},
-    "nonconforming or outside the limits, not counted": {
-        "marker": "x",
-        "ms": 5,
-        "color": VERMILLION,
-        "ls": "",
-    },
+    NOT_COUNTED: {"marker": "x", "ms": 5, "color": VERMILLION, "ls": ""},
     "latest check": {"marker": "o", "ms": 6, "color": BLUE, "ls": ""},
-    "latest check, outside the limits": {"marker": "D", "ms": 6, "color": VERMILLION, "ls": ""},
+    LATEST_OUTSIDE: {"marker": "D", "ms": 6, "color": VERMILLION, "ls": ""},
     "mean": {"lw": 0.7, "color": INK},
     "limits": {"lw": 0.7, "color": INK, "ls": "--"},
     "MPE": {"lw": 0.9, "color": VERMILLION, "ls": ":"},
@@ -50,13 +47,8 @@ def charts_drawn(history: History) -> list[ControlChart]:
     """The charts that :func:`plot_history` draws: of two checks at least, first those with
     an MPE.
     """
-    return _charts(history)[:MOST_PANELS]
-
-
-def _charts(history: History) -> list[ControlChart]:
-    """The charts of two checks at least, first those with an MPE."""
     charts = [chart for chart in history.charts() if len(chart.values) > 1]
-    return sorted(charts, key=lambda chart: bool(np.isnan(chart.mpe)))
+    return sorted(charts, key=lambda chart: bool(np.isnan(chart.mpe)))[:MOST_PANELS]
 
 
 @plain
@@ -66,72 +58,58 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
 
     The latest check is coloured. Checks have equal distances; some have their date below.
     """
-    charts, missing = charts_drawn(history), len(_charts(history)[MOST_PANELS:])
-    across = 4 if len(charts) <= 8 else MOST_PANELS // 2
+    charts = charts_drawn(history)
+    missing = sum(len(chart.values) > 1 for chart in history.charts()) - len(charts)
     if not charts:
         ax = axes_of(ax, (4.0, 1.0))
-        ax.text(
-            0.5,
-            0.5,
-            "no characteristic has two checks",
-            ha="center",
-            va="center",
-        )
+        ax.text(0.5, 0.5, "no characteristic has two checks", ha="center", va="center")
         ax.set_axis_off()
         return whole([ax])
+    across = 4 if len(charts) <= 8 else MOST_PANELS // 2
     panels = panels_of(ax, (9.4 / across, 1.9), len(charts), across)
     several = len({chart.arm for chart in charts}) > 1
     for k, (panel, chart) in enumerate(zip(panels, charts, strict=True)):
-        _draw(panel, chart, several)
+        _draw_chart(panel, chart)
+        of_arm = f"\n{brief(chart.arm, NAME)}" if several else ""
+        panel.set_title(chart.figure + of_arm, fontsize=8)
         if k % across == 0:
             panel.set_ylabel("|value| [mm]", fontsize=8)
         if k + across >= len(charts):
             panel.set_xlabel("date (UTC)", fontsize=8)
     drawn = {line.get_label(): line for panel in panels for line in panel.lines}
-    names = [name for name in MARKS if name in drawn]
-    handles = [drawn[name] for name in names]
-    title = f"{missing} of {missing + len(charts)} charts are left out" if missing else None
-    style: dict[str, Any] = {
-        "ncols": len(MARKS),
-        "fontsize": 7,
-        "title_fontsize": 7,
-        "frameon": False,
-    }
+    handles = [drawn[name] for name in MARKS if name in drawn]
     figure = whole(panels)
-    figure.legend(handles, names, loc="outside lower center", title=title, **style)
+    style: dict[str, Any] = {"ncols": len(MARKS), "fontsize": 7, "title_fontsize": 7}
+    if missing:
+        style["title"] = f"{missing} of {missing + len(charts)} charts are left out"
+    figure.legend(handles=handles, loc="outside lower center", **style)
     return figure
 
 
-def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
+def _draw_chart(ax: Axes, chart: ControlChart) -> None:
     values = chart.values / MM
     number = np.arange(len(values))
-    latest = "latest check, outside the limits" if chart.left_range else "latest check"
+    latest = LATEST_OUTSIDE if chart.left_range else "latest check"
     ax.plot(number, values, "-", color=GREY, lw=0.8)
-    earlier = {
-        "earlier check": chart.counted,
-        "nonconforming or outside the limits, not counted": ~chart.counted,
-    }
-    for name, some in earlier.items():
+    for name, some in (("earlier check", chart.counted), (NOT_COUNTED, ~chart.counted)):
         if some.any():
             ax.plot(number[:-1][some], values[:-1][some], label=name, **MARKS[name])
     ax.plot(number[-1:], values[-1:], label=latest, **MARKS[latest])
-    levels = [
+    low, high = chart.limits
+    for name, level in (
         ("mean", chart.centre),
-        *(("limits", limit) for limit in chart.limits),
+        ("limits", low),
+        ("limits", high),
         ("MPE", chart.mpe),
-    ]
-    for name, level in levels:
+    ):
         if np.isfinite(level):
             ax.axhline(level / MM, label=name, **MARKS[name])
-    of_arm = f"\n{brief(chart.arm, NAME)}" if several else ""
-    ax.set_title(chart.figure + of_arm, fontsize=8)
     _name_dates(ax, chart.times)
-    low, high = ax.get_ylim()
-    room = max(0.0, FINEST - (high - low)) / 2
-    ax.set_ylim(low - room, high + room)
+    bottom, top = ax.get_ylim()
+    room = max(0.0, FINEST - (top - bottom)) / 2
+    ax.set_ylim(bottom - room, top + room)
     ax.ticklabel_format(axis="y", useOffset=False)
     ax.tick_params(labelsize=7)
-    ax.spines[["top", "right"]].set_visible(False)
 
 
 def _name_dates(ax: Axes, times: Sequence[datetime]) -> None:

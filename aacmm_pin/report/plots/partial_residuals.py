@@ -1,15 +1,16 @@
 """Partial residuals: the amount of one cause by each record, with everything else in the extended
-model as fitted.
+model as fitted, and the abscissa of its picture.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects import (
@@ -22,23 +23,23 @@ from aacmm_pin.effects import (
     sensitivity,
 )
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.plots.abscissa import (
-    abscissa,
-    bins,
-    is_of_angle,
-    load_words,
-    period,
-    unit_of_angle,
-)
 
 MICRO = 1e-6
 KIND_OF_UNIT = {"µm/m": "expansion", "µrad": "rotation", "µm": "translation"}
 """What an amount is, by its unit."""
-DENSE = 1500
-"""Points of a curve over an angle."""
-AWAY = 0.02
-"""A curve over an angle breaks off where the nearest record is farther than this part of the range.
-"""
+FOLDED = 3.0
+"""Waves of a higher order are drawn over one period; over a whole turn they would be a band."""
+LOADS = {
+    "base_compliance": "moment of the weight about the base",
+    "bearing_tilt": "moment of the weight across the axis",
+    "counterbalance": "horizontal part of the body",
+    "joint_compliance": "moment of the weight about the axis",
+    "link_bending": "bending load of the tube",
+    "probe_bending": "probe direction across the stylus",
+    "stylus_bending": "horizontal part of the stylus",
+    "torsional_windup": "moment of the weight about the tube",
+}
+"""What one parameter of a cause is multiplied by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +51,6 @@ class PartialResidual:
         value, u: amount of the cause by each record, and its standard uncertainty, in the unit of
             ``y_label`` (n,).
         fitted: amount by the fitted cause (n,).
-        curve: x and amount of the fitted cause, in the order in which a line joins them; nan where
-            it breaks off (2, m).
-        bins: into how many parts of x the records may be gathered.
     """
 
     x: Array
@@ -61,8 +59,6 @@ class PartialResidual:
     u: Array
     fitted: Array
     y_label: str
-    curve: Array
-    bins: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +69,13 @@ class _Amount:
         amount: at the fitted values (n,) [rad, m, or m/m].
         unit: a millionth of what the amount is in: µrad of a turn, µm of a shift, µm/m of a strain.
         lever: displacement of the target by one unit of amount, in the base (n, 3).
-        direction: twist of one unit, at one place in all records alike (6,); None where it varies.
+        has_direction: whether one unit is the same twist, at one place, in all records.
     """
 
     amount: Array
     unit: str
     lever: Array
-    direction: Array | None = None
+    has_direction: bool = False
 
 
 def is_constant(effect: Effect, state: State) -> bool:
@@ -95,10 +91,9 @@ def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = N
     problem = fit.problem
     effects = (*problem.model.effects, *fit.effects)
     records, arm = problem.measurements, problem.model.arm
-    own = conditions if conditions is not None else records.conditions
-    return displaced(
-        arm, effects, records.q if q is None else q, own, arm.place(), as_referenced=False
-    )
+    q = records.q if q is None else q
+    conditions = conditions or records.conditions
+    return displaced(arm, effects, q, conditions, arm.place(), as_referenced=False)
 
 
 def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
@@ -123,27 +118,24 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
             f"{effect.label} displaces all records equally; expected a cause that depends on "
             "something"
         )
-    found = _amount(effect, state)
-    lever = found.lever @ fit.point.frame.rotation.T
+    cause = _amount(effect, state)
+    lever = cause.lever @ fit.point.frame.rotation.T
     weighted = np.linalg.solve(fit.residual_noise[:, :3, :3], lever[:, :, None])[:, :, 0]
     information = np.einsum("ni,ni->n", lever, weighted)
     there = fit.used & (information > 1e-6 * np.nanmax(information))
-    off = np.einsum("ni,ni->n", weighted, np.nan_to_num(fit.system.deviation))
-    value = found.amount - off / np.where(there, information, 1.0)
-    x, x_label = _covariate(effect, state, found)
-    ordered = np.argsort(x[there], kind="stable")
-    curve = np.stack([x[there][ordered], found.amount[there][ordered]])
-    if is_of_angle(effect, state):
-        curve = _over_angle(effect, state, found, there)
+    residual = np.einsum("ni,ni->n", weighted, np.nan_to_num(fit.system.deviation))
+    value = cause.amount[there] - residual[there] / information[there]
+    x, x_label = _abscissa(effect, state, cause)
+    what = KIND_OF_UNIT[cause.unit]
+    if effect.location_field() == "joint" and cause.has_direction:
+        what = f"joint {'angle' if cause.unit == 'µrad' else 'position'} minus reading"
     return PartialResidual(
         x=x[there],
         x_label=x_label,
-        value=value[there] / MICRO,
+        value=value / MICRO,
         u=information[there] ** -0.5 / MICRO,
-        fitted=found.amount[there] / MICRO,
-        y_label=_y_label(effect, found),
-        curve=curve * np.array([[1.0], [1 / MICRO]]),
-        bins=bins(effect),
+        fitted=cause.amount[there] / MICRO,
+        y_label=f"{what} [{cause.unit}]",
     )
 
 
@@ -159,12 +151,12 @@ def _amount(effect: Effect, state: State) -> _Amount:
         columns = np.broadcast_to(places[0].columns, (state.n, 6, len(values)))
         direction = _common_direction(columns)
         if direction is not None:
-            lever = point_sensitivity(
-                state, Displacement(places[0].place, direction[None, :, None])
-            )[:, :, 0]
-            amount = _along(direction, columns, values)
+            twist = Displacement(places[0].place, direction[None, :, None])
+            lever = np.broadcast_to(point_sensitivity(state, twist)[:, :, 0], (state.n, 3))
+            # How often the twist is in the displacement.
+            amount = columns @ values @ direction / (direction @ direction)
             unit = "µrad" if direction[3:].any() else "µm"
-            return _Amount(amount, unit, np.broadcast_to(lever, (state.n, 3)), direction)
+            return _Amount(amount, unit, lever, has_direction=True)
         shift, turn = np.split(columns @ values, 2, axis=1)
         size, unit = (turn, "µrad") if turn.any() else (shift, "µm")
         amount = np.linalg.norm(size, axis=1) * (np.sign(values[0]) if len(values) == 1 else 1.0)
@@ -192,21 +184,48 @@ def _common_direction(columns: Array) -> Array | None:
     return np.asarray(direction * np.sign(largest) / length)
 
 
-def _along(direction: Array, columns: Array, values: Array) -> Array:
-    """How often the twist is in those of the values (n,)."""
-    unit = direction / (direction @ direction)
-    return np.asarray(np.einsum("i,nip,p->n", unit, columns, values))
+def _abscissa(effect: Effect, state: State, cause: _Amount) -> tuple[Array, str]:
+    """What the cause depends on in every record (n,), and the words and unit of that axis."""
+    conditions, row = state.conditions, effect.row
+    if "time" in effect.needs:
+        return conditions.require("time", effect.label) / 60.0, "time [min]"
+    if "temperature" in effect.needs and conditions.temperature is not None:
+        return conditions.temperature, "temperature [°C]"
+    if "approach" in effect.needs and row is not None:
+        approach = conditions.require("approach", effect.label)
+        return approach[:, state.joint(row)], "direction of the last motion [1]"
+    if row is not None and is_of_angle(effect, state):
+        order = float(getattr(effect, "order", 0.0))
+        if order > FOLDED:
+            period = 360.0 / order
+            words = f"joint {row}, folded into one period of {period:.4g}° [°]"
+            return np.mod(state.angle(row) / DEG, period), words
+        unit, size = ("mm", MM) if state.slides(row) else ("°", DEG)
+        return state.angle(row) / size, f"joint {row} [{unit}]"
+    if len(effect.values) == 1 and effect.values[0] and cause.unit != "µm/m":
+        unit = unit_of_load(effect.terms[0].unit, cause.unit.removeprefix("µ"))
+        return cause.amount / effect.values[0], f"{load_words(effect)} [{unit}]"
+    return cause.amount / MICRO, f"fitted {KIND_OF_UNIT[cause.unit]} [{cause.unit}]"
 
 
-def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str]:
-    """What the cause depends on, and its name with its unit."""
-    over = abscissa(effect, state)
-    if over is not None:
-        return over
-    if len(effect.values) == 1 and effect.values[0] and found.unit != "µm/m":
-        unit = unit_of_load(effect.terms[0].unit, found.unit.removeprefix("µ"))
-        return found.amount / effect.values[0], f"{load_words(effect)} [{unit}]"
-    return found.amount / MICRO, f"fitted {KIND_OF_UNIT[found.unit]} [{found.unit}]"
+def load_words(effect: Effect) -> str:
+    """What its parameter is multiplied by; a cause of others may state it as ``load``."""
+    if "torque" in effect.needs:
+        return "negative measured torque"
+    default = getattr(effect, "load", "load")
+    return LOADS.get(effect.cause, default)
+
+
+def is_of_angle(effect: Effect, state: State) -> bool:
+    """Whether it is a function of the angle of its own joint alone."""
+    row, of_joint = effect.row, effect.location_field() == "joint"
+    if row is None or not of_joint or effect.elastic or effect.needs:
+        return False
+    number = state.joint(row)
+    alone = np.zeros_like(state.q)
+    alone[:, number] = state.q[:, number]
+    whole, own = effect.displacements(state), effect.displacements(replace(state, q=alone))
+    return len(whole) == 1 and np.array_equal(whole[0].columns, own[0].columns)
 
 
 def unit_of_load(unit: str, amount: str) -> str:
@@ -220,32 +239,3 @@ def unit_of_load(unit: str, amount: str) -> str:
         return amount if above == "1" else "1"
     factors = [amount, *below] if above == "1" else below
     return "·".join(factors) if len(factors) > 1 else re.sub(r"^\(([^()]*)\)$", r"\1", factors[0])
-
-
-def _over_angle(effect: Effect, state: State, found: _Amount, there: Mask) -> Array:
-    """The fitted cause over the covered range of its joint, x [°, or mm] and amount (2, m)."""
-    assert effect.row is not None
-    assert found.direction is not None  # a function of one joint's angle turns about its axis
-    number, folded = state.joint(effect.row), period(effect)
-    angle = state.angle(effect.row)[there]
-    grid = (
-        np.linspace(0.0, folded, DENSE) if folded else np.linspace(angle.min(), angle.max(), DENSE)
-    )
-    q = np.zeros((DENSE, state.q.shape[1]))
-    q[:, number] = grid
-    (shown,) = effect.displacements(State(state.arm, q, Conditions(DENSE), state.target))
-    amount = _along(found.direction, shown.columns, np.array(effect.values))
-    if folded is None:  # where no record is near, nobody knows the curve
-        ordered = np.sort(angle)
-        after = np.clip(np.searchsorted(ordered, grid), 1, len(ordered) - 1)
-        away = np.minimum(np.abs(grid - ordered[after - 1]), np.abs(ordered[after] - grid))
-        amount[away > AWAY * np.ptp(ordered)] = np.nan
-    return np.stack([grid / unit_of_angle(state, effect.row)[1], amount])
-
-
-def _y_label(effect: Effect, found: _Amount) -> str:
-    if effect.location_field() == "joint" and found.direction is not None:
-        return (
-            f"joint {'angle' if found.unit == 'µrad' else 'position'} minus reading [{found.unit}]"
-        )
-    return f"{KIND_OF_UNIT[found.unit]} [{found.unit}]"

@@ -1,9 +1,10 @@
-"""Residuals in space, of a calibration or a diagnosis: lines from stated places towards the tip,
-and the arm.
+"""Places in space, and the arm: residuals of a calibration or a diagnosis as lines from stated
+places towards the tip, and places round an arm from above and from the side.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any, Literal, get_args
 
@@ -14,9 +15,11 @@ from matplotlib.figure import Figure
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.numbers import length
 from aacmm_pin.report.plots.partial_residuals import state_of
 from aacmm_pin.report.plots.style import (
@@ -87,6 +90,14 @@ def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
     return ("recalibrated", "extended") if result.findings else ("simulation", "recalibrated")
 
 
+Groups = Mapping[str, tuple[str, Sequence[tuple[str, Array]]]]
+"""By name: a colour, and places, each with a label, or "", and points (k, 3) [m] that are joined by
+lines.
+"""
+MANY_PLACES = 8
+"""Places of one kind that are drawn large; more are drawn small."""
+
+
 @plain
 def plot_residual_vectors(
     result: Calibration | Diagnosis,
@@ -114,8 +125,8 @@ def plot_residual_vectors(
     Raises:
         UnknownNameError: the model or the plane is unknown.
     """
-    judge = [*models(result).values()][-1]
-    name = model or [*models(result)][-1]
+    fits = models(result)
+    name, judge = model or [*fits][-1], [*fits.values()][-1]
     fit = model_named(result, name)
     if plane not in get_args(Plane):
         raise UnknownNameError("plane", plane, list(get_args(Plane)))
@@ -123,34 +134,21 @@ def plot_residual_vectors(
     deviation = deviations_of(result, fit)
     place = fit.point.prediction.tips - deviation
     factor = factor or magnification_of(place[judge.used], deviation[judge.used])
+    style: dict[str, Any] = {"lw": 3, "ms": 4, "alpha": 0.5, "solid_capstyle": "round"}
     for posture in postures_of(judge):
-        ax.plot(
-            *posture[:, axes].T / MM,
-            "-",
-            color=GREY,
-            lw=3,
-            alpha=0.45,
-            solid_capstyle="round",
-            zorder=1,
-        )
-        ax.plot(*posture[:, axes].T / MM, "o", color=GREY, ms=4, alpha=0.6, zorder=1)
+        ax.plot(*posture[:, axes].T / MM, "o-", color=GREY, zorder=1, **style)
     used, excluded = some_of(np.flatnonzero(judge.used), MOST_VECTORS), judge.excluded
-    of = judge.used.sum()
-    some = f"\n{len(used)} of {of} records are drawn" if len(used) < of else ""
-    ax.plot(*np.unique(place[used][:, axes] / MM, axis=0).T, "o", ms=2.5, color=INK, zorder=2)
+    number = judge.used.sum()
+    some = f"\n{len(used)} of {number} records are drawn" if len(used) < number else ""
     if excluded.any():
-        style: dict[str, Any] = {
-            "ms": 7,
-            "mew": 1.8,
-            "color": VERMILLION,
-            "label": f"{excluded.sum()} excluded",
-        }
-        ax.plot(*place[excluded][:, axes].T / MM, "x", **style)
+        label = f"{excluded.sum()} excluded"
+        crosses = place[excluded][:, axes].T / MM
+        ax.plot(*crosses, "x", ms=7, mew=1.8, color=VERMILLION, label=label)
         legend_below(ax)
     _draw_vectors(ax, place[used][:, axes] / MM, deviation[used][:, axes] / MM, factor)
     ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
     words = f"{MODEL_WORDS.get(name, name)}, {VIEWS[plane]}"
-    ax.set_title(f"{words}, residuals magnified {factor:g}×{some}", fontsize=10)
+    ax.set_title(f"{words}, residuals magnified {factor:g}×{some}")
     return ax
 
 
@@ -183,41 +181,28 @@ def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
     length.
     """
     ends = start + factor * off
-    lines = LineCollection(
-        list(np.stack([start, ends], axis=1)), colors=BLUE, linewidths=0.9, alpha=0.75, zorder=2
-    )
-    ax.add_collection(lines)
+    segments = [*np.stack([start, ends], axis=1)]
+    ax.add_collection(LineCollection(segments, colors=BLUE, linewidths=0.9, alpha=0.75, zorder=2))
+    ax.plot(*start.T, "o", ms=2.5, color=INK, zorder=2)
     ax.plot(*ends.T, ".", ms=2.3, color=BLUE, zorder=2)
     low, size = start.min(axis=0), float(np.ptp(start, axis=0).max()) or 1.0
     bar = round_down(0.12 * size / factor)
-    y = low[1] - 0.11 * size
-    ax.plot([low[0], low[0] + factor * bar], [y, y], "|-", color=INK, lw=1.2, ms=7)
-    style: dict[str, Any] = {
-        "textcoords": "offset points",
-        "va": "center",
-        "fontsize": 8,
-        "color": INK,
-    }
-    ax.annotate(length(bar * MM), (low[0] + factor * bar, y), (5, 0), **style)
+    end, y = low[0] + factor * bar, low[1] - 0.11 * size
+    ax.plot([low[0], end], [y, y], "|-", color=INK, lw=1.2, ms=7)
+    style: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": 8}
+    ax.annotate(length(bar * MM), (end, y), (5, 0), **style)
     ax.margins(0.08)
-
-
-def off_stated(fit: Fit) -> Array:
-    """Tip minus stated place, or minus the place that a seat seems to have where none is stated
-    (n, 3) [m].
-    """
-    records = fit.problem.measurements
-    from_reference = fit.point.prediction.tips - records.reference
-    return np.where(records.known[:, None], from_reference, fit.system.deviation)
 
 
 def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
     """Residuals as the result lists them (n, 3) [m]; of a diagnosis from the stated places, which
-    may be wrong.
+    may be wrong, or from the place that a seat seems to have where none is stated.
     """
     if isinstance(result, Calibration):
         return fit.system.deviation
-    return off_stated(fit)
+    records = fit.problem.measurements
+    from_reference = fit.point.prediction.tips - records.reference
+    return np.where(records.known[:, None], from_reference, fit.system.deviation)
 
 
 def magnification_of(place: Array, deviation: Array) -> float:
@@ -243,3 +228,36 @@ def postures_of(fit: Fit) -> Array:
         near = np.minimum(near, np.linalg.norm(tips - tips[farthest], axis=1))
     state = state_of(fit, records.q[chosen], records.conditions.take(chosen))
     return np.stack([frame.apply(points) for points in state.origin.transpose(1, 0, 2)])
+
+
+@plain
+def two_views(arm: Arm, q: Array, groups: Groups) -> Figure:
+    """The arm in the posture ``q`` (1, nq) [rad], and places in the axes of its base."""
+    figure = Figure(figsize=(10.0, 5.6), layout="constrained")
+    lines = ArmLines(arm).corners(q)[0] / MM
+    from_above, from_the_side = figure.subplots(1, 2)
+    _draw_view(from_above, lines, groups, [0, 1])
+    _draw_view(from_the_side, lines, groups, [0, 2])
+    from_above.set(xlabel="x [mm]", ylabel="y [mm]", title="View from above (along -z)")
+    from_the_side.set(xlabel="x [mm]", ylabel="z [mm]", title="View from the side (along y)")
+    handles, names = from_above.get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _draw_view(axes: Axes, lines: Array, groups: Groups, plane: list[int]) -> None:
+    """The arm and the places, projected on the two axes of the ``plane``."""
+    text: dict[str, Any] = {"textcoords": "offset points", "xytext": (5, 4), "fontsize": 8}
+    for name, (colour, places) in groups.items():
+        size = 4 if len(places) > MANY_PLACES else 6
+        style: dict[str, Any] = {"ms": size, "lw": size / 4, "color": colour}
+        axes.plot([], [], "o-", label=name, **style)
+        for label, points in places:
+            projected = points[:, plane] / MM
+            axes.plot(*projected.T, "o-", **style)
+            axes.annotate(label, projected[0], color=colour, **text)
+    axes.plot(*lines[:, plane].T, color=INK, lw=2.5, solid_capstyle="round")
+    axes.plot(0, 0, "s", color=INK, ms=7)
+    axes.set_aspect("equal")
+    axes.grid(color="#eeeeee")
+    axes.margins(0.08)

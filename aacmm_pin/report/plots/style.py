@@ -1,4 +1,4 @@
-"""Colours, axes to draw on, names below places, and orders of names and of magnitude."""
+"""One style of all pictures: colours, text, axes to draw on, names at places, bars, legends."""
 
 from __future__ import annotations
 
@@ -11,11 +11,8 @@ from typing import Any, ParamSpec, TypeVar, cast
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 from matplotlib.text import Text
-from matplotlib.ticker import FixedFormatter, FuncFormatter
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.text_escaping import printable
@@ -26,103 +23,71 @@ BLUE, VERMILLION, GREEN, GREY, INK = "#0072b2", "#d55e00", "#009e73", "#9a9a9a",
 VOLUME_COLOURS = "viridis"
 VOLUME_NAME, U_NAME = "accuracy volume", "standard uncertainty u"
 VOLUME_LABEL = f"{VOLUME_NAME} [mm³]"
-
-
-P = ParamSpec("P")
-Drawn = TypeVar("Drawn", Axes, Figure)
-OF_NAMES = (FixedFormatter, FuncFormatter)
-LONGEST_NAME, LONGEST_LINE = 48, 96
-"""Characters of a name at a tick or in a legend, and of a line of a title, lest they leave the axes
-no place.
+STYLE: dict[str, Any] = {
+    "text.usetex": False,
+    "axes.titlesize": 10,
+    "legend.fontsize": 8,
+    "legend.title_fontsize": 8,
+    "legend.frameon": False,
+}
+"""Settings of matplotlib while a picture is drawn."""
+LONGEST_LINE, LONGEST_AT_TICK, LONGEST_UPRIGHT = 96, 48, 24
+"""Characters of a line of a title, of a name at a tick, and of one that may stand upright, lest
+they leave the axes no place.
 """
 EDGE = 0.03
 """How far from the edge of the scale a mark for a value beyond it stands, in heights of the scale.
 """
-LONGEST_UPRIGHT = 24
-"""Characters of a name that stands upright."""
+P = ParamSpec("P")
+Drawn = TypeVar("Drawn", Axes, Figure)
+
+
+@contextmanager
+def without_latex() -> Iterator[None]:
+    """While pictures have their style, and matplotlib alone draws text: LaTeX may not be there, or
+    take names for commands.
+
+    Only these settings are put back: a backend that the first figure loads, such as Jupyter's,
+    makes settings of its own.
+    """
+    settings: Any = plt.rcParams
+    before = {name: settings[name] for name in STYLE}
+    settings.update(STYLE)
+    try:
+        yield
+    finally:
+        settings.update(before)
 
 
 def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
-    """The function that draws, with names in its picture as they are, but for their length.
-
-    Matplotlib takes text between $ for formulas, and leaves axes no place beside long names.
-    """
+    """The function that draws, in the style, with text as it is: see :func:`literal`."""
 
     @wraps(draw)
     def drawn(*args: P.args, **named: P.kwargs) -> Drawn:
-        latex = plt.rcParams["text.usetex"]
         with without_latex():
             picture = draw(*args, **named)
-            place: Any = picture
-            panels = place.axes if isinstance(place, Figure) else [place]
-            _write_names(picture, [axis for panel in panels for axis in (panel.xaxis, panel.yaxis)])
-            if latex:  # ticks are made where they are drawn first
-                place.figure.canvas.figure.draw_without_rendering()
+        for text in cast(list[Text], picture.findobj(Text)):
+            text.set_usetex(False)
+            text.set_text(literal(text.get_text()))
         return picture
 
     return drawn
 
 
-def _write_names(picture: Any, axes: Sequence[Axis]) -> None:
-    """All text of a picture as it stands there, shortened; but numbers at the ``axes`` stay
-    formulas.
+def literal(text: str, most: int = LONGEST_LINE) -> str:
+    """Text that is no formula to matplotlib whatever it holds, with lines of at most so many
+    characters.
     """
-    numbers, in_legends = set[Text](), set[Text]()
-    for axis in axes:
-        names = axis.get_major_formatter()
-        if isinstance(names, OF_NAMES):
-            axis.set_major_formatter(_short_names(names))
-        else:
-            numbers.update(_tick_labels(axis))
-    for legend in picture.findobj(Legend):
-        in_legends.update(legend.get_texts())
-    for text in picture.findobj(Text):
-        text.set_usetex(False)
-        if text not in numbers:
-            most = LONGEST_NAME if text in in_legends else LONGEST_LINE
-            text.set_parse_math(False)
-            text.set_text(short(printable(text.get_text()), most))
+    lines = printable(text).split("\n")
+    return re.sub(r"(?<!\\)\$", r"\$", "\n".join(_shortened(line, most) for line in lines))
 
 
-def _tick_labels(axis: Axis) -> Iterator[Text]:
-    for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
-        yield tick.label1
-        yield tick.label2
-
-
-@contextmanager
-def without_latex() -> Iterator[None]:
-    """While matplotlib alone draws text, whatever its settings: LaTeX may not be there, or take
-    names for commands.
-
-    Only this setting is put back: a backend that the first figure loads, such as Jupyter's, makes
-    settings of its own.
-    """
-    latex = plt.rcParams["text.usetex"]
-    plt.rcParams["text.usetex"] = False
-    try:
-        yield
-    finally:
-        plt.rcParams["text.usetex"] = latex
-
-
-def short(text: str, most: int) -> str:
-    """The text with lines of at most so many characters, the middle of longer ones left out."""
-    return "\n".join(_short_line(line, most) for line in text.split("\n"))
-
-
-def _short_line(line: str, most: int) -> str:
+def _shortened(line: str, most: int) -> str:
+    """The middle of a long line is left out."""
     if len(line) <= most:
         return line
     half = most // 2
     return f"{line[:half]}…{line[half + 1 - most :]}"
-
-
-def _short_names(names: Callable[..., str]) -> Callable[[float, float], str]:
-    def short_name(value: float, place: float) -> str:
-        return short(names(value, place), LONGEST_NAME)
-
-    return short_name
 
 
 def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
@@ -167,18 +132,31 @@ def whole(panels: Sequence[Axes]) -> Figure:
 
 def legend_below(ax: Axes, columns: int = 4, **more: Any) -> None:
     """The legend in rows below the axes and their label."""
-    place: dict[str, Any] = {
-        "loc": "upper center",
-        "bbox_to_anchor": (0.5, 0.0),
-        "borderaxespad": 5.0,
-    }
-    ax.legend(fontsize=8, frameon=False, ncols=columns, **place, **more)
+    place = {"bbox_to_anchor": (0.5, 0.0), "borderaxespad": 5.0}
+    ax.legend(loc="upper center", ncols=columns, **more | place)
+
+
+def draw_bars(
+    ax: Axes, names: Sequence[str], sizes: Iterable[float], labels: Sequence[str], colours: Any
+) -> None:
+    """Horizontal bars, the first on top, with their names beside them and labels at their ends."""
+    bars = ax.barh(range(len(names)), [*sizes], color=colours, height=0.65)
+    ax.bar_label(bars, labels, padding=4, fontsize=8)
+    ax.margins(x=0.28)
+    name_rows(ax, names)
+
+
+def name_rows(ax: Axes, names: Sequence[str], size: float = 9.0) -> None:
+    """Names beside the places 0, 1, 2, …, the first on top."""
+    rows = range(len(names))
+    ax.set_yticks(rows, [literal(name, LONGEST_AT_TICK) for name in names], fontsize=size)
+    ax.invert_yaxis()
 
 
 def draw_beyond(
     ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tuple[float, float]
 ) -> None:
-    """Sets the limits of y; triangles at their edge stand for the values beyond, and the legend
+    """Sets the limits of y; diamonds at their edge stand for the values beyond, and the legend
     counts these.
 
     Args:
@@ -189,11 +167,12 @@ def draw_beyond(
     low, high = limits
     edge, number = EDGE * (high - low), 0
     for x, y, colour in series:
-        for off, at, marker in ((y < low, low + edge, "v"), (y > high, high - edge, "^")):
-            ax.plot(x[off], np.full(off.sum(), at), marker, ms=5, color=colour)
-            number += int(off.sum())
+        beyond = (y < low) | (y > high)
+        inside = np.clip(y[beyond], low + edge, high - edge)
+        ax.plot(x[beyond], inside, "D", ms=4, color=colour)
+        number += int(beyond.sum())
     if number:
-        ax.plot([], [], "^", ms=5, color=INK, label=f"{number} beyond the scale, at its edge")
+        ax.plot([], [], "D", ms=4, color=INK, label=f"{number} beyond the scale, at its edge")
     ax.set_ylim(low, high)
 
 
@@ -201,15 +180,11 @@ def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float =
     """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or a third
     as many names upright.
     """
-    names = [printable(name) for name in names]
-    widths = [2 + max(map(len, name.split("\n"))) for name in names]
-    rotation = 0
-    if sum(widths) > letters:
-        rotation = 90
-        names = [short(name, LONGEST_UPRIGHT) for name in names]
-    step = -(-3 * len(names) // letters)
-    places = range(len(names))
-    ax.set_xticks(places[::step], names[::step], fontsize=size, rotation=rotation)
+    names = [literal(name, LONGEST_UPRIGHT) for name in names]
+    width = sum(2 + max(map(len, name.split("\n"))) for name in names)
+    some = slice(None, None, -(-3 * len(names) // letters))
+    rotation = 90 if width > letters else 0
+    ax.set_xticks(range(len(names))[some], names[some], fontsize=size, rotation=rotation)
 
 
 def aside(count: int, width: float) -> Array:

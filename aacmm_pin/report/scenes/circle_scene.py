@@ -11,7 +11,7 @@ from aacmm_pin._support.units import DEG, MM3, UM, count
 from aacmm_pin.accuracy import ELLIPSOID_COVERAGE_FACTOR, AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint
-from aacmm_pin.report.plots.circle import evenly, neighbours
+from aacmm_pin.report.plots.circle import neighbours
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
@@ -20,7 +20,7 @@ from aacmm_pin.report.plots.style import (
     round_down,
     some_of,
 )
-from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, Swatch
+from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
 from aacmm_pin.report.scenes.stage import (
     Bodies,
     ahead,
@@ -85,7 +85,7 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
     within = " within the joint limits" if len(inside) else ""
     shown = f"postures{within}, one closed curve after the other"
     scene.notes.insert(0, on_slider(len(members), len(eligible), shown))
-    draw_ghosts(scene, bodies.radius, bodies.corners(circle.q[evenly(eligible, GHOSTS)]))
+    draw_ghosts(scene, bodies.radius, bodies.corners(circle.q[some_of(eligible, GHOSTS)]))
     draw_ball(scene, "point", "working point", 0.75 * bodies.radius, circle.point)
     colours = np.tile(to_rgb(GREY), (len(circle.q), 1))
     colours[inside] = to_rgb(BLUE)
@@ -124,19 +124,19 @@ def _draw_path(
     scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
 ) -> None:
     """The pieces of the path (n, 3) [m] within and outside limits; single postures have none."""
-    pairs = neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS), path)
+    pairs = neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS))
     works = circle.within_limits[pairs].all(axis=1)
     within, outside = pairs[works], pairs[~works]
     if len(outside):
         line = prisms(path[outside[:, 0]], path[outside[:, 1]], 0.4 * radius)
         scene["path/outside"].set_object(line, flat(GREY))
-        scene.swatches.insert(0, Swatch(GREY, f"path of {name}, outside the joint limits", "line"))
+        scene.explain(GREY, f"path of {name}, outside the joint limits", "line")
     if len(within):
         start, end = path[within[:, 0]], path[within[:, 1]]
         line = prisms(start, end, radius, colours=colours[within])
         scene["path/within"].set_object(line, flat(by_vertex=True))
         if scene.bar is None:
-            scene.swatches.insert(0, Swatch(BLUE, f"path of {name}, within limits", "line"))
+            scene.explain(BLUE, f"path of {name}, within limits", "line")
     if scene.bar is not None:
         what = f"path of {name}" if len(pairs) else "slider"
         scene.notes.insert(0, f"The colour bar holds for the {what} within the joint limits.")
@@ -155,7 +155,7 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     placements[:, :3, :3] = vectors * drawn[:, None, :]
     scene["accuracy"].set_object(Sphere(1.0), ahead(ELLIPSOID, 0.6))
     scene["accuracy"].set_transform(placements[0])
-    scene.swatches.insert(0, Swatch(ELLIPSOID, "uncertainty ellipsoid of the posture", "area"))
+    scene.explain(ELLIPSOID, "uncertainty ellipsoid of the posture", "area")
     scene.notes.insert(
         0,
         "The ellipsoid at the point covers 95 % of position errors "

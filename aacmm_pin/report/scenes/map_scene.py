@@ -11,9 +11,9 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import WorkspaceMap
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES
+from aacmm_pin.report.plots.accuracy import OUTSIDE_LIMITS, QUANTITIES
 from aacmm_pin.report.plots.style import VOLUME_COLOURS, some_of
-from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, Swatch, View
+from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, View
 from aacmm_pin.report.scenes.stage import (
     ROOM_ROUND_ARM,
     Bodies,
@@ -82,9 +82,7 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     if outside.any():
         pink = np.tile(to_rgb(OUTSIDE_LIMITS), (outside.sum(), 1))
         _draw_cells(scene, "outside limits", corners[outside], pink)
-        scene.swatches.insert(
-            0, Swatch(OUTSIDE_LIMITS, "in reach, no posture within the joint limits", "area")
-        )
+        scene.explain(OUTSIDE_LIMITS, "in reach, no posture within the joint limits", "area")
     texts = {
         "x of the cell": [f"{x / MM:.1f} mm" for x in points[:, 0]],
         "z of the cell": [f"{z / MM:.1f} mm" for z in points[:, 2]],

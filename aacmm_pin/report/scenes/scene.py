@@ -238,6 +238,10 @@ class Scene:
         frames = len(self.frames) if self.frames else 0
         return f"{self.title}: {len(self.commands)} commands, {frames} frames"
 
+    def explain(self, colour: str, text: str, mark: Mark = "ball") -> None:
+        """Put a colour and its meaning on top of the legend."""
+        self.swatches.insert(0, Swatch(colour, text, mark))
+
     @property
     def commands(self) -> list[bytes]:
         """Return the meshcat commands that build the scene, packed with msgpack, with numbers as

@@ -18,6 +18,7 @@ from meshcat.geometry import (
     Sphere,
     TriangularMeshGeometry,
 )
+from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
@@ -173,13 +174,13 @@ def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
     for number, corners in enumerate(postures, start=1):
         lines = prisms(corners[:-1], corners[1:], 0.3 * radius)
         scene[f"ghosts/{number}"].set_object(lines, solid(GHOST, 0.45))
-    scene.swatches.insert(0, Swatch(GHOST, "other postures", "line"))
+    scene.explain(GHOST, "other postures", "line")
 
 
 def draw_ball(scene: Scene, path: str, what: str, radius: float, place: Array) -> None:
     """A ball at ``place`` (3,) [m] that is seen whatever stands before it."""
     _put(scene[path], Sphere(radius), placed_at(place), ahead(VERMILLION, 0.85))
-    scene.swatches.insert(0, Swatch(VERMILLION, what))
+    scene.explain(VERMILLION, what)
 
 
 def place_text(point: Array) -> str:
@@ -257,12 +258,9 @@ def rod(
     placement (4, 4).
     """
     length = float(np.linalg.norm(end - start))
-    shape = Cylinder(length, radiusBottom=radius, radiusTop=end_radius or radius)
-    (along,), (across,), (beside,) = _axes((end - start)[None])
     placement = placed_at((start + end) / 2)
-    # three.js draws cylinders along y.
-    placement[:3, :3] = np.column_stack([across, along, -beside])
-    return shape, placement
+    placement[:3, :3] = _toward(end - start)
+    return Cylinder(length, radiusBottom=radius, radiusTop=end_radius or radius), placement
 
 
 def prisms(
@@ -273,12 +271,12 @@ def prisms(
     Six vertices about each start are followed by six about its end; ``colours`` (n, 2, 3) in [0, 1]
     are those of both.
     """
-    _, across, beside = _axes(end - start)
-    turn = np.arange(TUBE_SIDES)[:, None] * (2 * np.pi / TUBE_SIDES)
-    ring = radius * (across[:, None] * np.cos(turn) + beside[:, None] * np.sin(turn))
-    end_ring = 0.0 * ring if point else ring
-    vertices = np.stack([start[:, None] + ring, end[:, None] + end_ring], axis=1)  # (n, 2, 6, 3)
     corner = np.arange(TUBE_SIDES)
+    turn = corner * (2 * np.pi / TUBE_SIDES)
+    section = radius * np.column_stack([np.cos(turn), np.zeros(TUBE_SIDES), np.sin(turn)])
+    rings = np.array([section @ _toward(way).T for way in end - start])
+    end_rings = 0.0 * rings if point else rings
+    vertices = np.stack([start[:, None] + rings, end[:, None] + end_rings], axis=1)  # (n, 2, 6, 3)
     after = (corner + 1) % TUBE_SIDES
     lower = np.column_stack([corner, after, corner + TUBE_SIDES])
     upper = np.column_stack([after, after + TUBE_SIDES, corner + TUBE_SIDES])
@@ -288,15 +286,9 @@ def prisms(
     return TriangularMeshGeometry(vertices.reshape(-1, 3), faces.reshape(-1, 3), painted)
 
 
-def _axes(direction: Array) -> tuple[Array, Array, Array]:
-    """Three right-handed unit vectors, the first along each direction (n, 3)."""
-    along = _units(direction)
-    least = np.eye(3)[np.abs(along).argmin(axis=1)]
-    across = _units(np.cross(along, least))
-    return along, across, np.cross(along, across)
-
-
-def _units(vectors: Array) -> Array:
-    """Of length one (n, 3); zero stays zero."""
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors / np.maximum(lengths, 1e-300))
+def _toward(direction: Array) -> Array:
+    """Rotation (3, 3) of y, along which three.js draws cylinders, to a direction (3,)."""
+    if not direction.any():
+        return np.eye(3)
+    rotation, _ = Rotation.align_vectors(direction[None], np.eye(3)[[1]])
+    return np.asarray(rotation.as_matrix())
