@@ -33,6 +33,10 @@ SURELY = 1e-6
 """Chance, over all that is known of the records, below which what the excluded ones share is no
 chance.
 """
+BEYOND_USED = 0.5
+"""Part of the range of the used records by which many excluded ones may be beyond it, and share
+that.
+"""
 MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
 NARROW = 0.5
@@ -182,7 +186,9 @@ def shared_by(fit: Fit) -> Shared | None:
         return shared[0]
     if excluded.sum() >= FEWEST_EXCLUDED:
         numbers, labels = _columns(arm, records)
-        shared += [found.shared for found in _clusters(numbers, records, excluded, fit.used)]
+        scales = [*_scales(arm, records), *numbers]
+        beyond = _clusters(scales, records, excluded, fit.used, BEYOND_USED)
+        shared += [found.shared for found in beyond if found.shared.p_value < SURELY]
         by_label = [_of_labels(name, labels[name], excluded, fit.used) for name in labels]
         chances = [len(by_label) * found.p_value for found in by_label]
         shared += [
@@ -235,8 +241,9 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
 
 
 def _clusters(
-    scales: Iterable[Scale], records: Measurements, excluded: Mask, used: Mask
+    scales: Iterable[Scale], records: Measurements, excluded: Mask, used: Mask, margin: float = 0.0
 ) -> list[Cluster]:
+    """Those of some scales; records may be beyond the used ones by a part of their range."""
     postures = records.postures
     single = np.zeros(records.n, dtype=bool)
     single[np.unique(np.stack([postures, excluded], axis=1), axis=0, return_index=True)[1]] = True
@@ -249,7 +256,8 @@ def _clusters(
         if name not in ("time", "record"):
             low = values[used].min(axis=0)
             high = values[used].max(axis=0)
-            like = counted & ((values >= low) & (values <= high)).all(axis=1)
+            most = margin * (high - low)
+            like = counted & ((values >= low - most) & (values <= high + most)).all(axis=1)
         neighbours = _ball if values.shape[1] > 1 else _stretch
         window, chance = neighbours(values, np.flatnonzero(like), excluded)
         if chance * kinds < TOGETHER:
