@@ -22,6 +22,7 @@ from aacmm_pin.calibration.parameter_vector import ParameterVector, geometric_pa
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.predicted_residuals import predicted_rms
 from aacmm_pin.calibration.problem import Frame, Problem, registered
+from aacmm_pin.calibration.repeatability import FEWEST_CYCLES, Repeatability, repeatability_of
 from aacmm_pin.calibration.result import (
     BasePlacement,
     Calibration,
@@ -36,6 +37,7 @@ from aacmm_pin.calibration.solver import MISFIT
 from aacmm_pin.calibration.variance_components import information_of_seats
 
 __all__ = [
+    "FEWEST_CYCLES",
     "FEWEST_OF_A_FRAME",
     "MISFIT",
     "NO_SCATTER",
@@ -52,6 +54,7 @@ __all__ = [
     "ParameterVector",
     "Problem",
     "ReferenceFrame",
+    "Repeatability",
     "Scatters",
     "SeatElimination",
     "Setup",
@@ -75,6 +78,7 @@ __all__ = [
     "problem_of",
     "registered",
     "remaining_triangle",
+    "repeatability_of",
     "residuals_by_record",
     "rms",
     "rms_residual",

@@ -16,6 +16,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.arm import Arm, outside_limits
 from aacmm_pin.calibration import (
     ReferenceFrame,
+    Repeatability,
     Setup,
     Target,
     exclusions_of,
@@ -24,6 +25,7 @@ from aacmm_pin.calibration import (
     mistakes_of,
     predicted_rms,
     problem_of,
+    repeatability_of,
     rms_residual,
     session_notes,
 )
@@ -55,6 +57,7 @@ class Check(Shown):
             states none.
         missing: condition that the records do not state, and the causes that cannot be tried
             without it.
+        repeatability: what repeated postures show; None without repeats.
         notes: what was assumed, and what looks unusual.
     """
 
@@ -66,6 +69,7 @@ class Check(Shown):
     calibrated_rms: float
     predicted_rms: float
     missing: Mapping[str, tuple[type[Effect], ...]]
+    repeatability: Repeatability | None
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
@@ -147,6 +151,7 @@ def check_measurements(
         after,
         predicted,
         missing,
+        repeatability_of(calibrated),
         tuple(notes),
     )
 

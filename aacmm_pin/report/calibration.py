@@ -24,6 +24,7 @@ from aacmm_pin.calibration import (
     base_is_open,
     base_placements,
     is_of_setup,
+    repeatability_of,
     rms,
 )
 from aacmm_pin.effects import (
@@ -62,6 +63,7 @@ from aacmm_pin.report.numbers import (
 from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters
 from aacmm_pin.report.plain_values import plain
 from aacmm_pin.report.plots.calibration import LEAST_IN_BIN
+from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatability_in_json
 
 WORTH = 0.05
 """A calibration whose held-out residuals fall by less than this part has not helped."""
@@ -331,6 +333,7 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
         "verdict": verdict(result),
         **bases_in_json(result.fit),
         "left_open": open_in_words(result),
+        "repeatability": repeatability_in_json(repeatability_of(result.fit)),
         "targets": plain([{"marker": label, "rotation": turned} for label, turned in targets]),
     }
 
@@ -441,6 +444,7 @@ def _residuals(result: Calibration) -> Iterator[Block]:
         "The bars show residuals normalised by the covariance of each record. The line shows the χ "
         "distribution that normally distributed noise would give.",
     )
+    yield from repeatability_blocks(repeatability_of(result.fit))
 
 
 def _parameters(result: Calibration) -> Iterator[Block]:

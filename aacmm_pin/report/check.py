@@ -17,6 +17,7 @@ from aacmm_pin.report.document import Document, Notes, Paragraph, Table, documen
 from aacmm_pin.report.measurements import measurements_document
 from aacmm_pin.report.numbers import lengths, mistakes_in_words, other_notes
 from aacmm_pin.report.plain_values import plain
+from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatability_in_json
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
 MISSING = "Causes of error that diagnose cannot try, because the file lacks a column"
@@ -51,6 +52,7 @@ def check_document(check: Check) -> Document:
     blocks = [
         Paragraph(finding, finding=True),
         Paragraph(rows, finding=True),
+        *repeatability_blocks(check.repeatability),
         *columns,
         Table(pd.DataFrame(missing), MISSING),
         Notes(other_notes(check.notes)),
@@ -74,6 +76,7 @@ def check_summary(check: Check) -> dict[str, Any]:
         "other_rows": records.row[check.excluded],
         "calibrated_rms_mm": check.calibrated_rms / MM,
         "predicted_rms_mm": check.predicted_rms / MM,
+        "repeatability": repeatability_in_json(check.repeatability),
         "columns": [*records.to_frame()],
         "not_tried": not_tried_in_json(check.missing),
         **notes_in_json(check.notes),

@@ -13,11 +13,11 @@ from scipy import stats
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm import COVERAGE_FACTOR
-from aacmm_pin.calibration import Calibration, geometric_parameters
+from aacmm_pin.calibration import MISFIT, Calibration, Repeatability, geometric_parameters
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects import in_words
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.numbers import small_unit
+from aacmm_pin.report.numbers import length_unit, small_unit
 from aacmm_pin.report.parameters import parameter_table
 from aacmm_pin.report.plots.residual_vectors import model_named
 from aacmm_pin.report.plots.style import (
@@ -184,6 +184,54 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     ax.legend()
     ax.set_title(f"{result.model.arm.name}: residuals against the noise")
     return ax
+
+
+@plain
+def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Figure:
+    """Plot the deviations of repeats from the mean of their posture over time, or over the row of
+    the file, with their drift; beside them the distribution of the residuals after calibration.
+
+    Args:
+        repeats: repeated postures, see :func:`aacmm_pin.calibration.repeatability_of`.
+        ax: axes whose area the panels share.
+
+    Returns:
+        The figure of the panels.
+    """
+    over, beside = panels_of(ax, (4.3, 3.4), 2, 2, share_y=True)
+    unit, scale = length_unit(float(np.abs(repeats.residuals).max()))
+    clock = repeats.clock / 3600.0 if repeats.is_timed else repeats.clock
+    drift = repeats.drift
+    for axis, colour in enumerate((BLUE, VERMILLION, INK)):
+        deviation = repeats.deviations[:, axis] / scale
+        over.plot(clock, deviation, ".", ms=3, alpha=0.5, color=colour, label="xyz"[axis])
+        if drift is not None and drift.p_value < MISFIT:
+            drifted = drift.change[axis] / scale * repeats.elapsed / np.ptp(repeats.clock)
+            for number in range(repeats.cycles.size):
+                rows = np.flatnonzero(repeats.posture == number)
+                rows = rows[np.argsort(clock[rows])]
+                over.plot(clock[rows], drifted[rows], color=colour, lw=1.2)
+    over.set_xlabel("time [h]" if repeats.is_timed else "row of the file [1]")
+    over.set_ylabel(f"tip minus target [{unit}]")
+    over.set_title("repeats: deviation from the mean of the posture", fontsize=10)
+    legend_below(over, columns=3)
+    series = {"residuals after calibration": repeats.residuals, "repeats": repeats.deviations}
+    bins = np.histogram_bin_edges(repeats.residuals / scale, 40).tolist()
+    for (label, values), colour in zip(series.items(), (GREY, BLUE), strict=True):
+        sizes = values.ravel() / scale
+        beside.hist(
+            sizes,
+            bins,
+            density=True,
+            orientation="horizontal",
+            histtype="step",
+            color=colour,
+            label=label,
+        )
+    beside.set_xlabel(f"density [1/{unit}]")
+    beside.set_title("repeats beside residuals", fontsize=10)
+    legend_below(beside, columns=2)
+    return whole([over, beside])
 
 
 @plain

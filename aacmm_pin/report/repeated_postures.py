@@ -1,0 +1,83 @@
+"""What repeated postures show, as blocks of a document and for JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from aacmm_pin._support.units import MM, count
+from aacmm_pin.calibration import FEWEST_CYCLES, MISFIT, Repeatability
+from aacmm_pin.report import plots
+from aacmm_pin.report.document import Block, Figure, Paragraph, blank_axes
+from aacmm_pin.report.numbers import lengths, p_equals, percent
+from aacmm_pin.report.plain_values import plain
+
+
+def repeatability_blocks(repeats: Repeatability | None) -> list[Block]:
+    """A paragraph and a figure; nothing without repeats."""
+    if repeats is None:
+        return []
+    figure = Figure(
+        lambda: plots.plot_repeats(repeats, blank_axes(8.6, 3.4)),
+        "Deviations of repeats from the mean of their posture over time, beside the residuals",
+        "The left panel shows tip minus target of each repeat, minus the mean of its posture. If "
+        "the drift is significant, a line for each posture shows the drift. The right panel shows "
+        "the distribution of these deviations and of the residuals after calibration, for all "
+        "coordinates.",
+    )
+    return [Paragraph(repeatability_in_words(repeats)), figure]
+
+
+def repeatability_in_words(repeats: Repeatability) -> str:
+    """Repeatability, drift, and both beside the residual."""
+    x, y, z = lengths(repeats.sd)
+    sentences = [
+        f"{len(repeats.posture)} records repeat {count(repeats.cycles.size, 'posture')}. "
+        f"The pooled standard deviation is {x} in x, {y} in y and {z} in z."
+    ]
+    if repeats.rp.size:
+        low, middle, high = lengths(np.quantile(repeats.rp, (0.0, 0.5, 1.0)))
+        sentences.append(
+            "RP is the pose repeatability of ISO 9283: the mean distance from the barycentre plus "
+            "3 standard deviations of the distances. For "
+            f"{count(repeats.rp.size, 'posture')} with {FEWEST_CYCLES} or more repeats, RP is "
+            f"{low} to {high}, with a median of {middle}."
+        )
+    if repeats.drift is not None:
+        change, p = float(np.linalg.norm(repeats.drift.change)), repeats.drift.p_value
+        over = "time" if repeats.is_timed else "the order of the rows"
+        tested = f"{p_equals(p)}, threshold {MISFIT:g}"
+        sentences.append(
+            f"The repeats drift over {over}: by {lengths([change])[0]} from the first to the last "
+            f"({tested})."
+            if p < MISFIT
+            else f"The repeats show no significant drift over {over} ({tested})."
+        )
+    scatter, residual = lengths([repeats.rms, repeats.rms_residual])
+    share = percent((repeats.rms / repeats.rms_residual) ** 2)
+    sentences.append(
+        f"The RMS distance of the repeats from the mean of their posture is {scatter}. The RMS "
+        f"residual after calibration is {residual}. The scatter of the repeats is {share} of the "
+        "mean square residual; no calibration of the geometry removes this part."
+    )
+    return " ".join(sentences)
+
+
+def repeatability_in_json(repeats: Repeatability | None) -> dict[str, Any] | None:
+    """The numbers; None without repeats."""
+    if repeats is None:
+        return None
+    drift = repeats.drift
+    numbers = {
+        "postures": repeats.cycles.size,
+        "records": len(repeats.posture),
+        "sd_mm": repeats.sd / MM,
+        "rms_mm": repeats.rms / MM,
+        "rp_mm": repeats.rp / MM,
+        "drift_mm": None if drift is None else drift.change / MM,
+        "drift_p_value": None if drift is None else drift.p_value,
+        "drift_over": "time" if repeats.is_timed else "rows",
+        "residual_mm": repeats.rms_residual / MM,
+    }
+    return dict(plain(numbers))
