@@ -16,7 +16,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import BASE, Arm, axis, end
-from aacmm_pin.effects.conditions import Records
+from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.effect import (
     Displacement,
     Effect,
@@ -230,7 +230,7 @@ class Tube:
         centre = from_bearing + from_axis - clamp
         part = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
         share = np.clip(2 * np.minimum(part, 1 - part), 0.0, 1.0)
-        body_weight = state.masses[body] * state.arm.gravity
+        body_weight = state.masses[body] * state.gravity
         beyond = state.weight_beyond(row)
         # The first moment of the lump about the end is the body's less that of the tube, whose
         # middle is half a length back.
@@ -298,8 +298,9 @@ class JointCompliance(GravityEffect):
         """Return a candidate for every revolute joint: with measured torques, and with known or
         unknown weights.
 
-        A first joint with a vertical axis has no variant with weights. Measured torques have noise:
-        with measured torques alone this cause would fit worse than causes that use the weights.
+        A first joint whose axis is vertical in all records has no variant with weights. Measured
+        torques have noise: with measured torques alone this cause would fit worse than causes that
+        use the weights.
         """
         chain = arm.chain
         rows = chain.joint_rows()
@@ -312,7 +313,7 @@ class JointCompliance(GravityEffect):
                 # constant lever
                 continue
             tried = [cls(row, torque="measured")] if measured else []
-            moment = number > 0 or not _first_axis_is_vertical(arm)
+            moment = number > 0 or not _first_axis_is_vertical(arm, records)
             if moment and arm.masses is not None:
                 tried.append(cls(row))
             elif moment and records is not None:
@@ -353,10 +354,12 @@ class JointCompliance(GravityEffect):
         return [about_axis(state, self.joint, moments)]
 
 
-def _first_axis_is_vertical(arm: Arm) -> bool:
+def _first_axis_is_vertical(arm: Arm, records: Records | None) -> bool:
     rotation, _ = arm.chain.walk(np.zeros((1, arm.nq)))
     z = rotation[arm.chain.moving_axes()[0], 0, :, 2]
-    return float(np.linalg.norm(np.cross(z, arm.up))) < VERTICAL
+    conditions = Conditions(1) if records is None else records.conditions
+    across = np.cross(z, conditions.in_tilted_base(arm.up))
+    return bool((np.linalg.norm(across, axis=1) < VERTICAL).all())
 
 
 @dataclass(frozen=True)
@@ -403,8 +406,7 @@ class _OfTube(LoadedEffect):
         place = end(self.link)
         if self.load_at is not None:
             moment = self.unit_load(state, self.link, state.origin[place] - tube.stub)
-            weight = np.broadcast_to(state.down, moment.shape)
-            tube = replace(tube, weight=weight, moment=moment, spread=0.0 * moment)
+            tube = replace(tube, weight=state.down, moment=moment, spread=0.0 * moment)
         shift, rotation = self._deflection(tube)
         shift = shift + np.cross(rotation, tube.stub)
         linear = state.in_axes_of(place, shift)[:, :, None]

@@ -1,5 +1,5 @@
 """What is known of records beside their angles: when, how warm, from which side, under which
-torque, in which direction probed, at which seat.
+torque, in which direction probed, on which tilted mount, at which seat.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array, Index, Mask, batch, is_no_unit, vector, width_of
 from aacmm_pin._support.display import Shown
@@ -56,6 +57,8 @@ COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
 """No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
 TEMPERATURE_TOLERANCE = 2.0
 """So much warmer or colder, a metre is longer or shorter by 0.02 to 0.05 mm [K]."""
+MOUNT_TILT = Range(-np.pi, np.pi, "rad")
+"""An arm that hangs is tilted by half a turn [rad]."""
 LONGEST_ON = 30 * 86400.0
 """An arm that has been on for longer has settled, or time counts from elsewhere [s]."""
 
@@ -73,6 +76,8 @@ class Conditions(Shown):
         torque: measured joint torques ``(n, nq)`` [N·m].
         probe_direction: unit vector of the motion of the probe towards the surface, in the axes of
             the base ``(n, 3)``; zero if not stated.
+        tilt_x, tilt_y: rotation of the mount about x and y of the base, from the position for which
+            the arm states gravity ``(n,)`` [rad]; see :meth:`in_tilted_base`.
         seat: label of the seat ``(n,)``; "" for no seat.
         marker: label of the target on the last body ``(n,)``; "" for no label.
         session: label of the session ``(n,)``; "" for no label.
@@ -97,6 +102,14 @@ class Conditions(Shown):
             ("probe_direction_x", "probe_direction_y", "probe_direction_z"), "none", "1"
         ),
     ] = None
+    tilt_x: Annotated[
+        Array | None,
+        ConditionColumn(("tilt_x_deg",), "anywhere", "°", range=MOUNT_TILT, usual=0.0),
+    ] = None
+    tilt_y: Annotated[
+        Array | None,
+        ConditionColumn(("tilt_y_deg",), "anywhere", "°", range=MOUNT_TILT, usual=0.0),
+    ] = None
     seat: Annotated[Labels | None, ConditionColumn(("seat",), "groups", "", True)] = None
     marker: Annotated[Labels | None, ConditionColumn(("marker",), "groups")] = None
     session: Annotated[Labels | None, ConditionColumn(("session",), "anywhere")] = None
@@ -116,7 +129,8 @@ class Conditions(Shown):
             elif column.is_numbered:
                 given = batch(values, width_of(values), name, column.unit)
             else:
-                given = vector(values, self.n, name, column.unit)
+                unit = "rad" if column.unit == "°" else column.unit
+                given = vector(values, self.n, name, unit)
             if len(given) != self.n:
                 raise ShapeError(
                     f"{name} has {len(given)} rows; expected {self.n}, one for each record"
@@ -146,6 +160,24 @@ class Conditions(Shown):
                 shape = (self.n, nq) if column.is_numbered else self.n
                 usual[name] = np.full(shape, column.usual)
         return replace(self, **usual)
+
+    def in_tilted_base(self, direction: Array) -> Array:
+        """Return a vector of the room, such as gravity, in the axes of the tilted base, ``(n, 3)``.
+
+        The rotation vector ``(tilt_x, tilt_y, 0)`` turns the base from its nominal position. For
+        gravity ``(0, 0, -g)`` and small angles, the result is ``g (tilt_y, -tilt_x, -1)``. A
+        positive ``tilt_x`` lowers the side of -y, and a positive ``tilt_y`` the side of +x.
+
+        Args:
+            direction: vector in the axes of the base in its nominal position ``(3,)``.
+        """
+        if self.tilt_x is None and self.tilt_y is None:
+            return np.broadcast_to(direction, (self.n, 3))
+        turn = np.zeros((self.n, 3))
+        for k, angle in enumerate((self.tilt_x, self.tilt_y)):
+            if angle is not None:
+                turn[:, k] = angle
+        return np.asarray(Rotation.from_rotvec(turn).apply(direction, inverse=True))
 
     @cached_property
     def times(self) -> Array:

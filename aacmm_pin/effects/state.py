@@ -154,8 +154,13 @@ class State:
 
     @property
     def down(self) -> Array:
-        """The unit vector along gravity in the base, ``(3,)``."""
-        return -self.arm.up
+        """The unit vector along gravity in the base, ``(n, 3)``."""
+        return self.conditions.in_tilted_base(-self.arm.up)
+
+    @cached_property
+    def gravity(self) -> Array:
+        """The acceleration of gravity in the base, ``(n, 3)`` [m/s²]."""
+        return self.conditions.in_tilted_base(self.arm.gravity)
 
     def moment_at_axis(self, row: int) -> Array:
         """Return the moment of the weight of body ``row`` and all later bodies about its bearing,
@@ -178,9 +183,9 @@ class State:
         return np.asarray(np.einsum("ni,ni...->n...", z, vectors))
 
     def weight_beyond(self, row: int) -> Array:
-        """Return the weight of all bodies after ``row`` in the base, ``(3,)`` [N]."""
+        """Return the weight of all bodies after ``row`` in the base, ``(n, 3)`` [N]."""
         mass = self.masses[row:].sum()
-        return np.asarray(mass * self.arm.gravity)
+        return np.asarray(mass * self.gravity)
 
     def moment(self, row: int, about: Array) -> Array:
         """Return the moment of the weight of body ``row`` and all later bodies, ``(n, 3)`` [N·m].
@@ -191,7 +196,7 @@ class State:
         """
         mass = self.masses[row - 1 :].sum()
         lever = self._first_moments[row - 1] - mass * about
-        return np.cross(lever, self.arm.gravity)
+        return np.cross(lever, self.gravity)
 
     def unit_moments(self, row: int) -> Array:
         """Return the moment about ``axis(row)`` for unknown masses, ``(n, 3, 3 · bodies)``.
@@ -211,7 +216,7 @@ class State:
                 "bodies with unknown masses"
             )
         columns = [self.rotation[axis(k)] for k in rows]
-        return np.cross(np.concatenate(columns, axis=2), self.down[None, :, None], axis=1)
+        return np.cross(np.concatenate(columns, axis=2), self.down[:, :, None], axis=1)
 
     @property
     def masses(self) -> Array:

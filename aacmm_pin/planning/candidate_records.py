@@ -141,6 +141,8 @@ def _conditions(
     if known.marker is not None:  # the first of the existing records
         first = next((label for label in known.marker if label), "")
         chosen["marker"] = np.full(n, first, dtype=object)
+    for name in {"tilt_x", "tilt_y"}.intersection(known.present):  # of the last existing record
+        chosen[name] = np.full(n, getattr(known, name)[-1])
     if "time" in present:
         chosen["time"] = time
     if links is not None:
@@ -150,7 +152,7 @@ def _conditions(
     if "approach" in present:
         chosen["approach"] = sides
     if "torque" in needed:
-        chosen["torque"] = _torques(arm, postures.q)
+        chosen["torque"] = _torques(arm, postures.q, Conditions(n, **chosen))
     if "probe_direction" in needed:
         chosen["probe_direction"] = probe_directions(n, rng.spawn(1)[0])
     if chosen["seat"] is None and "seat" in needed:
@@ -168,11 +170,11 @@ def _times(
     return np.full(n, after)
 
 
-def _torques(arm: Arm, q: Array) -> Array:
+def _torques(arm: Arm, q: Array, conditions: Conditions) -> Array:
     """Torques that a drive would need to hold the weight (n, nq) [N·m]: minus the weight's moment
     about each axis.
     """
-    state = State(arm, q, Conditions(len(q)), arm.chain.tip)
+    state = State(arm, q, conditions, arm.chain.tip)
     rows = arm.chain.moving_rows()
     moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
     return -np.stack(moments, axis=1)

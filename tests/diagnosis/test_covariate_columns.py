@@ -31,6 +31,8 @@ def test_each_known_column_is_a_covariate_or_says_that_it_is_none(
         temperature=rng.uniform(18.0, 22.0, n),
         approach=np.sign(of_joints),
         torque=of_joints,
+        tilt_x=rng.uniform(-0.1, 0.1, n),
+        tilt_y=rng.uniform(-0.1, 0.1, n),
         seat=label,
         marker=label,
         session=label,

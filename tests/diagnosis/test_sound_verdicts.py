@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from aacmm_pin import accuracy_volume, next_measurements, perturbed_model
@@ -726,6 +727,34 @@ def test_torques_with_noise_and_masses_that_lack_a_payload(sino6, noise, payload
     (finding,) = [f for f in found.findings if f.label == hidden.label]
     assert finding.effect.torque == ("gravity" if noise > payload else "measured")
     assert abs(finding.effect.values[0] - 2e-5) < 3.3 * finding.effect.u[0] < 8e-6
+
+
+def test_compliance_on_a_mount_that_is_tilted_in_half_of_the_records(sino6):
+    """Each half is simulated with the gravity of its mount in the arm file, not with the columns.
+
+    By 10° about y, gravity gets a component of sin 10° along +x. Only the tilted half loads joint
+    1. Without the columns, its deflection looks like an error of the encoder.
+    """
+    part = np.sin(np.radians(10.0)), 0.0, -np.cos(np.radians(10.0))
+    tilted = changed("sino6", gravity_m_s2=tuple(9.81 * np.array(part)))
+    hidden = (JointCompliance(1, values=(3e-5,)), JointCompliance(2, values=(3e-5,)))
+    tables = []
+    for seed, arm, degrees in ((0, sino6, 0.0), (1, tilted, 10.0)):
+        data = simulate_measurements(
+            ErrorModel(arm, hidden), "free", 40, rng=np.random.default_rng(seed)
+        )
+        tables.append(data.to_frame().assign(tilt_y_deg=degrees))
+    table = pd.concat(tables, ignore_index=True).drop(columns=["time_s", "record"])
+    found = diagnose(sino6, Measurements.from_frame(table), **NOISE, hold_out=False)
+    assert found.verdict == "explained"
+    effects = sorted((finding.effect for finding in found.findings), key=lambda e: e.label)
+    assert [effect.label for effect in effects] == ["joint_compliance:1", "joint_compliance:2"]
+    for effect in effects:
+        assert abs(effect.values[0] - 3e-5) < 2.5 * effect.u[0] < 6e-6
+    level = Measurements.from_frame(table.drop(columns="tilt_y_deg"))
+    missed = diagnose(sino6, level, **NOISE, hold_out=False)
+    assert missed.verdict != "explained"
+    assert "joint_compliance:1" not in {finding.label for finding in missed.findings}
 
 
 def in_two_parts(

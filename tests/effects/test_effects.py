@@ -57,6 +57,7 @@ from aacmm_pin.effects import (
     SeatShift,
     SecondPeriodicError,
     SlideAngle,
+    State,
     StylusBending,
     StylusOffset,
     StylusShift,
@@ -71,7 +72,14 @@ from aacmm_pin.effects import (
 from aacmm_pin.effects.causes import all_candidates
 from aacmm_pin.effects.compliance import GravityEffect
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
-from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
+from aacmm_pin.errors import (
+    AacmmError,
+    ArmFileError,
+    MissingConditionError,
+    ShapeError,
+    UnsupportedArmError,
+)
+from aacmm_pin.measurements import Measurements
 from tests.again import again
 from tests.arm_files import RIGID, changed, craig
 from tests.oracle import close, gravity_moments, gravity_torques, placements, postures, twist_matrix
@@ -771,6 +779,76 @@ def test_unknown_masses_can_be_those_of_the_file(known_masses, sino6, rng):
     assert np.abs(stated).max() > 1.0
     exact = positions(sino6, known_masses, [1e-3], q, still)
     close(exact, positions(sino6, unknown, 1e-3 * moments, q, still))
+
+
+def tilts(n: int, rng: np.random.Generator) -> tuple[Conditions, Array]:
+    """Mounts that are tilted at random, and the rotation of each from level: (n, 3, 3)."""
+    angles = rng.uniform(-1.5, 1.5, (n, 2))
+    cross = np.zeros((n, 3, 3))
+    cross[:, 2, 1], cross[:, 0, 2] = angles.T
+    tilted = Conditions(n, tilt_x=angles[:, 0], tilt_y=angles[:, 1])
+    return tilted, expm(cross - cross.transpose(0, 2, 1))
+
+
+@pytest.mark.parametrize("name", ["sino6", "sino6-wall", "ur5"])
+def test_moments_of_a_tilted_mount_are_those_of_pinocchio(arms, rng, name):
+    arm = arms[name]
+    q = postures(arm, rng, 20)
+    conditions, rotation = tilts(20, rng)
+    state = State(arm, q, conditions, arm.chain.tip)
+    rows = arm.chain.moving_rows()
+    moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
+    model = arm.model.copy()
+    torques = []
+    for posture, base in zip(q, rotation, strict=True):
+        model.gravity.linear = base.T @ arm.gravity
+        torques.append(-pin.computeGeneralizedGravity(model, model.createData(), posture))
+    close(np.stack(moments, axis=1), np.array(torques), 1e-12 * np.abs(torques).max())
+    level = gravity_torques(arm, q)
+    assert np.abs(level - torques).max() > 1.0
+
+
+@pytest.mark.parametrize("name", ["sino6", "zero6"])
+def test_a_tilt_turns_gravity_for_every_cause(arms, rng, name):
+    """As an arm file that states the gravity of the tilted mount; without masses, only the sags of
+    stylus and spring turn.
+    """
+    q = postures(arms[name], rng, 3)
+    conditions, rotation = tilts(3, rng)
+    everything = known(arms[name], 3, rng)
+    tilted = replace(everything, tilt_x=conditions.tilt_x, tilt_y=conditions.tilt_y)
+    turned = [changed(name, gravity_m_s2=tuple(base.T @ arms[name].gravity)) for base in rotation]
+    sagging = set()
+    for arm, effect in cases(arms, name):
+        values = typical(effect)
+        stated = positions(arm, effect, values, q, tilted)
+        for k, other in enumerate(turned):
+            expected = positions(other, effect, values, q[k : k + 1], everything.take([k]))
+            close(stated[k : k + 1], expected, 1e-13)
+        if np.abs(stated - positions(arm, effect, values, q, everything)).max() > 1e-9:
+            sagging.add(effect.cause)
+    of_masses = NO_MASSES if name == "sino6" else ("joint_compliance", "bearing_tilt")
+    assert sagging >= {*of_masses, "counterbalance", "stylus_bending"}
+    assert not sagging & {"encoder_gain", "thermal_expansion", "reference_frame"}
+
+
+def test_which_side_a_tilt_lowers():
+    """Towards the lower side; a small tilt turns gravity to g (tilt_y, -tilt_x, -1)."""
+    small = 1e-5 * np.array([[1.0, 0.0], [0.0, 1.0], [2.0, -3.0]])
+    conditions = Conditions(3, tilt_x=small[:, 0], tilt_y=small[:, 1])
+    expected = 9.81 * np.stack([small[:, 1], -small[:, 0], -np.ones(3)], axis=1)
+    close(conditions.in_tilted_base(np.array([0.0, 0.0, -9.81])), expected, 1e-8)
+    only_y = Conditions(1, tilt_y=np.array([np.pi / 2]))
+    close(only_y.in_tilted_base(np.array([0.0, 0.0, -1.0])), [[1.0, 0.0, 0.0]], 1e-15)
+    with pytest.raises(ShapeError, match=r"tilt_x\[0\] is 10 rad; expected"):
+        Conditions(1, tilt_x=np.array([10.0]))
+
+
+def test_a_tilt_gives_a_vertical_first_joint_a_moment(sino6):
+    """A level mount gives it none, and so no candidate."""
+    for angle, first in ((0.0, 2), (1e-3, 2), (0.1, 1)):
+        data = Measurements.of(np.zeros((2, 6)), conditions=Conditions(2, tilt_x=[0.0, angle]))
+        assert min(row.joint for (row,) in JointCompliance.candidates(sino6, data)) == first
 
 
 def test_settled_arm_carries_itself(sino6, q):

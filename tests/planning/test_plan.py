@@ -561,9 +561,14 @@ def test_advice(sino6):
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
 
 
-def test_measured_torques_are_expected_to_hold_the_weight(sino6):
+@pytest.mark.parametrize("degrees", [0.0, 10.0])
+def test_measured_torques_are_expected_to_hold_the_weight(sino6, degrees):
+    """On the mount of the last existing record."""
     q, tips = Room(sino6).postures(20, np.random.default_rng(1))
-    existing = Measurements.of(q, tips, conditions=Conditions(20, torque=np.ones((20, 6))))
+    conditions = Conditions(20, torque=np.ones((20, 6)))
+    if degrees:
+        conditions = replace(conditions, tilt_x=np.linspace(0.0, degrees * DEG, 20))
+    existing = Measurements.of(q, tips, conditions=conditions)
     plan = planned(sino6, PAIR, existing=existing)
     assert isinstance(plan.split[0], JointCompliance)
     assert plan.split[0].torque == "measured"
@@ -573,6 +578,8 @@ def test_measured_torques_are_expected_to_hold_the_weight(sino6):
     )  # type: ignore[arg-type]
     close(by_torque, by_weight, 1e-9)
     assert plan.records.filter(like="torque").isna().all(axis=None)  # to be measured
+    if degrees:
+        close(plan.records["tilt_x_deg"].to_numpy(), np.full(new.n, degrees), 1e-12)
     assert data_of(plan.notes, "record_torques")
 
 
