@@ -23,7 +23,7 @@ from .limits import AT_LIMIT, inside_part, into_limits, outside_limits, whole_tu
 from .parameter import Parameter, Scope, wide_half_width_notes
 from .poses import Poses
 from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds, spread_postures
-from .ur_kinematics import UR_FILES, UR_ROBOTS, ur_kinematics, ur_urdf
+from .ur_kinematics import UR_FILES, UR_ROBOTS, UrKinematics
 from .urdf import urdf_text
 from .urdf_to_dh import dh_file
 
@@ -52,6 +52,7 @@ __all__ = [
     "Poses",
     "Room",
     "Scope",
+    "UrKinematics",
     "UrdfArmFile",
     "arm_text",
     "as_arm",
@@ -73,8 +74,6 @@ __all__ = [
     "spread_postures",
     "table",
     "toml_of",
-    "ur_kinematics",
-    "ur_urdf",
     "urdf_text",
     "validated",
     "whole_turn_notes",

@@ -85,7 +85,7 @@ def _move(joint: Element, motion: Any) -> None:
     placement = pin.SE3(from_roll_pitch_yaw(np.array(angles)), np.array(shift)) * motion
     for key, values in (
         ("xyz", placement.translation),
-        ("rpy", pin.rpy.matrixToRpy(placement.rotation)),
+        ("rpy", roll_pitch_yaw(placement.rotation)),
     ):
         origin.set(key, " ".join(f"{value:.17g}" for value in values))
 
@@ -95,3 +95,8 @@ def from_roll_pitch_yaw(angles: Array) -> Array:
     (3, 3).
     """
     return np.asarray(pin.rpy.rpyToMatrix(angles))
+
+
+def roll_pitch_yaw(rotation: Array) -> Array:
+    """URDF's roll, pitch, yaw of a rotation (3, 3): (3,) [rad]."""
+    return np.asarray(pin.rpy.matrixToRpy(rotation))

@@ -8,21 +8,24 @@ import configparser
 import itertools
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import yaml
-from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw, roll_pitch_yaw
 from aacmm_pin.arm.urdf import fixed_link, moving_link
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UR_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+UR_BASES = ("base_link_inertia", "base")
+"""Frames that the file's first link is placed in, by their names in a URDF."""
 UR_LIMITS = (-2.0 * np.pi, 2.0 * np.pi)
 UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 UR_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
@@ -41,57 +44,94 @@ UR_ROBOTS = {
 lengths are zero."""
 UR_FILES = (".yaml", ".yml", ".conf")
 """Ends of the names of such files."""
+FAR_FROM_TABLE = 0.05
+"""A link farther than this from where the maker's table has it is not calibrated, but wrong [m]."""
+LONGEST_LINK = 3.0
+"""Longest distance between two joints [m]."""
 
 
-def ur_urdf(path: str | Path, robot: str = "") -> str:
-    """URDF of a robot of Universal Robots by its own calibration, from ``base`` to ``tool0``.
+@dataclass(frozen=True, eq=False)
+class UrKinematics:
+    """The placements of a robot of Universal Robots.
 
-    Args:
-        path: kinematics file of the ROS description (``.yaml``), or ``calibration.conf`` of the
-            controller, whose ``delta_…`` are added to the maker's table.
-        robot: name in :data:`UR_ROBOTS`, such as ``ur5e``; only ``calibration.conf`` needs it.
-
-    Raises:
-        ArmFileError: the file cannot be read, or lacks a value.
-        UnknownNameError: no such robot.
+    Attributes:
+        name: hash of the calibration, or name of the robot.
+        placements: of each joint, whose axis is z, in the link before it, and of the tool in the
+            last link (7, 4, 4) [m].
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ArmFileError(str(path), "", f"the file cannot be read: {error}") from None
-    if Path(path).suffix == ".conf":
-        name, placements = robot, placements_of_dh(_table(text, str(path), robot))
-    else:
-        name, placements = _of_yaml(text, str(path))
-    root = ET.Element("robot", name=name)
-    link = ET.SubElement(root, "link", name="base")
-    for joint, child, placement in zip(UR_JOINTS, UR_LINKS, placements, strict=False):
-        names = f"{child}_link", f"{joint}_joint"
-        link = moving_link(root, link, *names, "revolute", UR_LIMITS, *_xyz_rpy(placement))
-    fixed_link(root, link, "tool0", *_xyz_rpy(placements[-1]))
-    ET.indent(root)
-    return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
+    name: str
+    placements: list[Array]
 
-def ur_kinematics(arm: Arm) -> str:
-    """The kinematics file of the ROS description for an arm from :func:`ur_urdf`.
+    @staticmethod
+    def read(path: str | Path, robot: str = "") -> UrKinematics:
+        """Read a kinematics file of the ROS description (``.yaml``), or ``calibration.conf`` of the
+        controller, whose ``delta_…`` are added to the maker's table.
 
-    A placement of the tip is not part of the file. The robot's name in the URDF becomes the hash.
+        Args:
+            path: the file.
+            robot: name in :data:`UR_ROBOTS`, such as ``ur5e``; only ``calibration.conf`` needs it.
 
-    Raises:
-        UnsupportedArmError: the joints are not those of a robot of Universal Robots.
-    """
-    expected = [f"{joint}_joint" for joint in UR_JOINTS]
-    if list(arm.joint_names) != expected:
-        raise UnsupportedArmError(
-            f"{arm.name}: joints {', '.join(arm.joint_names)}; expected {', '.join(expected)}"
-        )
-    kinematics: dict[str, Any] = {}
-    for link, placement in zip(UR_LINKS, arm.model.jointPlacements[1:7], strict=True):
-        xyz, rpy = _xyz_rpy(placement.homogeneous)
-        kinematics[link] = dict(zip(UR_KEYS, (*xyz, *rpy), strict=True))
-    kinematics["hash"] = arm.model.name
-    return str(yaml.safe_dump({"kinematics": kinematics}, sort_keys=False))
+        Raises:
+            ArmFileError: the file cannot be read, lacks a value, or has a value that cannot be.
+            UnknownNameError: no such robot.
+        """
+        place = str(path)
+        try:
+            text = Path(path).read_text(encoding="utf-8-sig")
+        except (OSError, UnicodeDecodeError) as error:
+            raise ArmFileError(place, "", f"the file cannot be read: {error}") from None
+        if place.lower().endswith(".conf"):
+            return _of_controller(text, place, robot.lower())
+        return _of_yaml(text, place)
+
+    @staticmethod
+    def of(arm: Arm) -> UrKinematics:
+        """Return the kinematics of an arm whose URDF has the links of a robot of Universal Robots.
+
+        Raises:
+            UnsupportedArmError: it has other joints, or joints about other axes than z.
+        """
+        expected = [f"{joint}_joint" for joint in UR_JOINTS]
+        if list(arm.joint_names) != expected:
+            found = ", ".join(arm.joint_names)
+            raise UnsupportedArmError(f"{arm.name}: joints {found}; expected {', '.join(expected)}")
+        model = arm.model
+        if any(joint.shortname() != "JointModelRZ" for joint in list(model.joints)[1:]):
+            raise UnsupportedArmError(
+                f"{arm.name}: joints about x or y; expected joints about z, as in the present ROS "
+                "description of Universal Robots"
+            )
+        frames = {frame.name: frame.placement.homogeneous for frame in model.frames}
+        base = next((frames[name] for name in UR_BASES if name in frames), np.eye(4))
+        placements = [placement.homogeneous for placement in list(model.jointPlacements)[1:]]
+        placements[0] = np.linalg.solve(base, placements[0])
+        return UrKinematics(model.name, [*placements, frames[arm.tip]])
+
+    @property
+    def tool_moved(self) -> bool:
+        """Whether the tool is not in the last link's frame, as the file of ROS has it."""
+        return not np.allclose(self.placements[-1], np.eye(4), rtol=0.0, atol=1e-9)
+
+    def urdf(self) -> str:
+        """Return the URDF from ``base`` to ``tool0``."""
+        root = ET.Element("robot", name=self.name)
+        link = ET.SubElement(root, "link", name="base")
+        for joint, child, placement in zip(UR_JOINTS, UR_LINKS, self.placements, strict=False):
+            names = f"{child}_link", f"{joint}_joint"
+            link = moving_link(root, link, *names, "revolute", UR_LIMITS, *_xyz_rpy(placement))
+        fixed_link(root, link, "tool0", *_xyz_rpy(self.placements[-1]))
+        ET.indent(root)
+        return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+    def text(self) -> str:
+        """Return the kinematics file of the ROS description, without the placement of the tool."""
+        kinematics: dict[str, Any] = {}
+        for link, placement in zip(UR_LINKS, self.placements, strict=False):
+            xyz, rpy = _xyz_rpy(placement)
+            kinematics[link] = dict(zip(UR_KEYS, (*xyz, *rpy), strict=True))
+        kinematics["hash"] = self.name
+        return str(yaml.safe_dump({"kinematics": kinematics}, sort_keys=False))
 
 
 def placements_of_dh(table: Array) -> list[Array]:
@@ -113,32 +153,38 @@ def placements_of_dh(table: Array) -> list[Array]:
     second, axis = ends[1], frames[2][:3, 2]
     normal = second[:3, 2]
     beyond = normal @ (frames[2][:3, 3] - second[:3, 3]) / (normal @ axis)
-    turn, _ = Rotation.align_vectors(axis, normal)
     third = np.eye(4)
-    third[:3, :3] = turn.as_matrix() @ second[:3, :3]
+    third[:3, :3] = _smallest_rotation(normal, axis) @ second[:3, :3]
     third[:3, 3] = frames[2][:3, 3] - beyond * axis
     chain = [np.eye(4), frames[0], second, third, *frames[3:], ends[-1]]
     return [np.linalg.solve(before, after) for before, after in itertools.pairwise(chain)]
 
 
+def _smallest_rotation(one: Array, other: Array) -> Array:
+    """That turns one unit vector into another, nearly parallel one (3, 3): Rodrigues' formula."""
+    x, y, z = np.cross(one, other)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + across + across @ across / (1.0 + one @ other))
+
+
 def _placement(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
     """By the numbers of a URDF (4, 4)."""
     placement = np.eye(4)
-    placement[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+    placement[:3, :3] = from_roll_pitch_yaw(np.array(rpy))
     placement[:3, 3] = xyz
     return placement
 
 
 def _xyz_rpy(placement: Array) -> tuple[list[float], list[float]]:
     """The numbers of a URDF for a placement (4, 4)."""
-    rpy = Rotation.from_matrix(placement[:3, :3]).as_euler("xyz")
-    return placement[:3, 3].tolist(), rpy.tolist()
+    return placement[:3, 3].tolist(), roll_pitch_yaw(placement[:3, :3]).tolist()
 
 
-def _table(text: str, place: str, robot: str) -> Array:
-    """Theta, d, a, alpha of the maker's table with the deltas of a controller (4, 6)."""
+def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
+    """By differences from the maker's table."""
     if robot not in UR_ROBOTS:
-        raise UnknownNameError("robot", robot, list(UR_ROBOTS))
+        hint = f"state the robot of {place} with --ur-robot"
+        raise UnknownNameError("robot", robot, list(UR_ROBOTS), hint)
     (a2, a3), (d1, d4, d5, d6) = UR_ROBOTS[robot]
     nominal: dict[str, tuple[float, ...]] = {
         "theta": 6 * (0.0,),
@@ -146,47 +192,75 @@ def _table(text: str, place: str, robot: str) -> Array:
         "a": (0.0, a2, a3, 0.0, 0.0, 0.0),
         "alpha": UR_ALPHA,
     }
-    parser = configparser.ConfigParser(strict=False, interpolation=None)
+    parser = configparser.ConfigParser(
+        strict=False, interpolation=None, inline_comment_prefixes=("#", ";")
+    )
     try:
-        parser.read_string(text)
+        parser.read_string(f"[file]\n{text}")
     except configparser.Error as error:
-        raise ArmFileError(place, "", str(error)) from None
+        raise ArmFileError(place, "", " ".join(str(error).split())) from None
     stated = {key: value for section in parser.values() for key, value in section.items()}
-    rows = []
-    for name, values in nominal.items():
-        try:
-            deltas = json.loads(stated.get(f"delta_{name}", "null"))
-        except json.JSONDecodeError:
-            deltas = stated[f"delta_{name}"]
-        rows.append(_numbers(deltas, place, f"delta_{name}") + np.array(values))
-    return np.array(rows)
+    deltas = [_list_of(stated, place, f"delta_{name}") for name in nominal]
+    by_table = placements_of_dh(np.array([*nominal.values()]))
+    placements = placements_of_dh(np.array(deltas) + np.array([*nominal.values()]))
+    for link, placement, expected in zip(UR_LINKS, placements, by_table, strict=False):
+        off = float(np.linalg.norm(placement[:3, 3] - expected[:3, 3]))
+        if off > FAR_FROM_TABLE:
+            raise ArmFileError(
+                place,
+                link,
+                f"{off:.3g} m from where the table of {robot} has it; expected less than "
+                f"{FAR_FROM_TABLE} m: check --ur-robot, and that lists are in m and rad",
+            )
+    return UrKinematics(robot, placements)
 
 
-def _of_yaml(text: str, place: str) -> tuple[str, list[Array]]:
-    """Hash and placements of a kinematics file, the tool in the last link."""
+def _list_of(stated: dict[str, str], place: str, key: str) -> Array:
+    """Six numbers of a list in text."""
+    if key not in stated:
+        raise ArmFileError(place, key, "missing; expected six numbers")
+    try:
+        values = json.loads(stated[key])
+    except json.JSONDecodeError:
+        values = stated[key]
+    return _numbers(values, place, key)
+
+
+def _of_yaml(text: str, place: str) -> UrKinematics:
     try:
         content = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ArmFileError(place, "", str(error)) from None
     kinematics = content.get("kinematics") if isinstance(content, dict) else None
     if not isinstance(kinematics, dict):
-        raise ArmFileError(
-            place, "kinematics", f"missing; expected the links {', '.join(UR_LINKS)}"
-        )
+        raise ArmFileError(place, "kinematics", f"missing; expected links {', '.join(UR_LINKS)}")
     placements = []
     for link in UR_LINKS:
+        key = f"kinematics.{link}"
         values = kinematics.get(link)
-        stated = [values.get(key) for key in UR_KEYS] if isinstance(values, dict) else values
-        numbers = _numbers(stated, place, f"kinematics.{link}")
+        values = values if isinstance(values, dict) else {}
+        missing = [name for name in UR_KEYS if name not in values]
+        if missing:
+            raise ArmFileError(place, key, f"{', '.join(missing)} missing; expected numbers")
+        numbers = _numbers([values[name] for name in UR_KEYS], place, key)
+        if np.linalg.norm(numbers[:3]) > LONGEST_LINK or np.abs(numbers[3:]).max() > 2.0 * np.pi:
+            raise ArmFileError(
+                place,
+                key,
+                f"{numbers.tolist()}; expected x, y, z below {LONGEST_LINK:g} m, and angles below "
+                "2π rad",
+            )
         placements.append(_placement(numbers[:3].tolist(), numbers[3:].tolist()))
-    return str(kinematics.get("hash", "robot")), [*placements, np.eye(4)]
+    return UrKinematics(str(kinematics.get("hash") or "robot"), [*placements, np.eye(4)])
 
 
 def _numbers(values: object, place: str, key: str) -> Array:
-    """Six finite numbers."""
+    """Six finite numbers; YAML has some of them as text, such as 1e-05."""
     numbers = values if isinstance(values, list) else []
-    if len(numbers) != 6 or not all(isinstance(v, int | float) for v in numbers):
+    try:
+        found = np.array([float(v) for v in numbers if not isinstance(v, bool)])
+    except (TypeError, ValueError):
+        found = np.empty(0)
+    if len(numbers) != 6 or found.size != 6 or not np.isfinite(found).all():
         raise ArmFileError(place, key, f"{values!r}; expected six numbers")
-    if not np.isfinite(numbers).all():
-        raise ArmFileError(place, key, f"{values!r}; expected finite numbers")
-    return np.array(numbers, dtype=np.float64)
+    return found

@@ -12,10 +12,9 @@ from aacmm_pin.arm import (
     UR_FILES,
     UR_ROBOTS,
     ArmFile,
+    UrKinematics,
     arm_text,
     dh_file,
-    ur_kinematics,
-    ur_urdf,
     urdf_text,
 )
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
@@ -60,14 +59,18 @@ def run(
     files: Replacing,
 ) -> None:
     with Results(files, output) as results:
-        if arm.arm is not None and arm.arm.endswith(UR_FILES):
-            results.text(ur_urdf(arm.arm, ur_robot), output)
+        if to_dh and to_ur:
+            raise typer.BadParameter("--to-dh cannot be combined with --to-ur")
+        if arm.arm is not None and arm.arm.lower().endswith(UR_FILES):
+            robot = UrKinematics.read(arm.arm, ur_robot)
+            results.text(_kinematics_of(robot) if to_ur else robot.urdf(), output)
             return
         model = arm.model()
         if to_ur:
-            if any(isinstance(effect, StylusOffset) for effect in model.effects):
-                note("the kinematics file does not contain the offset of the tip")
-            results.text(ur_kinematics(model.arm), output)
+            if model.effects:
+                names = ", ".join(effect.label for effect in model.effects)
+                note(f"the kinematics file does not contain the causes of error {names}")
+            results.text(_kinematics_of(UrKinematics.of(model.arm)), output)
         elif to_dh:
             table = arm_text(dh_file(model.arm))
             if model.effects:
@@ -78,6 +81,15 @@ def run(
             results.text(table, output)
         else:
             results.file(output or "-").write_bytes(urdf_of(model))
+
+
+def _kinematics_of(robot: UrKinematics) -> str:
+    """The kinematics file, with a note on what it lacks."""
+    if robot.tool_moved:
+        note("the kinematics file does not contain the placement of the tool in the last link")
+    if not robot.name.startswith("calib_"):
+        note(f"replace the hash {robot.name} in the kinematics file by the hash of your robot")
+    return robot.text()
 
 
 def urdf_of(model: ErrorModel) -> bytes:

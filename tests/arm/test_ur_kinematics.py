@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import UR_ROBOTS, Arm, ur_kinematics, ur_urdf
+from aacmm_pin.arm import UR_ROBOTS, Arm, UrKinematics
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 from tests.cli import shell
 
@@ -86,7 +86,7 @@ def tool(q: Array) -> Array:
 
 def test_the_tool_is_where_the_controller_has_it(controller, tmp_path):
     path = tmp_path / "ur5.urdf"
-    path.write_text(ur_urdf(controller, "ur5"))
+    path.write_text(UrKinematics.read(controller, "ur5").urdf())
     arm = Arm.from_urdf(path, "tool0")
     postures = np.random.default_rng(1).uniform(-np.pi, np.pi, (50, 6))
     wanted = np.array([tool(q) for q in postures])
@@ -115,11 +115,11 @@ def test_a_kinematics_file_there_and_back(controller, tmp_path):
     )
     content["hash"] = "calib_12345"
     (tmp_path / "b.yaml").write_text(yaml.safe_dump({"kinematics": content}))
-    (tmp_path / "b.urdf").write_text(ur_urdf(tmp_path / "b.yaml"))
+    (tmp_path / "b.urdf").write_text(UrKinematics.read(tmp_path / "b.yaml").urdf())
     back = Arm.from_urdf(tmp_path / "b.urdf", "tool0")
     q = np.random.default_rng(2).uniform(-np.pi, np.pi, (9, 6))
     np.testing.assert_allclose(back.positions(q), arm.positions(q), rtol=0, atol=1e-12)
-    assert yaml.safe_load(ur_kinematics(back))["kinematics"]["hash"] == "calib_12345"
+    assert yaml.safe_load(UrKinematics.of(back).text())["kinematics"]["hash"] == "calib_12345"
 
 
 @pytest.mark.parametrize("robot", UR_ROBOTS)
@@ -128,7 +128,7 @@ def test_the_maker_s_table(robot, tmp_path):
     path = tmp_path / "calibration.conf"
     zeros = "[0, 0, 0, 0, 0, 0]"
     path.write_text("[mounting]\n" + "\n".join(f"delta_{name} = {zeros}" for name in UR5))
-    (tmp_path / "robot.urdf").write_text(ur_urdf(path, robot))
+    (tmp_path / "robot.urdf").write_text(UrKinematics.read(path, robot).urdf())
     arm = Arm.from_urdf(tmp_path / "robot.urdf", "tool0")
     (a2, a3), (d1, d4, d5, d6) = UR_ROBOTS[robot]
     position = arm.positions(np.zeros((1, 6)))[0]
@@ -138,18 +138,47 @@ def test_the_maker_s_table(robot, tmp_path):
 def test_a_file_that_lacks_a_value_is_refused(controller, tmp_path, sino6):
     text = controller.read_text()
     controller.write_text(text.replace("delta_a", "delta_b"))
-    with pytest.raises(ArmFileError, match=r"calibration.conf: delta_a: None; expected six"):
-        ur_urdf(controller, "ur5")
+    with pytest.raises(ArmFileError, match=r"calibration.conf: delta_a: missing; expected six"):
+        UrKinematics.read(controller, "ur5").urdf()
     with pytest.raises(UnknownNameError, match="ur5e"):
-        ur_urdf(controller, "ur6")
+        UrKinematics.read(controller, "ur6").urdf()
     other = tmp_path / "x.yaml"
     for content, message in (
         ("a: 1", "kinematics: missing"),
         ("{", "x.yaml"),
-        ("kinematics: {shoulder: 1}", "kinematics.shoulder: 1; expected six"),
+        ("kinematics: {shoulder: 1}", "kinematics.shoulder: x, y, z, roll, pitch, yaw missing"),
     ):
         other.write_text(content)
         with pytest.raises(ArmFileError, match=message):
-            ur_urdf(other)
+            UrKinematics.read(other).urdf()
     with pytest.raises(UnsupportedArmError, match="shoulder_pan_joint"):
-        ur_kinematics(sino6)
+        UrKinematics.of(sino6)
+
+
+def test_the_base_of_the_ros_description_is_turned(controller, tmp_path):
+    """Its links stand on a frame that is turned by half a turn against the base of the arm."""
+    alone = UrKinematics.read(controller, "ur5")
+    text = alone.urdf()
+    turned = (
+        '<link name="base_link" /><joint name="b" type="fixed"><parent link="base_link" />'
+        '<child link="base_link_inertia" /><origin xyz="0 0 0" rpy="0 0 3.141592653589793" />'
+        "</joint>"
+    )
+    text = text.replace('"base"', '"base_link_inertia"').replace("</robot>", f"{turned}</robot>")
+    (tmp_path / "ros.urdf").write_text(text)
+    found = UrKinematics.of(Arm.from_urdf(tmp_path / "ros.urdf", "tool0"))
+    np.testing.assert_allclose(found.placements, alone.placements, rtol=0, atol=1e-12)
+
+
+def test_what_cannot_be_written_is_refused_or_stated(controller, tmp_path):
+    """Joints about other axes; numbers in degrees; the table of another robot; causes."""
+    with pytest.raises(UnsupportedArmError, match="about x or y"):
+        UrKinematics.of(Arm.load("ur5"))
+    with pytest.raises(ArmFileError, match="check --ur-robot"):
+        UrKinematics.read(controller, "ur10e")
+    shell.done(f"urdf {controller} --ur-robot UR5 --to-ur -o {tmp_path / 'a.yaml'}")
+    path = tmp_path / "b.yaml"
+    text = (tmp_path / "a.yaml").read_text()
+    path.write_text(text.replace("roll: 1.57", "roll: 91.57"))
+    with pytest.raises(ArmFileError, match="2π rad"):
+        UrKinematics.read(path)
