@@ -49,7 +49,7 @@ PAGES = [ROOT / "README.md", *sorted(SITE.rglob("*.md"))]
 LONG = ("acceptance", "own_cause", "python", "tour")
 """Pages whose code others and tests/effects/test_own_cause.py run: CI runs them by themselves."""
 RUN_BY_CI = ("demo-command", "test-command", "docs-command")
-DIRECTIVES = ("{include}", "{toctree}", "{eval-rst}", "{figure}")
+DIRECTIVES = ("{include}", "{toctree}", "{eval-rst}", "{figure}", "{raw}")
 DATA = {
     "toml": tomllib.loads,
     "json": json.loads,
