@@ -151,7 +151,7 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path):
     assert 300 < ends.max().max() <= 400
     drawn = partial_residual(found, EncoderGain(3, values=(1e-4,)))
     assert "mm" in drawn.x_label
-    assert 300 < drawn.curve[0].max() <= 400
+    assert 300 < drawn.x.max() <= 400
     sliding = [c for c in covariates(arm, data) if "joint 3" in c.depends_on]
     assert all("joint3_mm" in c.values and c.values["joint3_mm"].max() <= 400 for c in sliding)
     assert not any(way.carrier == "angle 3" for c in sliding for way in c.variants)
