@@ -62,9 +62,21 @@ def _within(range_: Range, unit: float = 1.0) -> Callable[..., Any]:
     return checked
 
 
+NO_ARM_FILES = (".html", ".md", ".csv", ".json", ".png")
+
+
 def output_option(metavar: str, help_: str, *names: str) -> Any:
     """An option for a file to write."""
-    return typer.Option(*names, metavar=metavar, help=help_)
+    check = _arm_file if metavar == "FILE.toml" else None
+    return typer.Option(*names, metavar=metavar, help=help_, callback=check)
+
+
+def _arm_file(path: Path | None) -> Path | None:
+    if path is not None and path.suffix in NO_ARM_FILES:
+        raise typer.BadParameter(
+            f"{path}: expected a name for an arm file (.toml); a page is written by --report"
+        )
+    return path
 
 
 def page_option(page: str, *names: str) -> Any:
