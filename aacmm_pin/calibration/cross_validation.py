@@ -95,11 +95,11 @@ class HeldOut(Shown):
         """As plain values, for JSON."""
         turns = None
         if self.turned:
-            turns = {"simulation": rms(self.turn_before), "calibrated": rms(self.turn_after)}
+            turns = {"nominal": rms(self.turn_before), "calibrated": rms(self.turn_after)}
         return {
             "kind": self.kind,
             "groups": self.groups,
-            "rms_mm": {"simulation": self.rms_before / MM, "calibrated": self.rms_after / MM},
+            "rms_mm": {"nominal": self.rms_before / MM, "calibrated": self.rms_after / MM},
             "rms_rad": turns,
         }
 

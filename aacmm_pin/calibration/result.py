@@ -113,7 +113,7 @@ class Calibration(Shown):
         """The RMS rotation between stated and computed orientations [rad]; None without
         orientations.
 
-        The keys are ``simulation`` (arm before calibration), ``calibrated`` and ``noise`` (expected
+        The keys are ``nominal`` (arm before calibration), ``calibrated`` and ``noise`` (expected
         from noise alone).
         """
         turned = self.fit.used & self.fit.observations.oriented
@@ -121,7 +121,7 @@ class Calibration(Shown):
             return None
         noise = np.sqrt(np.trace(self.fit.residual_noise[turned, 3:, 3:], axis1=1, axis2=2).mean())
         before, after = (rms(fit.turns[turned]) for fit in (self.before, self.fit))
-        return {"simulation": before, "calibrated": after, "noise": float(noise)}
+        return {"nominal": before, "calibrated": after, "noise": float(noise)}
 
     @property
     def p_value(self) -> float | None:
@@ -249,7 +249,7 @@ class Calibration(Shown):
                 "exclusions": self.exclusions.summary(),
             },
             "rms_mm": {
-                "simulation": self.rms_before / MM,
+                "nominal": self.rms_before / MM,
                 "calibrated": self.rms / MM,
                 "noise": self.noise / MM,
             },

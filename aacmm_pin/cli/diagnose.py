@@ -1,4 +1,4 @@
-"""What the simulation gets wrong, and why."""
+"""What the model gets wrong, and why."""
 
 from __future__ import annotations
 

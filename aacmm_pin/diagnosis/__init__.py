@@ -1,4 +1,4 @@
-"""Diagnosis: what the simulation gets wrong, the cause, the extended model, and the gain."""
+"""Diagnosis: what the model gets wrong, the cause, the extended model, and the gain."""
 
 from aacmm_pin.diagnosis.budget import STRUCTURE, BudgetPart
 from aacmm_pin.diagnosis.candidates import not_tried

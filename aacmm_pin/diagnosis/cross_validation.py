@@ -33,7 +33,7 @@ class Gain(Shown):
     Attributes:
         kind: ``seats`` or ``blocks`` of joint space.
         groups: how many parts were left out in turn.
-        simulation, recalibrated, extended: distances of the records by each model (n,) [m]; nan
+        nominal, recalibrated, extended: distances of the records by each model (n,) [m]; nan
             where there is none. A rotation from a stated orientation is part of it, by
             :attr:`Fit.lever`.
         with_discrepancy: distances by the extended arm with the discrepancy (n,) [m].
@@ -47,7 +47,7 @@ class Gain(Shown):
 
     kind: str
     groups: int
-    simulation: Array
+    nominal: Array
     recalibrated: Array
     extended: Array
     with_discrepancy: Array
@@ -91,14 +91,14 @@ class Fold:
     Attributes:
         rows: numbers of the records.
         chosen: labels of the causes and covariates of the median probability model of the others.
-        simulation, recalibrated, extended, with_discrepancy: distances by each model (m,) [m].
+        nominal, recalibrated, extended, with_discrepancy: distances by each model (m,) [m].
         whole: by the median probability model of all records, fitted to the others (m,) [m].
         without: the same without one of its causes, by the number of its block.
     """
 
     rows: Index
     chosen: tuple[str, ...]
-    simulation: Array
+    nominal: Array
     recalibrated: Array
     extended: Array
     with_discrepancy: Array
@@ -153,7 +153,7 @@ def _fold(choice: Choice, before: Fit, whole: Gram, number: int) -> Fold | None:
     return Fold(
         rows=rows,
         chosen=names,
-        simulation=distances_of(before.point.prediction.poses[rows]),
+        nominal=distances_of(before.point.prediction.poses[rows]),
         recalibrated=predicted(of_chosen.of(())),
         extended=predicted(of_chosen.of([*filter(candidates.is_cause, chosen)])),
         with_discrepancy=predicted(of_chosen, background=True),
@@ -179,7 +179,7 @@ def gain_of(
         None where no part that is left out has anything to be compared with, such as one record
         only of each unknown seat.
     """
-    models = ("simulation", "recalibrated", "extended", "with_discrepancy")
+    models = ("nominal", "recalibrated", "extended", "with_discrepancy")
     by_model = {model: np.full(choice.parts.size, np.nan) for model in models}
     for fold in folds:
         for model, distances_of_model in by_model.items():

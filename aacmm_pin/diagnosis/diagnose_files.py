@@ -20,7 +20,7 @@ from aacmm_pin.errors import AacmmError, OutputError
 from aacmm_pin.measurements import GivenRecords, Measurements, as_measurements
 
 RMS_OF = {
-    "rms_as_stated_mm": "simulation",
+    "rms_as_stated_mm": "nominal",
     "rms_recalibrated_mm": "recalibrated",
     "rms_extended_mm": "extended",
     "noise_mm": "noise",

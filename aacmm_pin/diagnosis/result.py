@@ -43,7 +43,7 @@ Verdict = Literal[
 
 @dataclass(frozen=True, eq=False)
 class Finding(Shown):
-    """A cause that the simulation lacks.
+    """A cause that the model lacks.
 
     Attributes:
         effect: the cause with its estimated values and u.
@@ -251,7 +251,7 @@ class Diagnosis(Shown):
     def _fits(self) -> dict[str, Fit]:
         """The three models by name."""
         return {
-            "simulation": self.before,
+            "nominal": self.before,
             "recalibrated": self.recalibrated,
             "extended": self.extended,
         }
@@ -260,7 +260,7 @@ class Diagnosis(Shown):
     def rms(self) -> dict[str, float]:
         """The RMS residual of the used records [m].
 
-        The keys are ``simulation`` (arm before the diagnosis), ``recalibrated``, ``extended`` and
+        The keys are ``nominal`` (arm before the diagnosis), ``recalibrated``, ``extended`` and
         ``noise`` (expected from noise alone).
         """
         used = self.extended.used

@@ -325,17 +325,18 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
     table, summary = parameter_table(result), result.summary()
     rows = zip(summary["parameters"], table["stated"], table["beyond"], strict=True)
     for row, width, beyond in rows:
-        row |= plain({"stated": width, "beyond_stated": beyond})
+        row |= {"stated": width, "beyond_stated": beyond}
     targets = zip(result.fit.problem.targets, result.fit.point.frame.targets, strict=True)
-    return summary | {
+    summary |= {
         "data": data,
         "seed": seed,
         "verdict": verdict(result),
         **bases_in_json(result.fit),
         "left_open": open_in_words(result),
         "repeatability": repeatability_in_json(repeatability_of(result.fit)),
-        "targets": plain([{"marker": label, "rotation": turned} for label, turned in targets]),
+        "targets": [{"marker": label, "rotation": turned} for label, turned in targets],
     }
+    return dict(plain(summary))
 
 
 def bases_in_json(fit: Fit) -> dict[str, Any]:
@@ -355,8 +356,7 @@ def bases_in_json(fit: Fit) -> dict[str, Any]:
     for base in bases[:1]:
         base["as_stated"] = fit.undetermined.tied_to_frame
     first = bases[0] if bases else None
-    summary = {"base_in_reference_frame": first, "base_in_other_sessions": bases[1:]}
-    return dict(plain(summary))
+    return {"base_in_reference_frame": first, "base_in_other_sessions": bases[1:]}
 
 
 def _result(result: Calibration) -> Iterator[Block]:
@@ -385,7 +385,7 @@ def _result(result: Calibration) -> Iterator[Block]:
         explained=f"{COMPARED} {noise} would give {length(result.noise)}.",
     )
     if result.turns is not None:
-        of_used = (result.turns["simulation"] / UM, result.turns["calibrated"] / UM)
+        of_used = (result.turns["nominal"] / UM, result.turns["calibrated"] / UM)
         heads = ("before [µrad]", "after [µrad]")
         yield Table(
             _before_and_after({"records used in the fit": of_used} | turns, *heads),

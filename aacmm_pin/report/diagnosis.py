@@ -60,7 +60,7 @@ from aacmm_pin.report.numbers import (
 )
 from aacmm_pin.report.plots.groups import held_out_parts, part_in_words, place_in_words
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
-from aacmm_pin.report.plots.residual_vectors import MODEL_WORDS, models, two_models
+from aacmm_pin.report.plots.residual_vectors import models, two_models
 from aacmm_pin.report.verdicts import (
     beside_threshold,
     labels_in_words,
@@ -458,7 +458,7 @@ def _groups(result: Diagnosis) -> Iterator[Block]:
     unit, scale = length_unit(max(result.rms.values()))
     where = [*map(place_in_words, worse["by"], worse["group"])]
     shown = pd.DataFrame({"group": where, "records": worse["records"]})
-    heads = {"simulation": "nominal", "predicted": predicted, "extended": "extended"}
+    heads = {"nominal": "nominal", "predicted": predicted, "extended": "extended"}
     for name, head in heads.items():
         shown[f"{head} [{unit}]"] = worse[f"{name}_mm"] * (MM / scale)
     ratio = f"nominal / {predicted}"
@@ -526,18 +526,17 @@ def _on_the_arm(result: Diagnosis) -> Iterator[Block]:
     from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
     before, after = two_models(result)
-    left, right = MODEL_WORDS.get(before, before), MODEL_WORDS.get(after, after)
     yield Figure(
         lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
-        f"Residual vectors of the {left} and the {right} arm",
+        f"Residual vectors of the {before} and the {after} arm",
         "Each line is a residual from reference to tip, and all lines have the same magnification. "
-        f"The left panels show the {left} arm, and the right panels the {right} arm. The upper "
+        f"The left panels show the {before} arm, and the right panels the {after} arm. The upper "
         "panels are plan views, and the lower panels are side views. The grey lines show the arm. "
         "If neighbouring lines have the same direction, the model lacks a cause of error.",
     )
     yield SceneView(
         lambda: residual_scene(result, before),
-        f"The scene shows the residuals of the {left} arm. Drag to rotate the view. The slider "
+        f"The scene shows the residuals of the {before} arm. Drag to rotate the view. The slider "
         "shows the arm in the posture of each residual, from the largest residual to the smallest.",
     )
 

@@ -137,7 +137,7 @@ def _held_out(diagnosis: Diagnosis) -> dict[str, Any] | None:
     gain = diagnosis.held_out
     if gain is None:
         return None
-    models = ("simulation", "recalibrated", "extended")
+    models = ("nominal", "recalibrated", "extended")
     return {
         "kind": gain.kind,
         "groups": gain.groups,

@@ -100,7 +100,7 @@ def _first(result: Diagnosis) -> str:
     if verdict == "inconclusive" and not findings:
         return f"{MORE_RECORDS}, because these records would show only {shown}"
     if verdict == "no-discrepancy":
-        before, after = result.rms["simulation"], result.rms["recalibrated"]
+        before, after = result.rms["nominal"], result.rms["recalibrated"]
         calibrate = ""
         if after < WORTH_CALIBRATION * before:
             calibrate = (

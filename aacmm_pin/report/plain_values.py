@@ -16,7 +16,9 @@ def plain(value: Any) -> Any:
     """
     match value:
         case Mapping():
-            return {str(name): plain(inner) for name, inner in value.items()}
+            names = {str(name): plain(inner) for name, inner in value.items()}
+            # The name of the nominal arm in versions before 0.3.
+            return names | ({"simulation": names["nominal"]} if "nominal" in names else {})
         case pd.DataFrame():
             return plain(value.to_dict("records"))
         case np.ndarray() | np.generic():

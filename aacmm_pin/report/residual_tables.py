@@ -1,4 +1,4 @@
-"""What the simulation gets wrong, before any cause is thought of: residuals against what their own
+"""What the model gets wrong, before any cause is thought of: residuals against what their own
 uncertainty predicts. And what no cause explains, record by record: the smooth correction over a
 covariate, and the partial residuals.
 """
@@ -34,13 +34,13 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
         recalibrated, extended: its geometry fitted too; with the causes found.
 
     Returns:
-        by, group, records, simulation_mm, predicted_mm, times_predicted, recalibrated_mm,
+        by, group, records, nominal_mm, predicted_mm, times_predicted, recalibrated_mm,
         extended_mm, noise_mm, times_noise (extended), the largest times_predicted first; groups of
         fewer than two records are left out.
     """
     noise = np.trace(extended.stated_noise[:, :3, :3], axis1=1, axis2=2)
     squares = {
-        "simulation_mm": np.square(before.system.deviation).sum(axis=1),
+        "nominal_mm": np.square(before.system.deviation).sum(axis=1),
         "predicted_mm": noise + before.stated_variance,
         "recalibrated_mm": np.square(recalibrated.system.deviation).sum(axis=1),
         "extended_mm": np.square(extended.system.deviation).sum(axis=1),
@@ -53,7 +53,7 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
             sizes = [np.sqrt(square[used].mean()) / MM for square in squares.values()]
             rows.append([by, group, int(used.sum()), *sizes])
     table = pd.DataFrame(rows, columns=["by", "group", "records", *squares])
-    table.insert(5, "times_predicted", table["simulation_mm"] / table["predicted_mm"])
+    table.insert(5, "times_predicted", table["nominal_mm"] / table["predicted_mm"])
     table["times_noise"] = table["extended_mm"] / table["noise_mm"]
     return table.sort_values("times_predicted", ascending=False, ignore_index=True)
 

@@ -247,7 +247,7 @@ def test_files_of_spheres_at_the_shell(sino6, rng, tmp_path: Path):
     assert shell.found(f"check sino6 {path}")["seats"] == SPHERES
     known = "--encoder-noise 8e-6 --probe-noise-mm 0.003"
     content = shell.found(f"calibrate sino6 {path} {known} -o {tmp_path / 'arm.toml'}")
-    assert content["rms_mm"]["calibrated"] < content["rms_mm"]["simulation"]
+    assert content["rms_mm"]["calibrated"] < content["rms_mm"]["nominal"]
     assert content["held_out"]
 
 

@@ -71,7 +71,7 @@ def test_a_diagnosis_in_readable_units(data, tmp_path):
     assert re.search(r"compliance 20\.\d\d ± 0\.6\d µrad/\(N·m\)", wide)
     assert "(k = 2)" in wide
     assert "amplitude_rad" not in wide
-    assert length(1e-3 * found["rms_mm"]["simulation"]) in wide
+    assert length(1e-3 * found["rms_mm"]["nominal"]) in wide
 
 
 def test_a_calibration(data, tmp_path):

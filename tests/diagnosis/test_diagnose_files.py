@@ -62,7 +62,7 @@ def test_rows_are_those_of_single_diagnoses(folder, workers):
         assert found["verdict"] == alone.verdict
         assert found["causes"] == {one.label: one.probability for one in alone.findings}
         rms = [found[f"rms_{name}_mm"] for name in ("as_stated", "recalibrated", "extended")]
-        expected = [alone.rms[name] / MM for name in ("simulation", "recalibrated", "extended")]
+        expected = [alone.rms[name] / MM for name in ("nominal", "recalibrated", "extended")]
         assert (rms, found["noise_mm"]) == (expected, alone.rms["noise"] / MM)
         gain = (found["gain"], found["gain_low"], found["gain_high"])
         assert alone.held_out is not None

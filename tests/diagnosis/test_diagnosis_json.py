@@ -123,7 +123,7 @@ FINDING = fields(
     },
     INNER,
 )
-RMS = dict.fromkeys(("simulation", "recalibrated", "extended"), SIZE)
+RMS = dict.fromkeys(("nominal", "simulation", "recalibrated", "extended"), SIZE)
 PART_OF_BUDGET = fields(
     {
         "part": text,

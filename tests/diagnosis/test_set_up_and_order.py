@@ -186,7 +186,7 @@ def test_the_budget_is_that_of_the_plant(tmp_path: Path) -> None:
     found = plant.diagnosed(tmp_path, places)
     parts = {part.part: part for part in found.budget}
     assert list(parts) == ["geometry", "encoder_eccentricity:3", "noise"]
-    whole = found.rms["simulation"] ** 2
+    whole = found.rms["nominal"] ** 2
     assert sum(part.mean_square for part in found.budget) == pytest.approx(whole, rel=1e-9)
     by_geometry = geometry_columns(plant)
     left = exact.ravel() - by_geometry @ np.linalg.lstsq(by_geometry, exact.ravel())[0]

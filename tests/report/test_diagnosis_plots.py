@@ -297,7 +297,7 @@ def test_of_many_groups_the_worst_are_named(rng):
     _draw_groups(ax, "seat", table, {})
     (simulation, *_) = ax.lines
     assert (np.diff(simulation.get_ydata()) <= 0).all()
-    worst = table.loc[table["simulation_mm"].nlargest(3).index, "group"]
+    worst = table.loc[table["nominal_mm"].nlargest(3).index, "group"]
     assert ax.get_xlabel().split("\n")[1:] == [*worst]
     assert not ax.get_xticklabels()
 

@@ -88,7 +88,7 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(eccentric):
     table = pd.read_csv(io.BytesIO(files["residuals.csv"]))
     assert len(table) == 80
     used = table[table["used"]]
-    for name in ("simulation", "recalibrated", "extended"):
+    for name in ("nominal", "recalibrated", "extended"):
         assert np.sqrt(np.mean(used[f"{name}_mm"] ** 2)) == pytest.approx(1e3 * eccentric.rms[name])
         parts = used[[f"{axis}_{name}_mm" for axis in "xyz"]].to_numpy()
         np.testing.assert_allclose(np.linalg.norm(parts, axis=1), used[f"{name}_mm"])

@@ -175,7 +175,7 @@ def test_no_column_of_a_table_with_long_names_is_cut(page, tmp_path):
     ]
     frame = pd.DataFrame({"where": names, "records": 30})
     frame = frame.assign(
-        **{f"{name}_mm": 0.1234 for name in ("simulation", "predicted", "extended")}, times=1.5
+        **{f"{name}_mm": 0.1234 for name in ("nominal", "predicted", "extended")}, times=1.5
     )
     (tmp_path / "page.html").write_text(
         html.page(Document("Page", [Table(frame, "Where")])), encoding="utf-8"

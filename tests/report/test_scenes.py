@@ -284,7 +284,7 @@ def spikes_of(scene: Scene) -> tuple[Array, Array, Array]:
 
 def test_residuals_of_the_simulation_by_pinocchio(sino6):
     data = measured()
-    scene = scenes.residual_scene(diagnosed(), "simulation")
+    scene = scenes.residual_scene(diagnosed(), "nominal")
     foot, end, colour = spikes_of(scene)
     rows = np.array([int(row[0]) for row in readings(scene)])
     records = np.array([int(np.flatnonzero(data.row == row)[0]) for row in rows])

@@ -16,7 +16,6 @@ from aacmm_pin.diagnosis import BudgetPart, Diagnosis
 from aacmm_pin.effects import listed, name_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import length_unit, lengths
-from aacmm_pin.report.plots.residual_vectors import MODEL_WORDS
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
@@ -31,7 +30,7 @@ from aacmm_pin.report.plots.style import (
     whole,
 )
 
-MODELS = {"simulation": INK, "recalibrated": GREY, "extended": BLUE}
+MODELS = {"nominal": INK, "recalibrated": GREY, "extended": BLUE}
 """The three models with their colours."""
 RANGE_UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
 """Units of the ranges in which records are grouped."""
@@ -44,7 +43,7 @@ named.
 @plain
 def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """Plot the RMS residual of the models, and the value expected from noise alone."""
-    models = ["simulation", "recalibrated", *["extended"] * bool(result.findings), "noise"]
+    models = ["nominal", "recalibrated", *["extended"] * bool(result.findings), "noise"]
     sizes = [result.rms[name] for name in models]
     unit, scale = length_unit(max(sizes))
     ax = axes_of(ax, (6.8, 2.2))
@@ -145,13 +144,13 @@ def _draw_groups(
     key = _start if unit else numbers_by_size
     table = table.sort_values("group", key=lambda groups: groups.map(key))
     if many:
-        table = table.sort_values("simulation_mm", ascending=False)
+        table = table.sort_values("nominal_mm", ascending=False)
     edges = np.arange(len(table) + 1) - 0.5
     for name, (line, label) in expected.items():
         style: dict[str, Any] = {"color": VERMILLION, "lw": 1.2, "ls": line, "label": label}
         panel.stairs(table[f"{name}_mm"], edges, baseline=None, **style)
     for name, colour in MODELS.items():
-        style = {"ms": 2 if many else 4, "lw": 1, "label": MODEL_WORDS.get(name, name)}
+        style = {"ms": 2 if many else 4, "lw": 1, "label": name}
         panel.plot(range(len(table)), table[f"{name}_mm"], "o-", color=colour, **style)
     names = [group.removesuffix(unit).strip().replace(" to ", "\nto ") for group in table["group"]]
     if many:

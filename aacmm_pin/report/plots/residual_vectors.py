@@ -46,7 +46,6 @@ MOST_VECTORS = 400
 """Residuals that are drawn; of more, every so-manieth."""
 
 
-MODEL_WORDS = {"simulation": "nominal"}
 """What people call a model whose name in files is another."""
 
 
@@ -57,7 +56,7 @@ def models(result: Calibration | Diagnosis) -> dict[str, Fit]:
     if isinstance(result, Calibration):
         return {"before": result.before, "after": result.fit}
     return {
-        "simulation": result.before,
+        "nominal": result.before,
         "recalibrated": result.recalibrated,
         "extended": result.extended,
     }
@@ -87,7 +86,7 @@ def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
     """
     if isinstance(result, Calibration):
         return "before", "after"
-    return ("recalibrated", "extended") if result.findings else ("simulation", "recalibrated")
+    return ("recalibrated", "extended") if result.findings else ("nominal", "recalibrated")
 
 
 Groups = Mapping[str, tuple[str, Sequence[tuple[str, Array]]]]
@@ -115,7 +114,7 @@ def plot_residual_vectors(
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` for a calibration; ``simulation`` (nominal arm),
+        model: ``before`` or ``after`` for a calibration; ``nominal`` (nominal arm),
             ``recalibrated`` or ``extended`` for a diagnosis. The default is ``after`` or
             ``extended``.
         plane: two axes of the reference frame.
@@ -147,7 +146,7 @@ def plot_residual_vectors(
         legend_below(ax)
     _draw_vectors(ax, place[used][:, axes] / MM, deviation[used][:, axes] / MM, factor)
     ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
-    words = f"{MODEL_WORDS.get(name, name)}, {VIEWS[plane]}"
+    words = f"{name}, {VIEWS[plane]}"
     ax.set_title(f"{words}, residuals magnified {factor:g}×{some}")
     return ax
 

@@ -11,7 +11,6 @@ from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plots.residual_vectors import (
-    MODEL_WORDS,
     MOST_VECTORS,
     deviations_of,
     magnification_of,
@@ -52,7 +51,7 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` for a calibration; ``simulation`` (nominal arm),
+        model: ``before`` or ``after`` for a calibration; ``nominal`` (nominal arm),
             ``recalibrated`` or ``extended`` for a diagnosis. The default is ``after`` or
             ``extended``.
 
@@ -63,7 +62,6 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     name = model or [*fits][-1]
     fit, judge = model_named(result, name), [*fits.values()][-1]
     start = "target" if isinstance(result, Calibration) else "reference"
-    words = {which: MODEL_WORDS.get(which, which) for which in fits}
     distances_mm = {
         which: np.linalg.norm(deviations_of(result, fitted), axis=1) / MM
         for which, fitted in fits.items()
@@ -80,7 +78,7 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     points = np.vstack([bodies.corners(q).reshape(-1, 3), target, ends])
     size = float(np.ptp(points, axis=0).max())
 
-    title = f"{arm.name}: residuals, {words[name]}"
+    title = f"{arm.name}: residuals, {name}"
     scene = stage(title, _caption(result, judge, len(chosen)), bodies, points, target)
     draw_ghosts(scene, bodies.radius, map(frame.back, postures_of(judge)))
     size_mm = distances_mm[name][chosen]
@@ -102,7 +100,7 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
         start: [place_text(place) for place in target],
     }
     for which, distances in distances_mm.items():
-        texts[f"residual, {words[which]}"] = [f"{mm:.4f} mm" for mm in distances[chosen]]
+        texts[f"residual, {which}"] = [f"{mm:.4f} mm" for mm in distances[chosen]]
     texts |= joint_texts(arm, q)
     del texts["limits"]
     moves = moving(bodies, q, scene) | {"record": placed_at(target)}
@@ -113,8 +111,7 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
 def _caption(result: Calibration | Diagnosis, judge: Fit, shown: int) -> str:
     rms = rms_of(result)
     sizes = ", ".join(
-        f"{size} ({MODEL_WORDS.get(which, which)})"
-        for which, size in zip(rms, lengths(rms.values()), strict=True)
+        f"{size} ({which})" for which, size in zip(rms, lengths(rms.values()), strict=True)
     )
     excluded = int(judge.excluded.sum())
     without = f", without {count(excluded, 'excluded record')}" if excluded else ""
