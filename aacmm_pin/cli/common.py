@@ -62,7 +62,7 @@ def _within(range_: Range, unit: float = 1.0) -> Callable[..., Any]:
     return checked
 
 
-NO_ARM_FILES = (".html", ".md", ".csv", ".json", ".png")
+NO_ARM_FILES = (".html", ".md", ".png")
 
 
 def output_option(metavar: str, help_: str, *names: str) -> Any:

@@ -5,13 +5,12 @@ torque, in which direction probed, on which tilted mount, at which seat.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Annotated, Any, Literal, NamedTuple, Protocol, get_type_hints
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array, Index, Mask, batch, is_no_unit, vector, width_of
 from aacmm_pin._support.display import Shown
@@ -53,6 +52,11 @@ class ConditionColumn(NamedTuple):
         return "#" in self.names[0]
 
 
+def condition(*column: Any, **more: Any) -> Any:
+    """An attribute of :class:`Conditions`, unknown by default, with a :class:`ConditionColumn`."""
+    return field(default=None, metadata={"column": ConditionColumn(*column, **more)})
+
+
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
 """No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
 TEMPERATURE_TOLERANCE = 2.0
@@ -76,8 +80,9 @@ class Conditions(Shown):
         torque: measured joint torques ``(n, nq)`` [N·m].
         probe_direction: unit vector of the motion of the probe towards the surface, in the axes of
             the base ``(n, 3)``; zero if not stated.
-        tilt_x, tilt_y: rotation of the mount about x and y of the base, from the position for which
-            the arm states gravity ``(n,)`` [rad]; see :meth:`in_tilted_base`.
+        tilt_x: rotation of the mount about x of the base, from the position for which the arm
+            states gravity ``(n,)`` [rad]; see :meth:`in_tilted_base`.
+        tilt_y: the same about y ``(n,)`` [rad].
         seat: label of the seat ``(n,)``; "" for no seat.
         marker: label of the target on the last body ``(n,)``; "" for no label.
         session: label of the session ``(n,)``; "" for no label.
@@ -87,32 +92,19 @@ class Conditions(Shown):
     """
 
     n: int
-    time: Annotated[Array | None, ConditionColumn(("time_s",), "anywhere", "s")] = None
-    temperature: Annotated[Array | None, ConditionColumn(("temperature_c",), "anywhere", "°C")] = (
-        None
+    time: Array | None = condition(("time_s",), "anywhere", "s")
+    temperature: Array | None = condition(("temperature_c",), "anywhere", "°C")
+    link_temperature: Array | None = condition(("temperature#_c",), "none", "°C")
+    approach: Array | None = condition(("approach#",), "none", "1")
+    torque: Array | None = condition(("torque#_nm",), "joints", "N·m")
+    probe_direction: Array | None = condition(
+        ("probe_direction_x", "probe_direction_y", "probe_direction_z"), "none", "1"
     )
-    link_temperature: Annotated[
-        Array | None, ConditionColumn(("temperature#_c",), "none", "°C")
-    ] = None
-    approach: Annotated[Array | None, ConditionColumn(("approach#",), "none", "1")] = None
-    torque: Annotated[Array | None, ConditionColumn(("torque#_nm",), "joints", "N·m")] = None
-    probe_direction: Annotated[
-        Array | None,
-        ConditionColumn(
-            ("probe_direction_x", "probe_direction_y", "probe_direction_z"), "none", "1"
-        ),
-    ] = None
-    tilt_x: Annotated[
-        Array | None,
-        ConditionColumn(("tilt_x_deg",), "anywhere", "°", range=MOUNT_TILT, usual=0.0),
-    ] = None
-    tilt_y: Annotated[
-        Array | None,
-        ConditionColumn(("tilt_y_deg",), "anywhere", "°", range=MOUNT_TILT, usual=0.0),
-    ] = None
-    seat: Annotated[Labels | None, ConditionColumn(("seat",), "groups", "", True)] = None
-    marker: Annotated[Labels | None, ConditionColumn(("marker",), "groups")] = None
-    session: Annotated[Labels | None, ConditionColumn(("session",), "anywhere")] = None
+    tilt_x: Array | None = condition(("tilt_x_deg",), "anywhere", "°", range=MOUNT_TILT, usual=0.0)
+    tilt_y: Array | None = condition(("tilt_y_deg",), "anywhere", "°", range=MOUNT_TILT, usual=0.0)
+    seat: Labels | None = condition(("seat",), "groups", of_reference=True)
+    marker: Labels | None = condition(("marker",), "groups")
+    session: Labels | None = condition(("session",), "anywhere")
 
     def __post_init__(self) -> None:
         """What is given, as arrays of its own."""
@@ -173,6 +165,8 @@ class Conditions(Shown):
         """
         if self.tilt_x is None and self.tilt_y is None:
             return np.broadcast_to(direction, (self.n, 3))
+        from scipy.spatial.transform import Rotation  # takes a while, and few mounts are tilted
+
         turn = np.zeros((self.n, 3))
         for k, angle in enumerate((self.tilt_x, self.tilt_y)):
             if angle is not None:
@@ -253,9 +247,9 @@ class Conditions(Shown):
 
 
 CONDITION_ENTRIES: dict[str, ConditionColumn] = {
-    name: hint.__metadata__[0]
-    for name, hint in get_type_hints(Conditions, include_extras=True).items()
-    if hasattr(hint, "__metadata__")
+    attribute.name: attribute.metadata["column"]
+    for attribute in fields(Conditions)
+    if attribute.metadata
 }
 """The columns of each condition."""
 CONDITION_COLUMNS: dict[str, str] = {}

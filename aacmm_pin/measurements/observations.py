@@ -350,7 +350,8 @@ class Observations:
         seat = np.full(len(self.seat), -1)
         seat[touched] = number.ravel()
         parts, old = pairs.astype(np.intp).T
-        place = np.full((part.max(initial=-1) + 1, len(self.labels)), -1)
+        # Records of no part, -1, are in the last row.
+        place = np.full((part.max(initial=-1) + 2, len(self.labels)), -1)
         place[parts, old] = np.arange(len(old))
         ends = place[:, self.ends]
         has_both = (ends >= 0).all(axis=2)

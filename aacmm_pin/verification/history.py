@@ -286,6 +286,8 @@ class History(Shown):
         """A chart for each characteristic of the latest check, in its order; of :data:`HALF` none
         beside its double.
         """
+        if self.time is None:
+            return ()
         checks = self._of(self.instrument)
         check: list[Any] = [*checks[checks["time"] == self.time].itertuples()]
         there = {(latest.arm, latest.figure) for latest in check}
