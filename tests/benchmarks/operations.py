@@ -286,7 +286,7 @@ def calibration(table: Table) -> None:
     arm, dh = Arm.from_file(file), file.dh
     q = rng.uniform(*file.limits.T, (n, len(file.limits)))
     real = with_errors(dh, rng)
-    tips = real.positions(q) + rng.normal(size=(n, 3)) * COORDINATE_NOISE
+    tips = real.chain.positions(q) + rng.normal(size=(n, 3)) * COORDINATE_NOISE
     records, urdf = Measurements.of(q, reference=tips), urdf_text(file)
     plain: dict[str, Any] = {
         "reference_noise": COORDINATE_NOISE,
