@@ -425,7 +425,7 @@ def rms_figure(result: Diagnosis) -> Figure:
         "RMS residuals of the three models",
         "The bars show the RMS residuals of the nominal arm, of the recalibrated arm, and of an "
         "arm that causes extend. The fit estimates an unknown frame or target for each arm. The "
-        "dashed line shows the RMS residual that noise alone would give.",
+        "last bar shows the RMS residual that noise alone would give.",
     )
 
 
