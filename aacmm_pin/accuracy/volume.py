@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
-COVERAGE = 0.95
 COVERED = (0.954, 0.993)
 """Parts that U = 2 u of a position, u² = u_x² + u_y² + u_z², covers of normal errors: along one
 direction, isotropic.

@@ -18,6 +18,7 @@ import yaml
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import screws, skew
 from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw, roll_pitch_yaw
 from aacmm_pin.arm.urdf import fixed_link, moving_link
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
@@ -94,8 +95,8 @@ class UrKinematics:
         """
         expected = [f"{joint}_joint" for joint in UR_JOINTS]
         if list(arm.joint_names) != expected:
-            found = ", ".join(arm.joint_names)
-            raise UnsupportedArmError(f"{arm.name}: joints {found}; expected {', '.join(expected)}")
+            names = ", ".join(arm.joint_names)
+            raise UnsupportedArmError(f"{arm.name}: joints {names}; expected {', '.join(expected)}")
         model = arm.model
         if any(joint.shortname() != "JointModelRZ" for joint in list(model.joints)[1:]):
             raise UnsupportedArmError(
@@ -145,11 +146,12 @@ def placements_of_dh(table: Array) -> list[Array]:
     Args:
         table: theta, d, a, alpha of standard Denavit–Hartenberg rows (4, 6) [rad, m].
     """
+    theta, d, a, alpha = table
     frames = []
     ends = [np.eye(4)]
-    for theta, d, a, alpha in table.T:
-        frames.append(ends[-1] @ _placement([0.0, 0.0, d], [0.0, 0.0, theta]))
-        ends.append(frames[-1] @ _placement([a, 0.0, 0.0], [alpha, 0.0, 0.0]))
+    for along_z, along_x in zip(screws(theta, d, 2), screws(alpha, a, 0), strict=True):
+        frames.append(ends[-1] @ along_z)
+        ends.append(frames[-1] @ along_x)
     second, axis = ends[1], frames[2][:3, 2]
     normal = second[:3, 2]
     beyond = normal @ (frames[2][:3, 3] - second[:3, 3]) / (normal @ axis)
@@ -162,8 +164,7 @@ def placements_of_dh(table: Array) -> list[Array]:
 
 def _smallest_rotation(one: Array, other: Array) -> Array:
     """That turns one unit vector into another, nearly parallel one (3, 3): Rodrigues' formula."""
-    x, y, z = np.cross(one, other)
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    across = skew(np.cross(one, other)[None])[0]
     return np.asarray(np.eye(3) + across + across @ across / (1.0 + one @ other))
 
 
@@ -201,15 +202,16 @@ def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
         raise ArmFileError(place, "", " ".join(str(error).split())) from None
     stated = {key: value for section in parser.values() for key, value in section.items()}
     deltas = [_list_of(stated, place, f"delta_{name}") for name in nominal]
-    by_table = placements_of_dh(np.array([*nominal.values()]))
-    placements = placements_of_dh(np.array(deltas) + np.array([*nominal.values()]))
+    by_maker = np.array([*nominal.values()])
+    by_table = placements_of_dh(by_maker)
+    placements = placements_of_dh(by_maker + deltas)
     for link, placement, expected in zip(UR_LINKS, placements, by_table, strict=False):
-        off = float(np.linalg.norm(placement[:3, 3] - expected[:3, 3]))
-        if off > FAR_FROM_TABLE:
+        distance = float(np.linalg.norm(placement[:3, 3] - expected[:3, 3]))
+        if distance > FAR_FROM_TABLE:
             raise ArmFileError(
                 place,
                 link,
-                f"{off:.3g} m from where the table of {robot} has it; expected less than "
+                f"{distance:.3g} m from where the table of {robot} has it; expected less than "
                 f"{FAR_FROM_TABLE} m: check --ur-robot, and that lists are in m and rad",
             )
     return UrKinematics(robot, placements)
@@ -258,9 +260,9 @@ def _numbers(values: object, place: str, key: str) -> Array:
     """Six finite numbers; YAML has some of them as text, such as 1e-05."""
     numbers = values if isinstance(values, list) else []
     try:
-        found = np.array([float(v) for v in numbers if not isinstance(v, bool)])
+        parsed = np.array([float(v) for v in numbers if not isinstance(v, bool)])
     except (TypeError, ValueError):
-        found = np.empty(0)
-    if len(numbers) != 6 or found.size != 6 or not np.isfinite(found).all():
+        parsed = np.empty(0)
+    if len(numbers) != 6 or parsed.size != 6 or not np.isfinite(parsed).all():
         raise ArmFileError(place, key, f"{values!r}; expected six numbers")
-    return found
+    return parsed

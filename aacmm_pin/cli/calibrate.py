@@ -18,6 +18,7 @@ from aacmm_pin.cli.common import (
     PlotAndJson,
     Results,
     Seed,
+    arm_file_option,
     note,
     output_option,
     page_option,
@@ -48,7 +49,7 @@ def run(
     seed: Seed = 1,
     output: Annotated[
         Path | None,
-        output_option("FILE.toml", "Write the arm file of the calibrated arm.", "--arm-out", "-o"),
+        arm_file_option("Write the arm file of the calibrated arm.", "--arm-out", "-o"),
     ] = None,
     urdf_out: Annotated[
         Path | None,

@@ -67,8 +67,12 @@ NO_ARM_FILES = (".html", ".md", ".png")
 
 def output_option(metavar: str, help_: str, *names: str) -> Any:
     """An option for a file to write."""
-    check = _arm_file if metavar == "FILE.toml" else None
-    return typer.Option(*names, metavar=metavar, help=help_, callback=check)
+    return typer.Option(*names, metavar=metavar, help=help_)
+
+
+def arm_file_option(help_: str, *names: str) -> Any:
+    """An option for an arm file to write."""
+    return typer.Option(*names, metavar="FILE.toml", help=help_, callback=_arm_file)
 
 
 def _arm_file(path: Path | None) -> Path | None:

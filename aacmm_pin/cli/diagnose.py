@@ -15,7 +15,7 @@ from aacmm_pin.cli.common import (
     JsonFile,
     Results,
     Seed,
-    output_option,
+    arm_file_option,
     page_option,
     warn,
 )
@@ -44,7 +44,7 @@ def run(
     seed: Seed = 1,
     output: Annotated[Path | None, page_option("a page with all results", "--report", "-o")] = None,
     arm_out: Annotated[
-        Path | None, output_option("FILE.toml", "Write the arm file of the extended arm.")
+        Path | None, arm_file_option("Write the arm file of the extended arm.")
     ] = None,
     *,
     files: JsonFile,

@@ -10,7 +10,7 @@ import typer
 
 from aacmm_pin.cli.arm_options import UncertainArm
 from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import note, output_option, say
+from aacmm_pin.cli.common import arm_file_option, note, say
 from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.cli.plan_records import PlannedRecords, plan_records
 from aacmm_pin.planning import plan_measurements
@@ -50,7 +50,7 @@ def run(
     planned: PlannedRecords,
     arm_out: Annotated[
         Path | None,
-        output_option("FILE.toml", "Write the arm file with the set-up that the plan proposes."),
+        arm_file_option("Write the arm file with the set-up that the plan proposes."),
     ] = None,
 ) -> None:
     if keep_set_up and causes is None:

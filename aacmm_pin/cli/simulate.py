@@ -21,9 +21,9 @@ from aacmm_pin.cli.common import (
     Results,
     Seed,
     angle_option,
+    arm_file_option,
     length_option,
     note,
-    output_option,
     status,
 )
 from aacmm_pin.effects import Effect, ErrorModel, require_shown, stated_cause
@@ -116,7 +116,7 @@ def run(
     output: CsvOutput = None,
     arm_out: Annotated[
         Path | None,
-        output_option("FILE.toml", "Write the arm file of the simulated arm, with its causes."),
+        arm_file_option("Write the arm file of the simulated arm, with its causes."),
     ] = None,
     files: Replacing,
 ) -> None:
