@@ -181,13 +181,14 @@ def shared_by(fit: Fit) -> Shared | None:
     arm = fit.problem.model.arm
     records = fit.problem.measurements
     excluded = fit.excluded
-    shared = [found.shared for found in clusters(arm, records, excluded, fit.used)]
+    scales = [*_scales(arm, records)]
+    shared = [found.shared for found in _clusters(scales, records, excluded, fit.used)]
     if shared and shared[0].name == "time":
         return shared[0]
     if excluded.sum() >= FEWEST_EXCLUDED:
-        numbers, labels = _columns(arm, records)
-        scales = [*_scales(arm, records), *numbers]
-        beyond = _clusters(scales, records, excluded, fit.used, BEYOND_USED)
+        tips = scales[-1].values
+        numbers, labels = _columns(records, tips)
+        beyond = _clusters([*scales, *numbers], records, excluded, fit.used, BEYOND_USED)
         shared += [found.shared for found in beyond if found.shared.p_value < SURELY]
         by_label = [_of_labels(name, labels[name], excluded, fit.used) for name in labels]
         chances = [len(by_label) * found.p_value for found in by_label]
@@ -394,9 +395,10 @@ def as_numbers(values: Iterable[object]) -> pd.Series | None:
     return numbers if numbers.notna().all() and numbers.nunique() > MOST_LABELS else None
 
 
-def _columns(arm: Arm, records: Measurements) -> tuple[list[Scale], dict[str, pd.Series]]:
-    """What else is known of single records: numbers, and labels by the name of what they are."""
-    tips = arm.positions(records.q) / MM
+def _columns(records: Measurements, tips: Array) -> tuple[list[Scale], dict[str, pd.Series]]:
+    """What else is known of single records, with ``tips`` (n, 3) [mm]: numbers, and labels by the
+    name of what they are.
+    """
     numbers = {axis: (f"tip_{axis}_mm", tips[:, k]) for k, axis in enumerate("xyz")}
     numbers["scale"] = "distance_mm", np.linalg.norm(tips, axis=1)
     labels = {}

@@ -58,17 +58,15 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     the groups. Both are compared with what the residuals of a group vary by, for errors of readings
     move far tips more, and in few directions.
     """
-    scatter = _scatter(choice)
     groupings = _groupings(choice.fit.problem.measurements, choice)
-    tested = [group for grouping in groupings for group in _tested(choice, grouping, scatter)]
+    tested = [group for grouping in groupings for group in _tested(choice, grouping)]
     odd = [group for group in tested if group.p_value < THRESHOLDS.odd]
     return sorted(odd, key=lambda group: group.p_value)
 
 
-def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddGroup]:
-    """Chow's test of every group that adds to the others, with the covariance of the residuals (n,
-    3, 3).
-    """
+def _tested(choice: Choice, grouping: Grouping) -> Iterator[OddGroup]:
+    """Chow's test of every group that adds to the others."""
+    scatter = _scatter(choice)
     # A group that was set up badly may be what a covariate was found by.
     blocks = () if choice.covariates else choice.posterior.median
     design = choice.design.of(blocks)
