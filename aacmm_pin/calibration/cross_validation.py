@@ -15,6 +15,7 @@ import scipy
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.plain_values import of_models
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.fit import Fit
@@ -93,13 +94,15 @@ class HeldOut(Shown):
 
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON."""
+        sizes = {"nominal": self.rms_before / MM, "calibrated": self.rms_after / MM}
         turns = None
         if self.turned:
-            turns = {"nominal": rms(self.turn_before), "calibrated": rms(self.turn_after)}
+            turned = {"nominal": rms(self.turn_before), "calibrated": rms(self.turn_after)}
+            turns = of_models(turned)
         return {
             "kind": self.kind,
             "groups": self.groups,
-            "rms_mm": {"nominal": self.rms_before / MM, "calibrated": self.rms_after / MM},
+            "rms_mm": of_models(sizes),
             "rms_rad": turns,
         }
 

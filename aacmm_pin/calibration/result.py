@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +14,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note, notes_in_json
+from aacmm_pin._support.plain_values import of_models, plain
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
@@ -24,6 +24,7 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.identifiability import ROTATION, Observability
 from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration.repeatability import Repeatability, repeatability_of
 from aacmm_pin.calibration.setup import sessions_of
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.solver import LEAST_DOF
@@ -230,6 +231,11 @@ class Calibration(Shown):
         """The check whether the excluded records are really gross errors of single records."""
         return exclusions_of(self.fit)
 
+    @cached_property
+    def repeatability(self) -> Repeatability | None:
+        """What the repeated postures among the used records show; None without repeats."""
+        return repeatability_of(self.fit)
+
     def summary(self) -> dict[str, Any]:
         """Return the content of the JSON file with the schema ``aacmm-pin/calibration/1``."""
         fit = self.fit
@@ -239,32 +245,31 @@ class Calibration(Shown):
             value, dof = fit.chi2_stated
             chi2 = {"value": value, "dof": dof, "p_value": self.p_value}
         excluded = self.excluded[["row", "reason", "residual_mm"]]
-        return {
+        before, after, noise = np.array([self.rms_before, self.rms, self.noise]) / MM
+        sizes = {"nominal": before, "calibrated": after, "noise": noise}
+        summary = {
             "schema": CALIBRATION_SCHEMA,
             "arm": self.model.arm.name,
             "records": {
                 "used": int(fit.used.sum()),
                 "silent": int((~fit.used & ~fit.excluded).sum()),
-                "excluded": [_plain_values(row) for row in excluded.to_dict("records")],
+                "excluded": excluded,
                 "exclusions": self.exclusions.summary(),
             },
-            "rms_mm": {
-                "nominal": self.rms_before / MM,
-                "calibrated": self.rms / MM,
-                "noise": self.noise / MM,
-            },
+            "rms_mm": of_models(sizes),
             "chi2": chi2,
-            "rms_rad": self.turns,
+            "rms_rad": self.turns and of_models(self.turns),
             "unmodelled_mm": fit.unmodelled / MM,
             "unmodelled_rad": scatters.turn if self.turns else None,
             "unmodelled_seat_mm": scatters.seat / MM or None,
             "noise_stated": fit.stated,
-            "parameters": [_plain_values(row) for row in self.parameters.to_dict("records")],
+            "parameters": self.parameters,
             "undetermined": list(self.undetermined),
-            "observability": _plain_values(vars(self.observability)),
+            "observability": vars(self.observability),
             "held_out": [held.summary() for held in self.held_out],
             **notes_in_json(self.notes),
         }
+        return dict(plain(summary))
 
     def __str__(self) -> str:
         left = self.exclusions
@@ -287,16 +292,6 @@ class Calibration(Shown):
             The figure of the panels.
         """
         return cast("Figure", report().plots.plot_residual_views(self, ax))
-
-
-def _plain_values(given: Mapping[Any, Any]) -> dict[str, Any]:
-    """Values as JSON has them: None for numbers that are not finite."""
-    values = {}
-    for key, value in given.items():
-        plain = value.item() if isinstance(value, np.generic) else value
-        is_number = not isinstance(plain, float) or math.isfinite(plain)
-        values[str(key)] = plain if is_number else None
-    return values
 
 
 @dataclass(frozen=True, eq=False)

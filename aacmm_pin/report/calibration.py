@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import json_text
+from aacmm_pin._support.plain_values import plain
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.arm import COVERAGE_FACTOR
@@ -24,7 +25,6 @@ from aacmm_pin.calibration import (
     base_is_open,
     base_placements,
     is_of_setup,
-    repeatability_of,
     rms,
 )
 from aacmm_pin.effects import (
@@ -61,7 +61,6 @@ from aacmm_pin.report.numbers import (
     vector,
 )
 from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters
-from aacmm_pin.report.plain_values import plain
 from aacmm_pin.report.plots.calibration import LEAST_IN_BIN
 from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatability_in_json
 
@@ -325,18 +324,18 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
     table, summary = parameter_table(result), result.summary()
     rows = zip(summary["parameters"], table["stated"], table["beyond"], strict=True)
     for row, width, beyond in rows:
-        row |= {"stated": width, "beyond_stated": beyond}
+        row |= plain({"stated": width, "beyond_stated": beyond})
     targets = zip(result.fit.problem.targets, result.fit.point.frame.targets, strict=True)
-    summary |= {
+    made_from = {
         "data": data,
         "seed": seed,
         "verdict": verdict(result),
         **bases_in_json(result.fit),
         "left_open": open_in_words(result),
-        "repeatability": repeatability_in_json(repeatability_of(result.fit)),
+        "repeatability": repeatability_in_json(result.repeatability),
         "targets": [{"marker": label, "rotation": turned} for label, turned in targets],
     }
-    return dict(plain(summary))
+    return summary | dict(plain(made_from))
 
 
 def bases_in_json(fit: Fit) -> dict[str, Any]:
@@ -444,7 +443,7 @@ def _residuals(result: Calibration) -> Iterator[Block]:
         "The bars show residuals normalised by the covariance of each record. The line shows the χ "
         "distribution that normally distributed noise would give.",
     )
-    yield from repeatability_blocks(repeatability_of(result.fit))
+    yield from repeatability_blocks(result.repeatability)
 
 
 def _parameters(result: Calibration) -> Iterator[Block]:

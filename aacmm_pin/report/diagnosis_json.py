@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from aacmm_pin._support.notes import notes_in_json
+from aacmm_pin._support.plain_values import of_models, plain
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import Diagnosis, Finding, Unexplained, not_tried
@@ -15,7 +16,6 @@ from aacmm_pin.effects import Effect, fields_of, strongest_waves
 from aacmm_pin.report.calibration import bases_in_json
 from aacmm_pin.report.check import not_tried_in_json
 from aacmm_pin.report.next_measurements import next_measurements
-from aacmm_pin.report.plain_values import plain
 
 DIAGNOSIS_SCHEMA = "aacmm-pin/diagnosis/1"
 PLACE_FIELDS = {"joint", "bodies"}
@@ -42,8 +42,8 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             "used": extended.used.sum(),
             "excluded": diagnosis.excluded[["row", "reason", "residual_mm"]],
         },
-        "rms_mm": {name: size / MM for name, size in diagnosis.rms.items()},
-        "rms_rad": diagnosis.turns,
+        "rms_mm": of_models({name: size / MM for name, size in diagnosis.rms.items()}),
+        "rms_rad": diagnosis.turns and of_models(diagnosis.turns),
         "budget": [
             {
                 "part": part.part,
@@ -141,7 +141,7 @@ def _held_out(diagnosis: Diagnosis) -> dict[str, Any] | None:
     return {
         "kind": gain.kind,
         "groups": gain.groups,
-        "rms_mm": {name: rms(getattr(gain, name)) / MM for name in models},
+        "rms_mm": of_models({name: rms(getattr(gain, name)) / MM for name in models}),
         "gain": gain.gain,
         "gain_ci95": gain.interval,
         "excluded_counted": gain.excluded,

@@ -6,11 +6,11 @@ from typing import Any
 
 import pandas as pd
 
+from aacmm_pin._support.plain_values import plain
 from aacmm_pin._support.units import count
 from aacmm_pin.effects import listed, probability
 from aacmm_pin.report.document import Block, Bullets, Document, Paragraph, Table
 from aacmm_pin.report.numbers import percent
-from aacmm_pin.report.plain_values import plain
 
 DIAGNOSES_SCHEMA = "aacmm-pin/diagnoses/1"
 RMS = ("rms_as_stated_mm", "rms_extended_mm")

@@ -11,11 +11,11 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import notes_in_json
+from aacmm_pin._support.plain_values import plain
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.accuracy import AccuracyVolume, ErrorSources, LengthUncertainty, WorkspaceMap, paired
 from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
 from aacmm_pin.postures import PosturesAtPoint, ReachingPostures
-from aacmm_pin.report.plain_values import plain
 
 ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
 LENGTH_SCHEMA = "aacmm-pin/length/1"

@@ -11,7 +11,6 @@ from aacmm_pin.calibration import FEWEST_CYCLES, MISFIT, Repeatability
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import Block, Figure, Paragraph, blank_axes
 from aacmm_pin.report.numbers import lengths, p_equals, percent
-from aacmm_pin.report.plain_values import plain
 
 
 def repeatability_blocks(repeats: Repeatability | None) -> list[Block]:
@@ -69,7 +68,7 @@ def repeatability_in_json(repeats: Repeatability | None) -> dict[str, Any] | Non
     if repeats is None:
         return None
     drift = repeats.drift
-    numbers = {
+    return {
         "postures": repeats.cycles.size,
         "records": len(repeats.posture),
         "sd_mm": repeats.sd / MM,
@@ -80,4 +79,3 @@ def repeatability_in_json(repeats: Repeatability | None) -> dict[str, Any] | Non
         "drift_over": "time" if repeats.is_timed else "rows",
         "residual_mm": repeats.rms_residual / MM,
     }
-    return dict(plain(numbers))

@@ -23,6 +23,7 @@ from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.output_files import OutputFiles
+from aacmm_pin._support.plain_values import plain
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, count
 from aacmm_pin.errors import AacmmError, MeasurementFileError
@@ -115,16 +116,17 @@ class ControlChart:
     def to_dict(self) -> dict[str, Any]:
         """The numbers, for JSON, lengths in mm; None where there are none."""
         lower, upper = self.limits
-        return {
+        summary = {
             "coordinates": self.arm,
             "figure": self.figure,
             "checks_before": len(self.values) - 1,
             "checks_counted": int(self.counted.sum()),
-            "centre_mm": _or_none(self.centre),
-            "lower_mm": _or_none(lower),
-            "upper_mm": _or_none(upper),
+            "centre_mm": self.centre / MM,
+            "lower_mm": lower / MM,
+            "upper_mm": upper / MM,
             "left_usual_range": self.left_range if np.isfinite(upper) else None,
         }
+        return dict(plain(summary))
 
 
 def _limits(values: Array) -> tuple[float, float]:
@@ -351,7 +353,3 @@ def _utc(time: datetime) -> datetime:
     if time.tzinfo is None:
         return time.replace(tzinfo=UTC)
     return time.astimezone(UTC)
-
-
-def _or_none(value: float) -> float | None:
-    return value / MM if math.isfinite(value) else None

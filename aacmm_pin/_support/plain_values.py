@@ -16,9 +16,7 @@ def plain(value: Any) -> Any:
     """
     match value:
         case Mapping():
-            names = {str(name): plain(inner) for name, inner in value.items()}
-            # The name of the nominal arm in versions before 0.3.
-            return names | ({"simulation": names["nominal"]} if "nominal" in names else {})
+            return {str(name): plain(inner) for name, inner in value.items()}
         case pd.DataFrame():
             return plain(value.to_dict("records"))
         case np.ndarray() | np.generic():
@@ -28,3 +26,8 @@ def plain(value: Any) -> Any:
         case float():
             return value if math.isfinite(value) else None
     return None if value is pd.NA else value
+
+
+def of_models(sizes: Mapping[str, float]) -> dict[str, float]:
+    """Sizes by the name of the model, that of the nominal arm also by its name before 0.3."""
+    return {**sizes, "simulation": sizes["nominal"]}
