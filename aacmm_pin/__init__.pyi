@@ -14,7 +14,7 @@ from .effects.conditions import Conditions
 from .effects.error_model import ErrorModel
 from .errors import AacmmError
 from .measurements.records import Measurements
-from .measurements.simulate import simulate_measurements
+from .measurements.simulation import simulate_measurements
 from .planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_measurements
 from .postures.configurations import (
     ConfigurationCircle,

@@ -2,6 +2,7 @@ from .arm import Arm, GivenArm, as_arm
 from .chain import BASE, OF_A_POSE, Chain, axis, end, exp, rigid_motions, screws, skew
 from .corrected_urdf import from_roll_pitch_yaw
 from .dh import KINDS, DHTable, table
+from .dh_to_urdf import urdf_text
 from .example_robots import EXAMPLE_ROBOTS
 from .file import (
     COVERAGE_FACTOR,
@@ -24,7 +25,6 @@ from .parameter import Parameter, Scope, wide_half_width_notes
 from .poses import Poses
 from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds, spread_postures
 from .ur_kinematics import UR_FILES, UR_ROBOTS, UrKinematics
-from .urdf import urdf_text
 from .urdf_to_dh import dh_file
 
 __all__ = [

@@ -149,7 +149,7 @@ class Arm(Shown):
         """
         if isinstance(arm, UrdfArmFile):
             return _of_urdf_file(arm, path or arm.name)
-        from aacmm_pin.arm.urdf import urdf_text
+        from aacmm_pin.arm.dh_to_urdf import urdf_text
 
         model = pin.buildModelFromXML(urdf_text(arm))
         model.gravity.linear = np.array(arm.gravity_m_s2)

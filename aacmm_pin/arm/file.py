@@ -269,7 +269,7 @@ _Coefficients = Annotated[
 
 class DiscrepancyPart(_Part):
     """Smooth functions of a discrepancy, and what they act on; see
-    :mod:`aacmm_pin.effects.discrepancy`, above this module.
+    :mod:`aacmm_pin.effects.smooth_discrepancy`, above this module.
 
     Each row of ``directions`` is of one coefficient, with a number for each of the entry's values.
     """

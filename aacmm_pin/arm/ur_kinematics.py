@@ -20,7 +20,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import screws, skew
 from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw, roll_pitch_yaw
-from aacmm_pin.arm.urdf import fixed_link, moving_link
+from aacmm_pin.arm.dh_to_urdf import fixed_link, moving_link
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")

@@ -2,12 +2,12 @@
 
 from aacmm_pin.diagnosis.budget import STRUCTURE, BudgetPart
 from aacmm_pin.diagnosis.candidates import not_tried
-from aacmm_pin.diagnosis.check import Check, check_measurements
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.diagnose import diagnose
 from aacmm_pin.diagnosis.diagnose_files import diagnose_files
 from aacmm_pin.diagnosis.findings import estimated
+from aacmm_pin.diagnosis.held_out_gain import Gain
+from aacmm_pin.diagnosis.measurement_check import Check, check_measurements
 from aacmm_pin.diagnosis.odd_groups import OddGroup
 from aacmm_pin.diagnosis.result import Diagnosis, Finding, too_good
 from aacmm_pin.diagnosis.run_order import RunOrder

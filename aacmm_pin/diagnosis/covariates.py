@@ -63,7 +63,7 @@ class Carried:
     Attributes:
         functions: (n, m), root mean square 1, the constant first, for every dependence also has a
             mean.
-        carrier: name of a :class:`aacmm_pin.effects.discrepancy.Carrier`.
+        carrier: name of a :class:`aacmm_pin.effects.smooth_discrepancy.Carrier`.
         smooth: these functions at any records, but for their ``size``; None for covariates that
             new records do not have.
         size: root mean square of each function at these records (m,).

@@ -37,9 +37,9 @@ from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.budget import BEYOND, SHARED, STRUCTURE, budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.cross_validation import Gain, folds_of, gain_of
 from aacmm_pin.diagnosis.discrepancy import described_model, extended_model
 from aacmm_pin.diagnosis.findings import findings_of
+from aacmm_pin.diagnosis.held_out_gain import Gain, folds_of, gain_of
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import visible

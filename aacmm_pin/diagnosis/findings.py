@@ -12,7 +12,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration import geometric_parameters
 from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.cross_validation import Fold, cause_gain
+from aacmm_pin.diagnosis.held_out_gain import Fold, cause_gain
 from aacmm_pin.diagnosis.nonlinear_parameters import Step, step_of
 from aacmm_pin.diagnosis.result import Finding
 from aacmm_pin.diagnosis.significance import aliases_of, family_wise_p_value, retained

@@ -18,8 +18,8 @@ from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Fit, geometric_parameters, rms, rms_residual
 from aacmm_pin.diagnosis.budget import BudgetPart
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.cross_validation import Brought, Gain
 from aacmm_pin.diagnosis.discrepancy import described_by, lost
+from aacmm_pin.diagnosis.held_out_gain import Brought, Gain
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import Unexplained

@@ -18,7 +18,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, round_excluded, shared_by
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.cross_validation import Gain
+from aacmm_pin.diagnosis.held_out_gain import Gain
 from aacmm_pin.diagnosis.nonlinear_parameters import noise_is_known
 from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
 from aacmm_pin.diagnosis.run_order import RunOrder, run_order_of

@@ -1,4 +1,3 @@
-from .causes import CAUSES, all_candidates, cause_named, example, raised, register
 from .compliance import (
     BaseCompliance,
     BearingTilt,
@@ -18,19 +17,6 @@ from .conditions import (
     Labels,
     Records,
     labels_of,
-)
-from .discrepancy import (
-    RECORDED,
-    Bumps,
-    Carrier,
-    Cosines,
-    Discrepancy,
-    Moment,
-    Part,
-    Smooth,
-    Waves,
-    discrepancy_of,
-    product_of,
 )
 from .effect import (
     Displacement,
@@ -110,6 +96,20 @@ from .labels import (
     values_with_u,
 )
 from .nonlinear import Nonlinear, TimeConstant
+from .registry import CAUSES, all_candidates, cause_named, example, raised, register
+from .smooth_discrepancy import (
+    RECORDED,
+    Bumps,
+    Carrier,
+    Cosines,
+    Discrepancy,
+    Moment,
+    Part,
+    Smooth,
+    Waves,
+    discrepancy_of,
+    product_of,
+)
 from .state import State
 from .text import cause_of, effect_from, entries_of, require_plausible, stated_cause, text_of
 from .time_dependent import EncoderSlip, ZeroDrift

@@ -13,9 +13,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from aacmm_pin._support.plausible import LARGEST_U_RATIO, MOST_TYPICAL, expected_words
 from aacmm_pin._support.units import in_radians, number
 from aacmm_pin.arm import Arm, DiscrepancyEntry, EffectEntry
-from aacmm_pin.effects.causes import cause_named
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.discrepancy import Discrepancy, discrepancy_of
 from aacmm_pin.effects.effect import (
     Effect,
     fields_of,
@@ -23,6 +21,8 @@ from aacmm_pin.effects.effect import (
     require_row,
     values_by_key,
 )
+from aacmm_pin.effects.registry import cause_named
+from aacmm_pin.effects.smooth_discrepancy import Discrepancy, discrepancy_of
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, UnknownNameError
 

@@ -39,7 +39,7 @@ from .repeats import (
     posture_numbers,
 )
 from .schedule import probe_directions
-from .simulate import (
+from .simulation import (
     SCHEMES,
     SIMULATED_BAR,
     Scheme,

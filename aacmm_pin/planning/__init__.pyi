@@ -1,6 +1,6 @@
 from .calibration_design import CalibrationPlan, plan_calibration
+from .measurement_plan import MeasurementPlan, Tried
 from .plan import POOL_SIZE, PlannedScheme, plan_measurements
-from .result import MeasurementPlan, Tried
 from .separability import Power
 
 __all__ = [

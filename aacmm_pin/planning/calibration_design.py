@@ -25,10 +25,10 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import GivenRecords, as_measurements, seed_of
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
+from aacmm_pin.planning.measurement_plan import PlanOfRecords
 from aacmm_pin.planning.measurement_sheet import planned_records
+from aacmm_pin.planning.optimal_design import chosen_records, d_optimality
 from aacmm_pin.planning.plan import POOL_SIZE, PlannedScheme, prepared
-from aacmm_pin.planning.result import PlanOfRecords
-from aacmm_pin.planning.search import chosen_records, d_optimality
 
 CALIBRATION_PLAN_SCHEMA = "aacmm-pin/calibration-plan/1"
 RANDOM = 20
@@ -67,7 +67,7 @@ class CalibrationPlan(PlanOfRecords):
         return self.o1 / float(np.median(self.o1_random))
 
     def __str__(self) -> str:
-        return str(report().plan.calibration_plan_line(self))
+        return str(report().plan_page.calibration_plan_line(self))
 
     def summary(self) -> dict[str, Any]:
         """Return the content of the JSON file with the schema ``aacmm-pin/calibration-plan/1``."""

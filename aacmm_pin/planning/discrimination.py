@@ -16,9 +16,9 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import possible_conditions
+from aacmm_pin.planning.measurement_plan import DECIDED, MeasurementPlan, Tried
 from aacmm_pin.planning.measurement_sheet import planned_records
-from aacmm_pin.planning.result import DECIDED, MeasurementPlan, Tried
-from aacmm_pin.planning.search import chosen_records, t_optimality
+from aacmm_pin.planning.optimal_design import chosen_records, t_optimality
 from aacmm_pin.planning.separability import UNDETECTABLE, Pair, Power, Separation, size_of
 from aacmm_pin.planning.task import Task
 

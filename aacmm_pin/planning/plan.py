@@ -24,7 +24,7 @@ from aacmm_pin.measurements import (
 )
 from aacmm_pin.planning.candidate_records import free_postures, postures_at_seats
 from aacmm_pin.planning.discrimination import for_all, for_two
-from aacmm_pin.planning.result import MeasurementPlan
+from aacmm_pin.planning.measurement_plan import MeasurementPlan
 from aacmm_pin.planning.task import Task, require_separable, usual_causes
 
 PlannedScheme = Literal["free", "seats"]

@@ -13,8 +13,8 @@ from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import Diagnosis, Finding, Unexplained, not_tried
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect, fields_of, strongest_waves
-from aacmm_pin.report.calibration import bases_in_json
-from aacmm_pin.report.check import not_tried_in_json
+from aacmm_pin.report.calibration_page import bases_in_json
+from aacmm_pin.report.check_page import not_tried_in_json
 from aacmm_pin.report.next_measurements import next_measurements
 
 DIAGNOSIS_SCHEMA = "aacmm-pin/diagnosis/1"

@@ -13,7 +13,7 @@ from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, in_words, listed
 from aacmm_pin.measurements import LABELS
 from aacmm_pin.report.numbers import capital, lengths
-from aacmm_pin.report.plan import advice, mostly_seats
+from aacmm_pin.report.plan_page import advice, mostly_seats
 from aacmm_pin.report.verdicts import WITH_STRUCTURE, doubts_in_words
 
 WORTH_CALIBRATION = 0.7

@@ -12,18 +12,18 @@ from pathlib import Path
 
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin.report import (
-    acceptance,
-    accuracy,
-    arm,
-    calibration,
-    diagnosis,
+    acceptance_page,
+    accuracy_page,
+    arm_page,
+    calibration_page,
     diagnosis_json,
     diagnosis_line,
     diagnosis_notes,
-    measurements,
-    plan,
+    diagnosis_page,
+    measurements_page,
+    plan_page,
     plots,
-    procedure,
+    procedure_page,
     residual_tables,
 )
 from aacmm_pin.report.document import document_of
@@ -31,19 +31,19 @@ from aacmm_pin.report.formats import content, require_format
 from aacmm_pin.report.formats.html import fragment
 
 __all__ = [
-    "acceptance",
-    "accuracy",
-    "arm",
-    "calibration",
-    "diagnosis",
+    "acceptance_page",
+    "accuracy_page",
+    "arm_page",
+    "calibration_page",
     "diagnosis_json",
     "diagnosis_line",
     "diagnosis_notes",
+    "diagnosis_page",
     "html_of",
-    "measurements",
-    "plan",
+    "measurements_page",
+    "plan_page",
     "plots",
-    "procedure",
+    "procedure_page",
     "residual_tables",
     "write",
 ]

@@ -27,7 +27,7 @@ from aacmm_pin.effects import (
     probability,
     several_in_words,
 )
-from aacmm_pin.report.calibration import exclusions_in_words
+from aacmm_pin.report.calibration_page import exclusions_in_words
 from aacmm_pin.report.numbers import (
     capital,
     length,

@@ -2,13 +2,14 @@
 with limits. The characteristics are those of two standards, by public descriptions.
 """
 
-from aacmm_pin.verification.accept import (
+from aacmm_pin.verification.acceptance import (
     GUARD_BAND_FACTOR,
     LONGEST_PART,
     AcceptanceResult,
     accept,
     shown_verdict,
 )
+from aacmm_pin.verification.acceptance_file import AS_GIVEN, brief
 from aacmm_pin.verification.characteristics import ASME, EDITIONS, RULE_OF, StandardName
 from aacmm_pin.verification.history import (
     LEAST_CHECKS,
@@ -17,7 +18,6 @@ from aacmm_pin.verification.history import (
     History,
     in_utc,
 )
-from aacmm_pin.verification.probed_points import AS_GIVEN, brief
 from aacmm_pin.verification.procedure import (
     PROBE_DIAMETER_MM,
     SPHERE_DIAMETER_MM,

@@ -28,7 +28,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, count
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import is_workbook, measurement_file, read_table
-from aacmm_pin.verification.accept import WORST_FIRST, AcceptanceResult
+from aacmm_pin.verification.acceptance import WORST_FIRST, AcceptanceResult
 from aacmm_pin.verification.characteristics import DEFINITIONS
 
 HISTORY_COLUMNS = (
@@ -59,7 +59,7 @@ class ControlChart:
     """The test values of one characteristic by one arm, in earlier checks and in the latest.
 
     Attributes:
-        arm: whose coordinates, as in :class:`~aacmm_pin.verification.accept.CharacteristicValue`.
+        arm: whose coordinates, as in :class:`CharacteristicValue`.
         figure: name of the characteristic.
         times: of the checks (n,), the earliest first.
         values: magnitudes (n,) [m], because the largest error is positive in some checks and
@@ -237,7 +237,7 @@ class History(Shown):
         values.
 
         Args:
-            result: what :func:`~aacmm_pin.verification.accept.accept` found.
+            result: what :func:`~aacmm_pin.verification.acceptance.accept` found.
             time: when the arm was checked; in UTC where it states no zone.
             instrument: which arm was checked, such as its serial number, in capitals or not.
 

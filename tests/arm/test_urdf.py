@@ -14,7 +14,7 @@ import yourdfpy
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, bundled_arms, load_arm_file
-from aacmm_pin.arm.urdf import SHORTEST_DRAWN, urdf_text
+from aacmm_pin.arm.dh_to_urdf import SHORTEST_DRAWN, urdf_text
 from tests.oracle import close, placements
 
 pytestmark = pytest.mark.fast

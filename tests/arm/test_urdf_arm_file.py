@@ -15,7 +15,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.effects import ErrorModel, JointCompliance
 from aacmm_pin.errors import ArmFileError
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements.simulation import simulate_measurements
 from tests.oracle import close
 
 pytestmark = pytest.mark.fast

@@ -22,7 +22,7 @@ import pinocchio as pin
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy import accuracy_volume, workspace
 from aacmm_pin.arm import Arm, load_arm_file
-from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.arm.dh_to_urdf import urdf_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel

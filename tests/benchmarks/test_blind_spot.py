@@ -31,7 +31,7 @@ from blind.kinematics import Array
 
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.arm import load_arm_file
-from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.arm.dh_to_urdf import urdf_text
 from tests.benchmarks.blind_spot import ARM, COMPLIANCE, NOISE, BlindSpot
 from tests.benchmarks.environments import ask, is_installed
 

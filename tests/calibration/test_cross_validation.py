@@ -16,7 +16,7 @@ from aacmm_pin.calibration.cross_validation import groups_of, left_out_in_turn, 
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.measurements import Measurements, originals, simulate_measurements
-from aacmm_pin.report.calibration import verdict
+from aacmm_pin.report.calibration_page import verdict
 from tests.notes import data_of
 
 

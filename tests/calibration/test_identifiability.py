@@ -14,7 +14,7 @@ from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import Calibration, base_is_open, base_placements, calibrate
 from aacmm_pin.effects import Conditions, ErrorModel, JointPlacement, StylusOffset
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.report.calibration import frame_in_words, open_in_words
+from aacmm_pin.report.calibration_page import frame_in_words, open_in_words
 from tests.again import again
 from tests.arm_files import by_table, changed
 from tests.notes import data_of

@@ -15,7 +15,7 @@ from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.measurements import Measurements, simulate_measurements
-from aacmm_pin.report.calibration import calibration_summary, verdict
+from aacmm_pin.report.calibration_page import calibration_summary, verdict
 from tests.notes import data_of
 
 RECORDS = 80

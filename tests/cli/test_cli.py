@@ -223,7 +223,9 @@ def test_a_quiet_command_prints_results_and_warnings(tmp_path):
 def test_demo_is_asked_for_with_its_options(tmp_path, monkeypatch):
     """What it writes: tests/report/test_demo.py."""
     asked = []
-    monkeypatch.setattr("aacmm_pin.report.demo.run_demo", lambda **given: asked.append(given) or 7)
+    monkeypatch.setattr(
+        "aacmm_pin.report.demo_page.run_demo", lambda **given: asked.append(given) or 7
+    )
     assert done(f"demo -o {tmp_path} --cells 6 8 --force")[0] == "7\n"
     assert asked == [{"folder": tmp_path, "cells": (6, 8), "force": True}]
 

@@ -29,8 +29,8 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.diagnosis import cross_validation as gain
 from aacmm_pin.diagnosis import gram_matrix
+from aacmm_pin.diagnosis import held_out_gain as gain
 from aacmm_pin.diagnosis import odd_groups as groups
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import Variants, candidates
@@ -54,8 +54,8 @@ from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.discrepancy import Cosines
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.smooth_discrepancy import Cosines
 from aacmm_pin.measurements.records import Measurements
 from tests.again import again
 from tests.oracle import close

@@ -76,7 +76,7 @@ def test_an_extended_arm_that_is_no_better_explains_nothing(
     eccentric, named, tmp_path, monkeypatch
 ):
     assert (named.verdict, named.no_better) == ("explained", False)
-    monkeypatch.setattr("aacmm_pin.diagnosis.cross_validation._interval", lambda *_: (-0.1, 0.2))
+    monkeypatch.setattr("aacmm_pin.diagnosis.held_out_gain._interval", lambda *_: (-0.1, 0.2))
     (tmp_path / "data.csv").write_text(eccentric.csv())
     arm = tmp_path / "extended.toml"
     words = f"diagnose sino6 {tmp_path / 'data.csv'} {shell.NOISE} --arm-out {arm}"

@@ -18,7 +18,7 @@ from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, diagnose
-from aacmm_pin.diagnosis.cross_validation import Brought
+from aacmm_pin.diagnosis.held_out_gain import Brought
 from aacmm_pin.diagnosis.verdict import Evidence, doubts_of, verdict_of
 from aacmm_pin.effects import (
     BaseCompliance,

@@ -13,7 +13,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.report.diagnosis import unexplained_in_words
+from aacmm_pin.report.diagnosis_page import unexplained_in_words
 from tests.again import again
 
 READING, REFERENCE = 8e-6, 1e-5

@@ -15,7 +15,7 @@ from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.discrepancy import (
+from aacmm_pin.effects.smooth_discrepancy import (
     MOST_KNOTS,
     Bumps,
     Carrier,

@@ -69,9 +69,9 @@ from aacmm_pin.effects import (
     of_geometry,
     strongest_waves,
 )
-from aacmm_pin.effects.causes import all_candidates
 from aacmm_pin.effects.compliance import GravityEffect
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
+from aacmm_pin.effects.registry import all_candidates
 from aacmm_pin.errors import (
     AacmmError,
     ArmFileError,

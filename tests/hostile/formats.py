@@ -13,7 +13,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from aacmm_pin.arm import Arm, arm_text
-from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.arm.dh_to_urdf import urdf_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.effects import ErrorModel, cause_of
 from aacmm_pin.errors import AacmmError

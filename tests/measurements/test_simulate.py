@@ -33,7 +33,7 @@ from aacmm_pin.errors import (
 from aacmm_pin.measurements import schedule as workshop
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.measurements.simulation import simulate_measurements
 from tests.arm_files import changed
 from tests.oracle import close
 

@@ -16,7 +16,7 @@ from aacmm_pin.arm.random_postures import Room
 from aacmm_pin.effects import SeatError
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.planning.calibration_design import EXCHANGE_ROUNDS
-from aacmm_pin.planning.search import chosen_records, d_optimality
+from aacmm_pin.planning.optimal_design import chosen_records, d_optimality
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
 NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERENCE}

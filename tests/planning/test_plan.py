@@ -39,7 +39,7 @@ from aacmm_pin.errors import (
 from aacmm_pin.planning import MeasurementPlan
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.separability import power_of
-from aacmm_pin.report.plan import advice, plan_advice
+from aacmm_pin.report.plan_page import advice, plan_advice
 from tests.arm_files import RIGID, changed
 from tests.notes import data_of
 from tests.oracle import close

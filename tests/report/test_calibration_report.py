@@ -17,7 +17,7 @@ from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointCompliance, ThermalExpansion
 from aacmm_pin.measurements import simulate_measurements
-from aacmm_pin.report.calibration import (
+from aacmm_pin.report.calibration_page import (
     calibration_document,
     calibration_summary,
     comment,
@@ -28,7 +28,7 @@ from aacmm_pin.report.calibration import (
 )
 from aacmm_pin.report.formats import html
 from aacmm_pin.report.numbers import length
-from aacmm_pin.report.parameters import parameter_table, stated_half_widths
+from aacmm_pin.report.parameter_tables import parameter_table, stated_half_widths
 from aacmm_pin.report.scenes.scene import viewer_script
 from tests.arm_files import changed
 from tests.pages import Page

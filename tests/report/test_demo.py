@@ -13,7 +13,7 @@ from matplotlib import pyplot as plt
 
 from aacmm_pin import WorkspaceMap
 from aacmm_pin.errors import AacmmError, OutputError
-from aacmm_pin.report.demo import FILES, DemoSummary, run_demo
+from aacmm_pin.report.demo_page import FILES, DemoSummary, run_demo
 from tests.oracle import close
 from tests.pages import Page
 

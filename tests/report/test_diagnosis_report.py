@@ -26,7 +26,7 @@ from aacmm_pin.effects import (
     values_in_words,
 )
 from aacmm_pin.measurements import simulate_measurements
-from aacmm_pin.report.diagnosis import (
+from aacmm_pin.report.diagnosis_page import (
     alias_table,
     alternatives,
     diagnosis_document,

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.report.parameters import parameter_table
+from aacmm_pin.report.parameter_tables import parameter_table
 from aacmm_pin.report.plots import (
     BLUE,
     VERMILLION,

@@ -47,7 +47,7 @@ from aacmm_pin.measurements.csv_columns import single_names
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
 from aacmm_pin.verification import AcceptanceResult, Procedure
-from aacmm_pin.verification.accept import CharacteristicValue
+from aacmm_pin.verification.acceptance import CharacteristicValue
 from aacmm_pin.verification.characteristics import DEFINITIONS
 from aacmm_pin.verification.evaluators import Evaluated
 from tests.arm_files import changed

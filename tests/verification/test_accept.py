@@ -18,8 +18,8 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.verification import AcceptanceResult
-from aacmm_pin.verification.accept import CharacteristicValue
-from aacmm_pin.verification.probed_points import AS_GIVEN
+from aacmm_pin.verification.acceptance import CharacteristicValue
+from aacmm_pin.verification.acceptance_file import AS_GIVEN
 from tests.again import again
 from tests.cli import shell
 from tests.notes import data_of

@@ -17,7 +17,7 @@ import pytest
 
 from aacmm_pin import Arm, accept
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
-from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
+from aacmm_pin.report.acceptance_page import CheckDetails, acceptance_document
 from aacmm_pin.report.formats.html import page as page_of
 from aacmm_pin.verification import AcceptanceResult, History
 from tests.again import again

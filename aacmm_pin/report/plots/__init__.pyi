@@ -1,5 +1,5 @@
-from .accuracy import QUANTITIES, plot_accuracy_of_postures, plot_budget, plot_map
-from .calibration import (
+from .accuracy_plots import QUANTITIES, plot_accuracy_of_postures, plot_budget, plot_map
+from .calibration_plots import (
     plot_correlation,
     plot_geometry,
     plot_normalised_residuals,
@@ -9,8 +9,9 @@ from .calibration import (
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
-from .causes import plot_cause, plot_diagnosis, plot_unexplained
+from .cause_plots import plot_cause, plot_diagnosis, plot_unexplained
 from .circle import plot_circle
+from .control_charts import plot_history
 from .groups import (
     plot_error_budget,
     plot_groups,
@@ -18,7 +19,6 @@ from .groups import (
     plot_residuals_by_row,
     plot_rms,
 )
-from .history import plot_history
 from .residual_vectors import plot_residual_vectors, plot_residual_views
 from .style import BLUE, GREY, INK, VERMILLION
 

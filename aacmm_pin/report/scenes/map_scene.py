@@ -11,7 +11,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import WorkspaceMap
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.plots.accuracy import OUTSIDE_LIMITS, QUANTITIES
+from aacmm_pin.report.plots.accuracy_plots import OUTSIDE_LIMITS, QUANTITIES
 from aacmm_pin.report.plots.style import VOLUME_COLOURS, some_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene, View
 from aacmm_pin.report.scenes.stage import (

@@ -16,7 +16,7 @@ from aacmm_pin._support.units import UM, count
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import Effect, corrects_seat, in_words
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.plots.calibration import plot_geometry
+from aacmm_pin.report.plots.calibration_plots import plot_geometry
 from aacmm_pin.report.plots.groups import plot_rms
 from aacmm_pin.report.plots.partial_residuals import (
     PartialResidual,

@@ -60,8 +60,8 @@ from aacmm_pin.report.numbers import (
     percent,
     vector,
 )
-from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters
-from aacmm_pin.report.plots.calibration import LEAST_IN_BIN
+from aacmm_pin.report.parameter_tables import decimals, parameter_table, readable_parameters
+from aacmm_pin.report.plots.calibration_plots import LEAST_IN_BIN
 from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatability_in_json
 
 WORTH = 0.05

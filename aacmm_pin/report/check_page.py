@@ -15,7 +15,7 @@ from aacmm_pin._support.units import MM, count
 from aacmm_pin.diagnosis import Check
 from aacmm_pin.effects import CONDITION_COLUMNS, Effect, cause_in_words, listed
 from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
-from aacmm_pin.report.measurements import measurements_document
+from aacmm_pin.report.measurements_page import measurements_document
 from aacmm_pin.report.numbers import lengths, mistakes_in_words, other_notes
 from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatability_in_json
 

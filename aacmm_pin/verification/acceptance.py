@@ -21,6 +21,7 @@ from aacmm_pin._support.units import MM, count, plain_mm
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import measurement_file
+from aacmm_pin.verification.acceptance_file import read_file
 from aacmm_pin.verification.characteristics import (
     DEFINITIONS,
     UNCALIBRATED,
@@ -30,7 +31,6 @@ from aacmm_pin.verification.characteristics import (
 from aacmm_pin.verification.doubts import check_unit, doubts
 from aacmm_pin.verification.evaluators import LENGTH_KEY, Evaluated, without_value
 from aacmm_pin.verification.places import Place
-from aacmm_pin.verification.probed_points import read_file
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 GUARD_BAND_FACTOR = 2.0

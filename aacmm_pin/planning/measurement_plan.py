@@ -157,7 +157,7 @@ class MeasurementPlan(PlanOfRecords):
         }
 
     def __str__(self) -> str:
-        return str(report().plan.plan_line(self))
+        return str(report().plan_page.plan_line(self))
 
 
 def _power(power: Power | None) -> dict[str, Any] | None:

@@ -26,7 +26,7 @@ from aacmm_pin.effects import (
     values_in_words,
 )
 from aacmm_pin.report import plots
-from aacmm_pin.report.calibration import (
+from aacmm_pin.report.calibration_page import (
     HELD_OUT_KINDS,
     excluded_records,
     files,

@@ -29,7 +29,7 @@ from aacmm_pin.report.document import (
     document_of,
 )
 from aacmm_pin.report.formats.html import SHORT_TEXT
-from aacmm_pin.report.procedure import ORIGIN
+from aacmm_pin.report.procedure_page import ORIGIN
 from aacmm_pin.verification import (
     AS_GIVEN,
     EDITIONS,
@@ -170,7 +170,7 @@ def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
 
 def history_blocks(history: History) -> Iterator[Block]:
     """Test values outside their control limits, and the control charts."""
-    from aacmm_pin.report.plots.history import charts_drawn, plot_history
+    from aacmm_pin.report.plots.control_charts import charts_drawn, plot_history
 
     charts, drawn = history.charts(), charts_drawn(history)
     several = len({chart.arm for chart in charts}) > 1

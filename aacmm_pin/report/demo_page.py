@@ -40,8 +40,8 @@ from aacmm_pin.effects import (
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.postures import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
-from aacmm_pin.report.accuracy import EXTREMES, HIGHEST, postures_at_the_ends, what_k_covers
-from aacmm_pin.report.diagnosis import (
+from aacmm_pin.report.accuracy_page import EXTREMES, HIGHEST, postures_at_the_ends, what_k_covers
+from aacmm_pin.report.diagnosis_page import (
     answers,
     causes_drawn,
     diagnosis_document,

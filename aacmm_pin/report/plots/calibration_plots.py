@@ -18,7 +18,7 @@ from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects import in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import length_unit, small_unit
-from aacmm_pin.report.parameters import parameter_table
+from aacmm_pin.report.parameter_tables import parameter_table
 from aacmm_pin.report.plots.residual_vectors import model_named
 from aacmm_pin.report.plots.style import (
     BLUE,
