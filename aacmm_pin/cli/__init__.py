@@ -1,3 +1,1 @@
-"""The command ``aacmm-pin``: one file for each subcommand, no logic of its own; imported without
-loading any of them.
-"""
+"""The command ``aacmm-pin``: one module for each subcommand, imported when it runs."""

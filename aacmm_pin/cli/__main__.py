@@ -1,5 +1,5 @@
-"""``aacmm-pin`` and ``python -m aacmm_pin.cli``: the streams and signals as the rest needs them,
-before it is imported.
+"""``aacmm-pin`` and ``python -m aacmm_pin.cli``: streams and signals, before the rest is
+imported.
 """
 
 from __future__ import annotations
@@ -15,16 +15,13 @@ LEAST_MEMORY = 600_000_000
 
 
 def _open_what_is_closed() -> None:
-    """Standard streams that the caller closed, lest files that are opened later take their
-    numbers.
-    """
+    """Standard streams that the caller closed, lest files opened later take their numbers."""
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(number)
 
 
 def main() -> None:
-    """The command."""
     _open_what_is_closed()
     # No warning of a library ends a command, or a worker process of it.
     os.environ.pop("PYTHONWARNINGS", None)

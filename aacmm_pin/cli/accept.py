@@ -142,7 +142,10 @@ def run(
                 checks.write(results, history)
             results.picture(lambda: plots.plot_history(checks))
         if output is not None:
-            details = CheckDetails(when, instrument, _further_lines(notes or []), checks)
+            lines = dict(line.split("=", 1) for line in notes or [] if "=" in line)
+            if len(lines) < len(notes or []):
+                raise typer.BadParameter("--note: expected NAME=TEXT, and each NAME once")
+            details = CheckDetails(when, instrument, lines, checks)
             results.document(acceptance_document(result, details), output)
         results.json(summary)
     results.show(acceptance_document(result))
@@ -156,7 +159,7 @@ def run(
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
-    """MPEs by name of the characteristic [m], each from ``CHARACTERISTIC=MM`` or a file of them.
+    """MPEs by name of the characteristic [m].
 
     Raises:
         AacmmError: one is no number, or a file cannot be read.
@@ -180,7 +183,6 @@ def _limits(texts: list[str]) -> dict[str, float]:
 
 
 def _stated_limits(text: str) -> dict[str, Any]:
-    """What one ``--mpe`` states, by name of the characteristic."""
     name, equals, value = text.partition("=")
     if equals:
         return {name: value}
@@ -197,7 +199,6 @@ def _refused(path: str, message: str) -> AacmmError:
 
 
 def _note_history(checks: History, path: Path | None) -> None:
-    """Say which other arms the file has if this one has no name, and why nothing was appended."""
     others = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
     if others and not checks.instrument:
         note(
@@ -211,7 +212,6 @@ def _note_history(checks: History, path: Path | None) -> None:
 
 
 def _when(time: str | None, path: str) -> datetime:
-    """When the arm was checked: as stated, or when the file was written."""
     if time is None:
         return datetime.fromtimestamp(Path(path).stat().st_mtime, UTC).replace(microsecond=0)
     try:
@@ -220,13 +220,6 @@ def _when(time: str | None, path: str) -> datetime:
         raise typer.BadParameter(
             f"--time {time}: expected a time such as 2026-01-31T09:30"
         ) from None
-
-
-def _further_lines(lines: list[str]) -> dict[str, str]:
-    texts = dict(line.split("=", 1) for line in lines if "=" in line)
-    if len(texts) < len(lines):
-        raise typer.BadParameter("--note: expected NAME=TEXT, and each NAME once")
-    return texts
 
 
 def _failed_arm(result: AcceptanceResult, arms: list[str]) -> str | None:
@@ -238,7 +231,7 @@ def _failed_arm(result: AcceptanceResult, arms: list[str]) -> str | None:
 
 
 def _next_step(arm: list[str], path: str) -> str:
-    """How to find the cause of a nonconformity from the same points, or why it cannot be found."""
+    """How to find the cause of a nonconformity from the same points, or why this is impossible."""
     try:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:

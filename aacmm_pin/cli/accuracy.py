@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -12,7 +12,6 @@ from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy import (
     METHODS,
-    AccuracyVolume,
     Method,
     circle_accuracy,
     length_uncertainty_between,
@@ -31,7 +30,6 @@ from aacmm_pin.cli.common import (
 )
 from aacmm_pin.cli.pose_options import Orientation, Point, Triple, note_wrist
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures import PosturesAtPoint
 from aacmm_pin.report import (
     accuracy_document,
     accuracy_summary,
@@ -73,6 +71,8 @@ def run(
     *,
     files: PlotAndJson,
 ) -> None:
+    from aacmm_pin.report import plots  # loads matplotlib at the first picture
+
     with Results(files, output) as results:
         model, encoder_noise = restrict_to_known_range(arm.model()), noise.encoder_noise
         if (
@@ -103,7 +103,7 @@ def run(
             document = accuracy_document(result, summary)
             if output is not None:
                 results.text(csv_text(accuracy_table(circle, result)), output)
-            results.picture(lambda: _drawn(circle, result))
+            results.picture(lambda: plots.plot_accuracy_of_postures(circle, result).figure)
         results.json(summary)
     if results.json_on_stdout:
         return
@@ -115,9 +115,3 @@ def run(
             "u contains only the uncertainties of the parameters; to add the noise of readings, "
             "use --encoder-noise"
         )
-
-
-def _drawn(circle: PosturesAtPoint, result: AccuracyVolume) -> Any:
-    from aacmm_pin.report import plots
-
-    return plots.plot_accuracy_of_postures(circle, result).figure

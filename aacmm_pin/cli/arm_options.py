@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from aacmm_pin.measurements import Measurements
 
 NAMES_LISTED = 20
-"""So many frames of a URDF are listed."""
+"""Frames of a URDF that are listed, at most."""
 BUNDLED = ", ".join(bundled_arms())
 ROBOTS = ", ".join(EXAMPLE_ROBOTS)
 
@@ -64,7 +64,7 @@ class UrdfArm:
 
     @property
     def urdf_words(self) -> list[str]:
-        """The options as they are typed; none where the arm is not given so."""
+        """The options as typed; none if the arm is not given so."""
         return [] if self.urdf is None else ["--urdf", self.urdf, "--frame", str(self.frame)]
 
     @property
@@ -73,7 +73,7 @@ class UrdfArm:
         return {}
 
     def of_urdf(self) -> ErrorModel | None:
-        """The arm, if it is given so.
+        """The arm; None if it is not given so.
 
         Raises:
             AacmmError: the arm cannot be used.
@@ -259,9 +259,7 @@ class ContactNoise(EncoderNoise):
     ] = None
 
     def simulated(self, arm: Arm) -> Noise:
-        """Noise of virtual measurements; if it is not given, that of the arm, else a typical one
-        with a note.
-        """
+        """Noise of virtual measurements: as given, else of the arm, else typical, with a note."""
         encoder = arm.encoder_noise if self.encoder_noise is None else self.encoder_noise
         if encoder is None:
             note(str(Note("encoder_noise_assumed", {"noise": ENCODER})))
@@ -275,8 +273,8 @@ class ContactNoise(EncoderNoise):
 
 
 def restrict_to_known_range(model: ErrorModel) -> ErrorModel:
-    """The model whose joints stay where its effects are known; says which do, where that is not
-    their whole range.
+    """The model whose joints stay where its effects are known, with a note on each limited
+    joint.
     """
     within = model.restricted_to_known_range()
     for j in np.flatnonzero((within.arm.limits != model.arm.limits).any(axis=1)):

@@ -1,6 +1,4 @@
-"""A subcommand from its function: groups of options that several commands share are dataclasses,
-whose fields typer sees as options of the command.
-"""
+"""A subcommand from its function, and groups of options from dataclasses."""
 
 from __future__ import annotations
 
@@ -21,9 +19,9 @@ Quiet = Annotated[
 
 
 def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """What a subcommand does, with the options that typer sees, and examples under its help.
+    """Decorate the function of a subcommand, and state examples for its help.
 
-    A parameter whose type is a dataclass stands for the fields of it.
+    A parameter whose type is a dataclass stands for the fields of the dataclass.
     """
 
     def with_options(function: Callable[..., None]) -> Callable[..., None]:

@@ -1,6 +1,4 @@
-"""What the subcommands share: how they are registered, the types of their arguments, and how
-results leave them.
-"""
+"""What the subcommands share: types of their arguments, and their output."""
 
 from __future__ import annotations
 
@@ -66,12 +64,10 @@ NO_ARM_FILES = (".html", ".md", ".png")
 
 
 def output_option(metavar: str, help_: str, *names: str) -> Any:
-    """An option for a file to write."""
     return typer.Option(*names, metavar=metavar, help=help_)
 
 
 def arm_file_option(help_: str, *names: str) -> Any:
-    """An option for an arm file to write."""
     return typer.Option(*names, metavar="FILE.toml", help=help_, callback=_arm_file)
 
 
@@ -84,7 +80,6 @@ def _arm_file(path: Path | None) -> Path | None:
 
 
 def page_option(page: str, *names: str) -> Any:
-    """An option for a document, in the format that the end of its name chooses."""
     from aacmm_pin.report import suffixes  # the list of commands needs none
 
     return output_option("FILE.html", f"Write {page} ({', '.join(suffixes())}).", *names)
@@ -156,10 +151,9 @@ class FileOptions(Protocol):
 
 
 class Results(OutputFiles):
-    """The files of one command, and what it prints in their stead: all of it in the end, or
-    nothing.
+    """The files and the printed results of one command: all of them in the end, or nothing.
 
-    Reading a file that is to be written is refused; so is, at once, writing a file of a plugin.
+    It refuses to write a file that the command reads, or a file of a plugin.
     """
 
     plugins: ClassVar[tuple[str, ...]] = ()
@@ -175,13 +169,13 @@ class Results(OutputFiles):
         """Check before long work that everything can be written.
 
         Args:
-            options: those of the command.
-            paths: files that will be written; None where one was not asked for.
-            page: a document.
+            options: options of the command.
+            paths: files to write, or None.
+            page: a document to write, or None.
             inputs: files that other processes read.
 
         Raises:
-            AacmmError: a file cannot be written, exists, is read by the command, or is asked for
+            AacmmError: a file cannot be written, exists, is read by the command, or is stated
                 twice.
         """
         super().__init__(options.force, (*self.plugins, *inputs))
@@ -217,8 +211,7 @@ class Results(OutputFiles):
     def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
         """Write the arm file of a model.
 
-        An estimate that is larger than any file may state is written and shown, for it took long to
-        find.
+        An estimate too large for an arm file is written too, with a note.
         """
         from aacmm_pin.effects import require_plausible  # the list of commands needs none
 
@@ -230,19 +223,19 @@ class Results(OutputFiles):
         self.text(model.text(comment, path), path)
 
     def document(self, document: Document, path: Path | None) -> None:
-        """Write a document in the format that the end of the name chooses, if it has a name."""
+        """Write a document in the format of its suffix, if there is a path."""
         if path is not None:
             from aacmm_pin.report import content  # the list of commands needs none
 
             self.file(path).write_bytes(content(document, path))
 
     def json(self, content: dict[str, Any]) -> None:
-        """Write one JSON object to the file of ``--json``, or to stdout where that is ``-``."""
+        """Write one JSON object to the file of ``--json``; ``-`` is stdout."""
         if self._json is not None:
             self.text(json_text(content), self._json)
 
     def picture(self, drawn: Callable[[], Any]) -> None:
-        """Write the matplotlib figure that ``drawn`` gives to the file of ``--plot``."""
+        """Write the matplotlib figure that ``drawn`` returns to the file of ``--plot``."""
         if self._plot is not None:
             from aacmm_pin.report import without_latex
 

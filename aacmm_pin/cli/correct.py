@@ -36,25 +36,20 @@ from aacmm_pin.measurements import (
 from aacmm_pin.report import comparison_in_words, comparison_warning
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
-"""The columns that ``correct`` adds; behind them :data:`CORRECTED_ORIENTATION`, where orientations
-are looked at.
-"""
+"""The columns that ``correct`` adds; then :data:`CORRECTED_ORIENTATION`, with orientations."""
 CORRECTED_ORIENTATION = tuple(f"corrected_{name}" for name in ORIENTATION)
 OF_ORIENTATION = (*chain(*ORIENTATIONS), ORIENTATION_U)
 OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *OF_ORIENTATION)
-"""Columns that say where the tip should be have no part in where the readings put it."""
+"""Columns of reference data, which do not change where the readings put the tip."""
 
 DECIMALS_OF_UNIT = {"mm": 6, "deg": 8, "rad": 9}
-"""Of computed numbers by the unit at the end of their column, 9 of quaternions. Angles rounded so
-move the tip of SINO6 by 1.4 nm at most (20 000 postures); the noise of arms and references is a
-thousand times larger.
+"""Decimals of computed numbers by the unit of the column; 9 of quaternions. Rounded angles move the
+tip of SINO6 by 1.4 nm at most (20 000 postures), a thousandth of the noise.
 """
 FEWEST_ALIGNED = 3
 """Fewer positions than this do not determine an alignment."""
 LARGE_CHANGE = 0.05
-"""A command that changes more than errors of an arm account for is next to a singular posture
-[rad].
-"""
+"""A command that changes by more is close to a singular posture [rad]."""
 
 
 @command(
@@ -161,10 +156,10 @@ def run(
 
 
 def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
-    """The arm of ``--nominal``, by default that of the URDF that ``model`` names.
+    """The arm of ``--nominal``; default the arm of the URDF that ``model`` names.
 
     Raises:
-        AacmmError: it is none, or has other joints.
+        AacmmError: the arm cannot be loaded, or has other joints.
     """
     if name is None:
         return None if model.arm.nominal is None else ErrorModel(model.arm.uncorrected)
@@ -184,10 +179,10 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
 
 
 def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> Array:
-    """Commands (n, nq) [rad]; nan where the tip does not arrive, which is listed.
+    """Corrected commands (n, nq) [rad]; nan, with a warning, where the tip does not arrive.
 
     Raises:
-        AacmmError: it never does.
+        AacmmError: the tip never arrives.
     """
     commands, arrived = joint_commands(model, nominal, records.q, records.conditions)
     _warn_of_large_changes(model, commands - records.q, records, arrived)
@@ -218,9 +213,7 @@ def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> 
 def _warn_of_large_changes(
     model: ErrorModel, change: Array, records: Measurements, arrived: Mask
 ) -> None:
-    """Warn of joints whose commands change (n, nq) [rad] by much in most rows, and of rows near
-    a singular posture.
-    """
+    """Warn of joints that change (n, nq) [rad] by much in most rows, and of singular postures."""
     change = np.where(model.arm.chain.prismatic, 0.0, change)[arrived]
     if not len(change):
         return
@@ -250,8 +243,8 @@ def _note_comparisons(
     u: float,
     path: str,
 ) -> None:
-    """Say how far the tips (n, 3) [m], with this standard uncertainty u [m], are from what the file
-    states, before and after the correction.
+    """Distance of the tips (n, 3) [m], with standard uncertainty u [m], from the references, before
+    and after the correction.
     """
     if not table.columns.isin([*REFERENCE, BAR[0], "seat"]).any() or not len(rows):
         return
@@ -289,11 +282,10 @@ def _note_comparisons(
 
 
 def _rows_in_range(model: ErrorModel, readings: Measurements) -> Index:
-    """The readings that can be corrected; the others, outside the range of an error of a joint, are
-    listed on stderr.
+    """Rows in the known range of all causes of the model; warns of the others.
 
     Raises:
-        AacmmError: none can be.
+        AacmmError: there is no such row.
     """
     in_range = model.known_at(readings.q)
     for effect, inside in zip(model.effects, in_range.T, strict=True):
@@ -319,8 +311,8 @@ def _u_of_commands(
     records: Measurements,
     encoder_noise: float | None,
 ) -> Array:
-    """Standard uncertainty of the tip at commands (n, nq) [rad], with respect to the base and after
-    an alignment of the base: (n, 2) [m]; nan where none is stated, or a command is nan.
+    """Standard uncertainty of the tip in the base, and after an alignment of the base (n, 2) [m];
+    nan if not stated, or if the command is nan.
     """
     u = np.full((len(commands), 2), np.nan)
     sent = np.flatnonzero(np.isfinite(commands).all(axis=1))
@@ -344,9 +336,7 @@ def _u_of_commands(
 def _accuracy(
     model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float | None
 ) -> AccuracyVolume | None:
-    """Accuracy of the tip at each of the angles ``q`` (n, nq) [rad]; None where no uncertainty is
-    stated.
-    """
+    """Accuracy of the tip at ``q`` (n, nq) [rad]; None if no uncertainty is stated."""
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
     if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
         note(f"u_mm is empty, because {model.arm.name} states no uncertainty")
@@ -370,6 +360,5 @@ def _accuracy(
 
 
 def _base_is_exact(arm: Arm) -> bool:
-    """Whether a calibrated arm from a URDF states no uncertainty of its base."""
     of_base = [p.u for p in arm.parameters if p.joint == 1]
     return arm.covariance is not None and arm.dh is None and not any(of_base)

@@ -18,7 +18,6 @@ from aacmm_pin.report import plan_document
 
 
 def _two_causes(causes: tuple[str, str] | None) -> tuple[str, str] | None:
-    """The causes, of which none is the next option."""
     for text in causes or ():
         if text.startswith("-"):
             raise typer.BadParameter(f"{text!r}; expected two causes, not an option")

@@ -90,7 +90,6 @@ def plan_records(
     document_of: Callable[[Plan], Document],
     arm_out: Path | None = None,
 ) -> Plan:
-    """Plan records, write the files that are asked for, and show the plan at the terminal."""
     with Results(planned, planned.output, arm_out, page=planned.sheet) as results:
         model, existing = restrict_to_known_range(arm.model()), None
         if planned.existing is not None:
@@ -124,7 +123,6 @@ def plan_records(
 
 
 def note_lowest_tip(heights: Array, above: float | None) -> None:
-    """How far below the base the lowest tip is [m], where no table was stated."""
     if above is None and heights.min() < 0:
         note(
             f"the lowest planned position of the tip is {-heights.min() / MM:.0f} mm below the "
@@ -133,7 +131,7 @@ def note_lowest_tip(heights: Array, above: float | None) -> None:
 
 
 def _like(existing: Measurements, records: pd.DataFrame) -> str:
-    """The plan with the columns and the unit of angles of the file to which it will be appended."""
+    """The plan with the columns and the angle unit of the file to which it will be appended."""
     header = pd.Index(existing.header)
     if "theta1_rad" in header:
         angles = [str(name) for name in records.filter(like="theta")]

@@ -27,8 +27,7 @@ SEARCHED = [*sys.path]
 
 
 def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
-    """Import the modules ``names``, by name or path, and those of entry points; the files that were
-    read.
+    """Import modules by name or path, and entry points; return the paths of all files read.
 
     Raises:
         AacmmError: one cannot be imported.
@@ -85,9 +84,9 @@ def import_plugin(name: str) -> ModuleType:
 
 
 def plugin_error(error: BaseException) -> str | None:
-    """What a class of a plugin has raised, in one line; None where there is none.
+    """The error of a class of a plugin, in one line; None if no plugin is loaded.
 
-    Where no line of a plugin is in the traceback, what a class states of itself may be wrong.
+    If no line of a plugin is in the traceback, an attribute of its class may be wrong.
     """
     plugins = {
         cause.cause: getattr(sys.modules.get(cause.__module__), "__file__", None)

@@ -1,6 +1,4 @@
-"""Where the arm shall be, as the commands are told: a point, and for the tip a direction or a whole
-pose.
-"""
+"""Options for a place of the arm: a point, and a direction or orientation of the tip."""
 
 from __future__ import annotations
 
@@ -30,13 +28,13 @@ Point = Annotated[
 ]
 
 IN_METRES = 20.0 * MM
-"""Coordinates up to here [m] may be those of a point in metres: no arm reaches farther."""
+"""No arm reaches farther: larger coordinates cannot be metres [m]."""
 METRES = "the point would be in reach if its numbers were in metres; expected mm"
 
 
 @dataclass(frozen=True)
 class Orientation:
-    """What is wanted of the tip at a point, and how finely postures are listed."""
+    """Orientation of the tip at a point, and number of postures."""
 
     tip: Annotated[
         bool,
@@ -82,10 +80,10 @@ class Orientation:
         return self.axis is not None or self.rpy_deg is not None
 
     def postures(self, arm: Arm, point: Triple) -> PosturesAtPoint:
-        """Every posture at ``point`` [m]; what is to be known besides goes to stderr.
+        """All postures at ``point`` [m], with notes on stderr.
 
         Raises:
-            AacmmError: there is none, or the arm cannot be asked that.
+            AacmmError: there is none, or the arm does not support the orientation.
         """
         has_table = arm.dh is not None
         if self.tool_axis is not None and (self.axis is None or has_table):
@@ -107,7 +105,7 @@ class Orientation:
         return result
 
     def _enumerated(self, arm: Arm, where: Array) -> PosturesAtPoint:
-        """The postures at a point (3,) [m]; none, with the reason, where nothing reaches it."""
+        """The postures at a point (3,) [m]; an empty result states the reason."""
         has_table, tip = arm.dh is not None, self.oriented or arm.dh is None
         if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
             return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
@@ -124,7 +122,6 @@ class Orientation:
 
 
 def note_wrist(postures: PosturesAtPoint) -> None:
-    """Say that the wrist is at the point, if it is."""
     if postures.at == WRIST:
         note(
             "the wrist (frame5) is at the point; to place the tip at the point, state the "

@@ -1,6 +1,4 @@
-"""The command itself: its options, what ends it, and its subcommands, of which only the one that
-runs is imported.
-"""
+"""The command ``aacmm-pin``: its options, its end, and its subcommands, imported only to run."""
 
 from __future__ import annotations
 
@@ -46,8 +44,8 @@ COMMANDS = {
     "simulate": "Simulate measurements of an arm with known errors (CSV).",
     "urdf": "Write the URDF of an arm, or the DH table of a URDF.",
 }
-"""What each does. Its module beside this one has the function ``run``, whose docstring adds
-paragraphs; the first word of several commands is a group without a module.
+"""Sentence of each command. The module of the command has the function ``run``, whose docstring
+adds paragraphs. The first word of several commands is a group without a module.
 """
 HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 USAGE_ERROR: Any = typer.BadParameter.__base__
@@ -55,12 +53,12 @@ USAGE_ERROR: Any = typer.BadParameter.__base__
 INTERRUPTED = "interrupted; each output file is complete or unchanged"
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RECEIVED: list[int] = []
-"""Signals of this command: compiled code that is being loaded makes other errors of the exception.
+"""Signals received. While it is loaded, compiled code raises other errors than KeyboardInterrupt.
 """
 
 
 class _Subcommand(TyperCommand):
-    """One that may write files: signals let it take away what is half-written."""
+    """A subcommand that removes incomplete files if a signal stops it."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the options."""
@@ -74,9 +72,7 @@ class _Subcommand(TyperCommand):
 
     @contextmanager
     def _options_named(self) -> Iterator[None]:
-        """Messages of Python arguments become those of the options; a number that is none is
-        quoted.
-        """
+        """In messages, replace Python arguments by options, and quote a text that is no number."""
         try:
             yield
         except AacmmError as error:
@@ -96,7 +92,7 @@ class _Subcommand(TyperCommand):
 
 
 class _Commands(TyperGroup):
-    """Commands whose names begin alike; of them the one that runs is imported."""
+    """Commands with the same beginning; only the command that runs is imported."""
 
     def __init__(self, beginning: str = "", **named: Any) -> None:
         super().__init__(**named)
@@ -133,16 +129,16 @@ class _Commands(TyperGroup):
         return typer.main.get_command(alone)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """The list of commands, of which none is imported."""
+        """List the commands without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(word, self.commands[word].short_help) for word in self.commands])
 
 
 class Shell(_Commands):
-    """All commands: whatever ends one of them is one message on stderr, and its exit status."""
+    """All commands: an error ends the command with one message on stderr and its exit status."""
 
     def main(self, *args: Any, **named: Any) -> Any:
-        """Run the command, with the streams as it needs them."""
+        """Run the command, with usable streams."""
         sys.stdout = sys.stdout or open(1, closefd=False)  # noqa: SIM115, refuses what is written
         sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
         for stream in (sys.stdout, sys.stderr):
@@ -180,9 +176,7 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def _errors_as_messages() -> Iterator[None]:
-    """End the command with one line on stderr for whatever was raised, a mistake of this package
-    excepted.
-    """
+    """End the command with one line on stderr for every error but bugs of this package."""
     try:
         yield
     except BaseException as error:
@@ -202,7 +196,7 @@ def _errors_as_messages() -> Iterator[None]:
 
 
 def _ending(error: BaseException) -> tuple[int, str] | None:
-    """Exit status, and what is said."""
+    """Exit status and message; None if the error is not of the user."""
     match error:
         case USAGE_ERROR() | typer.Exit() | typer.Abort():  # typer's own
             return None
@@ -235,8 +229,8 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
 
 
 def _of_option(message: str, options: Mapping[str, str]) -> str:
-    """A message of a Python argument, ``axis is [0, 0, 0]; …``, as one of the option: ``--axis 0 0
-    0: …``.
+    """Replace the Python argument in ``axis is [0, 0, 0]; …`` by the option: ``--axis 0 0 0:
+    …``.
     """
     said = re.match(r"(\w+)(?:\[\d+\])? (?:is|are) ([^;]+); ", message)
     if said is None or said[1] not in options:
@@ -252,7 +246,7 @@ OF_PROGRAMS = (
     ImportWarning,
     ResourceWarning,
 )
-"""Warnings for those who write programs, and no matter of those who run them."""
+"""Warnings for programmers, which users do not need."""
 
 
 def _noted(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
@@ -262,9 +256,7 @@ def _noted(message: Warning | str, category: type[Warning], *_: object, **__: ob
 
 @contextmanager
 def _warnings_as_notes() -> Iterator[None]:
-    """What a library warns of, without its file and line; a test that makes errors of warnings
-    still has them.
-    """
+    """Print warnings of libraries without file and line; tests can still turn them into errors."""
     # That its cache has no place is nobody's concern.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with warnings.catch_warnings():

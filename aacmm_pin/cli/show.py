@@ -84,8 +84,8 @@ def run(
 
 
 def _posture(arm: Arm, text: str | None) -> Array:
-    """Joint values that ``text`` states in degrees (prismatic joints: mm), or the default posture
-    (nq,) [rad, m].
+    """Joint values (nq,) [rad, m] stated in degrees (prismatic joints: mm), or the default
+    posture.
     """
     if text is None:
         zero_allowed = (arm.limits[:, 0] <= 0) & (arm.limits[:, 1] >= 0)
@@ -105,7 +105,7 @@ def _posture(arm: Arm, text: str | None) -> Array:
 
 
 def _serve(html: str, browser: bool) -> None:
-    """Serve the page on the loopback address alone, and print its address, until Ctrl-C."""
+    """Serve the page on the loopback address, and print the address, until Ctrl-C."""
     page = html.encode()
 
     class Page(BaseHTTPRequestHandler):

@@ -177,7 +177,6 @@ def run(
 def _refuse_others(
     context: typer.Context, scheme: Scheme, procedure: Path | None, no_seat_coordinates: bool
 ) -> None:
-    """Refuse options that this scheme or the procedure does not use."""
     reasons = {
         option: f"requires --scheme {' or '.join(schemes)}"
         for option, schemes in SCHEMES_WITH.items()
@@ -196,7 +195,7 @@ def _refuse_others(
 
 
 def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:
-    """Refuse effects without a size, and those that no record shows."""
+    """Refuse effects without values, and effects that no record shows."""
     for given in effects:
         if not any(given.values):
             values = ",".join(f"{name}=VALUE" for name in given.file_values())

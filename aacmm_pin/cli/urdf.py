@@ -84,7 +84,6 @@ def run(
 
 
 def _kinematics_of(robot: UrKinematics) -> str:
-    """The kinematics file, with a note on what it lacks."""
     if robot.tool_moved:
         note("the kinematics file does not contain the placement of the tool in the last link")
     if not robot.name.startswith("calib_"):
@@ -93,7 +92,7 @@ def _kinematics_of(robot: UrKinematics) -> str:
 
 
 def urdf_of(model: ErrorModel) -> bytes:
-    """An arm as URDF, as far as a URDF can say it."""
+    """The URDF of an arm, with a note on causes that a URDF cannot state."""
     offsets = [e for e in model.effects if isinstance(e, StylusOffset) and e.marker is None]
     lost = [effect.label for effect in model.effects if effect not in offsets]
     if lost:

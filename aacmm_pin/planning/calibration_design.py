@@ -1,4 +1,4 @@
-"""Records for a calibration: those that determine the geometry best together."""
+"""Records that determine the geometry of an arm best."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from aacmm_pin.planning.plan import POOL_SIZE, PlannedScheme, prepared
 
 CALIBRATION_PLAN_SCHEMA = "aacmm-pin/calibration-plan/1"
 RANDOM = 20
-"""Random plans for comparison."""
+"""Number of random plans for comparison."""
 EXCHANGE_ROUNDS = 10
-"""Exchanges of every record, at most; three or four are enough."""
+"""Rounds of exchanges, at most; three or four suffice."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,10 +177,12 @@ def plan_calibration(
 
 
 def _worth(situation: Situation, chosen: list[int], tips: Array) -> tuple[float, float]:
-    """O1 of existing and chosen records, and the root mean square u of the tip after them [m].
+    """O1 of existing and chosen records, and root mean square u of the tip after them [m].
 
-    The ``tips`` are displaced so much by one unit of each parameter (n, 3, p) [m]; the parameters
-    have the first columns, frame and seats the others.
+    Args:
+        situation, chosen: the pool, and the numbers of the chosen records.
+        tips: displacements of the tips by one unit of each parameter (n, 3, p) [m]. The parameters
+            have the first columns of the rows; frame and seats follow.
     """
     width = situation.nuisances
     beside = width - tips.shape[2]

@@ -1,6 +1,4 @@
-"""One set-up with its pool of records, and the information of a choice from it together with the
-existing records.
-"""
+"""One set-up with its pool of records, and the information of chosen and existing records."""
 
 from __future__ import annotations
 
@@ -29,19 +27,18 @@ from aacmm_pin.planning.task import Task
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """A set-up and its pool, linear in the unknowns.
+    """A set-up and its pool, as rows linear in the unknowns.
 
-    The columns are first those of the parameters of every fit, then three for each seat, then those
-    of the causes.
+    The columns are the parameters of every fit, then three for each seat, then the causes.
 
     Attributes:
         set_up: how the arm stands.
         pool: records that could be taken.
         scales: unit of each parameter of every fit, its prior u.
         nuisances: number of columns that are not of causes.
-        blocks: which columns each cause has, counted from the first of the causes.
-        known: rows of what is there already: priors, stated seats, existing records (m, width).
-        rows: whitened, of each record of the pool (n, 3, width).
+        blocks: columns of each cause, counted from the first cause.
+        known: rows of priors, stated seats and existing records (m, width).
+        rows: whitened rows of each record of the pool (n, 3, width).
         before: number of existing records among the known rows.
     """
 
@@ -58,8 +55,8 @@ class Situation:
     def of(
         task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
     ) -> Situation:
-        """The rows of everything in this set-up; another arm file is measured and judged by
-        itself.
+        """The rows in this set-up; if the set-up changes the arm file, existing records do not
+        count.
         """
         existing = None if set_up.changes_arm else task.existing
         pool = candidates(task, set_up, postures, rng)
@@ -106,8 +103,8 @@ class Situation:
         return Separation.of(self.triangle(chosen), self.blocks, sizes)
 
     def triangle(self, chosen: list[int] | None, times: float = 1.0) -> Array:
-        """Information of a choice (None: the whole pool), taken so many ``times``, about the
-        causes, with all other parameters refitted: R with ``S = RᵀR``.
+        """R of the information ``S = RᵀR`` about the causes, with all other parameters refitted,
+        from the chosen records (None: the whole pool), each taken ``times``.
         """
         records = self.rows if chosen is None else self.rows[chosen]
         rows = np.sqrt(times) * records.reshape(-1, records.shape[2])
@@ -117,9 +114,16 @@ class Situation:
 def rows_of(
     problem: Problem, scales: Array, seats: list[str], frame: Frame, stated: tuple[str, ...] = ()
 ) -> tuple[Array, Array]:
-    """Whitened derivatives of each of the problem's records (n, 3, width), zero where it has no
-    target; and of what is stated of seats and bars (t, width), but for seats whose coordinates are
-    ``stated`` elsewhere; ``frame`` is the base's. The columns of the ``seats`` are the last.
+    """Whitened derivatives of the records of a problem, and of the stated seats and bars.
+
+    Args:
+        problem, scales: the records, and the unit of each parameter.
+        seats: labels whose columns are the last.
+        frame: base in the frame of the references.
+        stated: seats whose coordinates are stated elsewhere, and have no row here.
+
+    Returns:
+        (n, 3, width), zero for a record without target; and (t, width).
     """
     prediction = problem.predict(problem.start, frame)
     noise = NoiseModel.of(problem, problem.start, frame, Scatters())

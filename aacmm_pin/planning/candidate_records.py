@@ -1,6 +1,4 @@
-"""Records that could be taken: postures inside the limits, at seats or free, with the conditions of
-a set-up.
-"""
+"""Records that could be taken: postures, free or at seats, with the conditions of a set-up."""
 
 from __future__ import annotations
 
@@ -24,7 +22,7 @@ TIME_STEP = 30.0
 ANGLE_STEP = 0.1 * DEG
 """Step of free postures, for readable angles [rad]."""
 NEW_SEATS = 8
-"""Seats that are planned where there are none yet."""
+"""Number of seats to plan if there are none."""
 EACH = 40
 """Postures at each seat from which a plan chooses, at most."""
 
@@ -32,7 +30,7 @@ EACH = 40
 def free_postures(
     arm: Arm, count: int, above: float | None, rng: np.random.Generator
 ) -> Measurements:
-    """Random postures beside the stand, over the table."""
+    """Random postures with the tip beside the stand and over the table, rounded for reading."""
     q, _ = Room(arm, above).postures(count, rng)
     steps = np.where(arm.chain.prismatic, 1e-4, ANGLE_STEP)
     rounded = np.round(q / steps) * steps
@@ -43,11 +41,10 @@ def free_postures(
 def postures_at_seats(
     task: Task, count: int, above: float | None, rng: np.random.Generator
 ) -> Measurements:
-    """Postures at the seats of the existing records, else at new ones whose coordinates will be
-    stated.
+    """Postures at the seats of the existing records, else at new seats with planned coordinates.
 
     Raises:
-        AacmmError: the tip reaches the seats in no different postures.
+        AacmmError: the tip reaches none of the seats.
     """
     pool = Pool.draw(task.model, above, EACH, rng)
     seats = _existing_seats(task) or _new_seats(task, pool, count, rng)
@@ -71,8 +68,8 @@ class _Seats(NamedTuple):
     """Seats by their labels.
 
     Attributes:
-        points: where they are, in the frame of the base (n, 3) [m].
-        stated, stated_u: their coordinates in the frame of the references, and u (n, 3) [m].
+        points: seats in the frame of the base (n, 3) [m].
+        stated, stated_u: coordinates in the frame of the references, and u (n, 3) [m].
     """
 
     labels: list[str]
@@ -82,7 +79,6 @@ class _Seats(NamedTuple):
 
 
 def _existing_seats(task: Task) -> _Seats | None:
-    """The seats of the existing records; None if there are none."""
     existing = task.existing
     if existing is None:
         return None
@@ -111,8 +107,8 @@ def _new_seats(task: Task, pool: Pool, count: int, rng: np.random.Generator) -> 
 def candidates(
     task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
 ) -> Measurements:
-    """The records that could be taken in a set-up, with the coordinates that are expected; free
-    conditions are drawn.
+    """The records that could be taken in a set-up, with expected coordinates and random free
+    conditions.
     """
     conditions = _conditions(task, set_up, postures, rng)
     if postures.conditions.seat is not None:
@@ -124,7 +120,7 @@ def candidates(
 def _conditions(
     task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
 ) -> Conditions:
-    """The conditions that the causes or the existing records need; free ones are drawn."""
+    """The conditions that the causes or the existing records need; free ones are random."""
     arm = set_up.model.arm
     n = postures.n
     known = task.conditions
@@ -171,9 +167,7 @@ def _times(
 
 
 def _torques(arm: Arm, q: Array, conditions: Conditions) -> Array:
-    """Torques that a drive would need to hold the weight (n, nq) [N·m]: minus the weight's moment
-    about each axis.
-    """
+    """Torques of drives that hold the weight (n, nq) [N·m]: minus its moment about each axis."""
     state = State(arm, q, conditions, arm.chain.tip)
     rows = arm.chain.moving_rows()
     moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]

@@ -1,6 +1,4 @@
-"""A plan for two or more causes: the set-up with the least effort that distinguishes them, and its
-records.
-"""
+"""A plan that distinguishes causes: the set-up with the least effort, and its records."""
 
 from __future__ import annotations
 
@@ -23,16 +21,16 @@ from aacmm_pin.planning.separability import UNDETECTABLE, Pair, Power, Separatio
 from aacmm_pin.planning.task import Task
 
 LOOSE = 1e-6
-"""Prior information of an unknown cause: it is within a thousand times its typical magnitude."""
+"""Prior information of an unknown cause: a thousand typical magnitudes wide."""
 THOROUGH = 1000
-"""From so many postures on, every record of a plan is looked at once more when all are chosen."""
+"""With a pool of this size or larger, every chosen record is exchanged once."""
 MORE = (1.5, 2.0, 2.5, 3.0)
-"""If so many times the records would decide, no load and no other mount is planned."""
+"""If so many times the records suffice, no load and no other mount is planned."""
 PAIR = (0, 1)
 BETTER = 0.1
-"""A set-up of more effort that does not decide must raise the probability by this much."""
+"""A set-up with more effort that does not suffice must raise the probability by this much."""
 HOPELESS = 1.0
-"""A pair whose T would be smaller than this with random records gets no record of its own."""
+"""A pair whose T with random records would be smaller gets no record of its own."""
 LEAST_T = 10.8
 """T from which two causes of known values are distinguished with probability 0.95: ``Φ(√T/2)``."""
 
@@ -46,11 +44,16 @@ def for_two(
     rng: np.random.Generator,
     steps: Iterable[int],
 ) -> MeasurementPlan:
-    """The plan with the least effort that decides, or else the best, of so many ``records`` at some
-    of the ``postures``.
+    """The plan with the least effort that distinguishes two causes, or else the best plan.
 
-    Values of the ``split`` that are all zero stand for the typical magnitude. The generator is
-    for the conditions of the records; ``steps`` count these, perhaps wrapped to show progress.
+    Args:
+        task: the task.
+        split: two causes; all-zero values stand for the typical magnitude.
+        postures: postures to choose from.
+        records: number of records.
+        as_it_stands: exclude a load and another mount.
+        rng: for the conditions of the records.
+        steps: counts the records, perhaps wrapped to show progress.
     """
     tried: list[Tried] = []
     best: tuple[Situation, list[int], Power] | None = None
@@ -101,15 +104,14 @@ def for_two(
 def for_all(
     task: Task, postures: Measurements, records: int, rng: np.random.Generator, steps: Iterable[int]
 ) -> MeasurementPlan:
-    """The plan for every pair of causes, each of typical magnitude, in a set-up with every
-    condition varied but load and mount.
+    """The plan for every pair of causes of typical magnitude; load and mount stay.
 
-    Its ``pairs`` are all that would be detected, worst first; ``told`` where T suffices.
-    ``why_not``: the two have ``the same`` effect in every posture, or it is ``too small`` for so
-    many records; else "". See :func:`for_two`.
+    The arguments are like those of :func:`for_two`. ``pairs`` lists all detectable pairs, worst
+    first: ``told`` if T suffices, and ``why_not``: ``the same`` effect in every posture, ``too
+    small`` for so many records, or "".
 
     Raises:
-        AacmmError: fewer than two causes would be detected.
+        AacmmError: fewer than two causes are detectable.
     """
     options = [*possible_conditions(task.model, task.causes, task.temperature)]
     set_up = [option for option in options if not option.changes_arm][-1]
@@ -175,8 +177,8 @@ def _chosen(
 
 
 def _enough(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> int | None:
-    """About how many records like the chosen ones would decide; None if not even a few times as
-    many.
+    """Approximate number of records like the chosen ones that suffice; None if beyond
+    :data:`MORE`.
     """
     for times in MORE:
         if situation.power(chosen, PAIR, sizes, times).probability >= DECIDED:
@@ -185,8 +187,8 @@ def _enough(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> 
 
 
 def _matched(situation: Situation, split: tuple[Effect, Effect], sizes: list[Array]) -> list[Array]:
-    """A cause without values has those that make its effect most similar to that of the other, if
-    that has some, in existing records.
+    """Sizes, where a cause without values gets those that make its effect in existing records most
+    similar to the effect of the other cause, if this has values.
     """
     stated = [any(effect.values) for effect in split]
     if stated[0] == stated[1]:
@@ -201,7 +203,7 @@ def _matched(situation: Situation, split: tuple[Effect, Effect], sizes: list[Arr
 
 
 def _sizes_in_words(split: tuple[Effect, Effect], before: Power | None) -> Iterator[Note]:
-    """How large causes without values are taken to be, see :func:`_matched`."""
+    """Notes on the sizes of :func:`_matched`."""
     for effect, other in (split, split[::-1]):
         if any(effect.values):
             continue
@@ -216,7 +218,7 @@ def _sizes_in_words(split: tuple[Effect, Effect], before: Power | None) -> Itera
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
-    """Why no posture distinguishes two causes, in words; "" where some do."""
+    """Why no posture distinguishes two causes, in words; "" if some do."""
     undetectable = [
         effect.label
         for effect, alone in zip(split, power.alone, strict=True)
@@ -235,8 +237,8 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
 def _never_told(
     labels: list[str], of_pool: Separation, others: dict[str, Separation]
 ) -> Iterator[Note]:
-    """Causes that no posture detects or distinguishes, and which of the ``others``, set-ups with
-    their pools, would.
+    """Notes on causes that no posture of the pool detects or distinguishes, and on the ``others``
+    (set-ups by their words) that would.
     """
     for k in np.flatnonzero(of_pool.alone <= UNDETECTABLE):
         helps = [words for words, other in others.items() if other.alone[k] > UNDETECTABLE]

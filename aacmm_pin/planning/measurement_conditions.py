@@ -1,6 +1,4 @@
-"""Conditions that can be changed besides postures: the side from which a joint comes, temperature,
-a load, the mount.
-"""
+"""Conditions to change besides postures: side of approach, temperature, load, mount."""
 
 from __future__ import annotations
 
@@ -27,15 +25,15 @@ WARM_UP_CONSTANTS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class MeasurementConditions:
-    """Set-up and use of the arm while a plan is measured.
+    """Set-up and use of the arm during the planned measurements.
 
     Attributes:
-        words: what has to be done; () where the arm stays as it is.
+        words: changes to make; () if the arm stays as it is.
         model: the arm so set up.
-        sides: joints (from 1) that are brought to their postures from either side.
-        warmer: part of the records are taken so much warmer [K].
-        warm_up: the records are taken while the arm warms up, over this time [s].
-        changes_arm: the arm file is another one: diagnose old and new records separately.
+        sides: joints (from 1) that approach their postures from either side.
+        warmer: temperature rise of part of the records [K].
+        warm_up: duration of the warm-up of the arm during the records [s].
+        changes_arm: the set-up needs another arm file; diagnose old and new records separately.
     """
 
     words: tuple[str, ...]
@@ -57,9 +55,7 @@ def set_up_in_words(changes: tuple[str, ...]) -> str:
 def possible_conditions(
     model: ErrorModel, causes: tuple[Effect, ...], reference_temperature: float
 ) -> Iterator[MeasurementConditions]:
-    """Set-ups that may distinguish the causes, from the least effort to the most: conditions that
-    they depend on, load, mount.
-    """
+    """Set-ups that may distinguish the causes, from the least effort to the most."""
     changes = list(_changes(model.arm, causes, reference_temperature))
     for count in range(len(changes) + 1):
         for some in combinations(changes, count):
@@ -104,7 +100,6 @@ def _changes(
 
 
 def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
-    """The arm loaded, and on other mounts: what to do, and the changed fields of the arm file."""
     if arm.masses is not None:
         rows = arm.chain.moving_rows()
         row = rows[-2] if len(rows) > 1 else rows[-1]
@@ -123,7 +118,7 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
 
 
 def _loaded(arm: Arm, file: ArmFile, row: int) -> dict[str, Any]:
-    """A mass on the end of body ``row``."""
+    """The change of the arm file for a mass at the end of body ``row``."""
     rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     frame = end(row) if file.convention == "standard-dh" else axis(row)
     place = rotation[frame][0].T @ (origin[end(row)] - origin[frame])[0] / MM

@@ -22,7 +22,7 @@ from aacmm_pin.planning.separability import Power
 
 PLAN_SCHEMA = "aacmm-pin/plan/1"
 DECIDED = 0.95
-"""Causes are distinguished from this probability of the right decision."""
+"""Probability of the right decision at which causes count as distinguished."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,10 @@ class Tried(Shown):
     """A set-up that was considered.
 
     Attributes:
-        words: what to do for it.
-        power: with a plan in it, or with all of its pool where no records can distinguish the
-            causes there.
-        why_not: why no posture distinguishes the causes in it; "" where some do.
+        words: changes to make.
+        power: power with a plan in this set-up; with its whole pool if no records can distinguish
+            the causes.
+        why_not: why no posture distinguishes the causes; "" if some do.
     """
 
     words: str
@@ -146,12 +146,16 @@ class MeasurementPlan(PlanOfRecords):
             "set_up": list(self.set_up),
             "changes_arm": self.changes_arm,
             "power": {
-                "before": _power(self.before),
+                "before": None if self.before is None else _power(self.before),
                 "after": _power(self.after),
                 "decided": self.decided,
                 "enough": self.enough,
             },
-            "tried": [_tried(tried) for tried in self.tried],
+            "tried": [
+                {"set_up": tried.words, "inseparable": bool(tried.why_not), "why": tried.why_not}
+                | _power(tried.power)
+                for tried in self.tried
+            ],
             "pairs": _pairs(self.pairs),
             **self.summary_of_records(),
         }
@@ -160,9 +164,7 @@ class MeasurementPlan(PlanOfRecords):
         return str(report().plan_page.plan_line(self))
 
 
-def _power(power: Power | None) -> dict[str, Any] | None:
-    if power is None:
-        return None
+def _power(power: Power) -> dict[str, Any]:
     return {
         "T": [power.one, power.other],
         "alone": list(power.alone),
@@ -170,13 +172,8 @@ def _power(power: Power | None) -> dict[str, Any] | None:
     }
 
 
-def _tried(tried: Tried) -> dict[str, Any]:
-    summary = {"set_up": tried.words, "inseparable": bool(tried.why_not), "why": tried.why_not}
-    return summary | (_power(tried.power) or {})
-
-
 def _pairs(pairs: pd.DataFrame | None) -> dict[str, Any] | None:
-    """How many pairs of causes are distinguished, and the rows of the others."""
+    """Numbers of pairs and of distinguished pairs, and the rows of the others."""
     if pairs is None:
         return None
     told = int(pairs["told"].sum())

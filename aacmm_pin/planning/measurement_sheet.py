@@ -1,6 +1,4 @@
-"""From chosen records to the plan that a person takes to the arm: their order, and the file to be
-filled in.
-"""
+"""From chosen records to the plan: their order, and the file to complete."""
 
 from __future__ import annotations
 
@@ -21,14 +19,14 @@ SHEET_DECIMALS = 6
 
 
 def planned_records(task: Task, situation: Situation, chosen: list[int]) -> dict[str, Any]:
-    """The chosen records in the order in which they are taken, and the file to be filled in: fields
-    of :class:`PlanOfRecords`.
-    """
+    """Fields of :class:`PlanOfRecords`: the chosen records in order, and the file to complete."""
     records = situation.pool.take(np.array(chosen))
     records = records.take(_order(records))
     conditions = records.conditions
     if conditions.time is not None:
-        conditions = replace(conditions, time=_spaced(np.round(conditions.time)))
+        steps = TIME_STEP * np.arange(records.n)  # at least, between ascending times
+        times = np.maximum.accumulate(np.round(conditions.time) - steps) + steps
+        conditions = replace(conditions, time=np.asarray(times))
     labels = np.array([f"plan{k}" for k in range(1, records.n + 1)], dtype=object)
     records = replace(records, conditions=conditions, record=labels)
     model = situation.set_up.model
@@ -42,11 +40,9 @@ def planned_records(task: Task, situation: Situation, chosen: list[int]) -> dict
 
 
 def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame:
-    """The file to be filled in; beside existing records in their columns, so that it can be
-    appended to them.
+    """The file to complete, with the columns of the existing records.
 
-    Coordinates are empty but for known seats, and so is what else is to be measured; an uncertainty
-    of references that does not change stays.
+    Cells of values to measure are empty; coordinates of known seats and constant u stay.
     """
     stated = records.conditions.seat is not None and existing is not None
     nothing = np.full((records.n, 3), np.nan)
@@ -76,8 +72,8 @@ def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame
 
 
 def _order(records: Measurements) -> Index:
-    """Early before late, cold before warm, seat by seat; then by the first joint, so that the arm
-    swings round once.
+    """Early before late, cold before warm, seat by seat, then by joint 1: the arm swings round
+    once.
     """
     conditions = records.conditions
     keys: list[Array] = list(np.round(records.q, 2).T[::-1])
@@ -87,9 +83,3 @@ def _order(records: Measurements) -> Index:
         )
     keys += [key for key in (conditions.temperature, conditions.time) if key is not None]
     return np.asarray(np.lexsort(keys), dtype=np.intp)
-
-
-def _spaced(time: Array) -> Array:
-    """Ascending times with room for one record each."""
-    steps = TIME_STEP * np.arange(len(time))
-    return np.asarray(np.maximum.accumulate(time - steps) + steps)

@@ -1,6 +1,4 @@
-"""Records chosen one by one from a pool, the best first, then exchanged; and what makes one the
-best.
-"""
+"""Records chosen one by one from a pool, then exchanged, and criteria of the choice."""
 
 from __future__ import annotations
 
@@ -12,14 +10,10 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.planning.separability import Pair, Separation
 
 OTHER_DISTANCE_WEIGHT = 1e-3
-"""Weight of the better determined direction, which only decides among records that are equal in the
-worse one.
-"""
+"""Weight of the better determined direction, which decides only among equals in the worse one."""
 
 Score = Callable[[Array], Array]
-"""What each record of the pool is worth if it comes next (n,), by the information of all that is
-there (p, p).
-"""
+"""Value of each record of the pool as the next one (n,), from the present information (p, p)."""
 
 
 def chosen_records(
@@ -27,9 +21,8 @@ def chosen_records(
 ) -> list[int]:
     """Numbers of the records ``rows`` (n, 3, p) that are best beside ``information`` (p, p).
 
-    One for each of the ``steps``; then each is exchanged for the best one beside all others.
-
-    The exchange ends after so many ``rounds``, or earlier if it changes nothing (Fedorov 1972).
+    Each of the ``steps`` adds one record. Then each record is exchanged for the best one, for at
+    most so many ``rounds``, until nothing changes (Fedorov 1972).
     """
     taken: list[int] = []
 
@@ -52,8 +45,8 @@ def chosen_records(
 
 
 def d_optimality(rows: Array) -> Score:
-    """Information of a record about all unknowns together: log determinant, Bayesian D-optimality
-    (Chaloner, Verdinelli 1995).
+    """Log determinant of the information about all unknowns: Bayesian D-optimality (Chaloner,
+    Verdinelli 1995).
     """
 
     def score(information: Array) -> Array:
@@ -66,10 +59,9 @@ def d_optimality(rows: Array) -> Score:
 def t_optimality(
     rows: Array, blocks: Sequence[slice], sizes: Sequence[Array], pairs: Sequence[Pair]
 ) -> Score:
-    """The smaller of the two distances of the pair of causes that is distinguished worst, if only
-    these two act.
+    """The smaller distance of the worst distinguished pair of causes, if only these two act.
 
-    The causes have the ``blocks`` of the last columns of the rows, and the ``sizes``.
+    The ``blocks`` are the last columns of the rows, each cause with its block and size.
     """
     nuisances = rows.shape[2] - blocks[-1].stop
     columns = np.arange(rows.shape[2])

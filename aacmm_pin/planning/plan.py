@@ -141,11 +141,11 @@ def prepared(
     above: float | None,
     rng: np.random.Generator,
 ) -> tuple[Task, Measurements, tuple[Note, ...]]:
-    """The task with the noise to plan with, the postures to choose from, and what was assumed.
+    """The task with complete noise, the postures to choose from, and notes on assumptions.
 
     Raises:
-        UnknownNameError: an unknown scheme.
-        AacmmError: too few records or postures, or an arm that the records are not of.
+        UnknownNameError: the scheme is unknown.
+        AacmmError: too few records or postures, or existing records of another arm.
     """
     arm = model.arm
     if scheme not in get_args(PlannedScheme):
@@ -192,10 +192,10 @@ Usable = tuple[tuple[Effect, ...], Measurements | None, tuple[Note, ...]]
 
 
 def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bool) -> Usable:
-    """The causes and the existing records that go together, and why not all.
+    """The causes and the existing records that can be used together, and notes on the others.
 
-    Records that do not state what a cause depends on do not count where the causes were ``named``;
-    else such causes do not.
+    If records lack a condition of a cause, the records do not count if the causes were ``named``;
+    else the cause does not count.
     """
     if existing is None:
         return causes, None, ()

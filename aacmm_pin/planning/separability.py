@@ -1,6 +1,4 @@
-"""How well records distinguish causes: distances of their effects, and the probability of the right
-decision.
-"""
+"""Distances of the effects of causes, and the probability of the right decision."""
 
 from __future__ import annotations
 
@@ -18,26 +16,25 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin.effects import Effect
 
 SAME_FRACTION = 1e-4
-"""Part of the squared effect of one cause below which the other has the same effect."""
+"""Below this part of the squared effect of one cause, another has the same effect."""
 UNDETECTABLE = 1e-6
-"""A cause whose squared effect, the noise being one, is smaller than this shows nothing."""
+"""Squared effect, in units of the noise, below which a cause is not detectable."""
 FREQUENCIES = 0.15 * (np.arange(200) + 0.5)
-"""Where a characteristic function is taken, over the standard deviation: probabilities are then
-right to 1e-4.
-"""
+"""Abscissas of a characteristic function, over the standard deviation: right to 1e-4."""
 RANDOM_DIRECTIONS = 150
-"""Of a cause with more than two parameters: a probability is then right to 0.02."""
+"""Random directions of a cause with three or more parameters: right to 0.02."""
 CERTAIN = 12.0
-"""A difference is positive for certain if its mean is so many standard deviations."""
+"""A difference with a mean of so many standard deviations is positive for certain."""
 
 Pair = tuple[int, int]
 
 
 def size_of(effect: Effect) -> Array:
-    """How large a cause would be, in units of its typical magnitudes: the parameters are this (q,
-    m) times a vector of unit variance.
+    """Size of a cause as F (q, m) in units of its typical magnitudes: its parameters are F times a
+    vector of unit variance.
 
-    The effect's own values, or their magnitude in any direction; a typical one where all are zero.
+    F has the values of the effect, their magnitude in any direction, or the typical magnitude if
+    all values are zero.
     """
     scaled = np.array(effect.values) / [term.typical for term in effect.terms]
     if not scaled.any():
@@ -52,10 +49,10 @@ class Power(Shown):
     """How well two causes are distinguished.
 
     Attributes:
-        one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²``, the first cause true, and the second.
-        alone: the same without the other cause, ``min ‖G_k β_k - Z η‖²``: the detectable effect
-            of each.
-        probability: of deciding for the right one of the two by their evidence.
+        one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²`` if the first cause is true, and the
+            second.
+        alone: ``min ‖G_k β_k - Z η‖²``, the detectable effect of each cause.
+        probability: probability of the right decision between the causes by their evidence.
     """
 
     one: float
@@ -86,8 +83,8 @@ class Separation(NamedTuple):
 
     Attributes:
         distances: ``min over β_l of ‖R_k F_k - R_l β_l‖²`` of each cause k from each other l
-            (causes, causes), see :func:`size_of` for F.
-        alone: ``‖R_k F_k‖²``: the detectable effect of each (causes,).
+            (causes, causes); F from :func:`size_of`.
+        alone: ``‖R_k F_k‖²``, the detectable effect of each cause (causes,).
     """
 
     distances: Array
@@ -95,8 +92,8 @@ class Separation(NamedTuple):
 
     @staticmethod
     def of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Separation:
-        """By records with the triangle ``r`` (``S = RᵀR``); each cause has a block of its
-        columns.
+        """From records with the triangle ``r`` (``S = RᵀR``), which has a block of columns of each
+        cause.
         """
         effects = np.hstack([r[:, block] @ size for block, size in zip(blocks, sizes, strict=True)])
         first = np.cumsum([0, *(size.shape[1] for size in sizes[:-1])])
@@ -115,7 +112,7 @@ class Separation(NamedTuple):
         return [*combinations(detectable.tolist(), 2)]
 
     def same(self, pair: Pair) -> bool:
-        """Whether one cause of a pair can have every effect of the other, or has none."""
+        """Whether one cause of a pair can have every effect of the other, or is not detectable."""
         open_ = _is_open(self.distances, self.alone[:, None])
         return not (open_[pair] and open_[pair[::-1]])
 
@@ -136,7 +133,7 @@ def _is_open(distances: Array, alone: Array) -> Mask:
 def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power:
     """How well records with the triangle ``r`` distinguish two blocks of its columns.
 
-    The probability is that the evidence of the true cause is the larger one, each true in half of
+    The probability is that the true cause has the larger evidence; either cause is true in half of
     the cases.
     """
     distances, (first, second) = Separation.of(r, blocks, sizes)
@@ -148,12 +145,11 @@ def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power
 
 
 def _right_decision(mine: Array, its: Array, size: Array, shows: float) -> float:
-    """Probability that the evidence of the cause with columns ``mine`` (p, q), which is true, is
-    larger than that of the other, on average over the directions of β.
+    """Probability that the true cause, with columns ``mine`` (p, q), has the larger evidence,
+    averaged over the directions of β.
 
-    How large a cause may be is hardly known, so size alone must not decide: the prior variance of
-    either lets it show as much as the true one does. The difference of the evidences of ``y = R β +
-    noise`` is a quadratic form.
+    The prior variance of either cause lets it show as much as the true one does, so that size does
+    not decide. The difference of the evidences of ``y = R β + noise`` is a quadratic form.
     """
     (gain, complexity), (other_gain, other_complexity) = (
         _evidence(block, shows) for block in (mine, its)
@@ -166,8 +162,8 @@ def _right_decision(mine: Array, its: Array, size: Array, shows: float) -> float
 
 
 def _exceeds(threshold: float, weights: Array, noncentrality: Array) -> float:
-    """Probability that ``Σ λ (z + δ)²`` is above a threshold: z standard normal, weights λ and
-    noncentralities δ² (p,).
+    """Probability that ``Σ λ (z + δ)²`` exceeds a threshold: z standard normal, λ weights, δ²
+    noncentralities (p,).
 
     By its characteristic function (Gil-Pelaez 1951, Biometrika 38; Imhof 1961, Biometrika 48).
     """
@@ -188,8 +184,8 @@ def _exceeds(threshold: float, weights: Array, noncentrality: Array) -> float:
 
 
 def _evidence(r: Array, shows: float) -> tuple[Array, float]:
-    """Twice the log evidence of records y (p,) is ``yᵀ G y - c`` beyond that of no cause: G (p, p)
-    and c.
+    """G (p, p) and c of twice the log evidence ``yᵀ G y - c`` of records y (p,), relative to no
+    cause.
 
     With a normal prior of variance w², ``w² tr S = shows``: ``G = R (S + I/w²)⁻¹ Rᵀ``, ``c = log
     det(I + w² S)``.
@@ -205,8 +201,8 @@ def _evidence(r: Array, shows: float) -> tuple[Array, float]:
 
 
 def _directions(count: int) -> Array:
-    """Vectors of length ``√count`` (count, m): evenly spread over half a circle, or random ones for
-    more than two parameters.
+    """Vectors of length ``√count`` (count, m): even over half a circle, or random in more
+    dimensions.
     """
     if count == 1:
         return np.ones((1, 1))

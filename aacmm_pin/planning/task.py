@@ -1,6 +1,4 @@
-"""The task of a plan: the arm, the causes to distinguish, the existing records, and how records are
-taken.
-"""
+"""The task of a plan: the arm, causes to distinguish, existing records, and set-up."""
 
 from __future__ import annotations
 
@@ -23,8 +21,8 @@ class Task:
     Attributes:
         model: the arm.
         causes: causes to distinguish, all parameters zero.
-        existing: records that will be evaluated together with the new ones.
-        setup: how records are taken; the noise of readings, references, contacts is complete.
+        existing: records to evaluate together with the new ones.
+        setup: how records are taken, with the noise of readings, references and contacts.
     """
 
     model: ErrorModel
@@ -46,7 +44,7 @@ class Task:
         return self.model.arm.reference_temperature
 
     def problem(self, model: ErrorModel, records: Measurements) -> Problem:
-        """Geometry and the causes unknown; effects of the model that are no such causes stay."""
+        """Geometry and the causes unknown; other effects of the model stay."""
         return problem_of(model, records, ["geometry", *self.causes], self.setup)
 
     @cached_property
@@ -59,11 +57,10 @@ class Task:
 
 
 def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
-    """Refuse causes that no plan can be about.
+    """Refuse causes that no plan can distinguish.
 
     Raises:
-        AacmmError: one that is refitted anyway, one on a row that the arm does not have, or the
-            same twice.
+        AacmmError: a cause that every fit estimates, on a row that the arm lacks, or stated twice.
     """
     for effect in effects:
         # The tip is refitted only where the target is unknown.
@@ -83,8 +80,8 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
 
 
 def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:
-    """Every further cause that the arm can have, of typical magnitude, except those with an order
-    or time of their own.
+    """Every further possible cause of typical magnitude, without causes with an order or time of
+    their own.
     """
     present = {effect.identity for effect in model.effects}
     usual = (
