@@ -1,7 +1,5 @@
-"""What uncertainty of an arm's parameters and indications does to its tip: at a posture, on a
-circle, over the workspace.
-
-Other rooms import from here; the names of ``__init__.pyi`` are loaded when they are first used.
+"""Uncertainty of the tip from the uncertainties of parameters and readings: in postures, over
+lengths, over the workspace.
 """
 
 import lazy_loader

@@ -1,6 +1,4 @@
-"""Weights of configurations and the comprehensive accuracy of a working point (eq. 15 of Xu You et
-al. 2019).
-"""
+"""Weights of postures, and comprehensive accuracy of a point (eq. 15 of Xu You et al. 2019)."""
 
 from __future__ import annotations
 
@@ -11,10 +9,10 @@ from aacmm_pin._support.checks import Array, Index
 
 
 def preferred_theta3(point: Array) -> Array:
-    """Angle of joint 3 at which the paper finds SINO6 handiest: ``atan(Z/ρ) + π/2`` [rad].
+    """Angle of joint 3 that the paper prefers, ``atan(Z/ρ) + π/2`` [rad], at points (3,) or (n, 3)
+    [m] in the DH base.
 
-    Z is drawn downward in the paper, Z = -z of the DH base, which is the reading that goes with its
-    θ3 = 0 for one of the two planar configurations. ``point`` (3,) or (n, 3) [m] in the DH base.
+    The paper draws Z downward, Z = -z of the DH base; with this sign its planar posture has θ3 = 0.
     """
     x, y, z = point.T
     elevation = np.arctan2(-z, np.hypot(x, y))

@@ -1,14 +1,11 @@
 """Uncertainty of the distance between two points that the arm touches.
 
-With the unit vector e from the one point to the other, the sensitivities S and N (to the readings)
-of both ends, the covariance Σ of the parameters and u_j of a reading of joint j,
+With the unit vector e between the points, the sensitivities S and N (to the readings) at both ends,
+the covariance Σ of the parameters, and u_j of a reading of joint j (JCGM 100:2008, 5.2.2):
 
-    u² = s Σ sᵀ + sum over j of u_j² [(e N_a)_j² + (e N_b)_j²],   s = e (S_b - S_a)   (JCGM
-    100:2008, 5.2.2)
+    u² = s Σ sᵀ + sum over j of u_j² [(e N_a)_j² + (e N_b)_j²],   s = e (S_b - S_a)
 
-A parameter of the arm has the same error at both ends, and only the difference of what it does
-there counts: a zero offset of joint 1 turns both ends about its axis and leaves their distance.
-What is new in each record, as noise of the encoders, adds.
+A parameter has the same error at both ends, and only the difference of its effects counts.
 """
 
 from __future__ import annotations
@@ -36,13 +33,12 @@ if TYPE_CHECKING:
 SHORTEST = 1e-9
 """Points closer than this have no direction between them [m]."""
 MOST_PAIRS = 20_000_000
-"""So many pairs of postures take 0.5 GB."""
+"""Pairs of postures; so many take 0.5 GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class LengthUncertainty(Shown):
-    """The uncertainty of a measured distance between two points, for all pairs of postures at its
-    ends.
+    """The uncertainty of a distance between two points, for all pairs of postures at its ends.
 
     Attributes:
         sources: parameters with an uncertainty, and their sensitivities.
@@ -69,16 +65,15 @@ class LengthUncertainty(Shown):
         return np.asarray(np.sqrt(np.maximum(separate - shared_covariance, 0.0)))
 
     def pair(self, number: int) -> tuple[int, int]:
-        """Return the two indices of a pair of postures from its index in the flattened ``u``, such
-        as ``u.argmin()``.
+        """Return the two indices of a pair from its index in the flattened ``u``, such as
+        ``u.argmin()``.
         """
         a, b = np.unravel_index(number, self.u.shape)
         return int(a), int(b)
 
     def budget(self, by: str = "parameter") -> pd.DataFrame:
-        """Return the share of each parameter in the mean variance of the length over all pairs.
-
-        The table is like the table of :meth:`AccuracyVolume.budget`.
+        """Return the shares in the mean variance over all pairs, as
+        :meth:`AccuracyVolume.budget`.
         """
         a, b = self.contributions
         shared = _shared(self.sources)
@@ -115,9 +110,7 @@ def length_uncertainty(
         model: the arm, or the arm with causes of error. The function ignores causes that depend on
             conditions.
         qa, qb: postures at the two ends ``(n, nq)`` [rad].
-        at: frame whose origin touches the points; default the tip.
-        encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
-            from the arm file.
+        at, encoder_noise: see :func:`accuracy_volume`.
 
     Raises:
         ShapeError: ``qa`` and ``qb`` are not finite arrays of the same shape ``(n, nq)``.
@@ -145,12 +138,10 @@ def length_uncertainty_between(
     model: GivenModel,
     encoder_noise: ArrayLike | None = None,
 ) -> LengthUncertainty:
-    """Uncertainty of the distance of two points, for every pair of postures within limits; see
-    :func:`length_uncertainty`.
+    """The uncertainty of the distance of two points, for every pair of postures within limits.
 
     Raises:
-        AacmmError: the points coincide, or no posture, or too many pairs of them, are within
-            limits.
+        AacmmError: the points coincide, or there is no pair, or too many pairs.
     """
     q_a = a.q[a.within_limits]
     q_b = b.q[b.within_limits]
@@ -183,8 +174,8 @@ def _directions(difference: Array) -> tuple[Array, Array]:
 
 
 def _contributions(sources: ErrorSources, q: Array, direction: Array) -> Array:
-    """What one standard uncertainty of each source does along ``direction``, (n, 3) or (1, 3):
-    (n, p) [m].
+    """Effect of one standard uncertainty of each source along ``direction`` (n or 1, 3): (n, p)
+    [m].
     """
     sensitivity = sources.sensitivity(q)
     along = direction[:, None, :] @ sensitivity
@@ -192,14 +183,12 @@ def _contributions(sources: ErrorSources, q: Array, direction: Array) -> Array:
 
 
 def _on_principal_axes(sources: ErrorSources, contributions: Array) -> Array:
-    """Contributions of the principal axes, which are independent, in place of correlated sources
-    (n, p) [m].
-    """
+    """Contributions (n, p) [m] of the independent principal axes in place of correlated sources."""
     return contributions if sources.axes is None else contributions @ sources.axes
 
 
 def _shared(sources: ErrorSources) -> Mask:
-    """True for each source whose error is the same at both ends (p,); sources that change from
-    record to record are correlated with no other.
+    """Sources with the same error at both ends (p,); the others, new in each record, are
+    uncorrelated.
     """
     return np.array([p.scope != "record" for p in sources.parameters])

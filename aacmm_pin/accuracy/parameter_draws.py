@@ -1,8 +1,4 @@
-"""Draws of what is uncertain in an arm, as causes of error that differ from draw to draw, and what
-they do to its tip.
-
-Nothing is linearised: the check on first order.
-"""
+"""Random errors of the parameters of an arm, and their exact effect on the tip."""
 
 from __future__ import annotations
 
@@ -26,19 +22,16 @@ from aacmm_pin.effects import (
 )
 
 FEWEST_DRAWS = 100
-"""With fewer a volume or an interval says nothing."""
+"""A volume or an interval needs so many draws."""
 FLAT = 1e-13
-"""Positions that are off a plane by no more than this part of their coordinates are so by rounding.
-"""
+"""Part of their coordinates by which rounding moves points off a plane."""
 
 
 def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) -> Array:
-    """Drawn errors of all parameters of a model: (count, p) [their units], in the order of
-    ``model.parameters``.
+    """Random errors of all parameters of a model, (count, p) [their units].
 
-    Parameters that the arm file's covariance names are normal and drawn together (JCGM 101:2008,
-    6.4.8); other parameters with bounds are rectangular (6.4.2), the rest normal and independent
-    (6.4.7).
+    Parameters in the covariance of the arm file are jointly normal (JCGM 101:2008, 6.4.8). Other
+    parameters with bounds are rectangular (6.4.2), and the rest are independent and normal (6.4.7).
     """
     parameters = model.parameters
     covariance_of_file = model.arm.covariance
@@ -61,8 +54,8 @@ def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) ->
 
 
 def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
-    """The arm's own parameters and its effects as causes whose values differ from record to record
-    by ``errors`` (n, p).
+    """The parameters of the arm and of its effects as causes with errors (n, p), one row a
+    record.
     """
     causes = [*of_geometry(model.arm), *model.effects]
     ends = np.cumsum([len(cause.terms) for cause in causes])
@@ -79,8 +72,7 @@ def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Drawn(Effect):
-    """A cause with other values in every record: its one parameter is the share of them that
-    acts, 1.
+    """A cause with other values in every record; its one parameter is their share that acts, 1.
 
     Attributes:
         of: the cause.
@@ -93,22 +85,17 @@ class _Drawn(Effect):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """The share."""
         return (Term("share", "1", 1.0, "share"),)
 
     @property
     def label(self) -> str:
-        """That of the cause."""
         return self.of.label
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Those of the cause."""
         return self.of.displacements(state)
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
-        """Twists (n, 6) at the values of each record; one by one for a cause that is not linear in
-        them.
-        """
+        """Twists (n, 6), computed record by record if the cause is not linear in its values."""
         if type(self.of).exact is Effect.exact:
             drawn = self.drawn[:, :, None]
             return [(d.place, (d.columns @ drawn)[:, :, 0]) for d in self.displacements(state)]
@@ -127,7 +114,7 @@ class _Drawn(Effect):
 
 
 class _DrawnElastic(_Drawn):
-    """The same of a cause that depends on how the arm is bent."""
+    """A drawn cause that depends on the elastic deflection of the arm."""
 
     elastic = True
 
@@ -137,16 +124,15 @@ def exact_volume(
     draws: int,
     piece: tuple[Array, Conditions | None, list[np.random.Generator]],
 ) -> tuple[Array, Array, Array]:
-    """Accuracy volume, covariance of the position and sampling error, from ``draws`` at each
-    configuration of a piece.
+    """Accuracy volume, covariance and sampling error of some postures.
 
     Args:
-        sources: what may be off.
-        draws: for each configuration, and as many once more for the covariance.
-        piece: configurations (n, nq) [rad], their conditions, and a generator for each.
+        sources: parameters with an uncertainty.
+        draws: draws for the volume of each posture, and again for the covariance.
+        piece: postures (n, nq) [rad], their conditions, and a generator for each.
 
     Returns:
-        volume (n,) [m³], covariance (n, 3, 3) [m²], how far half of the draws change the volume
+        volume (n,) [m³], covariance (n, 3, 3) [m²], and change of the volume by half of the draws
         (n,) [m³].
     """
     q, conditions, generators = piece
@@ -167,9 +153,7 @@ def exact_volume(
 
 
 def _hull_volume(points: Array) -> float:
-    """Volume of the convex hull of points (m, 3) [m³]; 0 where they lie in a plane, but for
-    rounding.
-    """
+    """Volume of the convex hull of points (m, 3) [m³]; 0 for points in a plane."""
     centred = points - points.mean(axis=0)
     across = centred @ np.linalg.svd(centred, full_matrices=False)[2][-1]
     if np.ptp(across) <= FLAT * np.abs(points).max():
@@ -178,9 +162,10 @@ def _hull_volume(points: Array) -> float:
 
 
 def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator, m: int) -> Array:
-    """Errors (m, p) at the corners of the box, for correlated sources along their principal axes,
-    that go farthest along random directions; any corner is possible, so the hull never exceeds the
-    true set, and random interior draws would leave most of it empty.
+    """Errors (m, p) at the corners of the box that are farthest along random directions.
+
+    The hull of corners never exceeds the true set; random interior errors would leave most of it
+    empty.
     """
     pick = list(sources.bounded)
     signs = np.sign(rng.normal(size=(m, 3)) @ generators)
@@ -192,8 +177,8 @@ def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator,
 
 
 def source_errors(sources: ErrorSources, rng: np.random.Generator, m: int) -> Array:
-    """Draws (m, p) of all sources: rectangular where u is that of the bounds, half-width/√3, else
-    normal, jointly where they are correlated (JCGM 101:2008, 6.4).
+    """Random errors (m, p) of all sources: rectangular between bounds half-width/√3 = u, else
+    normal; jointly normal if correlated (JCGM 101:2008, 6.4).
     """
     normal = rng.normal(size=(m, len(sources.parameters)))
     errors = (normal if sources.axes is None else normal @ sources.axes.T) * sources.u
@@ -206,13 +191,10 @@ def source_errors(sources: ErrorSources, rng: np.random.Generator, m: int) -> Ar
 def exact_positions(
     sources: ErrorSources, q: Array, conditions: Conditions | None, errors: Array
 ) -> Array:
-    """Positions (m, 3) [m] of the real model at ``q`` (1, nq) [rad] with ``errors`` (m, p) [SI] in
-    the sources.
+    """Positions (m, 3) [m] of the exact model at ``q`` (1, nq) [rad] with ``errors`` (m, p) [SI].
 
-    With effects the geometry is moved as the causes ``link_length``, ``joint_distance``,
-    ``link_twist`` and ``joint_zero_offset`` move it: exactly, but the lengths that bend and grow
-    warm remain those of the table, so that an error of a length counts without its own warmth and
-    sag, a few parts in ten thousand of it.
+    With effects, the lengths that bend and expand stay nominal: this neglects a few parts in ten
+    thousand of the error of a length.
     """
     arm = sources.arm
     count = len(sources.model.parameters)

@@ -1,6 +1,4 @@
-"""Single-point statistics: repeated measurements of one point in many configurations (eqs. 16-19 of
-Xu You et al. 2019).
-"""
+"""Spread of repeated measurements of one point (eqs. 16 to 19 of Xu You et al. 2019)."""
 
 from __future__ import annotations
 
@@ -47,8 +45,6 @@ class SinglePoint(Shown):
 
 def single_point_statistics(indications: ArrayLike, part: ArrayLike | None = None) -> SinglePoint:
     """Compute the spread of repeated measurements of one point about their mean.
-
-    Source: eqs. 16 to 19 of Xu You et al. 2019.
 
     Args:
         indications: measured or simulated coordinates of the point ``(n, 3)`` [m].

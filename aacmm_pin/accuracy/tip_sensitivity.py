@@ -1,13 +1,9 @@
-"""What may be off in an arm, and what it does to the position: sensitivity, covariance, and all
-that bounds allow.
+"""Sources of error of an arm, and their effect on the position: sensitivity, covariance, bounds.
 
-Parameters that a calibration knows together are replaced, where single sources are needed, by their
-principal axes: with the standard uncertainties D = diag(u) and the correlation matrix R = V λ Vᵀ of
-a group, the columns of ``D V √λ`` are as many independent sources with the same covariance ``D R
-D``, and parameters known only as a sum become one source. R has no units, so the axes do not depend
-on them; where eigenvalues coincide the axes are not unique, and neither is what depends
-on more than the covariance: the slightest correlation turns the axes away from the parameters, and
-the accuracy volume jumps. The covariance does not.
+Correlated sources are replaced by their principal axes where independent ones are needed. With D =
+diag(u) and the correlation matrix R = V λ Vᵀ, the columns of ``D V √λ`` are independent sources
+with the covariance ``D R D``. Where eigenvalues coincide, the axes are not unique. Then the
+accuracy volume jumps with the slightest correlation, but the covariance does not.
 """
 
 from __future__ import annotations
@@ -46,20 +42,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources(Shown):
-    """Parameters of the arm and of its effects, and, where stated, the noise of its encoders.
+    """Parameters of an arm and its effects, and the noise of the encoders, with their
+    uncertainties.
 
     Attributes:
         model: the arm and its effects.
-        left_out: effects that depend on conditions that were not given.
-        at: frame whose origin is looked at.
-        parameters: the sources that have an uncertainty. Those of effects have the bounds
-            ± k u with k = 2 of a calibrated parameter, so that they have a part in the accuracy
-            volume.
-        columns: where they stand among the parameters of the model and, behind these, the noise of
-            each joint.
-        correlation: of the sources (p, p); None where all are independent.
-        not_included: labels of the causes without which the answer is: those left out, and effects
-            in the file of an arm that was passed without them.
+        left_out: effects that depend on missing conditions.
+        at: frame whose origin is the point.
+        parameters: the sources with an uncertainty; those of effects have the bounds ± k u, k = 2.
+        columns: numbers of the sources among the parameters of the model, then the noise of each
+            joint.
+        correlation: correlation of the sources (p, p); None if all are independent.
+        not_included: labels of the causes that are left out, also by an arm without its effects.
     """
 
     model: ErrorModel
@@ -78,13 +72,11 @@ class ErrorSources(Shown):
         q: Array,
         conditions: Conditions | None,
     ) -> ErrorSources:
-        """Gather the sources of ``model`` for configurations ``q`` (n, nq) [rad] under
-        ``conditions``.
+        """The sources of ``model`` at ``q`` (n, nq) [rad].
 
         Raises:
-            AacmmError: no source has an uncertainty, so that every answer would be "perfect"; an
-                arm whose file knows its parameters together with those of effects was passed
-                without the effects.
+            AacmmError: no source has an uncertainty, or the arm came without the effects with which
+                its parameters are correlated.
         """
         model, not_passed = _with_effects(model)
         extra_effects = (
@@ -128,7 +120,7 @@ class ErrorSources(Shown):
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects that take part: of the arm, and told by the conditions."""
+        """The effects of the arm whose conditions are given."""
         of_arm = [e for e in self.model.effects if not e.of_reference]
         return tuple(e for e in of_arm if e not in self.left_out)
 
@@ -139,7 +131,7 @@ class ErrorSources(Shown):
 
     @property
     def bounded(self) -> tuple[int, ...]:
-        """Which of the parameters have stated bounds."""
+        """Numbers of the parameters with stated bounds."""
         stated = [p.half_width is not None for p in self.parameters]
         return tuple(np.flatnonzero(stated).tolist())
 
@@ -151,9 +143,7 @@ class ErrorSources(Shown):
 
     @property
     def taken_as_exact(self) -> tuple[str, ...]:
-        """Names of the parameters, of the arm and of the effects that take part, that have no
-        stated uncertainty.
-        """
+        """Names of the parameters of the arm and its effects without stated uncertainty."""
         names = [p.name for p in self.model.parameters]
         variance = dict(zip(names, np.diag(self.model.covariance()), strict=True))
         of_effects = [p.name for effect in self.effects for p in effect.parameters()]
@@ -162,16 +152,13 @@ class ErrorSources(Shown):
 
     @property
     def caveats(self) -> tuple[Note, ...]:
-        """What is not in the uncertainties."""
+        """Notes on what the uncertainties do not include."""
         return caveats(self.arm, self.taken_as_exact)
 
     @cached_property
     def axes(self) -> Array | None:
-        """Principal axes ``V √λ`` of each group of correlated sources, as columns in the places of
-        its sources (p, p).
-
-        Multiplied by its transpose it is the correlation; the identity for the rest. None where all
-        are independent.
+        """Principal axes ``V √λ`` of the sources as columns (p, p), the identity for uncorrelated
+        ones; None if all are independent. ``axes @ axes.T`` is the correlation.
         """
         if self.correlation is None:
             return None
@@ -189,18 +176,17 @@ class ErrorSources(Shown):
         return axes
 
     def positions(self, q: Array) -> Array:
-        """Where frame :attr:`at` is by the arm with the effects that take part: (n, 3) [m]."""
+        """The origin of frame :attr:`at` of the arm with its effects: (n, 3) [m]."""
         if not self.effects:
             return self.arm.positions(q, self.at)
         place = self.arm.place(self.at)
         return displaced(self.arm, self.effects, q, Conditions(len(q)), place, False).position
 
     def sensitivity(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """∂position/∂source for ``q`` (n, nq) under ``conditions`` of n records: (n, 3, p)
-        [m/unit].
+        """∂position/∂source at ``q`` (n, nq): (n, 3, p) [m/unit].
 
         Raises:
-            MissingConditionError: an effect depends on a condition that is not there.
+            MissingConditionError: an effect needs a missing condition.
         """
         arm = self.arm
         columns = np.array(self.columns)
@@ -229,14 +215,12 @@ class ErrorSources(Shown):
         return np.concatenate(blocks, axis=2)
 
     def generators(self, sensitivity: Array) -> Array:
-        """What each bounded source does at its bound: half-width times its :meth:`sensitivity` (n,
-        3, b) [m].
+        """Effect of each bounded source at its bound, half-width times sensitivity: (n, 3, b) [m].
 
-        In place of correlated sources their principal axes ``k D V √λ``, k = 2 the half-width over
-        u.
+        Correlated sources give the principal axes ``k D V √λ``, k = 2 or half-width/u.
 
         Raises:
-            AacmmError: no parameter is bounded.
+            AacmmError: no parameter has bounds.
         """
         pick = list(self.bounded)
         if not pick:
@@ -250,17 +234,15 @@ class ErrorSources(Shown):
         return generators
 
     def covariance_of(self, sensitivity: Array) -> Array:
-        """Covariance of the position, S Σ Sᵀ (JCGM 102:2011, 6.2), of a known :meth:`sensitivity`:
-        (n, 3, 3) [m²].
-        """
+        """Covariance of the position, S Σ Sᵀ (JCGM 102:2011, 6.2): (n, 3, 3) [m²]."""
         scaled = sensitivity * self.u
         if self.axes is not None:
             scaled = scaled @ self.axes
         return scaled @ scaled.transpose(0, 2, 1)
 
     def shared_variance(self, sensitivity: Array) -> Array:
-        """Parts ``S_k Σ_kl S_l`` of the variance, summed over the three coordinates and all
-        configurations: (p, p) [m²].
+        """Parts ``S_k Σ_kl S_l`` of the variance, summed over coordinates and postures: (p, p)
+        [m²].
         """
         scaled = sensitivity * self.u
         if self.correlation is None:
@@ -269,9 +251,7 @@ class ErrorSources(Shown):
         return np.asarray(products.sum(axis=0) * self.correlation)
 
     def budget(self, together: Array, by: str = "parameter") -> pd.DataFrame:
-        """The table of :meth:`aacmm_pin.accuracy.volume.AccuracyVolume.budget` from parts of a
-        variance (p, p) [m²].
-        """
+        """The table of :meth:`AccuracyVolume.budget` from parts of a variance (p, p) [m²]."""
         import pandas as pd
 
         table = pd.DataFrame(
@@ -305,7 +285,7 @@ def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
 
 
 def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
-    """The model, and the labels of effects that stand in the file of an arm that came alone."""
+    """The model, and labels of the effects in the file of an arm that came without them."""
     if isinstance(model, ErrorModel):
         return model, []
     try:
@@ -338,7 +318,7 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
 
 
 def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tuple[Effect, ...]:
-    """The arm's effects that depend on a condition that is not given."""
+    """Effects of the arm that need a missing condition."""
     effects = [effect for effect in model.effects if not effect.of_reference]
     if not effects or not len(q):
         return ()
@@ -354,9 +334,7 @@ def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tupl
 
 
 def _correlation(covariance: Array, columns: Index) -> Array | None:
-    """Correlation of the sources in ``columns``; encoder noise, behind those of the covariance, is
-    independent.
-    """
+    """Correlation of the sources in ``columns``; the noise of encoders is independent."""
     correlation = np.eye(len(columns))
     inside = np.flatnonzero(columns < len(covariance))
     block = covariance[np.ix_(columns[inside], columns[inside])]
@@ -369,14 +347,12 @@ def _correlation(covariance: Array, columns: Index) -> Array | None:
 
 
 def omission(labels: Sequence[str]) -> str:
-    """How a headline ends whose uncertainties leave out causes of error with these ``labels``."""
+    """End of a sentence on uncertainties that do not include causes with these ``labels``."""
     return f"; this does not include {', '.join(labels)}" if labels else ""
 
 
 def caveats(arm: Arm, exact: Sequence[str]) -> tuple[Note, ...]:
-    """What is not in the uncertainties of an arm: parameters that are taken as exact, and what was
-    left unexplained.
-    """
+    """Notes on parameters that count as exact, and on unexplained structure."""
     notes = [Note("taken_as_exact", {"parameters": ", ".join(exact)})] if exact else []
     if arm.unexplained:
         notes.append(

@@ -1,8 +1,7 @@
-"""Accuracy of an arm at given configurations: covariance, accuracy volume, largest deviation,
-budget.
+"""Accuracy of an arm in given postures: covariance, accuracy volume, worst-case deviation, budget.
 
-``p(κ + δ) ≈ p(κ) + S δ`` with the sensitivity S of :meth:`ErrorModel.sensitivity`; the Monte Carlo
-method moves the real model instead and is the check on the rest.
+To first order ``p(κ + δ) ≈ p(κ) + S δ`` with the sensitivity S; the Monte Carlo method uses the
+exact model.
 """
 
 from __future__ import annotations
@@ -35,21 +34,21 @@ Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 COVERED = (0.954, 0.993)
-"""Parts that U = 2 u of a position, u² = u_x² + u_y² + u_z², covers of normal errors: along one
-direction, isotropic.
+"""Coverage of U = 2 u of a position, u² = u_x² + u_y² + u_z², for normal errors in one direction,
+and isotropic ones.
 """
 ELLIPSOID_COVERAGE_FACTOR = 2.7954834829151074
-"""k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM
-102:2011, table 1).
+"""k = 2.80 of the 95 % ellipsoid of a normal distribution in three dimensions (JCGM 102:2011, table
+1).
 """
 POSTURES_AT_ONCE = 16_384
-"""Configurations of one piece of work: for so many both compiled loops are chosen. With 2048, for
-which neither is, 200 000 configurations of SINO6 take 1.0 s in place of 0.3 s.
+"""Postures of one task, enough for both compiled loops. With 2048, too few for the loops, 200 000
+postures of SINO6 take 1.0 s in place of 0.3 s.
 """
 DRAWN_AT_ONCE = 4
-"""Configurations of one piece of work of ``monte-carlo``."""
+"""Postures of one task of ``monte-carlo``."""
 MANY = 50_000
-"""More configurations than this take more than a moment, and show a bar."""
+"""More postures show a progress bar."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +78,17 @@ class AccuracyVolume(Shown):
 
     @property
     def u(self) -> Array:
-        """The standard uncertainty of the position (root of the sum of the variances of x, y and
-        z), ``(n,)`` [m].
+        """The standard uncertainty of the position ``(n,)`` [m]: root sum of squares of x, y and
+        z.
         """
         return _u(self.covariance)
 
     @cached_property
     def u_aligned(self) -> Array:
-        """The standard uncertainty of the position if the base is aligned to all postures together,
-        ``(n,)`` [m].
+        """The standard uncertainty of the position if the base is aligned to all postures, ``(n,)``
+        [m].
 
-        The alignment removes from the effect of each parameter the best rigid motion of the base
+        The alignment removes the best rigid motion of the base from the effect of each parameter
         (least squares). The noise of readings stays. With only one or two postures, the other
         parameters have nearly no effect.
         """
@@ -110,10 +109,8 @@ class AccuracyVolume(Shown):
 
     @cached_property
     def largest_deviation(self) -> Array:
-        """The worst-case deviation: the largest distance that all bounded parameters together can
-        cause, ``(n,)`` [m].
-
-        The calculation is linear in the parameter errors.
+        """The worst-case deviation ``(n,)`` [m]: the largest distance that all bounded parameters
+        together can cause, to first order.
         """
         from aacmm_pin.accuracy import zonotope
 
@@ -127,10 +124,8 @@ class AccuracyVolume(Shown):
         """Return the uncertainty budget: the share of each parameter in the mean variance over the
         postures.
 
-        Source: JCGM 100:2008, 5.1. For correlated parameters with the covariance Σ the share of a
-        parameter is ``tr(S_k (Σ Sᵀ)_k) / tr(S Σ Sᵀ)``. The share is half of the relative change of
-        the variance for a relative change of u of the parameter at constant correlations. Two
-        correlated parameters share their common variance equally, and a share may be negative.
+        Source: JCGM 100:2008, 5.1. The share of a parameter is ``tr(S_k (Σ Sᵀ)_k) / tr(S Σ Sᵀ)``.
+        Two correlated parameters share their common variance equally, and a share may be negative.
 
         Args:
             by: whether a row of the table is a parameter, a joint or a kind of parameter.
@@ -146,10 +141,8 @@ class AccuracyVolume(Shown):
         return self.sources.budget(together / max(len(self.q), 1), by)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with one row for each posture.
-
-        The columns are ``theta1_deg`` …, ``volume_mm3`` and ``u_mm``. The column
-        ``largest_deviation_mm`` is present if a parameter is bounded.
+        """Return a table with one row for each posture: ``theta1_deg`` …, ``volume_mm3``, ``u_mm``,
+        and ``largest_deviation_mm`` if a parameter is bounded.
         """
         import pandas as pd
 
@@ -165,17 +158,7 @@ class AccuracyVolume(Shown):
         most: int = 12,
         ax: Axes | None = None,
     ) -> Axes:
-        """Plot the uncertainty budget as bars: shares of the variance, with the standard
-        uncertainties as numbers.
-
-        Args:
-            by: whether a bar is a parameter, a joint or a kind of parameter.
-            most: largest number of bars; one more bar "rest" has all others.
-            ax: axes; default a new pyplot figure.
-
-        Raises:
-            AacmmError: see :func:`aacmm_pin.report.plots.plot_budget`.
-        """
+        """Plot the uncertainty budget as bars; see :func:`aacmm_pin.report.plots.plot_budget`."""
         return cast("Axes", report().plots.plot_budget(self, by, ax, most))
 
     def __str__(self) -> str:
@@ -190,22 +173,21 @@ class AccuracyVolume(Shown):
 
 
 def _u(covariance: Array) -> Array:
-    """Standard uncertainty of positions by their covariances (n, 3, 3) [m²]: (n,) [m]."""
     variance = np.trace(covariance, axis1=1, axis2=2)
     return np.asarray(np.sqrt(variance))
 
 
 def expanded(u: Array) -> str:
-    """The headline of some uncertainties [m]: from the smallest to the largest, expanded."""
+    """The smallest and largest of some uncertainties [m], expanded, as text."""
     mm = COVERAGE_FACTOR * u / MM
     return f"U (k = {COVERAGE_FACTOR:g}) = {mm.min():.4f} to {mm.max():.4f} mm"
 
 
 def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
-    """Numbers, in the circle, of the configurations of ``accuracy``: those within limits, (n,).
+    """Numbers of the postures of ``accuracy`` in the circle, (n,).
 
     Raises:
-        ShapeError: ``accuracy`` was worked out for other configurations.
+        ShapeError: ``accuracy`` has other postures.
     """
     inside = np.flatnonzero(circle.within_limits)
     if not np.array_equal(accuracy.q, circle.q[inside]):
@@ -220,8 +202,7 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
 def circle_accuracy(
     circle: PosturesAtPoint, model: GivenModel | None = None, **options: Any
 ) -> AccuracyVolume:
-    """Compute the accuracy of all postures within limits of a configuration circle, at the frame of
-    the circle.
+    """Compute the accuracy of all postures within limits of a configuration circle, at its frame.
 
     Args:
         circle: the configuration circle.
@@ -341,9 +322,7 @@ def accuracy_volume(
 def _parts(
     q: Array, conditions: Conditions | None, size: int = POSTURES_AT_ONCE
 ) -> Iterator[tuple[Array, Conditions | None]]:
-    """Some configurations at a time, with their conditions; those of a single record hold
-    for all.
-    """
+    """Parts of the postures, with their conditions; one record of conditions holds for all."""
     for part in chunks(len(q), size):
         some = q[part]
         if conditions is None:
@@ -356,7 +335,7 @@ def _parts(
 def _first_order(
     sources: ErrorSources, method: Method, piece: tuple[Array, Conditions | None]
 ) -> tuple[Array, Array]:
-    """Volume (n,) [m³] and covariance (n, 3, 3) [m²] of some configurations."""
+    """Volume (n,) [m³] and covariance (n, 3, 3) [m²]."""
     from aacmm_pin.accuracy import zonotope
 
     sensitivity = sources.sensitivity(*piece)

@@ -1,7 +1,5 @@
-"""Maps over the workspace: at every cell of a half-plane, how flexible and how accurate the arm is.
-
-The arm turns about joint axis 1, z of the base, so the half-plane y = 0, x ≥ 0 stands for all of
-space.
+"""Maps of flexibility and accuracy over the half-plane y = 0, x ≥ 0, which joint 1 rotates about
+z.
 """
 
 from __future__ import annotations
@@ -50,11 +48,11 @@ if TYPE_CHECKING:
 
 CELLS_AT_ONCE = 768
 TIP_CELLS_AT_ONCE = 48
-"""A cell takes a hundred times as long for the tip as for the wrist."""
+"""A cell of the tip takes a hundred times as long as one of the wrist."""
 MAP = "a map of the workspace"
-"""What errors call it."""
+"""Name in error messages."""
 PROBES = 64
-"""Postures whose accuracy tells one model, with its causes and conditions, from another."""
+"""Postures whose accuracy identifies a model with its causes and conditions."""
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
 
 Quantity = Literal[
@@ -67,30 +65,28 @@ Quantity = Literal[
     "arc_fraction",
     "working_sectors",
 ]
-"""What a map can show: names of :data:`VARIABLES`."""
+"""Names of :data:`VARIABLES` to plot."""
 MARGIN = 1e-3
-"""The default box goes so far beyond the reach, in parts of its size; then outwards to whole steps
-of it.
-"""
+"""Margin of the default box beyond the reach, in parts of its size."""
 
 MAP_AXES = {"x_mm": "distance from joint axis 1, x", "z_mm": "z of the base"}
 """Axes of the cells of a map, with their long names."""
 OUTWARDS_OF_BOX = np.array([-1.0, 1.0, -1.0, 1.0])
-"""Of the least and largest x and z of a box."""
+"""Outward direction of the least and largest x and z."""
 MOST_BYTES_OF_MAP = 4_000_000_000
-"""Size of a file: a map of a million cells has a tenth of it."""
+"""Size of a file; a map of a million cells has a tenth of it."""
 
 
 class Variable(NamedTuple):
     """A variable of a map.
 
     Attributes:
-        name: in the file.
-        source: what is found of each cell.
-        unit: of :data:`UNITS`.
-        text: its long name.
-        kind: of its numbers.
-        more: dimensions behind those of the cells.
+        name: name in the file.
+        source: key of the results of a cell.
+        unit: key of :data:`UNITS`.
+        text: long name.
+        kind: type of its numbers.
+        more: dimensions after those of the cells.
     """
 
     name: str
@@ -166,9 +162,7 @@ class WorkspaceMap(Shown):
 
     @property
     def caveats(self) -> tuple[Note, ...]:
-        """A note that counts the reachable cells without sectors; empty if every reachable cell has
-        sectors.
-        """
+        """A note that counts reachable cells without sectors, if there are any."""
         no_sectors = np.isnan(self.data["flexibility"].values)
         without = int(np.sum(self._reachable & no_sectors))
         return (Note("cells_without_sectors", {"cells": without}),) if without else ()
@@ -181,7 +175,6 @@ class WorkspaceMap(Shown):
 
     @property
     def _reachable(self) -> Mask:
-        """Which cells a configuration reaches, limits apart (x, z)."""
         return self.data["reachable"].values.astype(bool)
 
     @property
@@ -191,11 +184,7 @@ class WorkspaceMap(Shown):
 
     @property
     def incomplete(self) -> int:
-        """The number of cells for which the search did not find all postures.
-
-        The reasons are families of singular postures, a curve that the search could not follow, or
-        the limit of the search.
-        """
+        """The number of cells for which the search did not find all postures."""
         if "complete" not in self.data:
             return 0
         complete = self.data["complete"].values
@@ -208,10 +197,8 @@ class WorkspaceMap(Shown):
         return tuple(labels.split("; ")) if labels else ()
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Save the map as a netCDF file (classic format, 64-bit offsets) for xarray, MATLAB, R and
-        ncdump.
-
-        If the save fails, no incomplete file remains.
+        """Save the map, whole or not at all, as a netCDF file (classic format, 64-bit offsets) for
+        xarray, MATLAB, R and ncdump.
 
         Raises:
             OutputError: ``path`` exists and ``force`` is False, or the file cannot be written.
@@ -240,11 +227,7 @@ class WorkspaceMap(Shown):
             ) from None
 
     def plot(self, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
-        """Plot one quantity of the map over the half-plane through joint axis 1.
-
-        Args:
-            quantity: name in ``data``, one of :data:`Quantity`.
-            ax: axes; default a new pyplot figure.
+        """Plot one quantity of the map; see :func:`aacmm_pin.report.plots.plot_map`.
 
         Raises:
             UnknownNameError: the quantity is unknown.
@@ -370,7 +353,7 @@ def _cells(
     axis: Array | None,
     points: Array,
 ) -> dict[str, Array]:
-    """What cells with their centres at ``points`` (n, 3) [m] have, by the sources of
+    """Results of cells with centres at ``points`` (n, 3) [m], by the sources of
     :data:`VARIABLES`.
     """
     arm = ErrorModel.arm_of(model)
@@ -408,18 +391,17 @@ def _cells(
 
 
 def _frame(arm: Arm, axis: Array | None) -> str:
-    """The frame whose origin is at the cells."""
     return WRIST if axis is None else arm.tip
 
 
 def _smallest(groups: Index, values: Array) -> Index:
-    """The place of the smallest value of each group, by their numbers."""
+    """Index of the smallest value of each group."""
     order = np.lexsort((values, groups))
     return order[np.unique(groups[order], return_index=True)[1]]
 
 
 def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Array:
-    """The stated box, or one around the reach (4,) [m]."""
+    """The stated box, or a box around the reach (4,) [m]."""
     wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP, revolute=True))
     if extent is None:
         around = box_of_wrist(wrist)
@@ -446,7 +428,7 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
 def _probe(
     model: Arm | ErrorModel, conditions: Conditions | None, method: Method, axis: Array | None
 ) -> AccuracyVolume:
-    """The accuracy of a few postures: it refuses, before the work begins, what the first cell would
+    """The accuracy of a few postures, which refuses before the work what the first cell would
     refuse.
     """
     if method == "monte-carlo" or method not in METHODS:
@@ -463,14 +445,12 @@ def _probe(
 def map_caveats(
     arm: Arm, extent: ArrayLike | None = None, axis: ArrayLike | None = None
 ) -> tuple[Note, ...]:
-    """Why the half-plane y = 0 does not stand for all of space with this arm, and what is not in
-    its uncertainties.
+    """Notes on why the half-plane does not represent the whole workspace of this arm, and on what
+    the uncertainties do not include.
 
     Args:
         arm: the arm.
-        extent: of :func:`map_workspace`; what it leaves out of the reach of the wrist is among the
-            caveats.
-        axis: of :func:`map_workspace`.
+        extent, axis: as in :func:`map_workspace`.
     """
     notes = [] if axis is not None else _wrist_caveats(arm, extent)
     lower, upper = arm.limits[0]
@@ -485,7 +465,7 @@ def map_caveats(
 
 
 def _wrist_caveats(arm: Arm, extent: ArrayLike | None) -> list[Note]:
-    """What an extent leaves out, and which joints are held."""
+    """Notes on the reach outside the extent, and on joints that are held."""
     wrist = Wrist.of_arm(arm, MAP)
     notes = wrist.notes
     held = [
@@ -508,7 +488,6 @@ def _wrist_caveats(arm: Arm, extent: ArrayLike | None) -> list[Note]:
 
 
 def _middles(low: float, high: float, count: int) -> Array:
-    """Middles of equal intervals (count,)."""
     return np.linspace(low, high, 2 * count + 1)[1::2]
 
 

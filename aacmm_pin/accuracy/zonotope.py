@@ -1,7 +1,4 @@
-"""Zonotopes: the set ``Σ s_k g_k`` with every s_k in [-1, 1], for many configurations at once.
-
-It is, to first order, everything that a point can do when each parameter stays within its bounds.
-"""
+"""Zonotopes ``Σ s_k g_k``, s_k in [-1, 1]: to first order, all displacements within bounds."""
 
 from __future__ import annotations
 
@@ -14,20 +11,17 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.accuracy.zonotope_loop import VOLUME_LOOP
 
 CHUNK = 256
-"""Configurations handled at once: the pair normals of 24 generators then fit in the processor's
-cache.
-"""
+"""Zonotopes at once: the pair normals of 24 generators then fit in the cache."""
 MOST = 4_000_000
-"""Signs of generators in corners that are looked at together: 32 MB, and some copies."""
+"""Signs of generators in corners at once: 32 MB, and some copies."""
 FLAT = 1e-13
-"""A unit generator that sticks out of a face by less lies in it."""
+"""A unit generator that sticks out of a face by less lies in the face."""
 
 
 def volume(generators: Array) -> Array:
-    """``8 Σ_{i<j<k} |det(g_i, g_j, g_k)|`` for generators (n, 3, p) [m]: (n,) [m³].
+    """``8 Σ_{i<j<k} |det(g_i, g_j, g_k)|`` of generators (n, 3, p) [m]: (n,) [m³].
 
-    Source: P. McMullen, "On zonotopes", Trans. AMS 159 (1971); the factor 8 because each s runs
-    over [-1, 1].
+    Source: P. McMullen, "On zonotopes", Trans. AMS 159 (1971); 8 because s has the range [-1, 1].
     """
     volumes = np.empty(len(generators))
     sum_up = VOLUME_LOOP.chosen(generators.size) or sum_of_determinants
@@ -58,10 +52,8 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
 
 
 def largest_deviation(generators: Array) -> Array:
-    """Distance of the farthest point from the centre, ``max_n Σ |n·g_k|``, for generators (n, 3, p)
-    [m]: (n,) [m].
-
-    The farthest point is a vertex; all vertices are looked at.
+    """Distance of the farthest vertex, ``max_n Σ |n·g_k|``, of generators (n, 3, p) [m]: (n,)
+    [m].
     """
     n, _, count = generators.shape
     if count < 2:
@@ -77,14 +69,12 @@ def largest_deviation(generators: Array) -> Array:
 
 
 def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:
-    """Points among which, over all pairs, is one of each two opposite vertices, in two parts (n,
-    pairs, 3).
+    """Points (n, pairs, 3), in two parts, that include one of each two opposite vertices.
 
-    A vertex is ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is
-    spanned by some g_i and g_j; its signs are those of ``n·g_k`` with the face's normal n = g_i ×
-    g_j, where that is zero (in the face) those of ±(n × g_i)·g_k, where that is zero too (parallel
-    to g_i) those of ±g_i·g_k; and the set is symmetric. The sign of n × g_i may be left: of the
-    edges at a vertex the one with the least i lies between two faces, on either side of it.
+    A vertex is ``Σ_k s_k g_k`` and bounds an edge along some g_i of a face of g_i and g_j with the
+    normal n = g_i × g_j. Its signs are those of ``n·g_k``; where this is zero (in the face), of
+    ``±(n × g_i)·g_k``; where this is zero too (parallel to g_i), of ``±g_i·g_k``. One sign of n ×
+    g_i suffices: the edge with the least i at a vertex lies between two faces.
     """
     g = generators.transpose(0, 2, 1)  # (n, p, 3)
     length = np.linalg.norm(g, axis=2)
@@ -92,18 +82,13 @@ def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:
     along = np.where(length[:, first, None] > 0, unit[:, first], unit[:, second])
     normal = np.cross(along, unit[:, second])  # (n, pairs, 3)
     inwards = np.cross(normal, along)
+    components = (v @ unit.transpose(0, 2, 1) for v in (normal, inwards, along))
     above, beside, ahead = (
-        _clear_sign(v @ unit.transpose(0, 2, 1)) for v in (normal, inwards, along)
+        np.where(np.abs(component) > FLAT, np.sign(component), 0.0) for component in components
     )
     for t in (1.0, -1.0):
         sign = np.where(above != 0, above, np.where(beside != 0, beside, t * ahead))
         yield sign @ g
-
-
-def _clear_sign(values: Array) -> Array:
-    """Sign, with 0 for what is zero but for rounding."""
-    clear = np.abs(values) > FLAT
-    return np.where(clear, np.sign(values), 0.0)
 
 
 def _pairs(count: int) -> tuple[Index, Index]:

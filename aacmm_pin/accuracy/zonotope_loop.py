@@ -8,17 +8,13 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.compiled import Loop
 
 LARGE_VOLUME = 200_000
-"""Numbers in the generators from which on the loop is used: NumPy takes 15 ms, the loop 2 ms."""
+"""Generator elements from which the loop is used: NumPy takes 15 ms, the loop 2 ms."""
 VOLUME_LANES = 32
-"""Configurations side by side in the processor's wide registers; 24 generators of so many stay in
-its nearest cache.
-"""
+"""Zonotopes side by side in wide registers; 24 generators of so many fit in the first cache."""
 
 
 def sum_of_determinants(generators: Array, total: Array) -> None:
-    """As :func:`aacmm_pin.accuracy.zonotope.sum_of_determinants`: the same sums in the same
-    order.
-    """
+    """The sums of :func:`aacmm_pin.accuracy.zonotope.sum_of_determinants`, in the same order."""
     n, _, count = generators.shape
     g = np.empty((count, 3, VOLUME_LANES))
     normal = np.empty((3, VOLUME_LANES))

@@ -1,7 +1,5 @@
-"""Postures with which an arm reaches a point or a pose: the configuration circle, and what limits
-leave of it.
-
-Other rooms import from here; the names of ``__init__.pyi`` are loaded when they are first used.
+"""Postures with which an arm reaches a point or a pose: configuration circle, inverse
+kinematics.
 """
 
 import lazy_loader

@@ -1,6 +1,4 @@
-"""Postures and places as people at the arm see them: where the elbow is, where the stylus points,
-where a point stands.
-"""
+"""Postures and places in words: side of the elbow, direction of the stylus, place of a point."""
 
 from __future__ import annotations
 
@@ -12,21 +10,18 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
 
 STRAIGHT_ELBOW = 0.05
-"""An elbow nearer to the line from shoulder to tip than this part of its length is on neither side
-of it.
-"""
+"""An elbow closer to the line shoulder → tip than this part of its length is on no side."""
 SECOND_WORD_RATIO = 0.6
-"""A direction has a second word where that part of it is this many times the first."""
+"""A second component of a direction so many times the first has a word too."""
 SIDES = ("up", "right", "down", "left")
 OPPOSITES = (("up", "down"), ("out", "in"), ("left", "right"))
 
 
 def articulations(arm: Arm, q: Array) -> list[str]:
-    """Checked postures ``q`` (n, nq) in words, such as ``elbow left, stylus down``.
+    """Postures ``q`` (n, nq) in words, such as ``elbow left, stylus down``.
 
-    The elbow is the joint axis farthest from the line shoulder (joint 2) → tip; left and right are
-    those of a person behind the stand who looks along that line. So are those of the stylus, of an
-    arm whose file states its axis; it points ``out`` where it points away from the stand.
+    The elbow is the joint axis farthest from the line shoulder (joint 2) → tip. Left and right are
+    those of a person behind the stand who looks along this line; ``out`` is away from the stand.
     """
     rotation, origin = arm.chain.walk(q)
     axes = arm.chain.moving_axes()
@@ -44,9 +39,8 @@ def articulations(arm: Arm, q: Array) -> list[str]:
 
 
 def places(arm: Arm, points: Array) -> pd.DataFrame:
-    """Where ``points`` (n, 3) [m] stand: distance from the upright line through the base's origin,
-    bearing from the base's first level axis (counter-clockwise, seen from above), height over the
-    base.
+    """Table of ``points`` (n, 3) [m]: distance from the vertical through the base origin, bearing
+    from the first horizontal axis of the base (counter-clockwise from above), height over the base.
     """
     level = np.eye(3)[np.argmin(np.abs(arm.up))]
     level = level - arm.up * (level @ arm.up)
@@ -64,7 +58,7 @@ def places(arm: Arm, points: Array) -> pd.DataFrame:
 
 
 def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
-    """The side of each elbow, for ``joints`` (k, n, 3) [m]."""
+    """The side of each elbow; ``joints`` (k, n, 3) [m]."""
     line = tips - shoulder
     length = np.linalg.norm(line, axis=1)[:, None]
     line = line / np.maximum(length, 1e-12)

@@ -1,8 +1,9 @@
-"""The configuration circle: the configurations with which the arm reaches a working point.
+"""The configuration circle: the postures with which the arm reaches a point (Xu You et al. 2019,
+section 1).
 
-The working point is the wrist (the origin of frame 5) with the joints behind the fourth held, or
-the tip with the stylus along a given axis. Source of the notions: Xu You et al. 2019, section 1;
-its closed forms hold for the nominal geometry, the enumeration here for the calibrated one.
+The point is the wrist (origin of frame 5) with the joints after joint 4 held, or the tip with the
+stylus along an axis. The enumeration holds for calibrated geometry; the closed forms of the paper
+for nominal geometry.
 """
 
 from __future__ import annotations
@@ -50,13 +51,11 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 WRIST = "frame5"
-"""Name of the frame whose origin is the working point of the source paper."""
+"""Frame of the working point in the source paper."""
 TIP_JOINTS = WRIST_ROW + 1
-"""With so many joints the postures with the tip at a point and the stylus along an axis are closed
-curves.
-"""
+"""Number of joints with which postures with given tip and stylus axis are closed curves."""
 SEEDS_PER_TURN = 24
-"""Angles at which each of the joints 1 to 4 is held to find the components."""
+"""Held angles of each of the joints 1 to 4 to find the closed curves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,16 +114,8 @@ class ConfigurationCircle(PosturesAtPoint):
         return super().columns() | {"shoulder_side": shoulder, "elbow_side": elbow}
 
     def plot(self, accuracy: Any = None, postures: int = 5, ax: Axes3D | None = None) -> Axes3D:
-        """Plot the path of the elbow around the point, and the arm in some postures.
-
-        Args:
-            accuracy: :class:`~aacmm_pin.AccuracyVolume` of the postures within limits, for the
-                colours of the path.
-            postures: number of postures to draw.
-            ax: three-dimensional axes; default a new pyplot figure.
-
-        Raises:
-            ShapeError, AacmmError: see :func:`aacmm_pin.report.plots.plot_circle`.
+        """Plot the path of the elbow and some postures; see
+        :func:`aacmm_pin.report.plots.plot_circle`.
         """
         drawn: Axes3D = report().plots.plot_circle(self, accuracy, postures, ax)
         return drawn
@@ -195,12 +186,9 @@ def configuration_circles(
     rest: ArrayLike | None = None,
     count: int = 360,
 ) -> list[ConfigurationCircle]:
-    """Compute the configuration circles at many ``points`` ``(m, 3)`` [m] together.
+    """Compute the configuration circles at ``points`` ``(m, 3)`` [m] together, in much less time.
 
-    The results are equal to those of :func:`configuration_circle`, in much less time.
-
-    Raises:
-        ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.
+    See :func:`configuration_circle`.
     """
     arm = as_arm(arm)
     dh = arm.require_dh("a configuration circle", WRIST_ROW + tip, revolute=True)
@@ -243,8 +231,8 @@ def configuration_circles(
 
 
 def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
-    """The unit direction of the stylus in the last frame (3,), and the one that it shall have in
-    the base (3,).
+    """Unit direction of the stylus in the last frame (3,), and its required direction in the base
+    (3,).
 
     Raises:
         ShapeError, AacmmError: ``axis`` is no direction (3,).
@@ -266,7 +254,7 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
 def _sampled(
     arm: Arm, point: Array, at: str, components: Components, count: int, notes: tuple[Note, ...]
 ) -> ConfigurationCircle:
-    """Configurations evenly spaced along the elbow's path."""
+    """Postures evenly spaced along the path of the elbow."""
     q = np.empty((0, arm.nq))
     component = np.empty(0, dtype=np.intp)
     if components.curves:
@@ -310,19 +298,18 @@ def _why_not(components: Components, point: Array) -> str:
 
 
 def _sides(signs: NDArray[np.intp]) -> str:
-    """The sign that all configurations share, or both."""
     return " ".join(f"{sign:+d}" for sign in np.unique(signs))
 
 
 class Reach(NamedTuple):
-    """Reachability of many wrist points.
+    """Reachability of points.
 
     Attributes:
-        sectors: state of each sector of the swivel angle at each point.
-        arc_fraction: working range over theoretical range of the swivel angle (m,); nan where
-            there is no theoretical range.
-        reachable: whether a configuration reaches the point, limits apart (m,).
-        complete: whether all configurations that reach it are known (m,).
+        sectors: sectors of the swivel angle at each point.
+        arc_fraction: working over theoretical range of the swivel angle (m,); nan without a
+            theoretical range.
+        reachable: points that a posture reaches, without regard to limits (m,).
+        complete: points of which all postures are known (m,).
     """
 
     sectors: Sectors
@@ -334,13 +321,11 @@ class Reach(NamedTuple):
 def reach_of_points(
     arm: Arm, points: Array, sectors: int, purpose: str, axis: ArrayLike | None = None
 ) -> Reach:
-    """Reachability of ``points`` (m, 3) [m] over equal ``sectors`` of the swivel angle: by the
-    wrist, or by the tip with the stylus along ``axis`` in the base (3,); errors name the
-    ``purpose``.
+    """Reachability of ``points`` (m, 3) [m] by the wrist, or by the tip with the stylus along
+    ``axis`` (3,), over equal ``sectors`` of the swivel angle; errors name the ``purpose``.
 
     Raises:
-        UnsupportedArmError: no DH table, or one without the joints that this needs; with ``axis``
-            see :func:`directed_stylus`.
+        UnsupportedArmError: the arm has no DH table with the required joints.
     """
     dh = arm.require_dh(purpose, revolute=True)
     swivel = Swivel(dh, arm.up)

@@ -1,17 +1,16 @@
-"""Closed curves of solutions of k equations in k + 1 angles, by predictor and corrector, in loops
-that numba compiles.
+"""Closed curves of solutions of k equations in k + 1 angles, by predictor and corrector, in numba.
 
-Source of the method: E. Allgower, K. Georg, "Introduction to Numerical Continuation Methods", SIAM
-2003. The sign of ``det [J; tᵀ]`` is constant along a smooth curve and changes where a step jumps
-across a narrow gap to another branch; such a step is taken back and shortened. Where no step is
-short enough, curves cross (as they do for an arm with parallel axes in an upright pose), and the
-trace leaps over the crossing to go straight on.
+Source: E. Allgower, K. Georg, "Introduction to Numerical Continuation Methods", SIAM 2003. The sign
+of ``det [J; tᵀ]`` is constant along a smooth curve, and changes where a step jumps to another
+branch; such a step is repeated shorter. Where no step is short enough, curves cross, and the trace
+leaps straight over the crossing.
 
-The equations say that the tip's frame is that of the base: its origin, its z axis too, or all its
-axes. What the wanted pose is, is part of the first link: see :class:`~.pose_equations.Equations`.
-Every function and constant that is compiled is here, for numba keeps the result until this file
-changes. Nothing is allocated, and all functions work on rows of one array, the working space
-(:func:`working_space`): each further array, slice and level of calls takes numba longer to compile.
+The equations state that the frame of the tip is the frame of the base: origin, z axis, or all axes.
+The first link contains the wanted pose; see :class:`~.pose_equations.Equations`.
+
+All compiled functions and constants are here: numba keeps the result until this file changes. They
+work on rows of one array, :func:`working_space`: each further array, slice and level of calls takes
+numba longer to compile.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ LONGEST_POLISH = 0.5
 DAMPING = 1e-14
 """Part of the trace of ``J Jᵀ`` added to its diagonal: felt only where J is nearly singular."""
 SURE_STEP = 5e-7
-"""After a shorter Newton step the residual is about the arm's length times step²/2, < 2e-13 m."""
+"""After a shorter Newton step the residual is about arm length times step²/2, < 2e-13 m."""
 LONGEST_CURVE_STEP = 0.40
 FIRST_STEP = 0.125 * LONGEST_CURVE_STEP
 """Of a predictor along the curve [rad]."""
@@ -72,8 +71,9 @@ SHORTENED = 0.4
 LEAST_CHANGE, MOST_CHANGE = 0.5, 1.8
 """Of a step's length, over that of the one before, which succeeded."""
 SHORTEST_STEP = 1e-5
-"""Nearer than this to a crossing the residual's rounding, over the distance, hides the direction
-of the curve; a gap that narrow is a crossing [rad]."""
+"""Closer to a crossing, rounding of the residual hides the direction of the curve; a narrower gap
+is a crossing [rad].
+"""
 LARGEST_TURN = 0.30
 """Largest angle between the tangents at the two ends of a step [rad]."""
 WANTED_TURN = 0.6 * LARGEST_TURN
@@ -81,17 +81,19 @@ LEAST_TURN = 1e-3
 """Angle that the length of the next step aims at, and one below which a piece counts as straight
 [rad]."""
 OFF_GUESS = 0.4
-"""Part of a step by which its correction may move it; farther away it may be another curve."""
+"""Part of a step by which its correction may move it; a farther solution may be on another
+curve.
+"""
 PAST_START, ASIDE_START = 1.0001, 0.3
 """Parts of a step: so far along it, and so far aside of it, the start is taken for passed."""
 BULGE = 0.1
-"""A curve that turns by less than ``LARGEST_TURN`` between vertices leaves the chord by less than
-this part of it."""
+"""Part of the chord by which a curve that turns by less than ``LARGEST_TURN`` leaves the chord."""
 STEADY_STEP = 0.01
-"""A vertex reached by a step this long knows its tangent and curvature, however near a crossing is
-[rad]."""
+"""A vertex after a step of this length has a sure tangent and curvature, even near a crossing
+[rad].
+"""
 LEAPS = (0.03, 0.1, 0.01)
-"""How far beyond a crossing, where no step succeeds, the curve is looked for again [rad]."""
+"""Distances beyond a crossing at which the curve is looked for again [rad]."""
 MOST_LEAPS = 100
 MOST_VERTICES = 2000
 """A curve with more is returned unfinished."""
@@ -121,13 +123,13 @@ def newton(
     """Move each row of ``q`` to the nearest solution by damped least-norm Newton steps.
 
     Args:
-        links: see :meth:`DHTable.links`, (n + 1, 4, 4); the wanted pose is in the first.
+        links: see :meth:`DHTable.links`, (n + 1, 4, 4); the first contains the wanted pose.
         goals: places of the tip, one for each row of ``q``, (m, 3) [m].
-        most: steps at most; with 0 the equations are but evaluated.
+        most: steps at most; 0 only evaluates the equations.
         q: angles (m, n) [rad].
-        equations: filled (m, k, n + 1): derivatives of the equations by the angles, and in the last
-            column their values, at the last angles that were tried.
-        arrived: filled (m,): whether the residual is at most ``CLOSE_ENOUGH``.
+        equations: output (m, k, n + 1): derivatives by the angles, and in the last column values,
+            at the last angles that were tried.
+        arrived: output (m,): residual is at most ``CLOSE_ENOUGH``.
         space: see :func:`working_space`.
     """
     count = equations.shape[1]
@@ -161,20 +163,19 @@ def curves(
     """Follow every curve through one of the ``seeds``, which must be solutions, once.
 
     Args:
-        links: see :func:`newton`.
+        links, space: see :func:`newton`.
         goal: place of the tip (3,) [m].
         seeds: angles (m, n) [rad].
-        is_regular: which of them may begin a curve (m,); singular ones are looked for on curves.
-        steps: along curves after which the search ends.
-        count: number of curves that are known already.
-        vertices: of all curves, one behind the other, (any, n) [rad]; those of new ones are added.
-        ends: behind the last vertex of each curve (most curves,); added to.
-        closed: whether each came back to its start (most curves,); added to.
-        number: filled (m,): the curve of each seed, ``NO_CURVE`` or ``KNOWN_CURVE``.
-        space: see :func:`working_space`.
+        is_regular: seeds that may begin a curve (m,); singular ones are only looked up on curves.
+        steps: steps along curves after which the search ends.
+        count: number of known curves.
+        vertices: vertices of all curves in order (any, n) [rad]; extended.
+        ends: number after the last vertex of each curve (most curves,); extended.
+        closed: whether each curve returned to its start (most curves,); extended.
+        number: output (m,): the curve of each seed, ``NO_CURVE`` or ``KNOWN_CURVE``.
 
     Returns:
-        how many curves there are now, and how many steps are left.
+        number of curves, and remaining steps.
     """
     n = seeds.shape[1]
     rounds = 0
@@ -215,15 +216,15 @@ def look_up(
     number: Index,
     space: Array,
 ) -> None:
-    """Give those ``seeds`` that are on a curve the number ``name``, from number ``first`` on."""
+    """Give the ``seeds`` on a curve the number ``name``, from number ``first`` on."""
     for seed in range(first, len(seeds)):
         if number[seed] == NO_CURVE and on_curve(links, seeds, seed, curve, vertices, ends, space):
             number[seed] = name
 
 
 def is_known(links: Array, curve: int, vertices: Array, ends: Index, space: Array) -> bool:
-    """Whether most of some vertices all round a curve are on one of those before it: from a seed
-    next to a crossing it may not be recognised.
+    """Whether most of some vertices of a curve are on an earlier curve, which a seed at a crossing
+    may not show.
     """
     begin = ends[curve - 1] if curve > 0 else 0
     last = ends[curve] - 1
@@ -252,9 +253,8 @@ def on_curve(
 ) -> bool:
     """Whether a solution, one ``row`` of several, is on a curve.
 
-    From the pieces at the vertices nearest to it (the nearest may be on another strand), the
-    curve's point in the plane through the solution and across its tangent is solved for; the
-    solution is on the curve where that point is the solution itself.
+    From the vertices nearest to the solution (the nearest may be on another strand), find the point
+    of the curve in the plane through the solution across its tangent: it must be the solution.
     """
     for j in range(solutions.shape[1]):
         space[SOUGHT, j] = solutions[row, j]
@@ -274,7 +274,7 @@ def on_curve(
 
 
 def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tuple[int, int, int]:
-    """Numbers of the three vertices that are nearest to the solution ``SOUGHT``, in order."""
+    """Numbers of the three vertices nearest to the solution ``SOUGHT``, in order."""
     first = begin
     second = begin
     third = begin
@@ -298,10 +298,9 @@ def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tup
 
 
 def touches(begin: int, end: int, vertices: Array, space: Array) -> bool:
-    """Whether the solution ``SOUGHT`` is as near to the chord between two vertices as their curve
-    is: from farther away Newton's method finds it from a neighbouring curve as well.
+    """Whether ``SOUGHT`` is as close to the chord between two vertices as their curve is.
 
-    The nearest place on the chord goes into ``GUESS``, and the solution in the same turns into
+    The nearest point of the chord is put into ``GUESS``, the solution in the same turns into
     ``IMAGE``.
     """
     square = 1e-200
@@ -320,8 +319,8 @@ def touches(begin: int, end: int, vertices: Array, space: Array) -> bool:
 
 
 def meets(links: Array, tangent: int, space: Array) -> bool:
-    """Does the curve near ``GUESS``, which moves, cut the plane through ``IMAGE`` and across
-    ``tangent`` in ``IMAGE`` itself?
+    """Whether the curve near ``GUESS``, which moves, cuts the plane through ``IMAGE`` across
+    ``tangent`` in ``IMAGE``.
     """
     n = space.shape[1] - 2
     beyond = 0.0
@@ -341,18 +340,16 @@ def meets(links: Array, tangent: int, space: Array) -> bool:
 def trace(
     links: Array, begin: int, most: int, vertices: Array, space: Array
 ) -> tuple[int, int, bool]:
-    """Follow the curve through ``START``, a regular solution, once round.
+    """Follow the curve through ``START``, a regular solution, once around.
 
     Args:
-        links: see :func:`newton`.
+        links, space: see :func:`newton`.
         begin: number of its first vertex.
-        most: steps after which it ends in any case.
-        vertices: filled with at most ``most + 1`` rows of n angles [rad].
-        space: see :func:`working_space`.
+        most: steps at most.
+        vertices: output, at most ``most + 1`` rows of n angles [rad].
 
     Returns:
-        the number behind its last vertex, how many steps it took, and whether the curve came back
-        to its start.
+        number after its last vertex, number of steps, and whether the curve returned to its start.
     """
     n = vertices.shape[1]
     sign = tangent_at(links, START, space)
@@ -411,11 +408,11 @@ def trace(
 
 
 def follow(links: Array, vertex: int, length: float, widest: float, space: Array) -> float:
-    """Predict a step of this ``length`` from a ``vertex`` and correct it, into ``AHEAD``, by less
+    """Predict a step of this ``length`` from a ``vertex``, and correct it into ``AHEAD`` by less
     than ``widest``.
 
     Returns:
-        the sign of the determinant there; 0 where the step fails.
+        sign of the determinant there; 0 if the step fails.
     """
     n = space.shape[1] - 2
     tangent = vertex + 1
@@ -432,7 +429,7 @@ def follow(links: Array, vertex: int, length: float, widest: float, space: Array
 
 
 def passes(links: Array, moved: float, space: Array) -> bool:
-    """Does the step from ``HERE`` to ``AHEAD``, which is ``moved`` long, pass ``START``?"""
+    """Whether the step from ``HERE`` to ``AHEAD``, of length ``moved``, passes ``START``."""
     n = space.shape[1] - 2
     along = 0.0
     aside = 0.0
@@ -453,8 +450,8 @@ def passes(links: Array, moved: float, space: Array) -> bool:
 
 
 def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tuple[bool, float]:
-    """Move the angles of a ``row`` across the ``tangent`` in another to a solution, by at most so
-    many steps. The null vector of J there is left behind the matrix.
+    """Move the angles of a ``row`` across the ``tangent`` in another row to a solution, by at most
+    ``most`` steps, and leave the null vector of J after the matrix.
 
     Returns:
         whether it arrived, and the sign of the determinant of J with the tangent below.
@@ -484,8 +481,8 @@ def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tu
 
 
 def tangent_at(links: Array, row: int, space: Array) -> float:
-    """The curve's tangent at the solution in a ``row``, in one of its senses, into the next; the
-    sign of the determinant. Any border that is not orthogonal to the tangent would do.
+    """Put the tangent of the curve at the solution in a ``row`` into the next row; return the sign
+    of the determinant. Any border not orthogonal to the tangent works.
     """
     for j in range(space.shape[1] - 2):
         space[row + 1, j] = math.sqrt(2.0 + j)
@@ -495,7 +492,7 @@ def tangent_at(links: Array, row: int, space: Array) -> float:
 
 
 def take_tangent(row: int, space: Array) -> None:
-    """The unit null vector of J, which :func:`correct` left, behind a ``row``."""
+    """The unit null vector of J, which :func:`correct` left, into the row after ``row``."""
     n = space.shape[1] - 2
     square = 0.0
     for j in range(n):
@@ -505,11 +502,8 @@ def take_tangent(row: int, space: Array) -> None:
 
 
 def descend(links: Array, count: int, most: int, space: Array) -> float:
-    """Move ``HERE`` to the nearest solution by damped least-norm steps; the best place into
-    ``BEST``.
-
-    Returns:
-        the largest residual there.
+    """Move ``HERE`` to the nearest solution by damped least-norm steps, the best place into
+    ``BEST``; return its largest residual.
     """
     n = space.shape[1] - 2
     least = np.inf
@@ -536,8 +530,8 @@ def descend(links: Array, count: int, most: int, space: Array) -> float:
 
 
 def least_norm_step(count: int, space: Array) -> None:
-    """The shortest step to where the linear equations hold, damped where J is nearly singular, into
-    column n of the matrix: by Cholesky's factor of ``J Jᵀ``.
+    """Shortest step that solves the linear equations, damped where J is nearly singular, into
+    column n of the matrix, by Cholesky's factor of ``J Jᵀ``.
     """
     n = space.shape[1] - 2
     damping = 0.0
@@ -569,7 +563,7 @@ def least_norm_step(count: int, space: Array) -> None:
 
 
 def residual_after(count: int, space: Array) -> float:
-    """Largest residual that the step in the matrix leaves, to first order."""
+    """Largest residual after the step in the matrix, to first order."""
     n = space.shape[1] - 2
     largest = 0.0
     for i in range(count):
@@ -590,11 +584,11 @@ def step_length(space: Array) -> float:
 
 
 def solve(space: Array) -> float:
-    """Gauss's elimination: the solutions take the place of their right sides, the last two columns
-    of the matrix.
+    """Gauss's elimination: the solutions replace their right sides, the last two columns of the
+    matrix.
 
     Returns:
-        the sign of the determinant. Of a singular matrix the solution is not finite.
+        sign of the determinant. The solution of a singular matrix is not finite.
     """
     sign = 1.0
     width = space.shape[1]
@@ -626,7 +620,7 @@ def solve(space: Array) -> float:
 
 
 def linearise(links: Array, row: int, count: int, space: Array) -> float:
-    """The equations at the angles in a ``row``; the largest of their values."""
+    """Put the equations at the angles in a ``row`` into the space; return the largest value."""
     n = space.shape[1] - 2
     largest = 0.0
     for j in range(n):
@@ -671,11 +665,10 @@ def linearise(links: Array, row: int, count: int, space: Array) -> float:
 
 
 def point_along_z(space: Array) -> None:
-    """How far the tip's z axis d points off the base's: its part across, stretched from the sine of
-    the angle θ to the angle, ``f = (d_x, d_y) θ/sin θ``.
+    """Deviation of the tip's z axis d from the z axis of the base, ``f = (d_x, d_y) θ/sin θ``.
 
-    Unlike the sine, the angle has no zero half a turn away: Newton's method from spread starts then
-    arrives four times as often. Half a turn away it jumps, which costs a detour.
+    Unlike the sine, the angle θ has no zero half a turn away: Newton's method from spread starts
+    arrives four times as often.
     """
     n = space.shape[1] - 2
     d0 = space[TIP, 2]
@@ -705,10 +698,10 @@ def point_along_z(space: Array) -> None:
 
 
 def turn_back(space: Array) -> None:
-    """The turn of the tip's frame as axis times angle φ, and its derivative by the joints.
+    """Rotation of the tip's frame as axis times angle φ, and its derivative by the joints.
 
-    ``φ = log R``, and by a turn ω before R ``∂φ/∂ω = 1 - ½ [φ] + c [φ]²`` with c = 1/φ² -
-    (1 + cos φ)/(2 φ sin φ) (Murray, Li, Sastry 1994, 2.3; the inverse of the left Jacobian).
+    ``φ = log R``; for a rotation ω before R ``∂φ/∂ω = 1 - ½ [φ] + c [φ]²``, c = 1/φ² - (1 + cos
+    φ)/(2 φ sin φ) (Murray, Li, Sastry 1994, 2.3: inverse of the left Jacobian).
     """
     n = space.shape[1] - 2
     s0 = space[TIP + 2, 1] - space[TIP + 1, 2]
@@ -745,12 +738,12 @@ def turn_back(space: Array) -> None:
 
 
 def working_space(n: int) -> Array:
-    """Room for equations in ``n`` angles, whose rows have the names above."""
+    """Array for equations in ``n`` angles, whose rows have the names above."""
     return np.empty((MATRIX + n, n + 2))
 
 
 def distance(a: int, b: int, space: Array) -> float:
-    """Of the angles in two rows [rad]."""
+    """Distance of the angles in two rows [rad]."""
     square = 0.0
     for j in range(space.shape[1] - 2):
         square += (space[a, j] - space[b, j]) ** 2
@@ -766,7 +759,7 @@ def dot(a: int, b: int, space: Array) -> float:
 
 
 def wrap(angle: float) -> float:
-    """The same direction between -π and π."""
+    """The same angle between -π and π."""
     turns = math.floor(angle * (0.5 / math.pi) + 0.5)
     return angle - 2 * math.pi * turns
 

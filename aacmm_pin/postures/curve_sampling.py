@@ -1,6 +1,4 @@
-"""Sampling closed curves of configurations: evenly, at given swivel angles, and how much of them is
-inside the limits.
-"""
+"""Samples of closed curves of postures: evenly spaced, at swivel angles, and inside the limits."""
 
 from __future__ import annotations
 
@@ -20,19 +18,19 @@ from aacmm_pin.postures.solution_curves import Curve, following
 from aacmm_pin.postures.wrist_ik import Wrist
 
 FINER = 16
-"""Parts of each piece between vertices when a path is measured."""
+"""Parts of each piece between vertices to measure a path."""
 STILL = 1e-9
-"""A path shorter than this along a whole curve gives no measure of it [m, rad]."""
+"""A shorter path along a whole curve gives no measure of it [m, rad]."""
 ARC_BINS = 3600
-"""Resolution of the fraction of arc: a tenth of a degree of swivel."""
+"""Resolution of the arc fraction: a tenth of a degree of swivel."""
 SAME_SWIVEL = 1e-10
-"""How well a wanted swivel angle is met [rad]."""
+"""Tolerance of a wanted swivel angle [rad]."""
 MOST_TRIALS, NO_LENGTH = 100, 1e-15
 """Trials after which, and length of a bracket at which, it is met as well as can be [rad]."""
 CURVED = 0.02
-"""More than a curve leaves the chord between two of its vertices [rad]."""
+"""Largest distance of a curve from the chord between two vertices [rad]."""
 OUTWARDS = np.array([-1.0, 1.0])
-"""Of a lower and an upper limit."""
+"""Outward direction of a lower and an upper limit."""
 LIMIT_PARTS = 16
 """Parts of a piece that may meet a limit."""
 
@@ -42,9 +40,9 @@ class _Segments:
     """Pieces between neighbouring vertices of all curves.
 
     Attributes:
-        start, end: configurations of the curves (s, k) [rad], not wrapped.
-        swivel: at the start (s,) [rad].
-        turn: change of the swivel along the piece (s,) [rad], in (-π, π).
+        start, end: postures on the curves (s, k) [rad], not wrapped.
+        swivel: swivel angle at the start (s,) [rad].
+        turn: change of the swivel angle along the piece (s,) [rad], in (-π, π).
         problem: number of the point (s,).
     """
 
@@ -57,14 +55,14 @@ class _Segments:
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Closed curves of configurations of one arm that reach one or many points.
+    """Closed curves of postures of one arm that reach one or many points.
 
     Attributes:
         swivel: swivel angles of the arm.
-        equations: what the curves solve.
+        equations: equations of the curves.
         points: working points (m, 3) [m].
         curves: the curves, each with the number of its point.
-        wrist: how joints 1 to 4 make a whole configuration; None where the curves have all joints.
+        wrist: completes postures from joints 1 to 4; None if the curves have all joints.
     """
 
     swivel: Swivel
@@ -74,12 +72,12 @@ class Components:
     wrist: Wrist | None
 
     def full(self, q: Array) -> Array:
-        """Whole configurations (n, nq) from those of the curves."""
+        """All joints (n, nq) from the joints of the curves."""
         return q if self.wrist is None else self.wrist.full(q)
 
     @property
     def nq(self) -> int:
-        """Number of joints of a whole configuration."""
+        """Number of joints of a posture."""
         return self.swivel.dh.nq
 
     @cached_property
@@ -87,7 +85,9 @@ class Components:
         return self.swivel.frames(self.points)
 
     def angle(self, q: Array, problem: Index) -> Array:
-        """Swivel angles of configurations of the curves (n, k) of these points (n,): (n,) [rad]."""
+        """Swivel angles of postures of the curves (n, k) at points with the numbers (n,): (n,)
+        [rad].
+        """
         return self.swivel.angle_in(self._frames[problem], self.full(q))
 
     @cached_property
@@ -106,9 +106,7 @@ class Components:
         )
 
     def inside(self, pieces: _Segments, limits: Array) -> tuple[Array, Array]:
-        """Which part of the chord of each of the ``pieces`` is inside the limits, as
-        :func:`inside_part` says.
-        """
+        """The part of the chord of each piece inside the limits; see :func:`inside_part`."""
         joints = pieces.start.shape[1]
         first, last = inside_part(pieces.start, pieces.end, limits[:joints])
         if (
@@ -119,14 +117,12 @@ class Components:
         return first, last
 
     def outside(self, limits: Array) -> Mask:
-        """Which of the segments are outside the ``limits`` (nq, 2) [rad] all along: (s,)."""
+        """Segments that are outside the ``limits`` (nq, 2) [rad] all along: (s,)."""
         first, last = self.inside(self.segments, limits + CURVED * OUTWARDS)
         return last <= first
 
     def divided(self, pieces: _Segments, which: Mask) -> _Segments:
-        """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at
-        the cuts.
-        """
+        """The marked pieces, each cut into ``LIMIT_PARTS`` with solutions at the cuts."""
         start = pieces.start[which]
         chord = (pieces.end - pieces.start)[which]
         joints = start.shape[1]
@@ -177,18 +173,18 @@ class Flexibility(Shown):
 def evenly(
     equations: Equations, curves: list[Curve], count: int, path: Callable[[Array], Array]
 ) -> tuple[Array, Index, int]:
-    """``count`` solutions on each curve, evenly spaced along what ``path`` makes of them.
+    """``count`` solutions on each curve, evenly spaced along a path.
 
     Args:
-        equations: what the curves solve.
+        equations: equations of the curves.
         curves: at least one.
-        count: of each curve.
-        path: from solutions in order along a curve (m, k) to places whose distances count (m, any).
-            A curve along which it stands still is divided by its angles.
+        count: number of solutions of each curve.
+        path: from solutions in order along a curve (m, k) to places (m, any). If they stand still,
+            the angles of the curve count.
 
     Returns:
-        at most (curves * count, k) [rad], the number of the curve of each, from 0, and how many
-        were not found: on a curve of a nearly degenerate arm.
+        at most (curves * count, k) [rad], the number of the curve of each, and the number of
+        solutions that were not found (nearly degenerate arm).
     """
     guesses = []
     for vertices in _finer(equations, curves):
@@ -205,7 +201,7 @@ def evenly(
 
 
 def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
-    """Each curve with solutions between its vertices, its first repeated at the end where it is
+    """Each curve with solutions between its vertices; the first is repeated at the end if
     closed.
     """
     finer = []
@@ -226,11 +222,11 @@ def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
 
 
 def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
-    """Where the swivel becomes one of ``angles`` (s,) [rad], a piece's start included, its end not.
+    """Where the swivel angle passes one of ``angles`` (s,) [rad]; the start of a piece counts, its
+    end not.
 
     Returns:
-        numbers of the piece and of the angle (n,), and how far that is ahead of the piece's start
-        (n,) [rad].
+        numbers of piece and angle (n,), and swivel from the start of the piece (n,) [rad].
     """
     order = np.argsort(wrapped(angles))
     turns = 2 * np.pi * np.arange(-1, 2)
@@ -253,13 +249,11 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
 def _solutions_at_swivel(
     components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array
 ) -> tuple[Array, Mask]:
-    """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its
-    start, and which were found.
+    """The posture on each ``piece`` with the swivel ``wanted``, which is ``ahead`` of its start,
+    and which were found.
 
-    False position between the nearest solutions on either side; every trial point is moved onto the
-    curve. The bracket never opens, so that a swivel that changes unevenly costs steps but not
-    accuracy. An end that stays counts less from step to step: N. Anderson, Å. Björck, "A new high
-    order method of regula falsi type", BIT 13 (1973).
+    False position, with every trial moved onto the curve. An end that stays counts less from step
+    to step: N. Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
     """
     problem = pieces.problem[piece]
     left = np.arange(len(piece))
@@ -296,23 +290,21 @@ def _solutions_at_swivel(
 
 
 def sector_centres(sectors: int) -> Array:
-    """Swivel angles of the centres of equal sectors (sectors,) [rad]; the first is the highest
-    place of the elbow.
-    """
+    """Swivel angles of the centres of equal sectors (sectors,) [rad]; at 0 the elbow is highest."""
     width = 2 * np.pi / sectors
     return np.asarray(width * np.arange(sectors))
 
 
 @dataclass(frozen=True, eq=False)
 class Sectors:
-    """What the centres of equal sectors of the swivel angle have, at many points.
+    """Postures at the centres of equal sectors of the swivel angle, at many points.
 
     Attributes:
-        q: the configurations inside the limits whose swivel is that of a centre (n, nq) [rad].
+        q: the postures inside the limits (n, nq) [rad].
         sector: number of the sector of each (n,).
         point: number of the point of each (n,).
-        theoretical: which centres some configuration, limits apart, has (points, sectors).
-        working: which of them one of ``q`` has (points, sectors).
+        theoretical: centres with a posture, without regard to limits (points, sectors).
+        working: centres with a posture in ``q`` (points, sectors).
     """
 
     q: Array
@@ -323,7 +315,7 @@ class Sectors:
 
     @staticmethod
     def of(components: Components, limits: Array, sectors: int) -> Sectors:
-        """Those of the points of ``components`` with ``limits`` (nq, 2) [rad]."""
+        """Sectors of the points of ``components`` with ``limits`` (nq, 2) [rad]."""
         theoretical, working = np.zeros((2, len(components.points), sectors), dtype=bool)
         if not components.curves:
             none = np.empty(0, dtype=np.intp)
@@ -347,8 +339,8 @@ class Sectors:
 
     @property
     def zeta(self) -> Array:
-        """Working over theoretical sectors of every point (points,); nan where nothing is
-        theoretical.
+        """Working over theoretical sectors of each point (points,); nan without theoretical
+        sectors.
         """
         with np.errstate(invalid="ignore"):
             return np.asarray(self.working.sum(axis=1) / self.theoretical.sum(axis=1))
@@ -367,11 +359,8 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
 
 
 def arc_fractions(components: Components, limits: Array) -> Array:
-    """Working over theoretical range of the swivel angle for every point: (m,), nan where nothing
-    is theoretical.
-
-    Pieces between vertices that may meet a limit are divided into ``LIMIT_PARTS``, with solutions
-    in between.
+    """Working over theoretical range of the swivel angle of each point: (m,); nan without a
+    range.
     """
     m = len(components.points)
     if not components.curves:
@@ -392,11 +381,8 @@ def arc_fractions(components: Components, limits: Array) -> Array:
 
 
 def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Index:
-    """How many of the ``ARC_BINS`` of the full turn are covered by arcs from ``start`` over
+    """Number of the ``ARC_BINS`` of a turn whose centres are covered by arcs from ``start`` over
     ``turn``: (points,).
-
-    A bin counts when an arc covers its centre; of arcs in order, each adds what is behind the end
-    of all before it.
     """
     bins = ARC_BINS
     a_radian = bins / (2 * np.pi)

@@ -1,9 +1,8 @@
-"""The swivel angle: where on its circle the elbow is.
+"""The swivel angle: the place of the elbow on its circle about the line shoulder → working point.
 
-The elbow turns about the line from the shoulder to the working point. Its angle is 0 where it is
-highest (against gravity) and grows by the right-hand rule about the direction shoulder → point.
-Straight above or below the shoulder no direction is "highest"; the axis of the base frame that is
-least along gravity (x, where gravity is along z) takes its place.
+The angle is 0 if the elbow is highest (against gravity), and grows by the right-hand rule about
+shoulder → point. If this line is vertical, the base axis least along gravity takes the place of
+"up".
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ class Swivel:
 
     @property
     def shoulder(self) -> Array:
-        """The point of joint axis 1 next to joint axis 2, (3,) [m]; it does not move."""
+        """The point of joint axis 1 closest to joint axis 2, (3,) [m]; it does not move."""
         rotation, origin = self.dh.chain.walk(np.zeros((1, self.dh.nq)))
         frame = self.dh.place(1)
         place = origin[frame, 0]
@@ -42,19 +41,17 @@ class Swivel:
         return np.asarray(place)
 
     def elbow(self, q: Array) -> Array:
-        """Position of the elbow, on joint axis 4, for ``q`` (n, nq): (n, 3) [m]."""
+        """Elbow, on joint axis 4, at ``q`` (n, nq): (n, 3) [m]."""
         frame = self.dh.place(3 if self.dh.standard else 4)
         return self.dh.chain.cut(frame).positions(q)
 
     def angle(self, q: Array, points: Array) -> Array:
-        """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in
-        [-π, π].
-        """
+        """Swivel angles at ``q`` (n, nq) with working points (n, 3): (n,) [rad] in [-π, π]."""
         return self.angle_in(self.frames(points), q)
 
     def frames(self, points: Array) -> Array:
-        """For working points (m, 3) the directions of the swivel angles 0 and π/2 (m, 2, 3), of the
-        same length.
+        """Directions of the swivel angles 0 and π/2 (m, 2, 3), of equal length, at points (m,
+        3).
         """
         axis = points - self.shoulder
         length = np.linalg.norm(axis, axis=1, keepdims=True)
@@ -66,8 +63,8 @@ class Swivel:
         return np.stack([reference, np.cross(axis, reference)], axis=1)
 
     def angle_in(self, frames: Array, q: Array) -> Array:
-        """Swivel angles of ``q`` (n, nq) in the :meth:`frames` of their working points (n, 2, 3):
-        (n,) [rad] in [-π, π].
+        """Swivel angles at ``q`` (n, nq) in the :meth:`frames` of their points (n, 2, 3): (n,)
+        [rad].
         """
         upwards, sideways = np.einsum("nki,ni->kn", frames, self.elbow(q) - self.shoulder)
         return np.asarray(np.arctan2(sideways, upwards))

@@ -1,9 +1,7 @@
-"""Postures with which any serial arm of turning joints holds its tip at a point, and oriented as
-wanted.
+"""Postures of any serial arm of revolute joints with its tip at a point, perhaps oriented.
 
-With as many conditions as joints the postures are single ones; with one joint more they lie on
-closed curves, the self-motion of the arm. Point: 3 conditions; point and direction of one axis of
-the tip: 5; whole pose: 6.
+With as many conditions as joints the postures are single. With one more joint they are closed
+curves, the self-motion. Point: 3 conditions; point and axis: 5; pose: 6.
 """
 
 from __future__ import annotations
@@ -42,9 +40,9 @@ from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, Curve, flattest
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
 ELBOW_JOINT = 4
-"""The elbow of an AACMM is on the axis of this joint."""
+"""Joint whose axis the elbow of an AACMM is on."""
 ORTHONORMAL = 1e-6
-"""A matrix whose columns are this nearly orthonormal is a rotation, and is made one."""
+"""A matrix with a smaller deviation from orthonormal is made a rotation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +95,13 @@ class ReachingPostures(PosturesAtPoint):
         return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Return a flexibility that has only ``arc_fraction``, because arms without an elbow have
-        no sectors.
+        """Return a flexibility with ``arc_fraction`` only: arms without an elbow have no
+        sectors.
         """
         return Flexibility(float("nan"), (), self.arc_fraction)
 
     def _steps(self, number: int) -> Array:
-        """From each posture of a component to the next, on a closed curve from the last to the
-        first too [rad].
-        """
+        """Steps from each posture of a component to the next, around a closed curve [rad]."""
         q = self.q[self.component == number]
         is_closed = not self.single and self.curves[number - 1].closed
         return wrapped(np.diff(q, axis=0, append=q[: int(is_closed)]))
@@ -273,7 +269,6 @@ def _rotation(values: ArrayLike) -> Array:
 
 
 def _families(finds: SolutionSet, found: Search) -> list[Note]:
-    """That there are singular postures in families, which are not listed."""
     if finds.family is None:
         return []
     data = {
@@ -285,9 +280,7 @@ def _families(finds: SolutionSet, found: Search) -> list[Note]:
 
 
 def _next_to_singular(single: Isolated, found: Search) -> list[Note]:
-    """That some postures are so flat that rounding decides whether a neighbour is found, and
-    whether it is another one.
-    """
+    """Notes on nearly singular postures and stalled starts."""
     ratio, _ = flattest(single.equations, single.q)
     near = np.flatnonzero(ratio < NEARLY_SINGULAR)
     notes = []
@@ -299,9 +292,7 @@ def _next_to_singular(single: Isolated, found: Search) -> list[Note]:
 
 
 def _swivel(arm: Arm, q: Array, point: Array) -> Array:
-    """Swivel angles where the arm has the elbow of an AACMM: a DH table whose first four rows are
-    joints.
-    """
+    """Swivel angles, if the first four rows of a DH table are joints; else nan."""
     if arm.dh is None or arm.dh.rows <= ELBOW_JOINT or not arm.dh.moving[:ELBOW_JOINT].all():
         return np.full(len(q), np.nan)
     points = np.broadcast_to(point, (len(q), 3))

@@ -1,10 +1,8 @@
-"""All solutions of the equations of a pose by Newton's method from many starts, in rounds, until
-rounds bring nothing new.
+"""All solutions of the equations of a pose, by Newton's method from many starts.
 
-Of as many equations as angles the solutions are single (:class:`Isolated`). With one angle more
-they are closed curves, the self-motion of an arm whose pose is held (:class:`SelfMotion`): J. W.
-Burdick, "On the inverse kinematics of redundant manipulators: characterization of the self-motion
-manifolds", ICRA 1989; at most sixteen of them.
+With as many equations as angles the solutions are single (:class:`Isolated`). With one more angle
+they are at most sixteen closed curves (:class:`SelfMotion`): J. W. Burdick, "On the inverse
+kinematics of redundant manipulators: characterization of the self-motion manifolds", ICRA 1989.
 """
 
 from __future__ import annotations
@@ -30,46 +28,40 @@ from aacmm_pin.postures.solution_curves import (
 ROUND = 256
 """Starts of one round."""
 ENOUGH = 300
-"""Arrivals in a row that bring nothing new end a search."""
+"""Arrivals in a row without a new solution that end a search."""
 STARTS_WITHOUT_ARRIVAL = 1024
-"""Starts of which none arrives end it too."""
+"""Starts without any arrival that end a search."""
 MOST_STARTS = 16384
 STALLED_BELOW = 1e-5
-"""A start that did not arrive but whose equations are off by less than this stalled next to a
-solution [m, rad].
-"""
+"""A start that did not arrive, with a smaller residual, stalled next to a solution [m, rad]."""
 MERGE_DISTANCE = 0.02
-"""Solutions nearer than this are one if the equations hold half-way between them as well [rad]."""
+"""Closer solutions are one if the equations hold half-way between them too [rad]."""
 ASIDE = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
-"""How far beside a solution its neighbour is looked for, in the direction in which it is most
-easily left [rad].
-"""
+"""Distances from a solution, in its flattest direction, to look for neighbours [rad]."""
 ALONG = np.array([0.02, 0.04, 0.08])
-"""Steps along a family, each of which has to arrive about there [rad]."""
+"""Steps along a family, each of which must arrive close to its end [rad]."""
 ABOUT_THERE = 0.3
-"""Part of such a step by which it may end elsewhere."""
+"""Part of a step along a family by which it may end elsewhere."""
 MOST_SINGLE = 16
-"""Six turning joints have at most so many single postures for a pose (Primrose 1986); more are a
-family in disguise.
+"""Six revolute joints have at most so many postures for a pose (Primrose 1986); more are a
+family.
 """
 MOST_BESIDE = 8
-"""So many finds are looked for beside one another; next to a singular pose an almost-family of them
-has no end.
-"""
+"""Finds beside each other to look for; close to a singular pose there is no end of them."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """What a search did, from which follows how sure it is.
+    """Data of a search.
 
     Attributes:
         starts: evenly spread starts of Newton's method.
-        arrived: how many of them ended in a solution.
-        stalled: how many came to a stand beside a solution next to a singular one.
-        hits: how many arrived at each find, in the order of the components.
-        since_new: arrivals after the last one that brought something new.
-        ended: True where it ended at its limit of work, before enough arrivals brought nothing new.
-        degenerate: True where the equations are nearly singular everywhere.
+        arrived: starts that ended in a solution.
+        stalled: starts that stopped close to a nearly singular solution.
+        hits: arrivals at each find, in the order of the components.
+        since_new: arrivals after the last new find.
+        ended: True if the search ended at its limit of work.
+        degenerate: True if the equations are nearly singular everywhere.
     """
 
     starts: int
@@ -82,11 +74,11 @@ class Search:
 
     @property
     def unseen(self) -> float:
-        """Upper limit, 95 %, of the share of arrivals that would go to finds not yet seen:
-        3/``since_new``, at most 1.
+        """Upper limit, 95 %, of the share of arrivals at finds not yet seen: 3/``since_new``, at
+        most 1.
 
-        The rule of three: n trials without a success bound its probability by -ln 0.05/n. It speaks
-        of basins of Newton's method, not of the arm: what no start leads to stays unseen.
+        The rule of three: n trials without success bound the probability by -ln 0.05/n. Solutions
+        that no start leads to stay unseen.
         """
         return min(1.0, 3.0 / self.since_new) if self.since_new else 1.0
 
@@ -100,13 +92,13 @@ class Search:
 
 @dataclass(eq=False)
 class SolutionSet:
-    """What gathers solutions.
+    """A collection of solutions.
 
     Attributes:
-        equations: what is solved.
-        hits: arrivals at each find so far.
-        family: a singular solution that belongs to none of the finds (k,); None where none was met.
-        families: arrivals at such.
+        equations: the equations.
+        hits: arrivals at each find.
+        family: a singular solution that belongs to no find (k,), or None.
+        families: number of arrivals at such solutions.
     """
 
     equations: Equations
@@ -116,19 +108,15 @@ class SolutionSet:
 
     @property
     def ended(self) -> bool:
-        """True where following what was found has used up its limit of work."""
+        """True if the limit of work is reached."""
         return False
 
     def add(self, q: Array) -> int:
-        """Take in solutions (n, k) [rad]; return the place in ``q`` behind the last that brought
-        something new, or 0.
-        """
+        """Add solutions (n, k) [rad]; return the number in ``q`` after the last new one, or 0."""
         raise NotImplementedError
 
     def _count_families(self, q: Array, regular: Mask) -> int:
-        """Count those that are not ``regular``; return the place behind the first if no family was
-        known, or 0.
-        """
+        """Count singular solutions; return the number after the first one of a new family, or 0."""
         self.families += int((~regular).sum())
         if self.family is not None or regular.all():
             return 0
@@ -139,13 +127,13 @@ class SolutionSet:
 
 @dataclass(eq=False)
 class Isolated(SolutionSet):
-    """Gathers single solutions.
+    """Single solutions.
 
-    Two solutions that nearly coincide, as next to a singularity, have small basins between them:
-    each find is left in its flattest direction, to both sides, to look for the other.
+    Two solutions that nearly coincide have small basins: from each find, the search looks to both
+    sides in its flattest direction.
 
     Attributes:
-        q: the solutions so far (m, k) [rad].
+        q: the solutions (m, k) [rad].
     """
 
     q: Array = field(kw_only=True)
@@ -173,7 +161,7 @@ class Isolated(SolutionSet):
         self.hits.append(0)
 
     def _number(self, q: Array) -> int | None:
-        """Which find ``q`` (k,) is; None where it is none of them."""
+        """The number of the find that ``q`` (k,) is, or None."""
         gap = wrapped(self.q - q)
         distance = np.linalg.norm(gap, axis=1)
         for number in np.argsort(distance):
@@ -187,9 +175,7 @@ class Isolated(SolutionSet):
         return None
 
     def _look_beside(self, q: Array) -> None:
-        """Look for neighbours of a find (k,) in its flattest direction, for neighbours of these,
-        and so on.
-        """
+        """Add neighbours of a find (k,) in its flattest direction, and their neighbours."""
         left = [q]
         for _ in range(MOST_BESIDE):
             if not left:
@@ -205,9 +191,7 @@ class Isolated(SolutionSet):
                     left.append(other)
 
     def _single(self, q: Array) -> Mask:
-        """Which solutions (n, k) do not go on beside themselves, in one of their two flattest
-        directions: (n,).
-        """
+        """Solutions (n, k) that do not continue in one of their two flattest directions: (n,)."""
         single = np.ones(len(q), dtype=bool)
         if not len(q):
             return single
@@ -226,14 +210,14 @@ class Isolated(SolutionSet):
 
 @dataclass(eq=False)
 class SelfMotion(SolutionSet):
-    """Gathers closed curves."""
+    """Closed curves of solutions."""
 
     def __post_init__(self) -> None:
         self._search = CurveSearch(self.equations, 0)
 
     @property
     def curves(self) -> list[Curve]:
-        """Those found so far."""
+        """The curves so far."""
         return self._search.curves
 
     @property
@@ -257,8 +241,8 @@ class SelfMotion(SolutionSet):
 
 
 def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> Search:
-    """Fill ``finds`` with the solutions of its system in ``joints`` angles; it ends at
-    ``most_starts`` in any case.
+    """Fill ``finds`` with the solutions in ``joints`` angles, from at most ``most_starts``
+    starts.
     """
     equations = finds.equations
     starts = arrived = stalled = since_new = 0
@@ -283,9 +267,7 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
 
 
 def _stalled(equations: Equations, q: Array) -> int:
-    """How many of some that did not arrive (n, k) stand beside a solution that is nearly
-    singular.
-    """
+    """Number of unsuccessful ends (n, k) beside a nearly singular solution."""
     values, _ = equations(q)
     residual = np.abs(values).max(axis=1, initial=0.0)
     beside = q[residual < STALLED_BELOW]  # others of these would have arrived with more steps

@@ -1,5 +1,5 @@
-"""What a pose demands of the joint angles: the tip's place, the direction of one of its axes, or
-its whole orientation; and Newton's method and continuation for these equations.
+"""Equations of a pose: place of the tip, direction of an axis, or orientation; and their
+solution.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ Z_AXIS = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of some problems, which differ by the place of the tip alone.
+    """Equations of problems that differ by the place of the tip alone.
 
     Attributes:
-        links: constant transforms ``L_0 Rz(q_1) L_1 … Rz(q_n) L_n``, (n + 1, 4, 4) [m], from the
-            wanted orientation to the tip: that is reached where the tip's frame is the base's.
-        goals: places of the tip of all problems, in the axes of the wanted orientation (m, 3) [m].
-        count: number of equations k: 3 of a point, 5 with the z axis, 6 of a whole pose.
+        links: constant transforms of ``L_0 Rz(q_1) L_1 … Rz(q_n) L_n``, (n + 1, 4, 4) [m], from the
+            wanted orientation to the tip, whose frame must become that of the base.
+        goals: places of the tip in the axes of the wanted orientation (m, 3) [m].
+        count: number of equations k: 3, 5 with the z axis, 6 of a pose.
     """
 
     links: Array
@@ -35,8 +35,8 @@ class Equations:
 
     @staticmethod
     def of_axis(links: Array, points: Array, tool: Array, axis: Array) -> Equations:
-        """The tip shall be at ``points`` (m, 3) [m], and its unit vector ``tool`` (3,) along
-        ``axis`` of the base (3,); ``links`` (n + 1, 4, 4) are in the base.
+        """The tip at ``points`` (m, 3) [m], with its unit vector ``tool`` (3,) along ``axis`` (3,);
+        ``links`` (n + 1, 4, 4) and all vectors but ``tool`` in the base.
         """
         upright = rotation_between(axis, Z_AXIS)
         turned = _in_axes(links, upright)
@@ -44,11 +44,8 @@ class Equations:
         return Equations(turned, points @ upright.T, POINT_AND_AXIS)
 
     def __call__(self, q: Array, problem: Index | int = 0) -> tuple[Array, Array]:
-        """Values (n, k) [m, rad] and derivatives (n, k, joints) at ``q`` (n, joints) [rad].
-
-        Args:
-            q: configurations.
-            problem: number of the problem of each (n,), or of all.
+        """Values (n, k) [m, rad] and derivatives (n, k, joints) at ``q`` (n, joints) [rad];
+        ``problem`` numbers (n,), or one for all.
         """
         _, equations, _ = self._newton(q, problem, 0)
         return equations[:, :, -1], equations[:, :, :-1]
@@ -57,13 +54,13 @@ class Equations:
         """Move each row to the nearest solution by damped least-norm Newton steps.
 
         Returns:
-            q (n, joints) [rad] and the flags (n,) of those that arrived.
+            q (n, joints) [rad], and whether each arrived (n,).
         """
         moved, _, arrived = self._newton(q, problem, MOST_POLISHES)
         return moved, arrived
 
     def _newton(self, q: Array, problem: Index | int, most: int) -> tuple[Array, Array, Mask]:
-        """Angles after at most so many steps, the equations at the last ones, who arrived."""
+        """Angles after at most ``most`` steps, equations at the last ones, and which arrived."""
         joints = q.shape[1]
         moved = np.array(q, order="C")
         arrived = np.empty(len(q), dtype=np.bool_)
@@ -78,12 +75,12 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class PoseConditions:
-    """Conditions on the tip of a chain whose joints turn.
+    """Conditions on the tip of a chain of revolute joints.
 
     Attributes:
         chain: the arm.
         point: place of the tip (3,) [m].
-        tool: unit direction in the tip's frame that shall lie along ``axis`` (3,), or None.
+        tool: unit direction in the tip's frame along ``axis`` (3,), or None.
         axis: unit direction in the base (3,), or None.
         rotation: orientation of the tip's frame in the base (3, 3), or None.
     """
@@ -103,13 +100,11 @@ class PoseConditions:
 
     @property
     def free(self) -> int:
-        """Joints beyond the conditions: the dimension of a set of postures that meets them, outside
-        singularities.
-        """
+        """Joints beyond the conditions: the dimension of the regular set of postures."""
         return self.chain.nq - self.count
 
     def equations(self) -> Equations:
-        """The same as equations of one problem."""
+        """The equations of these conditions, one problem."""
         links = self.chain.links()
         points = self.point[None]
         if self.rotation is not None:
@@ -131,7 +126,7 @@ def rotation_between(u: Array, v: Array) -> Array:
 
 
 def _in_axes(links: Array, rotation: Array) -> Array:
-    """The links from the base turned: ``rotation`` (3, 3) takes vectors into its axes."""
+    """The links in axes to which ``rotation`` (3, 3) takes vectors of the base."""
     turned = links.copy()
     turned[0, :3] = rotation @ turned[0, :3]
     return turned

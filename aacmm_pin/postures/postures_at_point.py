@@ -1,4 +1,4 @@
-"""Postures that bring one frame of an arm to one point: the base class of all enumerations."""
+"""The base class of all lists of postures that bring a frame to a point."""
 
 from __future__ import annotations
 
@@ -83,10 +83,8 @@ class PosturesAtPoint(Shown):
         return table
 
     def summary(self) -> pd.DataFrame:
-        """Return a table with one row for each component.
-
-        The columns are the number of postures, the number within limits, and the joints with
-        postures outside their limits.
+        """Return a table with one row for each component: number of postures, number within limits,
+        and joints outside their limits.
         """
         import pandas as pd
 
@@ -105,23 +103,23 @@ class PosturesAtPoint(Shown):
 
 
 def _joints(flags: Mask) -> str:
-    """Numbers of the joints, from 1, that are marked (nq,)."""
+    """Numbers of the marked joints, from 1."""
     numbers = np.flatnonzero(flags) + 1
     return " ".join(map(str, numbers))
 
 
 def open_curve_notes(curves: Iterable[Curve]) -> list[Note]:
-    """A note on each curve that was not followed all the way round."""
+    """A note on each curve that was not followed all around."""
     unfinished = [number for number, curve in enumerate(curves, start=1) if not curve.closed]
     return [Note("curve_open", {"component": number}) for number in unfinished]
 
 
 def missing_notes(number: int) -> list[Note]:
-    """A note on ``number`` configurations of a curve that could not be found; none if 0."""
+    """A note on ``number`` missing postures of a curve; none if 0."""
     return [Note("configurations_missing", {"number": number})] if number else []
 
 
 def in_degrees(q: Array) -> str:
-    """Angles (k,) [rad] for people."""
+    """Angles (k,) [rad] as text."""
     angles = ", ".join(f"{angle:.1f}" for angle in wrapped(q) / DEG)
     return f"({angles})°"

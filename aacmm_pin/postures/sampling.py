@@ -1,4 +1,4 @@
-"""Postures of any arm, also one that came as URDF: brought to a point, and chosen to differ."""
+"""Postures of any arm, brought to a point, or chosen to differ."""
 
 from __future__ import annotations
 
@@ -12,46 +12,35 @@ from aacmm_pin.arm import Arm, joint_bounds
 from aacmm_pin.effects import State
 
 StateOf = Callable[[Array, Index], State]
-"""The arm at indications (m, nq) that belong to the records with these numbers (m,)."""
+"""The arm at readings (m, nq) of the records with these numbers (m,)."""
 
 TOUCHING = 1e-12
-"""A tip this near to a point is there [m]."""
+"""Distance at which a tip is at a point [m]."""
 MOST_ROUNDS = 30
 """Of the search for a posture at a point."""
 LONGEST_STEP = 0.5
 """Of one round [rad, m]."""
 MIN_MOBILITY_RATIO = 0.01
-"""A posture whose tip moves this many times less easily in one direction than in another is left
-out.
-"""
+"""Least ratio of the mobilities of the tip in its directions; other postures are omitted."""
 DIFFERENT = 0.02
-"""Postures differ when they are this far apart, see :func:`posture_features`; about as many
-radians.
-"""
+"""Distance of :func:`posture_features` from which postures differ, about the same in rad."""
 
 
 def tip_jacobian(state: State) -> Array:
-    """∂tip/∂q (n, 3, nq) [m/rad] of the arm as it stands, its displacements taken as constant."""
+    """∂tip/∂q (n, 3, nq) [m/rad], with constant displacements of causes."""
     jacobian, _ = state.arm.chain.jacobian(state.rotation, state.origin, state.position)
     return jacobian
 
 
 def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tuple[Array, Mask]:
-    """Postures near ``q`` whose tips are at ``target``, by a damped Newton method of least steps
-    that stays in ``bounds``.
+    """Postures near ``q`` (n, nq) [rad] with the tips at ``target`` (n, 3) [m], inside ``bounds``
+    (nq, 2).
 
-    A step is ``Jᵀ (J Jᵀ + λ² I)⁻¹ (target - tip)`` with λ² = |target - tip|²/10, which vanishes on
-    arrival (Nakamura, Hanafusa 1986; the damping is ours).
-
-    Args:
-        state_of: the arm.
-        q: where to start (n, nq) [rad].
-        target: (n, 3) [m].
-        bounds: (nq, 2) [rad].
+    Damped least-norm Newton steps ``Jᵀ (J Jᵀ + λ² I)⁻¹ (target - tip)``, λ² = |target - tip|²/10
+    (Nakamura, Hanafusa 1986; the damping is ours).
 
     Returns:
-        Postures (n, nq), and which of them have arrived (n,); the others stand where they got
-        stuck.
+        postures (n, nq), and which arrived (n,).
     """
     q, arrived = q.copy(), np.zeros(len(q), dtype=bool)
     for part in chunks(len(q)):
@@ -81,9 +70,7 @@ def _step(jacobian: Array, miss: Array) -> Array:
 
 
 def agile(state: State) -> Mask:
-    """Which tips can move about alike in all directions in which any of them can, see
-    :data:`MIN_MOBILITY_RATIO`: (n,).
-    """
+    """Postures whose tip can move about alike in all possible directions: (n,)."""
     easiness = np.linalg.svd(tip_jacobian(state), compute_uv=False)
     most = easiness[:, :1]
     directions = (easiness > 1e-9 * most).any(axis=0)
@@ -92,10 +79,8 @@ def agile(state: State) -> Mask:
 
 
 def posture_features(arm: Arm, q: Array) -> Array:
-    """Numbers whose distance says how different postures are: cosine and sine of angles, slides
-    over their range.
-
-    A whole turn makes no difference; a small turn of one joint by δ is a distance of δ.
+    """Numbers whose distance tells how different postures are: a full turn gives 0, a small turn δ
+    gives δ.
     """
     bounds = joint_bounds(arm)
     slides = arm.chain.prismatic
@@ -107,11 +92,9 @@ def posture_features(arm: Arm, q: Array) -> Array:
 
 
 def spread_out(features: Array, count: int, apart: float) -> Index:
-    """Numbers of ``count`` different rows, far from one another; fewer where no more are ``apart``
-    from all the others.
+    """Numbers of at most ``count`` rows, each at least ``apart`` from the others.
 
-    Farthest-point order: each is the row farthest from all before it (Gonzalez 1985); the first is
-    row 0.
+    Farthest-point order from row 0: each next row is farthest from all before (Gonzalez 1985).
     """
     if not len(features):
         return np.empty(0, dtype=np.intp)
@@ -127,7 +110,5 @@ def spread_out(features: Array, count: int, apart: float) -> Index:
 
 
 def different_postures(arm: Arm, q: Array, count: int) -> Array:
-    """``count`` of the postures ``q`` (n, nq), spread out, or as many as differ from one
-    another.
-    """
+    """At most ``count`` different postures of ``q`` (n, nq), spread out."""
     return q[spread_out(posture_features(arm, q), count, DIFFERENT)]

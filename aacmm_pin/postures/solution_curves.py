@@ -1,4 +1,4 @@
-"""All curves of solutions that hold some seeds, once; and how nearly singular solutions are."""
+"""All curves of solutions through seeds, and how nearly singular solutions are."""
 
 from __future__ import annotations
 
@@ -15,24 +15,21 @@ MOST_STEPS, MOST_CURVES = 3000, 50
 """Steps and curves of one problem after which a search ends with what it has. Real arms take fewer
 than 800 steps and have up to 16 curves."""
 SINGULAR = 1e-6
-"""A solution is singular where the smallest singular value of the equations' derivative is this
-part of the largest.
-"""
+"""Ratio of smallest to largest singular value of the derivative of a singular solution."""
 CLEARLY = 10.0
-"""A bound so many times larger leaves room for the rounding of a determinant, 1e-8 of its root."""
+"""Margin of a bound for the rounding of a determinant, 1e-8 of its root."""
 NEARLY_SINGULAR = 1e-4
-"""Instead of ``SINGULAR``: a solution next to a singular one, where rounding decides what is found.
-"""
+"""Ratio of a solution next to a singular one, where rounding decides what is found."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One curve: its vertices in order (the first is not repeated at the end).
+    """A curve: its vertices in order, the first not repeated.
 
     Attributes:
-        q: (m, k + 1) [rad], unwrapped: it follows the curve and may leave [-π, π].
-        closed: True where the last vertex is followed by the first.
-        problem: number of the problem that it belongs to.
+        q: (m, k + 1) [rad], unwrapped, so that it may leave [-π, π].
+        closed: True if the last vertex is followed by the first.
+        problem: number of its problem.
     """
 
     q: Array
@@ -42,12 +39,12 @@ class Curve:
 
 @dataclass(eq=False)
 class CurveSearch:
-    """The curves of one problem on which seeds were found so far.
+    """The curves of one problem through seeds so far.
 
     Attributes:
-        equations: of all problems.
-        problem: number of the one.
-        steps: along curves that are left.
+        equations: equations of all problems.
+        problem: number of this problem.
+        steps: remaining steps along curves.
     """
 
     equations: Equations
@@ -61,14 +58,11 @@ class CurveSearch:
         self._closed = np.zeros(MOST_CURVES, dtype=np.bool_)
 
     def add(self, seeds: Array, is_regular: Mask) -> Index:
-        """Follow every curve through one of the ``seeds`` (n, k + 1) [rad], solutions, once.
-
-        Args:
-            seeds: solutions.
-            is_regular: which of them may begin a curve (n,).
+        """Follow every curve through one of the solutions ``seeds`` (n, k + 1) [rad] once; those
+        that are ``is_regular`` (n,) may begin a curve.
 
         Returns:
-            the number of each one's curve (n,), or what :mod:`~.continuation` has instead.
+            number of the curve of each seed (n,), or a constant of :mod:`~.continuation`.
         """
         equations = self.equations
         number = np.empty(len(seeds), dtype=np.intp)
@@ -82,7 +76,7 @@ class CurveSearch:
 
     @property
     def curves(self) -> list[Curve]:
-        """Those found."""
+        """The curves so far."""
         ends = self._ends[: self._count].tolist()
         begins = [0, *ends][: self._count]
         curves = []
@@ -94,15 +88,14 @@ class CurveSearch:
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """The curves of some problems, and what is known besides of their solutions.
+    """The curves of some problems.
 
     Attributes:
-        equations: of all problems.
+        equations: equations of all problems.
         curves: sorted by the number of their problem.
-        families: by problem, a singular solution that is on none of its curves: such go on in
-            families of more dimensions.
-        unfinished: numbers of the problems of which there may be more curves: the search ended at
-            its limit of work.
+        families: by problem, a singular solution on none of its curves, of a family with more
+            dimensions.
+        unfinished: problems whose search ended at its limit of work.
         degenerate: see :func:`degenerate`.
     """
 
@@ -114,9 +107,7 @@ class Curves:
 
 
 def following(curves: list[Curve]) -> Index:
-    """Of the vertices of some curves, one curve after the other, the number of each one's next
-    round its curve (n,).
-    """
+    """For vertices of curves in order, the number of the next vertex around the curve (n,)."""
     lengths = np.array([len(curve.q) for curve in curves])
     last = np.cumsum(lengths) - 1
     behind = np.arange(1, lengths.sum() + 1)
@@ -125,13 +116,8 @@ def following(curves: list[Curve]) -> Index:
 
 
 def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate: bool) -> Curves:
-    """Every curve that holds one of the ``seeds`` (n, k + 1), which must be solutions, once.
-
-    Args:
-        equations: of all problems.
-        seeds: solutions [rad].
-        problem: number of the problem of each (n,).
-        is_degenerate: what :func:`degenerate` says.
+    """Every curve through one of the solutions ``seeds`` (n, k + 1) [rad] once; ``problem`` numbers
+    (n,).
     """
     regular = _regular(equations, seeds, problem)
     curves = list[Curve]()
@@ -152,22 +138,19 @@ def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate
 
 
 def degenerate(equations: Equations, spread: Array) -> bool:
-    """Whether the equations are nearly singular at all of some spread angles (n, k): then solutions
-    are easily missed.
-
-    So it is with arms whose axes are parallel, or meet in a point, all of them or nearly.
+    """Whether the equations are nearly singular at all of some spread angles (n, k), as for arms
+    with parallel or concurrent axes: solutions are then easily missed.
     """
     ratio, _ = flattest(equations, spread)
     return bool(ratio.max(initial=0.0) < NEARLY_SINGULAR)
 
 
 def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[Array, Array]:
-    """How far each solution (n, k) is from singular, and in which direction it is most easily left.
+    """Distance of solutions (n, k) from singular, and directions that change the equations least.
 
     Returns:
-        smallest over largest singular value of the derivative (n,), 0 where all are; and the unit
-        right singular vectors (n, k, k), the last row of each the one that changes the equations
-        least.
+        smallest over largest singular value of the derivative (n,), 0 if all are 0; and unit right
+        singular vectors (n, k, k), the flattest last.
     """
     _, sizes, vectors = np.linalg.svd(equations(q, problem)[1])
     largest = sizes[:, 0]
@@ -176,10 +159,10 @@ def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[
 
 
 def _regular(equations: Equations, q: Array, problem: Index) -> Mask:
-    """Which solutions (n, k + 1) are not singular: (n,).
+    """Solutions (n, k + 1) that are not singular: (n,).
 
-    ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, is no larger than the smallest of
-    them. Only where it is small they are worked out.
+    ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, bounds the smallest ratio; only
+    if small, the ratios are computed.
     """
     jacobian = equations(q, problem)[1]
     gram = jacobian @ jacobian.transpose(0, 2, 1)

@@ -1,13 +1,11 @@
-"""All positions of a general chain of three revolute joints that bring a point to a place, in
-closed form.
+"""All positions of a chain of three revolute joints that bring a point to a place, in closed form.
 
-``p = B0 Rz(φ1) B1 Rz(φ2) B2 Rz(φ3) c`` for any constant transforms B. With ``u = B2 Rz(φ3) c`` and
-``w = B0⁻¹ p``, turning about the first axis keeps |w|² and w_z; both conditions are linear in the
-in-plane part g of ``Rz(φ2) u``: ``N g = h``, and |g|² = u_x² + u_y². Eliminating φ2 gives ``|adj(N)
-h|² = det(N)² (u_x² + u_y²)``, a quadratic form in (1, cos φ3, sin φ3), that is a polynomial of
-degree four in exp(iφ3), whose solutions lie on the unit circle. There is no division by the
-(possibly tiny) offset between the first two axes: where they intersect, the roots pair up.
-Derivation: own, after D. L. Pieper's reduction of the three-joint regional structure (Stanford,
+``p = B0 Rz(φ1) B1 Rz(φ2) B2 Rz(φ3) c`` with constant transforms B. With ``u = B2 Rz(φ3) c`` and ``w
+= B0⁻¹ p``, a rotation about the first axis keeps |w|² and w_z. Both conditions are linear in the
+in-plane part g of ``Rz(φ2) u``: ``N g = h``, and |g|² = u_x² + u_y². Elimination of φ2 gives
+``|adj(N) h|² = det(N)² (u_x² + u_y²)``, a quadratic form in (1, cos φ3, sin φ3). There is no
+division by the offset of the first two axes, which may be tiny: if they intersect, the roots pair
+up. Derivation: own, after D. L. Pieper's reduction of the three-joint regional structure (Stanford,
 1968).
 """
 
@@ -24,8 +22,8 @@ WORSE, ROUNDING = 1e3, 1e-6
 more than rounding [m].
 """
 NEARLY = 0.25
-"""Pairs of roots with a smaller imaginary part are kept as candidates: rounding parts those that
-should be one [rad].
+"""Pairs of roots with a smaller imaginary part stay candidates: rounding separates double roots
+[rad].
 """
 GRID, STEPS = 48, 6
 """Angles round the circle between two of which there are at most two roots, and steps to each root.
@@ -33,17 +31,15 @@ GRID, STEPS = 48, 6
 
 
 def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Array, Index]:
-    """Candidates for the three angles; every solution is near one, but not every candidate is a
-    solution.
+    """Candidates for the three angles: every solution is close to one, but not the reverse.
 
     Args:
         b0, b1, b2: constant transforms (n, 4, 4) [m].
         c: point in the last frame (n, 3) [m].
-        p: place that it shall reach (n, 3) [m].
+        p: its wanted place (n, 3) [m].
 
     Returns:
-        angles (m, 3) [rad] to be polished by Newton's method, and the row (m,) that each belongs
-        to.
+        angles (m, 3) [rad] to be polished by Newton's method, and the row of each (m,).
     """
     w = np.einsum("nji,nj->ni", b0[:, :3, :3], p - b0[:, :3, 3])
     # R1ᵀ t1, R1ᵀ e_z.
@@ -83,8 +79,8 @@ def _affine_point(b2: Array, c: Array) -> Array:
 
 
 def _affine_right_side(b1: Array, u: Array, c: Array, b2: Array, w: Array, rows: Array) -> Array:
-    """h as an affine function of (1, cos φ3, sin φ3): (n, 2, 3). |u|² is affine, because |B2 Rz
-    c|² - |c|² - |t2|² is.
+    """h as an affine function of (1, cos φ3, sin φ3): (n, 2, 3). |u|² is affine: |B2 Rz c|² - |c|²
+    - |t2|² is.
     """
     shift = b2[:, :3, 3]
     along = np.einsum("ni,nik->nk", shift, u)
@@ -98,7 +94,7 @@ def _affine_right_side(b1: Array, u: Array, c: Array, b2: Array, w: Array, rows:
 
 
 def _square(vectors: Array) -> Array:
-    """Squares of the lengths of vectors (n, 3): (n,)."""
+    """|v|² of vectors (n, 3): (n,)."""
     return np.asarray(np.square(vectors).sum(axis=1))
 
 
@@ -114,12 +110,11 @@ def _quadratic_form(plane: Array, u: Array, h: Array) -> Array:
 
 
 def _roots(form: Array) -> tuple[Array, Index]:
-    """Angles φ with (1, cos φ, sin φ) form (…)ᵀ ≈ 0, and the row that each belongs to.
+    """Angles φ with (1, cos φ, sin φ) form (…)ᵀ ≈ 0, and the row of each.
 
-    Between two neighbours of a grid the form, a wave of first and second order, has one root where
-    its sign changes; and two, nearly two or none where, as fast as it can bend, it may come to zero
-    and turn back. Each step towards a root goes to that of the osculating parabola at which the
-    form grows or falls as it shall, or to where the parabola turns.
+    Between grid angles the form, a wave of first and second order, has one root at a change of
+    sign, and up to two where its curvature allows. Each step goes to the root of the osculating
+    parabola with the right slope, or to its vertex.
     """
     size = np.abs(form).max(axis=(1, 2), keepdims=True)
     # Of an arm without lengths there is nothing left.
@@ -171,7 +166,7 @@ def _roots(form: Array) -> tuple[Array, Index]:
 
 
 def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
-    """Angles φ2 from the better one of the two linear equations: line and circle meet in two
+    """Angles φ2 from the better conditioned linear equation: a line meets a circle in two
     points.
     """
     size = np.linalg.norm(rows, axis=2)

@@ -1,8 +1,7 @@
-"""All configurations that bring the tip to a place with the stylus along an axis, as closed curves.
+"""All postures with the tip at a place and the stylus along an axis, as closed curves.
 
-Five conditions for six joints. Seeds come from the curves of the wrist
-(:mod:`aacmm_pin.postures.wrist_ik`) for many turns of the body about the stylus, and from evenly
-spread starts where windows are too narrow for those.
+Five conditions for six joints. Seeds come from wrist curves (:mod:`aacmm_pin.postures.wrist_ik`)
+for many turns of the body about the stylus, and from spread starts.
 """
 
 from __future__ import annotations
@@ -19,22 +18,21 @@ from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, POSITIONING, Wrist, with_s
 SPREAD = 600
 """Evenly spread starts."""
 DIRECTIONS = 48
-"""Turns of the body about the stylus that are tried."""
+"""Turns of the body about the stylus."""
 
 
 def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves:
-    """Curves of six joints on which the tip is at one of ``points`` and the stylus points along
+    """Curves of six joints with the tip at one of ``points`` (m, 3) [m] and the stylus along
     ``axis``.
 
-    The body behind joint 6 may still turn about the stylus. For each of many such turns the wrist's
-    place is known; where along its circle joint axis 5 makes the angle with joint axis 6 that row 5
-    demands, there is a seed.
+    For each turn of the last body about the stylus, the place of the wrist is known. A seed is
+    where joint axes 5 and 6 have the angle of row 5. Many points together take much less time.
 
     Args:
         dh: table with exactly six joints, the first six rows.
-        points: (m, 3) [m]; many together take much less time than one after the other.
-        stylus: unit direction of the stylus in the last frame (3,).
-        axis: unit direction that it shall have in the base (3,).
+        points: (m, 3) [m].
+        stylus: unit direction in the last frame (3,).
+        axis: its wanted unit direction in the base (3,).
     """
     equations = Equations.of_axis(dh.chain.links(), points, stylus, axis)
     seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis), len(points), SPREAD)
@@ -44,7 +42,7 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
 
 
 def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:
-    """Starting values (n, 6) [rad], near solutions, and the number of their point (n,)."""
+    """Angles (n, 6) [rad] close to solutions, and the number of their point (n,)."""
     links = dh.chain.links()
     behind = links[6]  # from joint 6 to the tip
     stylus_in_6 = behind[:3, :3] @ stylus
@@ -66,7 +64,7 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[
 
 
 def _bodies_about(axis: Array, stylus: Array) -> Array:
-    """Orientations (n, 3, 3) of the body behind joint 6 that have ``stylus`` along ``axis``."""
+    """Orientations (n, 3, 3) of the body after joint 6 with ``stylus`` along ``axis``."""
     angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
     turns = np.zeros((DIRECTIONS, 6))
     turns[:, 3:] = angles[:, None] * axis
@@ -75,12 +73,11 @@ def _bodies_about(axis: Array, stylus: Array) -> Array:
 
 
 def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[Array, Index]:
-    """Vertices of wrist curves at which joint 6 can carry ``body`` (n, 3, 3), with θ5 and θ6 (m, 6)
-    [rad]; their numbers.
+    """Angles (m, 6) [rad] at vertices of wrist curves where joint 6 can carry ``body`` (n, 3, 3),
+    and their numbers.
 
-    In the axes of joint 5 joint 6's axis is ``Rz(θ5) L5 e_z``; its z component does not depend on
-    θ5, which gives the condition on joints 1 to 4. ``behind`` is the number of the vertex behind
-    each (n,).
+    In the axes of joint 5 the axis of joint 6 is ``Rz(θ5) L5 e_z``. Its z component does not depend
+    on θ5: a condition on joints 1 to 4. ``behind`` has the next vertex of each (n,).
     """
     before = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
     for joint in range(POSITIONING):
@@ -103,5 +100,4 @@ def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[A
 
 
 def _turns(angles: Array) -> Array:
-    """Turns about z (n, 3, 3)."""
     return screws(angles, 0.0, 2)[:, :3, :3]

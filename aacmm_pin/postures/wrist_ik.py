@@ -1,10 +1,8 @@
-"""All configurations that bring the wrist to given places, as closed curves; limits play no part
-here.
+"""All postures with the wrist at given places, as closed curves, without regard to limits.
 
-Seeds come from the closed form of :mod:`aacmm_pin.postures.three_revolutes` with each of the joints
-1 to 4 held in turn at many angles: no single joint will do, because near the base axis the curves
-run at almost constant θ3, and on it θ1 is free. Newton's method then moves every candidate to the
-nearest solution, and continuation follows each curve once round.
+Seeds come from :mod:`aacmm_pin.postures.three_revolutes` with each of the joints 1 to 4 held in
+turn: near the base axis the curves run at almost constant θ3, and on it θ1 is free. Newton's method
+moves each candidate to a solution, and continuation follows each curve once around.
 """
 
 from __future__ import annotations
@@ -33,32 +31,24 @@ POSITIONING = 4
 WRIST_ROW = 5
 """The wrist is the origin of this frame."""
 SEEN_LEVER = 1e-4
-"""A note tells that joint 5 moves the wrist by more than this; that of SINO6 moves it by 0.037 mm
-[m].
-"""
+"""A note states a larger distance of the wrist from joint 5; of SINO6 0.037 mm [m]."""
 MOST_LEVER = 0.01
-"""A joint 5 that moves frame 5 by more was designed so; the largest residue in SINO6's table is 0.7
-mm [m].
-"""
+"""A larger distance is by design; the largest residue in the table of SINO6 is 0.7 mm [m]."""
 GRID = 16
-"""Angles of each of the joints 1 to 4 at which the search for the reach looks first."""
+"""Angles of each of the joints 1 to 4 in the grid of the search for the reach."""
 STARTS = 4
-"""So many of these configurations begin a local search: of 25 random arms, all had the reach that
-16 starts find.
-"""
+"""Starts of a local search: 25 random arms all had the reach that 16 starts find."""
 FEW_PER_TURN = 3
-"""Angles at which each joint is held where curves are many; with the spread seeds they find all
-that twenty-four find.
-"""
+"""Held angles of each joint with many curves; with spread seeds they find all that 24 find."""
 
 
 @dataclass(frozen=True)
 class Wrist:
-    """The origin of frame 5 as a function of joints 1 to 4, the others held.
+    """The origin of frame 5 as a function of joints 1 to 4, with the others held.
 
     Attributes:
-        table: rows 1 to 5 with the fifth fixed at its held angle.
-        rest: held angles of the joints after the fourth, (nq - 4,) [rad].
+        table: rows 1 to 5 with the fifth fixed.
+        rest: held angles of the joints after joint 4, (nq - 4,) [rad].
     """
 
     table: DHTable
@@ -66,17 +56,12 @@ class Wrist:
 
     @staticmethod
     def of_arm(arm: Arm, purpose: str, rest: ArrayLike | None = None) -> Wrist:
-        """The same of an arm, between its limits, where that answers what was asked.
-
-        Args:
-            arm: the arm.
-            purpose: what errors say that the wrist is for.
-            rest: see :meth:`of`.
+        """The wrist of an arm between its limits; errors name the ``purpose``.
 
         Raises:
             ShapeError: see :meth:`of`.
-            UnsupportedArmError: no DH table whose first five rows are joints; or joint 5, of which
-                no angle was stated, moves the wrist by more than :data:`MOST_LEVER`.
+            UnsupportedArmError: no DH table whose first five rows are joints; or joint 5, without
+                stated angle, moves the wrist by more than :data:`MOST_LEVER`.
         """
         wrist = Wrist.of(arm.require_dh(purpose, WRIST_ROW, revolute=True), rest, arm.limits)
         if rest is None and wrist.lever > MOST_LEVER:
@@ -93,10 +78,9 @@ class Wrist:
         """Hold joints 5 and up.
 
         Args:
-            dh: a table whose first five rows have joints.
-            rest: their angles (nq - 4,) [rad]; default 0, or what is nearest to 0, whole turns
-                apart, inside ``limits``.
-            limits: of all joints (nq, 2) [rad]; None for no limits.
+            dh: a table whose first five rows are joints.
+            rest: held angles (nq - 4,) [rad]; default closest to 0 inside ``limits``.
+            limits: limits of all joints (nq, 2) [rad], or None.
 
         Raises:
             ShapeError: ``rest`` has another shape or is not finite.
@@ -116,14 +100,14 @@ class Wrist:
 
     @property
     def lever(self) -> float:
-        """Distance of the wrist from the axis of joint 5, which is held [m]."""
+        """Distance of the wrist from the axis of joint 5 [m]."""
         if not self.table.standard:
             return 0.0
         return abs(float(self.table.a[-1]))
 
     @property
     def held(self) -> str:
-        """In words, what is held and how far it is from the wrist."""
+        """The held joint and its distance from the wrist, in words."""
         angle = self.rest[0] / DEG
         lever = self.lever / MM
         return (
@@ -133,7 +117,7 @@ class Wrist:
 
     @property
     def notes(self) -> list[Note]:
-        """What it leaves out that joint 5 is held."""
+        """A note on the neglected joint 5."""
         if self.lever <= SEEN_LEVER:
             return []
         return [Note("wrist_joint_held", {"held": self.held})]
@@ -145,8 +129,8 @@ class Wrist:
 
 
 def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
-    """Least and largest distance of the wrist from ``shoulder`` (3,) [m] over all configurations,
-    limits apart [m].
+    """Least and largest distance of the wrist from ``shoulder`` (3,) [m], without regard to limits
+    [m].
     """
 
     def square(place: Array) -> tuple[Array, Array]:
@@ -158,10 +142,8 @@ def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
 
 
 def box_of_wrist(wrist: Wrist) -> Array:
-    """Least and largest distance of the wrist from the z axis of the base, and its least and
-    largest z (4,) [m].
-
-    Over all configurations, limits apart.
+    """Least and largest distance of the wrist from the base z axis, and of its z (4,) [m], without
+    limits.
     """
 
     def square(place: Array) -> tuple[Array, Array]:
@@ -180,10 +162,8 @@ def box_of_wrist(wrist: Wrist) -> Array:
 def _extremes(
     wrist: Wrist, of_place: Callable[[Array], tuple[Array, Array]]
 ) -> tuple[float, float]:
-    """Least and largest value over all configurations of ``of_place``: of places (…, 3) [m], with
-    its gradient there.
-
-    A coarse grid of the joints 1 to 4, then a local search from the best places on it.
+    """Extremes of ``of_place``, a function of places (…, 3) [m] with gradient, over all postures: a
+    grid, then local searches.
     """
     angles = np.linspace(-np.pi, np.pi, GRID, endpoint=False)
     axes = np.meshgrid(*[angles] * POSITIONING, indexing="ij")
@@ -211,12 +191,8 @@ def _extremes(
 
 
 def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
-    """Curves of joints 1 to 4 on which the wrist is at ``points`` (m, 3) [m].
-
-    Args:
-        wrist: which point of the arm.
-        points: where it shall be (m, 3) [m].
-        per_turn: angles at which each of the joints 1 to 4 is held to find seeds.
+    """Curves of joints 1 to 4 with the wrist at ``points`` (m, 3) [m]; ``per_turn`` held angles of
+    each joint.
     """
     links = wrist.table.chain.links()
     equations = Equations(links, points, POINT)
@@ -232,8 +208,8 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
 
 
 def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:
-    """Seeds (n, joints) [rad] and the numbers of their problems (n,), with ``count`` spread ones
-    more for each problem.
+    """Seeds (n, joints) [rad] and numbers of their problems (n,), plus ``count`` spread seeds for
+    each problem.
     """
     spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
     number = np.repeat(np.arange(problems), count)
@@ -241,7 +217,7 @@ def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tupl
 
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
-    """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
+    """Candidates with each joint held in turn: (n, 4) [rad], and the number of their point (n,)."""
     # Off the symmetric angles 0 and ±π.
     angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
     seeds = []
@@ -259,7 +235,7 @@ def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Inde
 
 
 def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array], Array]:
-    """Constants B0, B1, B2 (n, 4, 4) and the point c (n, 3) of the three joints that stay free."""
+    """B0, B1, B2 (n, 4, 4) and c (n, 3) of the three free joints."""
     turns = screws(angles, 0.0, 2)
     constants = [np.broadcast_to(links[0], turns.shape)]
     for joint in range(POSITIONING):

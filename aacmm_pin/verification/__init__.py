@@ -1,6 +1,4 @@
-"""Acceptance tests: plan the probed points, predict test values, determine them, and compare them
-with limits. The characteristics are those of two standards, by public descriptions.
-"""
+"""Acceptance tests: plans, test values and verdicts by public descriptions of two standards."""
 
 from aacmm_pin.verification.acceptance import (
     GUARD_BAND_FACTOR,

@@ -1,6 +1,4 @@
-"""Acceptance of an arm: the test value of each characteristic that a file has probed points for,
-and its verdict.
-"""
+"""Acceptance of an arm: the test value and the verdict of each characteristic of a file."""
 
 from __future__ import annotations
 
@@ -34,21 +32,21 @@ from aacmm_pin.verification.places import Place
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 GUARD_BAND_FACTOR = 2.0
-"""Coverage factor of the guard band U = 2 u: the rule of ISO 14253-1:1998 and 2013. The default of
-ISO 14253-1:2017, a probability of 95 % at one limit, is a guard band of 1.65 u: with U more
-verdicts are inconclusive.
+"""Coverage factor of the guard band U = 2 u (ISO 14253-1:1998 and 2013). The default of ISO
+14253-1:2017, a probability of 95 % at one limit, is a guard band of 1.65 u: U makes more verdicts
+inconclusive.
 """
 FAR_BELOW = 100.0
 """An MPE above 1 mm that is this many times the test value may be in another unit."""
 LONGEST_PART = 0.66
-"""The longest of five lengths is at least this part of the measuring range (ISO 10360-12:2016, by
-public descriptions).
+"""Least part of the measuring range that the longest length has (ISO 10360-12:2016, by public
+descriptions).
 """
 
 IN_RANGE = ("length-uni", "length-bi")
-"""The tests whose longest length that is."""
+"""Tests to which :data:`LONGEST_PART` applies."""
 MOST_LACKING = 3
-"""So many of what is missing are named."""
+"""Missing items to name, at most."""
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
 SHOWN_AS: dict[str, str] = {"non-conformity": "nonconformity", "neither": "inconclusive"}
@@ -61,12 +59,11 @@ class CharacteristicValue:
     """The test value of one characteristic, from one set of coordinates.
 
     Attributes:
-        source: whose coordinates: those of the file, or of the arm of this name from its
-            readings.
+        source: the coordinates: those of the file, or of the arm of this name from its readings.
         definition: the characteristic.
-        evaluated: its test value and standard uncertainty [m], and what is missing.
-        mpe: maximum permissible error [m]; nan where none is given.
-        places: the probed points of each of the errors of which it is the largest.
+        evaluated: test value and standard uncertainty [m], and missing points.
+        mpe: maximum permissible error [m]; nan if not given.
+        places: the probed points of each error of which the test value is the largest.
     """
 
     source: str
@@ -77,9 +74,7 @@ class CharacteristicValue:
 
     @property
     def where(self) -> Place | None:
-        """The probed points of the largest error; None where there is none, or all points make
-        it.
-        """
+        """The probed points of the largest error; None if all points determine the test value."""
         if not self.places:
             return None
         sizes = np.abs(self.evaluated.errors[:, 0])
@@ -87,18 +82,17 @@ class CharacteristicValue:
 
     @property
     def verdict(self) -> Verdict | None:
-        """By ISO 14253-1:2013 with the guard band U = 2u; None without a value or an MPE. A u not
-        stated is zero.
+        """Verdict by ISO 14253-1:2013 with the guard band U = 2u; None without a value or an MPE. A
+        u not stated is zero.
 
-        A largest error conforms where each error does, and does not where one of them does not: the
-        largest of them need not be the one that decides, since each has a U of its own.
+        Each error has its own U: the largest conforms if every error does.
         """
         if math.isnan(self.evaluated.value) or math.isnan(self.mpe):
             return None
         return _verdict(*self._sizes, self.mpe)
 
     def row(self) -> dict[str, Any]:
-        """The columns of a table of them, lengths in mm; nan where there is no number."""
+        """A row of a table, lengths in mm, nan for missing numbers."""
         definition = self.definition
         evaluated = self.evaluated
         return {
@@ -118,9 +112,7 @@ class CharacteristicValue:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """The same for JSON: None where there is no number, and where the largest error is by
-        labels and rows.
-        """
+        """The row for JSON, None for nan, with the labels and rows of the largest error."""
         row = {key: None if pd.isna(value) else value for key, value in self.row().items()}
         place = self.where
         where = None if place is None else {**place.labels, "rows": [*place.rows]}
@@ -128,20 +120,20 @@ class CharacteristicValue:
 
     @property
     def _sizes(self) -> tuple[Array, Array]:
-        """Magnitude and U of each error of which this is the largest (n,) [m]."""
+        """Magnitude and U of each error (n,) [m]."""
         errors = self.evaluated.errors
         return np.abs(errors[:, 0]), GUARD_BAND_FACTOR * np.nan_to_num(errors[:, 1])
 
     @property
     def stated(self) -> int:
-        """Of how many errors of which this is the largest a u is stated."""
+        """Number of errors with a stated u."""
         uncertainties = self.evaluated.errors[:, 1]
         return int(np.isfinite(uncertainties).sum())
 
     @property
     def decided_by(self) -> tuple[float, float, int] | None:
-        """Magnitude, U [m] and number of a smaller error that alone forbids a better verdict; None:
-        the largest decides.
+        """Magnitude, U [m] and number of a smaller error that alone forbids a better verdict, or
+        None.
         """
         size, guard = self._sizes
         largest = int(size.argmax())
@@ -155,7 +147,7 @@ class CharacteristicValue:
 
     @property
     def missing(self) -> str:
-        """What is missing, in words; "" where nothing is."""
+        """What is missing, in words; "" if nothing."""
         number = self.evaluated.missing
         lacking = self.evaluated.lacking
         text = count(number, self.definition.counted) if number else self.evaluated.why_incomplete
@@ -166,7 +158,7 @@ class CharacteristicValue:
 
 
 def shown_verdict(verdict: str | None) -> str:
-    """A verdict as a reader sees it; "" for none."""
+    """A verdict in the words of readers."""
     return SHOWN_AS.get(verdict or "", verdict or "")
 
 
@@ -179,9 +171,7 @@ def _verdict(size: Array, guard: Array, mpe: float) -> Verdict:
 def _worst(
     figures: Sequence[CharacteristicValue],
 ) -> tuple[Verdict | None, tuple[CharacteristicValue, ...]]:
-    """The worst verdict, and the characteristics that have it; one without a value counts as
-    neither.
-    """
+    """The worst verdict, and its characteristics; one without value counts as neither."""
     for verdict in WORST_FIRST:
         having = tuple(figure for figure in figures if (figure.verdict or "neither") == verdict)
         if having:
@@ -234,7 +224,6 @@ class AcceptanceResult(Shown):
         return {source: _worst(self._with_mpe(source)) for source in sources}
 
     def _with_mpe(self, source: str) -> list[CharacteristicValue]:
-        """The characteristics of one set of coordinates that have an MPE."""
         of_source = (figure for figure in self.figures if figure.source == source)
         return [figure for figure in of_source if not math.isnan(figure.mpe)]
 
@@ -247,7 +236,6 @@ class AcceptanceResult(Shown):
     def _in_words(
         self, source: str, verdict: Verdict | None, by: Sequence[CharacteristicValue]
     ) -> str:
-        """The verdict of one set of coordinates, and which characteristics decide it."""
         total = sum(figure.source == source for figure in self.figures)
         given = f"An MPE exists for {len(self._with_mpe(source))} of {total} characteristics"
         if not by:
@@ -335,7 +323,10 @@ def accept(
                     definition.evaluate(of_test), definition, of_test, measuring_range
                 )
             except AacmmError as error:
-                evaluated = without_value(_count(of_test, definition), 0, why="see the notes")
+                had = len(of_test)
+                if definition.counted == "length":
+                    had = int(of_test.groupby([*LENGTH_KEY]).ngroups)
+                evaluated = without_value(had, 0, why="see the notes")
                 why = Note("figure_without_value", {"error": str(error)}).with_place(source)
                 unfit.setdefault(why, []).append(definition.name)
             limit = limits.get(definition.name, math.nan)
@@ -353,13 +344,6 @@ def accept(
     )
 
 
-def _count(of_test: pd.DataFrame, definition: Definition) -> int:
-    """How many there are of what a characteristic counts."""
-    if definition.counted == "length":
-        return int(of_test.groupby([*LENGTH_KEY]).ngroups)
-    return len(of_test)
-
-
 def _longest_lengths(points: pd.DataFrame) -> dict[str, float]:
     """The longest calibrated length of each test that asks for one [m]."""
     asking = points[points["test"].isin(IN_RANGE)]
@@ -371,7 +355,7 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
     """The maximum permissible errors [m].
 
     Raises:
-        UnknownNameError: no such characteristic.
+        UnknownNameError: a characteristic is unknown.
         AacmmError: a limit is outside ``plausible.MPE``.
     """
     mpe = mpe or {}

@@ -1,6 +1,4 @@
-"""The probed points of an acceptance file: where the tip was, by the file's own coordinates and by
-each arm.
-"""
+"""The probed points of an acceptance file, by its coordinates and by each arm."""
 
 from __future__ import annotations
 
@@ -38,21 +36,21 @@ CHECK_COLUMNS = (
     "feature_diameter_mm",
     "length_mm",
 )
-"""Columns that are stated of a check as a whole."""
+"""Columns that describe the whole check."""
 MOST_COLUMNS = 8
-"""So many columns are listed."""
+"""Columns to list, at most."""
 AS_GIVEN = "coordinates of the file"
-"""What points are called whose coordinates the arm's software gave."""
+"""Name of the coordinates that the software of the arm computed."""
 OF_TEST = tuple(name for column in PROBED_POINT_COLUMNS for name in column.names)
 
 
 class ProbedPoints(NamedTuple):
-    """What a file has.
+    """The content of a file.
 
     Attributes:
-        sets: the points by the coordinates of the file, if it has them, and by each arm: a table
-            with the fields of :func:`aacmm_pin.measurements.read_probed_points`, and ``x``, ``y``,
-            ``z`` of the centre of the probe [m].
+        sets: tables of the points by the coordinates of the file and by each arm, with the fields
+            of :func:`aacmm_pin.measurements.read_probed_points`, and the centre of the probe ``x``,
+            ``y``, ``z`` [m].
         notes: how the file was read.
         stated: the different values of the columns :data:`CHECK_COLUMNS`.
     """
@@ -63,25 +61,25 @@ class ProbedPoints(NamedTuple):
 
 
 def brief(source: str, most: int) -> str:
-    """Whose coordinates, in at most so many characters."""
+    """The name of a set of coordinates, in at most so many characters."""
     if source == AS_GIVEN:
         return "file"
     return source if len(source) <= most else f"…{source[1 - most :]}"
 
 
 def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> ProbedPoints:
-    """The probed points of a file, once for its coordinates, if it has them, and once for each arm
-    that makes some.
+    """The probed points of a file, by its coordinates and by each arm.
 
     Raises:
-        MeasurementFileError: a column is missing, a cell is not as expected, or the file has
-            nothing that gives coordinates.
-        AacmmError: an arm with an effect that does not know these readings.
+        MeasurementFileError: a column is missing, a cell is invalid, or there are no coordinates.
+        AacmmError: the readings are outside the range of an effect of an arm.
     """
     table, lines, read_as, _ = read_table(path, content)
     problems = Problems(path, lines)
     points = read_probed_points(table, problems)
-    unfilled = _unfilled(table)
+    to_fill = [str(name) for name in table if name in REFERENCE or is_reading(name)]
+    is_empty = (table[to_fill] == "").all()
+    unfilled = [name for name in to_fill if is_empty[name]]  # either may be: of a procedure
     table = table.drop(columns=unfilled)
     given = _given_coordinates(table, problems)
     problems.stop()
@@ -103,17 +101,8 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
     return ProbedPoints(sets, (*read_as, *notes), stated)
 
 
-def _unfilled(table: pd.DataFrame) -> list[str]:
-    """Coordinates and readings that are empty in every row, for of a procedure either may be filled
-    in.
-    """
-    to_fill = [str(name) for name in table if name in REFERENCE or is_reading(name)]
-    is_empty = (table[to_fill] == "").all()
-    return [name for name in to_fill if is_empty[name]]
-
-
 def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
-    """The coordinates of the file (n, 3) [m]; None where it has none."""
+    """The coordinates of the file (n, 3) [m]; None if it has none."""
     given = [name for name in REFERENCE if name in table]
     if not given:
         return None
@@ -130,7 +119,7 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
 
 
 def _different(cells: pd.Series) -> tuple[Any, ...]:
-    """What stands in a column: each number or label once."""
+    """Each number or label in a column once."""
     stripped = cells.str.strip()
     texts = stripped[stripped != ""].drop_duplicates()
     numbers = pd.to_numeric(texts, errors="coerce")
@@ -140,12 +129,11 @@ def _different(cells: pd.Series) -> tuple[Any, ...]:
 def _by_arms(
     table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel], unfilled: list[str]
 ) -> tuple[dict[str, Array], list[Note]]:
-    """Where each arm with its effects has the tip (n, 3) [m], and notes on the readings.
+    """The tip by each arm with its effects (n, 3) [m], and notes on the readings.
 
     Raises:
-        MeasurementFileError: there are no readings; ``unfilled`` are columns that are empty in
-            every row.
-        AacmmError: an effect does not know these readings.
+        MeasurementFileError: there are no readings; ``unfilled`` columns are empty in every row.
+        AacmmError: the readings are outside the range of an effect.
     """
     if models and not any(map(is_reading, table)):
         theta = [name for name in unfilled if is_reading(name)]
@@ -176,6 +164,5 @@ def _by_arms(
 
 
 def _listed(table: pd.DataFrame) -> str:
-    """The first of its columns."""
     names = [str(name) for name in table]
     return ", ".join(names[:MOST_COLUMNS]) + (", …" if len(names) > MOST_COLUMNS else "")

@@ -1,8 +1,6 @@
-"""The characteristics of ISO 10360-12 and ASME B89.4.22 that a test has values of, by public
-descriptions of the standards.
+"""The characteristics of ISO 10360-12 and ASME B89.4.22, by public descriptions.
 
-The definitions were never compared with the standards' texts, which stands where a verdict is
-given.
+Nobody compared the definitions with the texts of the standards; every verdict states this.
 """
 
 from __future__ import annotations
@@ -42,13 +40,13 @@ ISO = "ISO 10360-12"
 ASME = "ASME B89.4.22"
 PAPER = "Xu You et al. 2019"
 EDITIONS = {ISO: "ISO 10360-12:2016", ASME: "ASME B89.4.22-2004"}
-"""The editions that the public descriptions are of."""
+"""Editions of the public descriptions."""
 RULE_OF = "ISO 14253-1:2013"
-"""The edition that the decision rule is of."""
+"""Edition of the decision rule."""
 StandardName = Literal["iso10360-12", "asme-b89.4.22"]
-"""What ``standard`` can be."""
+"""Values of ``standard``."""
 STANDARDS: dict[str, str] = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
-"""Whose characteristics are then evaluated."""
+"""Names of the standards."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +55,12 @@ class Definition:
 
     Attributes:
         name: its name.
-        standard: where it is from, without an edition: see :data:`EDITIONS`.
-        test_name: name of the test there.
-        test: the test as acceptance files name it.
-        evaluate: works its test value out from the probed points of the test.
+        standard: its standard without edition, see :data:`EDITIONS`.
+        test_name: name of the test in the standard.
+        test: name of the test in acceptance files.
+        evaluate: function of the probed points of the test.
         counted: what is counted: ``probed point`` or ``length``.
-        column: if it is empty in all rows of the test, the characteristic is left out.
+        column: the characteristic is omitted if this column is empty in all rows of the test.
     """
 
     name: str
@@ -75,12 +73,12 @@ class Definition:
 
     @property
     def text(self) -> str:
-        """What the characteristic is."""
+        """The characteristic in words."""
         return str(Note(self.name))
 
 
 UNCALIBRATED = ("P_Form", "L_Dia", "SPAT", "SinglePoint")
-"""Beginnings of the names of characteristics that are compared with no calibrated value."""
+"""Beginnings of names of characteristics without calibrated value."""
 TWO_SPHERES = Needed(((SPHERE, 2),), 25)
 FIVE_REPEATS = Needed(((SPHERE, 1), (("repeat",), 5)), 5)
 THREE_REPEATS = Needed((((*SPHERE, "repeat"), 3),), 9)
@@ -89,7 +87,6 @@ FIVE_LENGTHS = Needed(((("length_id",), 5), (("position",), POSITIONS)), REPEATS
 
 
 def _of_part(accurate: bool) -> OfPoints:
-    """Of the postures that were predicted to be accurate, or of the others."""
     deviation = partial(deviation_of_part, accurate=accurate)
     return OfPoints(THREE_POINTS, deviation, partial(has_part, accurate=accurate))
 
@@ -151,10 +148,10 @@ DEFINITIONS = (
 
 
 def definitions(standard: str | None) -> list[Definition]:
-    """The characteristics of a standard; of all where none is named.
+    """The characteristics of a standard, or all.
 
     Raises:
-        UnknownNameError: no such standard.
+        UnknownNameError: the standard is unknown.
     """
     if standard is not None and standard not in STANDARDS:
         raise UnknownNameError("standard", standard, [*STANDARDS])

@@ -1,4 +1,4 @@
-"""Mistakes that probed points show: copies, other units, points off their sphere, wrong probe
+"""Mistakes that probed points show: copies, other units, outliers of spheres, wrong probe
 diameters.
 """
 
@@ -18,11 +18,9 @@ from aacmm_pin.verification.places import Place, coordinates_of
 from aacmm_pin.verification.spheres import FEWEST_POINTS, FittedSphere, fitted_sphere
 
 COPY_TOLERANCE = 5e-7
-"""Coordinates that differ by no more are those of a copy that is rounded to a micrometre, or more
-finely [m].
-"""
+"""Coordinates within this tolerance are a copy rounded to a micrometre or finer [m]."""
 PART_OF_RANGE = 0.1
-"""Positions of a test are spread over more of the measuring range than this."""
+"""Positions of a test extend over more than this part of the measuring range."""
 CLOSE = 3e-3
 """If all probed points of a test are within this extent, they may be in another unit [m]."""
 IMPLAUSIBLE_LENGTH_FACTOR = 2.0
@@ -32,16 +30,16 @@ UNIT_FACTOR_TOLERANCE = 0.02
 WRONG_SIZE = 1e-3
 """No arm measures a diameter with an error as large as this [m]."""
 LEAST_DISTANCE_FROM_SPHERE = 5e-5
-"""A probed point nearer to its sphere than this is not noted [m]."""
+"""Shorter distances of a probed point from its sphere give no note [m]."""
 TIMES_SMALLER = 50.0
-"""If the points of a position scatter less than those of the others by this factor, they may be in
-another unit.
+"""If the points of a position scatter less than the others by this factor, they may be in another
+unit.
 """
 CHANCE = 1e-4
-"""Probability of a distance from the sphere below which a probed point is named."""
+"""Probability of a distance from the sphere below which a note names a probed point."""
 TIMES_ITS_LIKE = 10.0
-"""Too few points to determine which is off are noted if the form of their sphere is this many times
-the median of the others.
+"""Spheres of too few points to find the outlier give a note if their form is so many medians of the
+others.
 """
 
 
@@ -49,7 +47,7 @@ def check_unit(probed_points: pd.DataFrame) -> None:
     """Check that the lengths of each test are in the unit of the coordinates.
 
     Raises:
-        AacmmError: all of them are too long, or too short, by one factor.
+        AacmmError: all lengths are wrong by one factor.
     """
     for test, of_test in probed_points[probed_points["length"].notna()].groupby("test", sort=False):
         try:
@@ -71,9 +69,7 @@ def check_unit(probed_points: pd.DataFrame) -> None:
 def doubts(
     source: str, probed_points: pd.DataFrame, measuring_range: float | None = None
 ) -> Iterator[Note]:
-    """Notes on the probed points of one set of coordinates; ``measuring_range`` of the arm [m],
-    None where not given.
-    """
+    """Notes on the probed points of one set of coordinates; ``measuring_range`` in m."""
     at = probed_points[["x", "y", "z"]]
     nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)[
         0
@@ -91,11 +87,12 @@ def doubts(
         if test == "single-point":
             yield from (note.with_place(source) for note in _too_small(of_test))
         spheres = [*_spheres(of_test)]
-        yield from (note.with_place(source) for note in (*_beside(spheres), *_wrong_sizes(spheres)))
+        yield from (
+            note.with_place(source) for note in (*_outliers(spheres), *_wrong_sizes(spheres))
+        )
 
 
 def _too_small(probed_points: pd.DataFrame) -> Iterator[Note]:
-    """Positions whose points scatter far less than those of the others."""
     extents = probed_points.groupby("position", sort=False)[["x", "y", "z"]].agg(np.ptp).max(axis=1)
     for position, extent in extents.items():
         others = float(extents.drop(position).median()) if len(extents) > 1 else 0.0
@@ -120,10 +117,8 @@ def _spheres(probed_points: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, Fitted
             continue
 
 
-def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
-    """Points far from the sphere of the others; spheres of five or six points that do not lie on
-    one.
-    """
+def _outliers(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
+    """Notes on outliers, and on spheres of five or six points with a large form."""
     forms = np.array([sphere.form for _, sphere in spheres])
     for k, (group, sphere) in enumerate(spheres):
         point, distance = _farthest(group, sphere)
@@ -161,7 +156,7 @@ def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame |
 
 
 def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
-    """Spheres whose diameter is in error by more than any arm's, or by about the probe diameter."""
+    """Notes on diameters with implausible errors, or errors near the probe diameter."""
     wrong = []
     for group, sphere in spheres:
         error = size_error(group, sphere)

@@ -1,8 +1,5 @@
-"""Test values from probed points: what is needed of them, and the errors of which a test value is
-the largest.
-
-Two evaluators do it from data: :class:`OfPoints` for spheres and single points, :class:`OfLengths`
-for calibrated lengths.
+"""Test values from probed points: :class:`OfPoints` of spheres and single points,
+:class:`OfLengths` of calibrated lengths.
 """
 
 from __future__ import annotations
@@ -28,12 +25,13 @@ from aacmm_pin.verification.spheres import (
 )
 
 LENGTH_KEY = ("length_id", "position", "repeat")
-"""What distinguishes one measured length from another."""
+"""Labels of a measured length."""
 SPHERE = ("feature", "position")
-"""What distinguishes one sphere from another."""
+"""Labels of a sphere."""
 MOST_DIAMETER_FACTOR = 4.0
-"""Independent errors of points that are enlarged by more than this in the diameter: 25 of
-them are within about 45° of their middle then, nine within 60°."""
+"""Largest ratio of the standard uncertainties of diameter and points. With more, 25 points are
+within about 45° of their middle, nine within 60°.
+"""
 REPEATS, POSITIONS = 3, 7
 """Of each length of ISO 10360-12."""
 VOLUMETRIC_LENGTHS, VOLUMETRIC_POSITIONS = 2, 20
@@ -42,13 +40,16 @@ VOLUMETRIC_LENGTHS, VOLUMETRIC_POSITIONS = 2, 20
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A test value and its standard uncertainty [m], how many of what it had, and how many are
-    missing.
+    """A test value and its standard uncertainty [m].
 
-    ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs
-    to it. ``errors`` (n, 2) are all of which it is the largest, each with its own u, and ``rows``
-    the lines of the points of each, where it comes from some. ``lacking`` names what was begun, or
-    is elsewhere, and is missing here.
+    Attributes:
+        value: nan if points are missing.
+        u: nan if not stated.
+        had, missing: numbers of points or lengths.
+        why_incomplete: reason in words.
+        errors: all errors of which the value is the largest, each with its u (n, 2) [m].
+        rows: lines of the points of each error.
+        lacking: names of what was begun, or is present elsewhere, and is missing here.
     """
 
     value: float
@@ -62,9 +63,7 @@ class Evaluated:
 
 
 class Error(NamedTuple):
-    """One of the errors of which a test value is the largest, its standard uncertainty [m], and the
-    lines of its points.
-    """
+    """An error, its standard uncertainty [m], and the lines of its points."""
 
     value: float
     u: float = np.nan
@@ -72,13 +71,12 @@ class Error(NamedTuple):
 
 
 def without_value(had: int, missing: int, lacking: Iterable[str] = (), why: str = "") -> Evaluated:
-    """No test value, as something is missing."""
+    """A missing test value."""
     lacked = tuple(lacking)
     return Evaluated(np.nan, np.nan, had, missing, why, lacking=lacked)
 
 
 def _largest(errors: Sequence[Error], had: int) -> Evaluated:
-    """The error of largest magnitude, with its u."""
     table = np.array([(error.value, error.u) for error in errors])
     largest = np.abs(table[:, 0]).argmax()
     value, u = table[largest].tolist()
@@ -87,7 +85,7 @@ def _largest(errors: Sequence[Error], had: int) -> Evaluated:
 
 
 def groups_of(points: pd.DataFrame, by: Sequence[str]) -> list[pd.DataFrame]:
-    """The points with the same labels, in the order of their first rows."""
+    """Groups of points with the same labels, in the order of their first rows."""
     return [group for _, group in points.groupby(list(by), sort=False)]
 
 
@@ -98,8 +96,8 @@ class Needed(NamedTuple):
     """Nested groups that a test value needs, such as positions of lengths.
 
     Attributes:
-        levels: the labels that distinguish groups, and how many groups there must be in each of the
-            level above.
+        levels: labels that distinguish the groups, and number of groups in each group of the level
+            above.
         each: rows in each of the innermost groups.
     """
 
@@ -107,7 +105,7 @@ class Needed(NamedTuple):
     each: int
 
     def missing(self, table: pd.DataFrame) -> int:
-        """How many rows are missing, until all groups, and every one that was begun, have them."""
+        """Number of missing rows, of all needed groups and of every incomplete one."""
         if not self.levels:
             return max(self.each - len(table), 0)
         (by, count), *inner = self.levels
@@ -119,7 +117,7 @@ class Needed(NamedTuple):
         return missing
 
     def begun(self, table: pd.DataFrame) -> Iterator[str]:
-        """The names of the innermost groups that have too few rows."""
+        """Names of the incomplete innermost groups."""
         labels = [name for by, _ in self.levels for name in by]
         for group in groups_of(table, labels):
             if len(group) < self.each:
@@ -134,10 +132,9 @@ class OfPoints:
     """The largest error of groups of probed points.
 
     Attributes:
-        needed: the points that there must be; its outermost labels distinguish the groups.
-        errors: of a group; one that is nan has its points on a small cap of their sphere.
-        has_enough: whether a group has what an error needs beside so many points; None: it always
-            has.
+        needed: the needed points; the outermost labels distinguish the groups.
+        errors: errors of a group; nan if its points are on a small cap of their sphere.
+        has_enough: further requirement of a group, or None.
     """
 
     needed: Needed
@@ -163,15 +160,13 @@ class OfPoints:
 
 
 def size_error(points: pd.DataFrame, sphere: FittedSphere) -> float:
-    """How much larger the sphere through some points is than the calibrated one and the
-    probe [m].
-    """
+    """Diameter of the fitted sphere minus calibrated diameter and probe diameter [m]."""
     stated = points[["feature_diameter", "probe_diameter"]].iloc[0]
     return float(sphere.diameter - stated.iloc[0] - stated.iloc[1])
 
 
 def size_of_sphere(points: pd.DataFrame) -> Iterator[Error]:
-    """Diameter of the least-squares sphere minus the calibrated one."""
+    """Diameter of the least-squares sphere minus the calibrated diameter."""
     sphere = _sphere(points)
     u = points["u_length"].iloc[0]
     value = np.nan if sphere.diameter_factor > MOST_DIAMETER_FACTOR else size_error(points, sphere)
@@ -186,14 +181,14 @@ def form_of_sphere(points: pd.DataFrame) -> Iterator[Error]:
 
 
 def spread_of_centres(points: pd.DataFrame) -> Iterator[Error]:
-    """Diameter of the smallest sphere round the centres found in each repeat."""
+    """Diameter of the smallest sphere around the centres of all repeats."""
     centres = [_sphere(repeat).center for repeat in groups_of(points, ["repeat"])]
     _, diameter = minimum_circumscribed_sphere(np.array(centres))
     yield Error(diameter, rows=rows_of(points))
 
 
 def distances_from_mean(points: pd.DataFrame) -> Iterator[Error]:
-    """Of each point from the mean of all."""
+    """Distance of each point from the mean of all."""
     at = coordinates_of(points)
     distances = np.linalg.norm(at - at.mean(axis=0), axis=1)
     for distance, row in zip(distances, rows_of(points), strict=True):
@@ -201,16 +196,14 @@ def distances_from_mean(points: pd.DataFrame) -> Iterator[Error]:
 
 
 def standard_deviation(points: pd.DataFrame, times: float = 1.0) -> Iterator[Error]:
-    """Of the position of one point, so many times, see
-    :func:`aacmm_pin.accuracy.single_point.single_point_statistics`.
-    """
+    """Standard deviation of the position of one point, so many times."""
     sigma = single_point_statistics(coordinates_of(points)).sigma
     yield Error(times * sigma, rows=rows_of(points))
 
 
 def deviation_of_part(points: pd.DataFrame, accurate: bool) -> Iterator[Error]:
-    """RMS distance from the mean of all points, of those in postures that were predicted to be
-    accurate, or of the others.
+    """RMS distance from the mean of all points, of the points in postures predicted to be accurate,
+    or of the others.
     """
     chosen = _is_in_part(points, accurate)
     statistics = single_point_statistics(coordinates_of(points), chosen)
@@ -218,7 +211,7 @@ def deviation_of_part(points: pd.DataFrame, accurate: bool) -> Iterator[Error]:
 
 
 def has_part(points: pd.DataFrame, accurate: bool) -> bool:
-    """Whether there is such a point."""
+    """Whether the part has a point."""
     return bool(_is_in_part(points, accurate).any())
 
 
@@ -227,11 +220,7 @@ def _is_in_part(points: pd.DataFrame, accurate: bool) -> Mask:
 
 
 def _sphere(points: pd.DataFrame) -> FittedSphere:
-    """The least-squares sphere.
-
-    Raises:
-        AacmmError: the points lie in a plane.
-    """
+    """The least-squares sphere; an error names feature and rows."""
     try:
         return fitted_sphere(coordinates_of(points))
     except AacmmError as error:
@@ -244,14 +233,13 @@ def _sphere(points: pd.DataFrame) -> FittedSphere:
 
 @dataclass(frozen=True)
 class OfLengths:
-    """The largest error of calibrated lengths, or what is made of all of them.
+    """The largest error of calibrated lengths, or a function of all errors.
 
     Attributes:
-        missing: how many lengths are missing, of the table of those that were measured.
-        lacking: which of them, of the probed points and that table.
-        both_sides: whether the ends are probed from opposite sides, so that the probe makes the
-            length longer.
-        errors: of the table of measured lengths.
+        missing: number of missing lengths, from the table of measured lengths.
+        lacking: their names, from the probed points and this table.
+        both_sides: whether the ends are probed from opposite sides, which adds the probe diameter.
+        errors: errors of the table of measured lengths.
     """
 
     missing: Callable[[pd.DataFrame], int]
@@ -263,7 +251,7 @@ class OfLengths:
         """Evaluate the probed points of a test.
 
         Raises:
-            AacmmError: the points at an end lie in a plane, or an end has no other.
+            AacmmError: the points at an end lie in a plane, or a length has one end.
         """
         lengths = measured_lengths(points, self.both_sides)
         if missing := self.missing(lengths):
@@ -277,9 +265,7 @@ class OfLengths:
 
 
 def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
-    """The lengths of which both ends were probed: labels, calibrated length, its u, error [m], and
-    rows of the points.
-    """
+    """Lengths with both ends probed: labels, calibrated length, its u, error [m], and rows."""
     labels = [*LENGTH_KEY]
     at = ["x", "y", "z"]
     ends = points.groupby([*labels, "feature"], sort=False)
@@ -304,11 +290,7 @@ def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
 
 
 def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
-    """Two features at most of each length, with one point each or with enough for a sphere.
-
-    Raises:
-        AacmmError: a length has others.
-    """
+    """Refuse a length without two features of one point each, or of enough for a sphere."""
     labels = [*LENGTH_KEY]
     features = ends.groupby(labels)["feature"].transform("size")
     bad = ends["points"].between(2, FEWEST_POINTS - 1) | (features > 2)
@@ -324,20 +306,19 @@ def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
 
 
 def _with_one_end(points: pd.DataFrame) -> Iterator[Place]:
-    """Lengths that have points of one end alone."""
     for length in groups_of(points, LENGTH_KEY):
         if length["feature"].nunique() < 2:
             yield Place.of(length)
 
 
 def errors_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
-    """Of each length."""
+    """The error of each length."""
     yield from map(Error, lengths["error"], lengths["u"], lengths["rows"])
 
 
 def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
-    """Twice the root mean square error; a common error of the calibrated lengths moves it by as
-    much as itself at most.
+    """Twice the RMS error; an error common to the calibrated lengths changes it at most by twice
+    itself.
     """
     errors = lengths["error"].to_numpy()
     rms = np.sqrt(np.mean(errors**2))
@@ -346,22 +327,20 @@ def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
 
 
 def missing_places(lengths: pd.DataFrame) -> int:
-    """How many more of 20 positions with two lengths are needed."""
+    """Number of missing positions of 20, with two different lengths."""
     places = len(lengths[["length_id", "position"]].drop_duplicates())
     different = lengths["length_id"].nunique()
     return max(VOLUMETRIC_POSITIONS - places, VOLUMETRIC_LENGTHS - different, 0)
 
 
 def lengths_with_one_end(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
-    """The names of lengths that were begun."""
+    """Names of lengths with one end."""
     for place in _with_one_end(points):
         yield named(place.labels)
 
 
 def lengths_not_measured(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
-    """Which of three repeats in seven positions are not among the ``lengths``, as far as labels
-    elsewhere tell.
-    """
+    """Names of missing repeats and positions, from labels elsewhere in the file."""
     measured = {*zip(*(lengths[name] for name in LENGTH_KEY), strict=True)}
     positions = points["position"].unique()
     repeats = points["repeat"].unique()

@@ -1,9 +1,7 @@
-"""The acceptance checks of an arm over time: a file of their test values, and whether the latest
-are within control limits.
+"""The test values of acceptance checks over time, and their control limits.
 
-An individuals chart (Shewhart; ISO 7870-2:2013): the mean of the earlier values, and limits 2.66
-mean moving ranges away from it. Values that did not conform, or lay outside their own limits, have
-a cause of their own, and do not count for later limits.
+An individuals chart (Shewhart; ISO 7870-2:2013): the mean of the earlier values ± 2.66 mean moving
+ranges. Values that did not conform, or were outside their own limits, do not count.
 """
 
 from __future__ import annotations
@@ -44,28 +42,27 @@ HISTORY_COLUMNS = (
 )
 LEAST_CHECKS = 8
 """Earlier checks that limits need. A test value of an unchanged arm is then outside in 3.1 % of
-checks, with 20 earlier ones in 1.9 % (200 000 normal series each).
+checks, with 20 earlier checks in 1.9 % (200 000 normal series each).
 """
 PER_MOVING_RANGE = 2.66
 """Half-width of the limits in mean moving ranges: three standard deviations, 3 / 1.128."""
 HALF = {"SinglePoint.Sigma": "SPAT.2s"}
-"""A characteristic that is half of another, and has no chart beside it."""
+"""A characteristic that is half of another, and has no chart of its own beside it."""
 VALUE_TOLERANCE = 1e-9
-"""Values that differ by no more than this are the same [mm]."""
+"""Values within this tolerance are the same [mm]."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControlChart:
-    """The test values of one characteristic by one arm, in earlier checks and in the latest.
+    """The test values of one characteristic by one arm.
 
     Attributes:
-        arm: whose coordinates, as in :class:`CharacteristicValue`.
+        arm: the coordinates, as ``source`` in :class:`CharacteristicValue`.
         figure: name of the characteristic.
-        times: of the checks (n,), the earliest first.
-        values: magnitudes (n,) [m], because the largest error is positive in some checks and
-            negative in others; the last is that of the check.
-        mpe: maximum permissible error of the latest [m]; nan where none.
-        failed: which of them do not conform (n,).
+        times: times of the checks (n,), ascending.
+        values: magnitudes (n,) [m], the latest check last; signs of largest errors vary.
+        mpe: maximum permissible error of the latest check [m]; nan if not given.
+        failed: nonconforming values (n,).
     """
 
     arm: str
@@ -77,9 +74,7 @@ class ControlChart:
 
     @cached_property
     def counted(self) -> Mask:
-        """Which of the earlier values (n - 1,) make the limits: those that do not fail and lay
-        within their own limits.
-        """
+        """Earlier values (n - 1,) that conform and were within their own limits."""
         counted = np.zeros(len(self.values) - 1, dtype=bool)
         for k, value in enumerate(self.values[:-1]):
             counted[k] = not self.failed[k] and not _outside(
@@ -94,17 +89,15 @@ class ControlChart:
 
     @property
     def centre(self) -> float:
-        """Their mean [m]; nan where there are none."""
+        """Mean of the earlier values that count [m]; nan if there are none."""
         if not len(self.usual):
             return math.nan
         return float(self.usual.mean())
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Control limits [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values that
-        count.
-
-        The lower one is also nan where it would be below zero, because no magnitude is.
+        """Control limits [m]; nan with fewer than :data:`LEAST_CHECKS` counted values, or below
+        zero.
         """
         return _limits(self.usual)
 
@@ -114,7 +107,7 @@ class ControlChart:
         return _outside(self.values[-1], self.limits)
 
     def to_dict(self) -> dict[str, Any]:
-        """The numbers, for JSON, lengths in mm; None where there are none."""
+        """The numbers for JSON, lengths in mm, None for nan."""
         lower, upper = self.limits
         summary = {
             "coordinates": self.arm,
@@ -144,15 +137,15 @@ def _outside(value: float, limits: tuple[float, float]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class History(Shown):
-    """Checks of one arm or several.
+    """Checks of arms.
 
     Attributes:
-        checks: one row a characteristic and check, with the columns of the file; ``time`` is a
-            datetime in UTC.
-        time: of the check that is looked at; None for none.
-        instrument: which arm that was of.
-        appended: whether it was appended, or there before.
-        from_file: whether a file was read, over which it may be written.
+        checks: table with the columns of the file, one row for each characteristic and check;
+            ``time`` is a datetime in UTC.
+        time: time of the latest check, or None.
+        instrument: its arm.
+        appended: whether this check was appended; False if it was there before.
+        from_file: whether a file was read, which may be replaced.
     """
 
     checks: pd.DataFrame = field(
@@ -165,10 +158,10 @@ class History(Shown):
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """The history in a file; an empty one where there is no file.
+        """The history in a file; empty if there is no file.
 
         Raises:
-            MeasurementFileError: it is damaged; the message names rows and columns.
+            MeasurementFileError: the file is damaged.
         """
         if not Path(path).exists():
             return cls()
@@ -233,16 +226,15 @@ class History(Shown):
         return cls(checks, from_file=True)
 
     def with_check(self, result: AcceptanceResult, time: datetime, instrument: str = "") -> History:
-        """The history with the test values of ``result``, unless some check has the same
-        values.
+        """Add the test values of ``result``, unless some check has the same values.
 
         Args:
-            result: what :func:`~aacmm_pin.verification.acceptance.accept` found.
-            time: when the arm was checked; in UTC where it states no zone.
-            instrument: which arm was checked, such as its serial number, in capitals or not.
+            result: result of :func:`accept`.
+            time: time of the check; UTC if it has no zone.
+            instrument: name or serial number of the arm; case does not matter.
 
         Raises:
-            AacmmError: at this time other values of this arm are there.
+            AacmmError: the history has other values of this arm at this time.
         """
         if not instrument.isprintable():
             raise AacmmError(f"instrument is {instrument!r}; expected one line of text")
@@ -280,13 +272,12 @@ class History(Shown):
         )
 
     def _of(self, instrument: str) -> pd.DataFrame:
-        """The checks of an instrument, however its name is written."""
         names = self.checks["instrument"].astype(str).str.strip().str.casefold()
         return self.checks[names == instrument.strip().casefold()]
 
     def charts(self) -> tuple[ControlChart, ...]:
-        """A chart for each characteristic of the latest check, in its order; of :data:`HALF` none
-        beside its double.
+        """A chart for each characteristic of the latest check, but for those of :data:`HALF` beside
+        their double.
         """
         if self.time is None:
             return ()
@@ -317,16 +308,16 @@ class History(Shown):
         return [chart.to_dict() for chart in self.charts()]
 
     def write(self, files: OutputFiles, path: str | Path) -> None:
-        """Put the file among others that are written together, in the place of what was read."""
+        """Write the file together with others, in place of the file that was read."""
         table = self.checks.assign(time=[time.isoformat() for time in self.checks["time"]])
         target = files.file(path, update=self.from_file)
         target.write_text(csv_text(table), encoding="utf-8", newline="")
 
     def save(self, path: str | Path) -> None:
-        """Write the file, whole or not at all; only a history that was read replaces one.
+        """Write the file; only a history that was read replaces a file.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: the file cannot be written.
         """
         with OutputFiles() as files:
             self.write(files, path)
@@ -337,10 +328,10 @@ class History(Shown):
 
 
 def in_utc(text: str) -> datetime:
-    """A time as ISO 8601 has it, in UTC where it states no zone.
+    """A time in ISO 8601; UTC if it states no zone.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the text is no such time.
     """
     time = datetime.fromisoformat(text)
     try:

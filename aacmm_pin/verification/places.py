@@ -1,4 +1,4 @@
-"""Where probed points are in a test: the labels that they share, and their lines in the file."""
+"""Places of probed points in a test: their common labels, and their lines in the file."""
 
 from __future__ import annotations
 
@@ -15,9 +15,7 @@ LABELS_OF_PLACES = ("length_id", "feature", "position", "repeat")
 
 @dataclass(frozen=True)
 class Place:
-    """Probed points of a test: the labels that all of them have, by column, and their lines in the
-    file.
-    """
+    """Common labels of probed points by column, and their lines in the file."""
 
     labels: Mapping[str, str]
     rows: tuple[int, ...]
@@ -44,10 +42,10 @@ def named(labels: Mapping[str, str]) -> str:
 
 
 def rows_of(points: pd.DataFrame) -> tuple[int, ...]:
-    """Their lines in the file."""
+    """Lines in the file."""
     return tuple(points["row"].tolist())
 
 
 def coordinates_of(points: pd.DataFrame) -> Array:
-    """Their coordinates (n, 3) [m]."""
+    """Coordinates (n, 3) [m]."""
     return points[["x", "y", "z"]].to_numpy()

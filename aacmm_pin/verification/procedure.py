@@ -1,5 +1,5 @@
-"""Plan an acceptance test: places of spheres, seats and bars, and the points to probe, each in its
-posture, in order.
+"""Plan an acceptance test: places of spheres, seats and bars, and points with postures, in
+order.
 """
 
 from __future__ import annotations
@@ -37,36 +37,33 @@ from aacmm_pin.postures import articulations, brought_to, spread_out
 from aacmm_pin.verification.characteristics import STANDARDS, definitions
 
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
-"""Between which parts of the reach spheres stand, chosen here; the reach counts from joint 2."""
+"""Ranges of the spheres in parts of the reach from joint 2; chosen here."""
 SEAT_ZONES = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
-"""The same of single points: inside the zones of ASME B89.4.22, off their edges."""
+"""Ranges of the single points in parts of the reach: inside the zones of ASME B89.4.22."""
 LENGTHS = 5
 PLACES = 7
 REPEATS = 3
 """Of the tests of lengths."""
 BALL_BARS = {"short": 1, "long": 3}
-"""The ball bars, and which of the lengths they have where a test of lengths needs all of them too.
-"""
+"""Number of lengths of each ball bar if a test of lengths has all lengths."""
 SPHERE_DIAMETER_MM = 25.0
 """Diameter of the test sphere where none is stated [mm]."""
 PROBE_DIAMETER_MM = 6.0
 """Diameter of the stylus tip where none is stated [mm]."""
 LENGTH_STEP = 10.0
-"""Lengths are planned in steps of this [mm]."""
+"""Step of planned lengths [mm]."""
 LEVEL = 0.25
-"""Spheres and seats stand at most this part of the reach higher or lower than joint 2."""
+"""Largest height of spheres and seats from joint 2, as part of the reach."""
 LEAST_SEPARATION = 0.2
-"""Part of the reach by which spheres and seats are apart."""
+"""Distance of spheres and seats, as part of the reach."""
 CANDIDATES, TRIED = 4000, 30
 """Places that are looked at, and directions of a bar that are tried beside the wanted one."""
 RIM = 0.1
-"""Points on a half sphere end this part of the radius above its rim."""
+"""Part of the radius by which points on a half sphere stay above its rim."""
 LEAST_UPRIGHT_COSINE = 0.7
-"""Cosine of the angle to gravity up to which joint axis 1 of an arm that stands is tilted."""
+"""Cosine of the largest angle of joint axis 1 to gravity of a standing arm."""
 LIMIT_MARGIN = 0.02
-"""Part of a joint's range by which planned postures keep from either limit, so that a hand can move
-round a sphere.
-"""
+"""Part of the range of a joint by which postures avoid its limits, for probing around a sphere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,13 +155,12 @@ class Procedure(Shown):
             )
         points = planned[expected[:3]].to_numpy() * MM
         q = arm.joint_angles(planned[angles].to_numpy() * DEG)
-        return Procedure(arm, table[[name for name in table if not _is_filled_in(name)]], q, points)
-
-
-def _is_filled_in(name: object) -> bool:
-    """Whether a column of the file is planned, or filled in at the test."""
-    text = str(name)
-    return text.startswith(PLANNED) or text in REFERENCE or is_reading(text)
+        stated = [
+            name
+            for name in map(str, table)
+            if not (name.startswith(PLANNED) or name in REFERENCE or is_reading(name))
+        ]
+        return Procedure(arm, table[stated], q, points)
 
 
 def acceptance_procedure(
@@ -222,9 +218,7 @@ def acceptance_procedure(
 
 
 def _stands(arm: Arm) -> bool:
-    """Whether an arm stands on its base: joint axis 1 is upright, and joint 2 not below the
-    base.
-    """
+    """Whether joint axis 1 is upright, and joint 2 not below the base."""
     rotation, _ = arm.chain.walk(np.zeros((1, arm.nq)))
     first = arm.chain.moving_axes()[0]
     cosine = abs(float(rotation[first, 0, :, 2] @ arm.up))
@@ -232,14 +226,14 @@ def _stands(arm: Arm) -> bool:
 
 
 def _shoulder(arm: Arm) -> Array:
-    """The origin of joint axis 2 (3,), or of the only one."""
+    """Origin of joint axis 2 (3,), or of the only joint axis."""
     _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     *_, second = arm.chain.moving_axes()[:2]
     return np.asarray(origin[second, 0])
 
 
 class _Layout:
-    """The points that are laid out so far, over one pool of postures."""
+    """The points so far, over one pool of postures."""
 
     def __init__(self, pool: Pool, sphere: float, probe: float, rng: np.random.Generator) -> None:
         self.pool, self.sphere, self.probe, self.rng = pool, sphere, probe, rng
@@ -252,9 +246,7 @@ class _Layout:
     def fill(
         self, standard: str | None, measuring_range: float | None, lengths: Sequence[float] | None
     ) -> None:
-        """All points that the characteristics of a standard need; see
-        :func:`acceptance_procedure`.
-        """
+        """Add all points that the characteristics of a standard need."""
         wanted = {d.test for d in definitions(standard)}
         all_lengths = bool({"length-uni", "length-bi"} & wanted)
         parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
@@ -287,12 +279,12 @@ class _Layout:
             self.ball_bars(*(bars[parts.index(part)] for part in BALL_BARS.values()))
 
     def probe_point(self, point: Array, q: Array, **cells: Any) -> None:
-        """Add a probed point at ``point`` (3,) near the posture ``q`` (nq,)."""
+        """Add a point (3,) near the posture ``q`` (nq,)."""
         self.probed.append((cells, point, q))
 
     def place(self, low: float, high: float, each: int) -> tuple[Array, Array]:
-        """A point between these parts of the reach, about as high as joint 2, that many postures
-        reach, (3,), and some.
+        """A point (3,) between these parts of the reach, about as high as joint 2, that ``each``
+        postures reach, and the postures.
         """
         tips = self.pool.tips
         inside = (self.distance >= low * self.reach) & (self.distance < high * self.reach)
@@ -315,7 +307,7 @@ class _Layout:
         return found.points[0], found.postures[0]
 
     def spheres(self, wanted: set[str]) -> None:
-        """Spheres near and far, for all tests that need one."""
+        """Add spheres near and far, for all tests that need one."""
         diameters = {"feature_diameter_mm": self.sphere / MM, "probe_diameter_mm": self.probe / MM}
         for name, zone in SPHERES.items():
             center, postures = self.place(*zone, 5)
@@ -333,7 +325,7 @@ class _Layout:
                     )
 
     def _round(self, center: Array, postures: Array, count: int, **cells: Any) -> None:
-        """``count`` points over the half of a sphere from which the stylus comes."""
+        """Add ``count`` points over the half of a sphere from which the stylus comes."""
         stylus = self.pool.arm.stylus_axis
         if stylus is None:
             normals = _half_sphere(count, self.pool.arm.up)
@@ -350,14 +342,14 @@ class _Layout:
             self.probe_point(points[k], postures[best[k]], **cells)
 
     def single_points(self) -> None:
-        """One point in ten postures at each of three distances."""
+        """Add one point in ten postures at each of three distances."""
         for name, zone in SEAT_ZONES.items():
             point, postures = self.place(*zone, 10)
             for q in postures:
                 self.probe_point(point, q, test="single-point", feature="seat", position=name)
 
     def length_bar(self, lengths: Sequence[float], wanted: set[str]) -> None:
-        """A bar with one point at 0 and one at each length, in seven places."""
+        """Add a bar with one point at 0 and at each length, in seven places."""
         for place, (start, direction) in enumerate(self._bar_places(np.array(lengths)), start=1):
             ends = start + np.array([0.0, *lengths])[:, None] * direction
             postures = self.pool.touched(ends, REPEATS)
@@ -374,7 +366,7 @@ class _Layout:
         aside: Array,
         cells: dict[str, Any],
     ) -> None:
-        """All lengths of a bar in every repeat; its ends are probed ``aside`` of them."""
+        """Add all lengths of a bar in every repeat; its ends are probed ``aside`` of them."""
         for repeat in range(REPEATS):
             for number, length in enumerate(lengths, start=1):
                 row = cells | {"repeat": repeat + 1, "length_id": f"L{number}"}
@@ -384,7 +376,7 @@ class _Layout:
                     self.probe_point(ends[end] + sign * aside, q, feature=feature, **row)
 
     def _bar_places(self, lengths: Array) -> list[tuple[Array, Array]]:
-        """Where the bar begins and how it points, in seven places far from one another."""
+        """Start and direction of the bar, in seven places far from each other."""
         up = self.pool.arm.up
         level = np.linalg.svd(up[None])[2][1:]
         wanted = [*level, up] + [
@@ -422,7 +414,7 @@ class _Layout:
         return placed
 
     def ball_bars(self, *lengths: float) -> None:
-        """Ball bars of two lengths in ten places each."""
+        """Add ball bars of two lengths in ten places each."""
         for name, length in zip(BALL_BARS, lengths, strict=True):
             sizes = {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
             for place, bar in enumerate(bars_for(self.pool, 10, length, 2, self.rng), start=1):
@@ -432,7 +424,7 @@ class _Layout:
                     self.probe_point(point, q[0], feature=feature, **cells)
 
     def procedure(self, arm: Arm, seed: int | None) -> Procedure:
-        """All of it, with the tip at its point in every posture."""
+        """The procedure, with exact postures."""
         rows, points, chosen = (np.array(values) for values in zip(*self.probed, strict=True))
         q, arrived = brought_to(self.pool.state_of, chosen, points, joint_bounds(arm))
         if not arrived.all():
@@ -449,8 +441,8 @@ class _Layout:
 
 
 def _half_sphere(count: int, pole: Array) -> Array:
-    """``count`` directions spread evenly over the half about ``pole`` (n, 3): a spiral of equal
-    areas (Saff, Kuijlaars).
+    """``count`` even directions over the half about ``pole`` (n, 3): spiral of Saff and
+    Kuijlaars.
     """
     number = np.arange(count)
     along = 1 - number / max(count - 1, 1) * (1 - RIM)

@@ -1,4 +1,4 @@
-"""Spheres through probed points, and round the centres that were found."""
+"""Spheres through probed points and around centres."""
 
 from __future__ import annotations
 
@@ -15,20 +15,17 @@ from aacmm_pin.measurements import best_sphere
 FEWEST_POINTS = 4
 """Points that a sphere of unknown centre and diameter needs."""
 PLANE_TOLERANCE = 1e-6
-"""Points whose smallest extent is below this part of their largest lie in a plane, where no sphere
-can be fitted.
-"""
+"""Ratio of smallest to largest extent below which points lie in a plane, and fit no sphere."""
 INSIDE = 1e-10
 """Part of the radius by which a point may be outside a sphere and still count as on it."""
 
 
 class FittedSphere(NamedTuple):
-    """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances of its
-    points [m].
+    """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances [m].
 
-    ``diameter_factor`` is the standard deviation of the diameter over that of independent errors of
-    its points. ``residuals`` are how far outside the points lie (n,) [m], ``leverages`` the parts
-    of their errors that it follows.
+    ``diameter_factor`` is the ratio of the standard uncertainties of diameter and points,
+    ``residuals`` the radial distances outwards (n,) [m], ``leverages`` the parts of the errors of
+    the points that the sphere follows (n,).
     """
 
     center: Array
@@ -81,7 +78,7 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
 
 
 def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
-    """Centre (3,) and diameter [m] of the smallest sphere round ``points`` (n, 3), exact (Welzl
+    """Centre (3,) and diameter [m] of the smallest sphere around ``points`` (n, 3), exact (Welzl
     1991).
 
     Raises:
@@ -96,7 +93,7 @@ def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
 
 
 def _welzl(points: list[Array], on: list[Array]) -> tuple[Array, float]:
-    """The smallest sphere round ``points`` that has the points ``on`` on it."""
+    """The smallest sphere around ``points`` through the points ``on``."""
     center, radius = _through(on)
     if len(on) == 4:
         return center, radius
@@ -107,7 +104,7 @@ def _welzl(points: list[Array], on: list[Array]) -> tuple[Array, float]:
 
 
 def _through(on: list[Array]) -> tuple[Array, float]:
-    """The smallest sphere with up to four points on it; a radius of -1 holds none."""
+    """The smallest sphere through up to four points; a radius of -1 contains none."""
     if not on:
         return np.zeros(3), -1.0
     edges = np.array(on[1:]).reshape(-1, 3) - on[0]
