@@ -1,7 +1,6 @@
 """Causes of error, conditions of records, and arms with causes.
 
-``CAUSES`` maps the name of a cause to its class, and ``register`` adds a class. Python loads each
-name of ``__init__.pyi`` at its first use, so that an arm without causes loads no cause.
+``CAUSES`` maps the name of a cause to its class, and ``register`` adds a class.
 """
 
 import lazy_loader

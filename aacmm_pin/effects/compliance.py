@@ -1,8 +1,4 @@
-"""What deflects under weight: joints, bearings, tubes, the stand, and the spring that should carry
-it.
-
-Known masses give one flexibility, unknown masses give more free parameters.
-"""
+"""Elastic causes: joints, bearings, tubes, the stand, and the counterbalance under weight."""
 
 from __future__ import annotations
 
@@ -29,24 +25,23 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 VERTICAL = 0.01
-"""An axis within this angle of the vertical has no moment of a weight about it [rad]."""
+"""Weights have no moment about an axis within this angle of the vertical [rad]."""
 SHORTEST_TUBE = 1e-3
-"""A body shorter than this is no tube [m]."""
+"""A shorter body is no tube [m]."""
 TYPICAL_SAG = 5e-4
-"""Usual turn under a moment that nobody knows [rad]: measuring arms have 1e-4, the joints of robots
-up to 5e-3.
+"""Typical rotation under an unknown moment [rad]: measuring arms 1e-4, joints of robots up to
+5e-3.
 """
 TYPICAL_LOAD = 1e-4
-"""Usual turn under a load of one metre's lever [rad/m]."""
+"""Typical rotation under a load with a lever of one metre [rad/m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadedEffect(Effect):
     """The base class of elastic causes with one compliance.
 
-    A load that the arm file does not state may act at the end of a body. The parameter is then
-    compliance times weight, for a unit force downwards. The load acts in addition to the known
-    masses.
+    A load that the arm file does not state may act at the end of a body, in addition to the known
+    masses. The parameter is then compliance times weight, for a unit force downwards.
 
     Attributes:
         load_at: row of the body at whose end the load acts; None for the masses of the arm.
@@ -78,16 +73,16 @@ class LoadedEffect(Effect):
         return [] if self.load_at is None else [f"load at end of body {self.load_at}"]
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
-        """Return variants with a load at the end of each tube that the cause carries, and at the
-        tip.
+        """Return variants with a load at the tip, and at the end of each tube that the cause
+        carries.
         """
         ends = dict.fromkeys((*tubes(arm), arm.chain.rows))
         carried = [row for row in ends if row >= (self.row or 0)]
         return tuple(replace(self, load_at=row, values=(), u=()) for row in carried)
 
     def unit_load(self, state: State, row: int, about: Array) -> Array:
-        """Return the moment of a unit load about points ``(n, 3)`` [m] in the base, if body ``row``
-        carries the load.
+        """Return the moment about points ``(n, 3)`` [m] in the base of a unit load that body
+        ``row`` carries.
 
         Raises:
             AacmmError: the load is at a body before ``row``.
@@ -103,10 +98,9 @@ class GravityEffect(LoadedEffect):
     """The base class of causes that are proportional to a static moment.
 
     If the arm has masses, the only parameter is a compliance. If not, ``bodies`` names the rows
-    whose weight acts. The static moment is linear in the first moments of these bodies. The
-    parameters are then compliance × first moment × |g|: three numbers for each body, in its own
-    axes. Weights farther out act at the ends of the bodies, so that records determine some
-    parameters only in combination.
+    whose weight acts. The parameters are then compliance × first moment × |g|: three numbers for
+    each body, in its own axes. Weights farther out act at the ends of the bodies, so that records
+    determine some parameters only in combination.
 
     Attributes:
         bodies: rows of the bodies with unknown masses, from the row of the axis on; () for the
@@ -116,7 +110,7 @@ class GravityEffect(LoadedEffect):
     bodies: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Files have lists only; a load and unknown masses exclude each other."""
+        """Convert lists of files; a load and unknown masses exclude each other."""
         object.__setattr__(self, "bodies", tuple(self.bodies))
         super().__post_init__()
         if self.bodies and self.load_at is not None:
@@ -126,7 +120,7 @@ class GravityEffect(LoadedEffect):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """The compliance, three numbers for each body of unknown mass, or one number for a load."""
+        """The compliance, three numbers for each body of unknown mass, or one for a load."""
         if not self.bodies:
             return super().terms
         names = [f"{body}{component}" for body in self.bodies for component in "xyz"]
@@ -150,8 +144,8 @@ class GravityEffect(LoadedEffect):
 
         Raises:
             UnsupportedArmError: the arm has no masses and ``bodies`` is empty.
-            AacmmError: ``bodies`` are not the first bodies at and beyond this axis, or the load is
-                before the axis.
+            AacmmError: ``bodies`` are not the first bodies from this axis on, or the load is before
+                the axis.
         """
         if self.load_at is not None:
             return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
@@ -168,7 +162,7 @@ class GravityEffect(LoadedEffect):
 
 
 def compliance(typical: float) -> Term:
-    """The rotation per moment of a weight."""
+    """A parameter: rotation per moment of a weight."""
     return Term("", "rad/(N·m)", typical, "compliance_rad_per_nm", positive=True)
 
 
@@ -184,16 +178,16 @@ def load_variants(effect: Effect, arm: Arm) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """A tube along the axis of its row or across it, whichever the body is longer along; the rest
-    of the body is rigid.
+    """A tube along the longer side of a body, along the axis of its row or across it; the rest is
+    rigid.
 
     Attributes:
         along: unit vector from its clamp to its end (n, 3).
         length: (n, 1) [m].
-        stub: from its end to the end of the body (n, 3) [m].
-        weight: of what hangs at its end, a lump of the body itself included (n, 3) [N].
-        moment: of that about its end (n, 3) [N·m].
-        spread: weight that is spread evenly over its length (n, 3) [N].
+        stub: vector from its end to the end of the body (n, 3) [m].
+        weight: weight at its end, with a lump of the body itself (n, 3) [N].
+        moment: moment of this weight about its end (n, 3) [N·m].
+        spread: weight spread evenly over its length (n, 3) [N].
     """
 
     along: Array
@@ -207,9 +201,8 @@ class Tube:
     def of(state: State, row: int, label: str) -> Tube:
         """The tube of body ``row``.
 
-        As much of the body's weight is spread over the tube as its centre of mass allows; the rest
-        is a lump at the end of the tube or, where the centre of mass is in the nearer half, at its
-        clamp.
+        As much weight of the body is spread over the tube as its centre of mass allows. The rest is
+        at the end of the tube, or at its clamp if the centre of mass is in the nearer half.
 
         Raises:
             AacmmError: the body is too short.
@@ -242,7 +235,7 @@ class Tube:
         return Tube(tube / length, length, stub, weight, moment, share * body_weight)
 
     def across(self, vectors: Array) -> Array:
-        """Vectors (n, 3) without their part along the tube."""
+        """Components of vectors (n, 3) across the tube."""
         along = np.einsum("ni,ni->n", vectors, self.along)
         return np.asarray(vectors - along[:, None] * self.along)
 
@@ -251,7 +244,7 @@ def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
     """Lengths (n, 1) [m] of vectors along body ``row``.
 
     Raises:
-        AacmmError: too short for a tube.
+        AacmmError: the body is too short for a tube.
     """
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if (length < SHORTEST_TUBE).any():
@@ -295,12 +288,11 @@ class JointCompliance(GravityEffect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every revolute joint: with measured torques, and with known or
-        unknown weights.
+        """Return a candidate for every revolute joint: with measured torques, with known or unknown
+        weights.
 
-        A first joint whose axis is vertical in all records has no variant with weights. Measured
-        torques have noise: with measured torques alone this cause would fit worse than causes that
-        use the weights.
+        A first joint with a vertical axis has no variant with weights. Measured torques have noise:
+        alone, they would fit worse than causes that use the weights.
         """
         chain = arm.chain
         rows = chain.joint_rows()
@@ -396,8 +388,8 @@ class _OfTube(LoadedEffect):
 
     @abstractmethod
     def _deflection(self, tube: Tube) -> tuple[Array, Array]:
-        """Shift and turn of the end of the tube per unit of the parameter, in the base (n, 3)
-        [m/unit, rad/unit].
+        """Translation and rotation of the end of the tube per unit of the parameter, in the base
+        (n, 3).
         """
 
     def displacements(self, state: State) -> list[Displacement]:

@@ -1,5 +1,5 @@
-"""What is known of records beside their angles: when, how warm, from which side, under which
-torque, in which direction probed, on which tilted mount, at which seat.
+"""Conditions of records: time, temperature, approach, torque, direction of probing, tilt,
+labels.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from aacmm_pin._support.plausible import Range
 from aacmm_pin.errors import MissingConditionError, ShapeError
 
 Labels = NDArray[np.object_]
-"""(n,) of str; "" where a record has none."""
+"""(n,) of str; "" if a record has none."""
 Covariate = Literal["anywhere", "joints", "groups", "none"]
-"""What residuals and excluded records are compared with a column for, see
+"""Effects that residuals are compared with; see
 :class:`aacmm_pin.measurements.csv_columns.Column`.
 """
 
 
 class ConditionColumn(NamedTuple):
-    """How a measurement file states a condition.
+    """The columns of a condition in a measurement file.
 
     Attributes:
-        names: its columns, one for each component; # stands for the numbers of joints or DH rows.
-        covariate: what residuals are compared with it for.
-        unit: of the numbers; "" of labels.
-        of_reference: whether it says where the tip should be.
-        range: what the numbers can be, in SI; None: the range of the unit.
-        usual: value in planned and simulated records, if a cause needs it; None if they compute
-            values of their own.
+        names: one for each component; # stands for numbers of joints or DH rows.
+        covariate: effects that residuals are compared with.
+        unit: unit of the numbers; "" for labels.
+        of_reference: whether the condition describes the references.
+        range: possible numbers in SI; None for the range of the unit.
+        usual: value in planned and simulated records if a cause needs it; None if they compute
+            values.
     """
 
     names: tuple[str, ...]
@@ -48,7 +48,7 @@ class ConditionColumn(NamedTuple):
 
     @property
     def is_numbered(self) -> bool:
-        """Whether there are as many columns as joints or rows."""
+        """Whether each joint or row has a column."""
         return "#" in self.names[0]
 
 
@@ -60,11 +60,11 @@ def condition(*column: Any, **more: Any) -> Any:
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
 """No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
 TEMPERATURE_TOLERANCE = 2.0
-"""So much warmer or colder, a metre is longer or shorter by 0.02 to 0.05 mm [K]."""
+"""A difference that changes a metre by 0.02 to 0.05 mm [K]."""
 MOUNT_TILT = Range(-np.pi, np.pi, "rad")
-"""An arm that hangs is tilted by half a turn [rad]."""
+"""Tilt of a mount; half a turn if the arm hangs [rad]."""
 LONGEST_ON = 30 * 86400.0
-"""An arm that has been on for longer has settled, or time counts from elsewhere [s]."""
+"""After this time an arm has settled, or the time counts from another event [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class Conditions(Shown):
     session: Labels | None = condition(("session",), "anywhere")
 
     def __post_init__(self) -> None:
-        """What is given, as arrays of its own."""
+        """Convert and check the arrays."""
         if self.n < 0:
             raise ShapeError(f"conditions have {self.n} records; expected 0 or more")
         for name in self.present:
@@ -156,8 +156,7 @@ class Conditions(Shown):
     def in_tilted_base(self, direction: Array) -> Array:
         """Return a vector of the room, such as gravity, in the axes of the tilted base, ``(n, 3)``.
 
-        The rotation vector ``(tilt_x, tilt_y, 0)`` turns the base from its nominal position. For
-        gravity ``(0, 0, -g)`` and small angles, the result is ``g (tilt_y, -tilt_x, -1)``. A
+        The rotation vector ``(tilt_x, tilt_y, 0)`` turns the base from its nominal position. A
         positive ``tilt_x`` lowers the side of -y, and a positive ``tilt_y`` the side of +x.
 
         Args:
@@ -186,11 +185,7 @@ class Conditions(Shown):
         return tuple(name for name in CONDITION_ENTRIES if getattr(self, name) is not None)
 
     def odd_temperatures(self, reference: float) -> list[Note]:
-        """Return notes about temperatures that are implausible for a workshop.
-
-        Args:
-            reference: reference temperature of the arm [°C].
-        """
+        """Return notes on temperatures that are implausible for a workshop; ``reference`` in °C."""
         found = []
         for values in (self.temperature, self.link_temperature):
             if values is None or not values.size:
@@ -207,10 +202,8 @@ class Conditions(Shown):
         return found
 
     def other_temperatures(self, reference: float) -> list[Note]:
-        """Return a note if temperatures differ from the reference temperature of the lengths.
-
-        Args:
-            reference: reference temperature of the arm [°C].
+        """Return a note if temperatures differ from the ``reference`` temperature of the lengths
+        [°C].
         """
         values = self.temperature if self.temperature is not None else self.link_temperature
         if (
@@ -231,11 +224,7 @@ class Conditions(Shown):
         return [Note("clock_odd", {"least": float(time.min()), "most": float(time.max())})]
 
     def require(self, name: str, purpose: str) -> NDArray:  # type: ignore[type-arg]
-        """Return the condition ``name``.
-
-        Args:
-            name: name of the condition.
-            purpose: operation that needs the condition, for the error message.
+        """Return the condition ``name``, which ``purpose`` needs.
 
         Raises:
             MissingConditionError: the condition is unknown; the message names the column.
@@ -253,16 +242,14 @@ CONDITION_ENTRIES: dict[str, ConditionColumn] = {
 }
 """The columns of each condition."""
 CONDITION_COLUMNS: dict[str, str] = {}
-"""The same for messages, such as ``approach1 …``."""
+"""The columns of each condition in messages, such as ``approach1 …``."""
 for _name, _column in CONDITION_ENTRIES.items():
     _several = _column.is_numbered or len(_column.names) > 1
     CONDITION_COLUMNS[_name] = _column.names[0].replace("#", "1") + " …" * _several
 
 
 class Records(Protocol):
-    """The part of records that a cause may use to find its candidates;
-    :class:`aacmm_pin.Measurements` have this part.
-    """
+    """The part of :class:`aacmm_pin.Measurements` that a cause may use to find its candidates."""
 
     @property
     def q(self) -> Array:
@@ -278,10 +265,10 @@ class Records(Protocol):
 
 
 def _directions(values: ArrayLike) -> Array:
-    """Unit vectors (n, 3) without what rounding did to their lengths; zeros stay.
+    """Unit vectors (n, 3), normalised; zeros stay.
 
     Raises:
-        ShapeError: another shape, or another length.
+        ShapeError: wrong shape, or a length other than 0 or 1.
     """
     vectors = batch(values, 3, "probe_direction", "1")
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -294,7 +281,7 @@ def _directions(values: ArrayLike) -> Array:
 
 
 def labels_of(name: str, values: ArrayLike, n: int) -> Labels:
-    """Return the labels of n records as a new array.
+    """The labels of n records as a new array.
 
     Raises:
         ShapeError: the shape is wrong, or a label is not text.

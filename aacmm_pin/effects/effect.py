@@ -1,4 +1,4 @@
-"""What every cause of error is: a small displacement of places of the arm, linear in parameters."""
+"""The base class of causes of error: small displacements of places, linear in parameters."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ from aacmm_pin.errors import AacmmError, CauseError, MissingConditionError, Unkn
 ROW_FIELDS = ("joint", "link")
 """Fields that state a cause's row."""
 LOCATION_FIELDS = (*ROW_FIELDS, "seat", "marker", "session")
-"""Fields that state where a cause sits."""
+"""Fields that state the place of a cause."""
 NUMBERS = ("values", "u", "nonlinear_u")
-"""Fields of every cause, which do not state which one it is."""
+"""Fields of every cause that do not identify it."""
 UNIT_OF_KEY = re.compile(r"_(rad|deg|mm|um|m|s|k|kg|n|nm)?(_?per_\w+)?$")
-"""What a key of a file ends with."""
+"""Unit at the end of a key."""
 
 BENDS = 0.15
-"""A body longer than this bends enough to be asked about [m]."""
+"""A longer body is a tube, whose bending matters [m]."""
 RELATIVE_STEP = 1e-4
-"""Step of the derivative by a nonlinear parameter, over its value."""
+"""Relative step of the derivative by a nonlinear parameter."""
 
 
 class Reading(NamedTuple):
@@ -143,18 +143,16 @@ class Effect(Shown, ABC):
     prior_weight: ClassVar[float] = 1.0
     """The prior weight of the cause relative to other causes."""
     function_of: ClassVar[str] = ""
-    """What the displacement is a function of: causes of one joint or body that state the same word
-    are forms of one place, such as ``angle``; "" for a place of its own.
+    """What the displacement is a function of, such as ``angle``: causes of one joint or body with
+    the same word are forms of one place; "" for a place of its own.
     """
     free_form: ClassVar[bool] = False
     """True if the cause can be every function of its place, so that it acts there alone."""
     remedy: ClassVar[str] = ""
-    """What to do with the records, if not the arm but its set-up has the error; "" for an error of
-    the arm.
-    """
+    """What to do with the records, if the set-up and not the arm has the error; else ""."""
     follows: ClassVar[str] = ""
-    """The name of the cause at the same place without which this cause is not tried, such as the
-    first of several periodic errors; "" for none.
+    """The name of the cause without which this cause is not tried at a place, such as the first
+    periodic error; "" for none.
     """
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
     """The field whose value the records determine by trial; :attr:`key` contains the value."""
@@ -207,7 +205,7 @@ class Effect(Shown, ABC):
         """
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
-        """Return places and their exact twists ``(n, 6)`` at the values; by default the linear
+        """Return places and their exact twists ``(n, 6)`` at the values; default the linear
         twists.
         """
         values = np.array(self.values)
@@ -228,10 +226,9 @@ class Effect(Shown, ABC):
         """Return the possible places of the cause, each with its variants to try.
 
         The default places are every joint, tube (body longer than 0.15 m), seat with at least two
-        records, or target, according to the field of the place. Without such a field, the default
-        is the whole arm. Places at which :meth:`displacements` raises an :class:`AacmmError` are
-        omitted. A class with other fields without default must replace this method, or has no
-        candidates.
+        records, or target, according to the field of the place; without such a field, the whole
+        arm. Places at which :meth:`displacements` raises an :class:`AacmmError` are omitted. A
+        class with other fields without default must replace this method, or has no candidates.
 
         Args:
             arm: the arm.
@@ -254,8 +251,8 @@ class Effect(Shown, ABC):
                 yield effects
 
     def basis(self, arm: Arm, records: Records) -> Effect | None:
-        """Return an effect whose functions can represent those of this cause in the records; None
-        if there is none.
+        """Return an effect whose functions can represent those of this cause in the records, or
+        None.
         """
         return None
 
@@ -273,16 +270,12 @@ class Effect(Shown, ABC):
     @classmethod
     @cache  # asked for thousands of times in a calibration
     def location_field(cls) -> str | None:
-        """Return the name of the field that states the place, one of :data:`LOCATION_FIELDS`; None
-        for the whole arm.
-        """
+        """Return the field of the place, one of :data:`LOCATION_FIELDS`; None for the whole arm."""
         return next((name for name in LOCATION_FIELDS if name in fields_of(cls)), None)
 
     @property
     def place(self) -> int | str | None:
-        """The number of the joint or link, or the label of the seat or target; None for the whole
-        arm.
-        """
+        """The number of the joint or link, or the label of the seat or target, or None."""
         name = self.location_field()
         return None if name is None else getattr(self, name)
 
@@ -301,11 +294,10 @@ class Effect(Shown, ABC):
 
     @property
     def key(self) -> str:
-        """The label with the nonlinear value, such as ``…,order=7``, which is different for each
-        variant at a place.
+        """The label with the nonlinear value, such as ``…,order=7``, different for each variant at
+        a place.
 
-        The nonlinear value has six digits. A time since 1970 also has milliseconds, because six
-        digits do not distinguish two such times.
+        The value has six digits; a time since 1970 also has milliseconds.
         """
         if not self.nonlinear.field:
             return self.label
@@ -333,7 +325,7 @@ class Effect(Shown, ABC):
         return replace(self, values=tuple(values), u=tuple(u))
 
     def file_values(self) -> dict[str, float]:
-        """Return the values with the names and units of a file; by default one number for each
+        """Return the values with the names and units of a file; default one number for each
         term.
         """
         pairs = zip(self.terms, self.values, strict=True)
@@ -382,7 +374,7 @@ def require_names(stated: Iterable[str], names: Sequence[str], what: str) -> Non
     """Check names of a file.
 
     Raises:
-        UnknownNameError: a name is none of ``names``; ``what`` says of what.
+        UnknownNameError: a name is none of ``names``; ``what`` describes them.
     """
     for name in stated:
         if name not in names:
@@ -390,17 +382,17 @@ def require_names(stated: Iterable[str], names: Sequence[str], what: str) -> Non
 
 
 def values_by_key(effect: Effect, stated: Mapping[str, float], what: str) -> tuple[float, ...]:
-    """Numbers of a file, by the keys of the terms, in SI; what is left out is zero.
+    """Numbers of a file by the keys of the terms [SI]; missing numbers are zero.
 
     Raises:
-        UnknownNameError: a key that is of no term; ``what`` says of what.
+        UnknownNameError: a key belongs to no term.
     """
     require_names(stated, [term.key for term in effect.terms], f"{what} of {effect.label}")
     return tuple(float(stated.get(term.key, 0.0)) * term.scale for term in effect.terms)
 
 
 def require_row(effect: Effect, arm: Arm) -> Effect:
-    """Return the effect, after a check that the arm has the row of the effect.
+    """Return the effect, after a check that the arm has its row.
 
     Raises:
         AacmmError: the arm does not have the row.
@@ -414,9 +406,7 @@ def require_row(effect: Effect, arm: Arm) -> Effect:
 
 
 def is_possible(effect: Effect, arm: Arm, records: Records | None) -> bool:
-    """Whether the arm can have the effect, and the records, if any, have the columns that it
-    depends on.
-    """
+    """Whether the arm can have the effect, and the records, if any, have its conditions."""
     conditions = Conditions(1) if records is None else records.conditions.take([0])
     q = np.zeros((1, arm.nq)) if records is None else records.q[:1]
     try:
@@ -431,12 +421,12 @@ def is_possible(effect: Effect, arm: Arm, records: Records | None) -> bool:
 
 
 def corrects_seat(effect: Effect) -> bool:
-    """Return whether the cause is an error of the stated place of a seat."""
+    """Whether the cause is an error of the stated place of a seat."""
     return effect.of_reference and effect.location_field() == "seat"
 
 
 def _places(location: str | None, arm: Arm, records: Records | None) -> list[dict[str, Any]]:
-    """The places where a cause with the field ``location`` could sit, as that field."""
+    """The possible values of the field ``location``."""
     places: Sequence[Any] = []
     if location == "joint":
         places = arm.chain.moving_rows()
@@ -451,7 +441,7 @@ def _places(location: str | None, arm: Arm, records: Records | None) -> list[dic
 
 
 def tubes(arm: Arm) -> list[int]:
-    """Return the rows of the tubes: bodies that are long enough to bend."""
+    """Rows of the bodies that are long enough to bend."""
     _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     rows = range(1, arm.chain.rows + 1)
     long_rows = []
@@ -470,13 +460,13 @@ def is_row(row: Any) -> bool:
 
 
 def shifts(typical: float, largest: float | None = None) -> tuple[Term, ...]:
-    """Three shifts along x, y and z, in millimetres in files."""
+    """Three translations along x, y and z, in millimetres in files."""
     terms = (Term(name, "m", typical, f"{name}_mm", MM, largest=largest) for name in "xyz")
     return tuple(terms)
 
 
 def turns(typical: float) -> tuple[Term, ...]:
-    """Three turns about x, y and z."""
+    """Three rotations about x, y and z."""
     names = ("rx", "ry", "rz")
     return tuple(Term(name, "rad", typical, f"{name}_rad") for name in names)
 
@@ -484,8 +474,8 @@ def turns(typical: float) -> tuple[Term, ...]:
 def sensitivity(effect: Effect, state: State) -> Array:
     """Compute ∂(position of the target)/∂parameters, ``(n, 3, p)`` [m/unit].
 
-    Displacements of places after the target have no effect. With ``state.turns``, the result also
-    has the rotation of the last body, ``(n, 6, p)`` [m/unit, rad/unit].
+    With ``state.turns``, the result also has the rotation of the last body, ``(n, 6, p)`` [m/unit,
+    rad/unit].
     """
     total = np.zeros((state.n, state.coordinates, len(effect.terms)))
     for displacement in effect.displacements(state):
@@ -495,11 +485,10 @@ def sensitivity(effect: Effect, state: State) -> Array:
 
 
 def point_sensitivity(state: State, displacement: Displacement) -> Array:
-    """Compute the displacement of the target that a displacement of a place causes, ``(n, 3, p)``.
+    """Displacement of the target by a displaced place, ``R (v + ω × r)`` with the lever r: ``(n, 3,
+    p)``.
 
-    The formula is ``R (v + ω × r)``, with the lever r from the place to the target. With
-    ``state.turns``, the result also has the rotation ``R ω``, ``(n, 6, p)``, as in
-    ``LOCAL_WORLD_ALIGNED``.
+    With ``state.turns`` also the rotation ``R ω``, ``(n, 6, p)``, as in ``LOCAL_WORLD_ALIGNED``.
     """
     rotation = state.rotation[displacement.place]
     columns = displacement.columns
@@ -532,8 +521,8 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
 
 
 def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
-    """The joints whose angles the reading of ``row`` is a part of, by ``columns`` (n, p) [rad] that
-    are added to this reading.
+    """Rotations of all joints whose angles contain the reading of ``row``, to which ``columns`` (n,
+    p) [rad] are added.
     """
     chain = state.arm.chain
     ratios = chain.drive.matrix @ state.arm.coupling_matrix[:, state.joint(row)]
@@ -542,8 +531,7 @@ def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
-    """Make the columns ``(n, 6, p)`` of a displacement from translations and rotations in the axes
-    of the place.
+    """Make the columns ``(n, 6, p)`` of a displacement in the axes of the place.
 
     Args:
         linear: translation for one unit of each of p parameters ``(n, 3, p)`` [m/unit]; None if
@@ -557,8 +545,8 @@ def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
 
 
 def extra_uncertainty_effects(effect: Effect) -> tuple[Effect, ...]:
-    """Return effects with value zero whose u describes the uncertainty of ``effect`` beyond the u
-    of its values.
+    """Effects with value zero whose u is the uncertainty of ``effect`` beyond the u of its
+    values.
     """
     nonlinear = effect.nonlinear
     terms = nonlinear.extrapolation_terms(effect)
@@ -569,7 +557,7 @@ def extra_uncertainty_effects(effect: Effect) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class UncertaintyOf(Effect):
-    """The base class of uncertainties of a cause that its values do not carry.
+    """The base class of uncertainties of a cause beyond the u of its values.
 
     Attributes:
         base: the cause.
@@ -600,9 +588,7 @@ class UncertaintyOf(Effect):
 
 
 class NonlinearSensitivity(UncertaintyOf):
-    """Deviation of the nonlinear parameter of a cause from its value, such as of the time constant
-    of a drift.
-    """
+    """Deviation of the nonlinear parameter of a cause, such as a time constant."""
 
     cause = "nonlinear_sensitivity"
 
@@ -615,7 +601,7 @@ class NonlinearSensitivity(UncertaintyOf):
         return (Term(name, nonlinear.unit, typical, name),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Derivative by the nonlinear parameter, at the values of the cause."""
+        """The derivative by the nonlinear parameter."""
         nonlinear = self.base.nonlinear
         values = np.array(self.base.values)
         value = nonlinear.value(self.base)

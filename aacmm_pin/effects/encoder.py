@@ -1,8 +1,8 @@
-"""What an encoder can do wrong: its indication differs from the angle that the joint has.
+"""Errors of encoders.
 
-``δ`` is always joint angle minus indication [rad], as a function of the indication θ: what must be
-added. On an arm with couplings the errors of an encoder are added to its reading, and so to every
-joint angle that this is a part of; errors that are named after a joint are those of its angle.
+``δ`` is joint angle minus reading [rad], as a function of the reading θ. With couplings, an error
+of an encoder is added to its reading, and so to every joint angle that contains this reading;
+causes named after a joint are errors of its angle.
 """
 
 from __future__ import annotations
@@ -38,47 +38,43 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
 SAMPLES = 4096
-"""Points of a curve of which its spectrum is taken."""
+"""Points of a curve for its spectrum."""
 DEGREE = 3
 """Degree of the splines of a curve."""
 MOST_CURVE_COEFFICIENTS = 1000
-"""More of them than any joint has records for."""
+"""More than any joint has records for."""
 LEAST_SPREAD = 0.02
-"""A joint that moves less than this cannot show anything that depends on its angle [rad], or its
-way [m].
-"""
+"""A joint that moves less shows nothing that depends on its angle [rad] or position [m]."""
 HIGHEST_ORDER = 50.0
-"""Errors of an angle are tried up to so many periods per turn."""
+"""Highest order to try [periods per turn]."""
 ORDER_STEP = 0.1
-"""Step of the orders that are tried, in periods over the range of the joint: a wave between two of
-them loses 8 parts of a thousand of its mean square.
+"""Step of the orders to try, in periods over the range of the joint: a wave between two of them
+loses 0.8 % of its mean square.
 """
 OWN_ORDERS = (1.0, 2.0)
-"""Orders of other causes: a periodic error of such an order would be one of them under another
-name …"""
+"""Orders of other causes, which a periodic error would repeat …"""
 OWN_WITHIN = 0.2
-"""… and so would one whose order differs by less than this, in periods over the range."""
+"""… also within this distance, in periods over the range."""
 ORDERS_NEAR = 15
-"""Steps in half an order in which an order is refined around the one that was tried."""
+"""Steps in half an order to refine an order."""
 LEAST_ORDER = 0.3
-"""No order below this is tried."""
+"""Lowest order to try."""
 WHOLE_ORDER_SD = 0.03
-"""An order that is found to be whole may be off by this. Where records tell it to 0.07, the phase
-of one that is whole has a rms error of 0.7 u with this, and of 1.9 u where it is 7.08; with 0.5 the
-first is 0.4 u.
+"""Prior standard deviation of a whole order. Where records determine it to 0.07, the phase of a
+whole order has an RMS error of 0.7 u (0.4 u with 0.5), and of the order 7.08 of 1.9 u.
 """
 INTERVALS_PER_TURN = 200
 """Intervals of the finest curve: four for each period of the highest order. With 100, two of five
-simulated robots with errors of up to 45 periods per turn were described too coarsely.
+simulated robots with up to 45 periods per turn were described too coarsely.
 """
 COARSER = (8, 4, 2, 1)
-"""Curves whose intervals are so many times as long as the finest are tried."""
+"""Lengths of the intervals of the curves to try, in intervals of the finest."""
 FEWEST_COEFFICIENTS = 8
-"""A curve of fewer coefficients is too stiff for an error of its own."""
+"""A curve with fewer coefficients is too stiff."""
 POINTS_PER_INTERVAL = 4
-"""Angles in each interval at which a function is compared with the splines that represent it."""
+"""Angles in each interval to represent a function by splines."""
 PER_COEFFICIENT = 2
-"""So many records for each coefficient of a curve, at least."""
+"""Records for each coefficient of a curve, at least."""
 
 
 @dataclass(frozen=True)
@@ -128,8 +124,8 @@ class OfAngle(Effect):
         return JointErrorCurve(self.joint, low, high, _finest(low, high))
 
     def in_basis(self, basis: Effect) -> Array:
-        """Return the coefficients of the basis that represent the functions ``(b, p)``: least
-        squares over the range.
+        """Return the coefficients of the basis that represent the functions ``(b, p)``, by least
+        squares.
         """
         assert isinstance(basis, JointErrorCurve)
         angle, inverse = _fitting(basis.lower_rad, basis.upper_rad, basis.coefficients)
@@ -144,7 +140,7 @@ def _coefficients(count: int) -> tuple[Term, ...]:
 
 @cache
 def _fitting(low: float, high: float, coefficients: int) -> tuple[Array, Array]:
-    """Angles inside the range of a curve (m,) [rad], and the pseudoinverse of its splines there
+    """Angles inside the range of a curve (m,) [rad], and pseudoinverse of its splines
     (coefficients, m).
     """
     count = POINTS_PER_INTERVAL * coefficients
@@ -154,13 +150,13 @@ def _fitting(low: float, high: float, coefficients: int) -> tuple[Array, Array]:
 
 
 def _range_of(angle: Array) -> tuple[float, float]:
-    """The range of a curve over angles (n,), a little wider [rad]."""
+    """The range of angles (n,), slightly extended [rad]."""
     margin = 1e-6 + 1e-3 * np.ptp(angle)
     return float(angle.min() - margin), float(angle.max() + margin)
 
 
 def _finest(low: float, high: float) -> int:
-    """Coefficients of the finest curve over a range; its intervals can be joined eight by eight."""
+    """Number of coefficients of the finest curve over a range; eight intervals can be joined."""
     eights = max(round((high - low) / (2 * np.pi) * INTERVALS_PER_TURN / COARSER[0]), 1)
     return COARSER[0] * eights + DEGREE
 
@@ -168,7 +164,7 @@ def _finest(low: float, high: float) -> int:
 def _moving(
     arm: Arm, records: Records | None, of_slides: bool = False
 ) -> Iterator[tuple[int, Array]]:
-    """Rows whose joints move by enough, and the angles (n,); one whole turn without records."""
+    """Rows whose joints move enough, and the angles (n,); one turn without records."""
     for number, row in enumerate(arm.chain.moving_rows()):
         angle = np.array([-np.pi, np.pi]) if records is None else records.q[:, number]
         turns = of_slides or not arm.chain.prismatic[number]
@@ -202,7 +198,7 @@ class _Periodic(OfAngle):
         return {"amplitude_rad": amplitude, "phase_rad": float(np.arctan2(sin, cos))}
 
     def file_jacobian(self) -> Array:
-        """Return ∂(A, φ)/∂(A cos φ, A sin φ); without meaning at A = 0, where there is no phase."""
+        """Return ∂(A, φ)/∂(A cos φ, A sin φ); undefined at A = 0."""
         amplitude, phase = self.file_values().values()
         c = np.cos(phase)
         s = np.sin(phase)
@@ -229,7 +225,7 @@ class _Periodic(OfAngle):
 
     @property
     def phase_is_free(self) -> bool:
-        """Whether the phase is exactly zero: it was not stated."""
+        """Whether the phase is exactly zero: not stated."""
         return self.file_values()["phase_rad"] == 0.0
 
 
@@ -286,22 +282,19 @@ class EncoderEllipticity(_Periodic):
 
 @dataclass(frozen=True)
 class _Order(Nonlinear["JointPeriodicError"]):
-    """An order: whole numbers, which teeth and gratings have, are likelier than others."""
+    """An order; whole numbers, of teeth and gratings, are more probable."""
 
     words: str = "{value:.4g} periods per turn"
 
     def refine(self, effect: JointPeriodicError, records: Records) -> list[JointPeriodicError]:
-        """Orders up to half a period per turn away, and the nearest whole one."""
         steps = effect.order + np.linspace(-0.5, 0.5, 2 * ORDERS_NEAR + 1)
         orders = np.union1d(np.round(steps, 4), round(effect.order))
         return [self.at(effect, order) for order in orders[orders > LEAST_ORDER].tolist()]
 
     def prior_sd(self, effect: JointPeriodicError) -> float:
-        """Half a period to either side, or next to nothing of a whole order."""
         return WHOLE_ORDER_SD if self.is_preferred(effect) else 0.5
 
     def is_preferred(self, effect: JointPeriodicError) -> bool:
-        """A whole number of periods per turn."""
         return effect.order == round(effect.order)
 
 
@@ -322,8 +315,8 @@ class JointPeriodicError(_Periodic):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return, for every joint, the orders with at least one period in the range of the records:
-        in small steps, and all whole ones, which teeth and gratings have.
+        """Return, for every joint, orders with at least one period in its range, in small steps,
+        and all whole orders.
 
         A longer period is similar to :class:`EncoderGain`.
         """
@@ -387,9 +380,8 @@ class JointErrorCurve(OfAngle):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return curves over the range of the records for every joint, from coarse to fine.
-
-        Without records, the method returns no candidate.
+        """Return curves over the range of the records for every joint, from coarse to fine; none
+        without records.
         """
         for row, angle in _moving(arm, records) if records is not None else ():
             low, high = _range_of(angle)
@@ -505,9 +497,7 @@ class JointCoupling(Effect):
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Return a candidate for every revolute joint with the previous joint, and for every joint
-        that mimics another joint.
-
-        The other joint must rotate far enough to show the cause.
+        that mimics another joint, if the other joint rotates far enough.
         """
         rows = arm.chain.moving_rows()
         mimicked = [(m.of, m.joint) for m in arm.mimics if m.of != m.joint]
@@ -561,9 +551,7 @@ class JointHysteresis(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every joint that has records with different approach
-        directions.
-        """
+        """Return a candidate for every joint with records of different approach."""
         approach = None if records is None else records.conditions.approach
         for number, row in enumerate(arm.chain.moving_rows()):
             if records is None or (approach is not None and np.ptp(approach[:, number]) > 0):
@@ -576,11 +564,12 @@ class JointHysteresis(Effect):
 
 
 def strongest_waves(effect: Effect, peaks: int = 6) -> list[tuple[float, float]] | None:
-    """Return the orders [per turn] and amplitudes [rad] of the strongest waves in an error curve.
+    """Orders [per turn] and amplitudes [rad] of the strongest waves in an error curve; None for
+    other effects.
 
-    The waves are the peaks of the periodogram over the range of the curve (Hann window), strongest
-    first. Two waves that differ by less than two periods over this range form one peak. Waves with
-    less than one period are omitted. The result is None for every other kind of effect.
+    The waves are peaks of the periodogram over the range of the curve (Hann window), strongest
+    first, with at least one period. Waves less than two periods apart over this range form one
+    peak.
     """
     if not isinstance(effect, JointErrorCurve):
         return None

@@ -1,4 +1,4 @@
-"""What is beside the links and encoders: stand, stylus, target, warmth, and the references."""
+"""Causes besides links and encoders: stand, stylus, target, temperature, references."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from aacmm_pin.effects.time_dependent import AT_ENDS, StepInTime, TimeOfStep, mi
 from aacmm_pin.errors import UnsupportedArmError
 
 LEAST_SEATS = 3
-"""With fewer seats nothing tells which of them is off."""
+"""Fewer seats do not show which of them has an error."""
 STEPS_OF_SETUP = 20
-"""Times of a movement of the set-up that are tried; several parameters step there."""
+"""Times of a movement of the set-up to try, each with several parameters."""
 STEPS_OF_SEAT = 8
-"""The same of a seat, among the times at which it is touched."""
+"""Times of a movement of a seat to try."""
 FARTHEST_TARGET = 10.0
-"""A target on the last body is within so much of the tip [m]."""
+"""Largest distance of a target on the last body from the tip [m]."""
 ANOTHER_POINT = 5e-4
-"""No ball is so far from where its qualification has it: it is another point [m]."""
+"""A ball farther from its qualified place is another point [m]."""
 
 
 class _OfLabel(Effect):
-    """The base class of causes that act in the records with the label of their place; without a
-    label in all records.
+    """The base class of causes that act in records with one label; without a label in all
+    records.
     """
 
     @property
@@ -41,7 +41,7 @@ class _OfLabel(Effect):
         return () if self.place is None else (str(self.location_field()),)
 
     def mask(self, state: State) -> Array:
-        """1 in the records with the label, 0 in others (n, 1, 1)."""
+        """1 in the records with the label, else 0 (n, 1, 1)."""
         if self.place is None:
             return np.ones((1, 1, 1))
         labels = state.conditions.require(str(self.location_field()), self.label)
@@ -67,7 +67,7 @@ class SeatError(_OfLabel):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every seat, if other seats determine where the seat should be."""
+        """Return a candidate for every seat, if there are enough other seats with coordinates."""
         seats = list(super().candidates(arm, records))
         if records is not None and len(seats) >= LEAST_SEATS and records.known.any():
             yield from seats
@@ -124,9 +124,7 @@ class StylusOffset(_OfLabel):
     terms = shifts(5e-5, FARTHEST_TARGET)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """Return a note if the coordinates are of a target, and not of the tip in the geometry of
-        the arm.
-        """
+        """Return a note if the coordinates are of a target far from the tip."""
         far = float(np.linalg.norm(self.values))
         if self.marker is not None or far < ANOTHER_POINT:
             return []
@@ -212,7 +210,7 @@ class SeatShift(StepInTime, _OfLabel):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every seat that is touched often enough, with times of its own."""
+        """Return a candidate for every seat that is touched often enough, with its own times."""
         labels = None if records is None else records.conditions.seat
         times = None if records is None else records.conditions.time
         if labels is None or times is None or len(np.unique(labels)) < LEAST_SEATS:
@@ -296,9 +294,7 @@ class ThermalExpansion(Effect):
     terms = (Term("", "1/K", 2e-5, "expansion_per_k", read_in=("µm/(m·K)", 1e-6), positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the growth of each length per unit of α, proportional to the difference
-        from T0.
-        """
+        """Return the growth of each length per unit of α, proportional to T - T0."""
         all_rows = range(state.arm.chain.rows + 1)
         rows = all_rows if self.link is None else [state.known_row(self.link)]
         growths = [growth_of_body(state, row, self._warmer(state, row)[:, None]) for row in rows]
@@ -317,10 +313,10 @@ class ThermalExpansion(Effect):
 
 
 def _stylus_axis(effect: Effect, arm: Arm) -> Array:
-    """Along the stylus, in the axes of the tip (3,).
+    """Unit vector along the stylus, in the axes of the tip (3,).
 
     Raises:
-        UnsupportedArmError: the arm states none.
+        UnsupportedArmError: the arm states no stylus axis.
     """
     if arm.stylus_axis is None:
         raise UnsupportedArmError(
@@ -330,18 +326,14 @@ def _stylus_axis(effect: Effect, arm: Arm) -> Array:
 
 
 def _across(stylus: Array, state: State, vectors: Array) -> Displacement:
-    """The tip, by the part across the stylus of vectors of the base (n, 3), or of one (3,)."""
+    """Translation of the tip by the part of base vectors (n, 3) or (3,) across the stylus."""
     of_tip = state.in_axes_of(state.arm.chain.tip, vectors)
     across = of_tip - (of_tip @ stylus)[:, None] * stylus
     return Displacement(state.arm.chain.tip, twist(across[:, :, None]))
 
 
 def growth_of_body(state: State, row: int, growth: Array) -> list[Displacement]:
-    """The lengths of body ``row`` (0: what stands before row 1).
-
-    Args:
-        growth: relative, per unit of each parameter (n, p) [1/unit].
-    """
+    """Growth of the lengths of body ``row`` (0: before row 1) by ``growth`` (n, p) [1/unit]."""
     displacements = []
     for place in (axis(row), end(row)) if row else (end(0),):
         # The shift from the place before; a joint turns it only where it is along z.

@@ -1,4 +1,4 @@
-"""An arm with the causes of error that are known of it: prediction, sensitivity, correction."""
+"""An arm with causes of error: prediction, sensitivity, correction."""
 
 from __future__ import annotations
 
@@ -35,13 +35,11 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
 MOST_EQUILIBRIUM_STEPS = 20
-"""The weight's moments are found again in the bent arm until nothing moves; the arm is stiff, so
-three or four do.
-"""
+"""Iterations of the moments in the deflected arm, at most; three or four suffice."""
 LABELS_LISTED = 20
-"""So many labels are listed."""
+"""Labels to list, at most."""
 SAME_TWIST = 1e-15
-"""Twists that change by less than this stay as they are [m, rad]."""
+"""Change of twists below which the iteration ends [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -114,12 +112,7 @@ class ErrorModel(Shown):
 
     @staticmethod
     def arm_of(model: GivenModel) -> Arm:
-        """Return the arm of a model, or the arm that a name or path states.
-
-        Raises:
-            UnknownNameError, ArmFileError: see :meth:`load`.
-            AacmmError: ``model`` has another type.
-        """
+        """Return the arm of a model; see :meth:`of` for errors."""
         return model.arm if isinstance(model, ErrorModel) else as_arm(model, "model")
 
     @staticmethod
@@ -153,9 +146,7 @@ class ErrorModel(Shown):
         return file
 
     def text(self, comment: str = "", path: str | Path | None = None) -> str:
-        """Return the arm file of this model as TOML; see :func:`aacmm_pin.arm.file.arm_text` and
-        :meth:`file`.
-        """
+        """Return the arm file of this model as TOML; see :meth:`file`."""
         return arm_text(self.file(), comment, path)
 
     def save(self, path: str | Path, force: bool = False, comment: str = "") -> None:
@@ -173,18 +164,14 @@ class ErrorModel(Shown):
             temporary.write_text(encodable(text), encoding="utf-8")
 
     def with_effects(self, *effects: GivenCause) -> ErrorModel:
-        """Return the model with more causes; a new cause replaces the same cause at the
-        same place.
-        """
+        """Return the model with more causes, which replace the same causes at the same places."""
         added = as_causes(effects, self)
         new = {effect.identity for effect in added}
         return replace(self, effects=(*(e for e in self.effects if e.identity not in new), *added))
 
     @property
     def without_covariance(self) -> ErrorModel:
-        """The model without a covariance, and without uncertainties of the parameters in the
-        covariance.
-        """
+        """The model without the covariance, and with exact parameters in place of those in it."""
         if self.arm.covariance is None:
             return self
         names = {*self.arm.covariance.parameters}
@@ -200,9 +187,7 @@ class ErrorModel(Shown):
         return ErrorModel(arm, effects)
 
     def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
-        """Return the arm with only the given causes, and the part of the covariance for their
-        parameters.
-        """
+        """Return the arm with only the given causes, and their part of the covariance."""
         if self.arm.covariance is None:
             return replace(self, effects=effects)
         parameters = [*self.arm.parameters]
@@ -213,8 +198,7 @@ class ErrorModel(Shown):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters of the arm, then those of the causes, in the order of the columns of
-        :meth:`sensitivity`.
+        """The parameters of the arm, then of the causes, as columns of :meth:`sensitivity`.
 
         The covariance in the arm file replaces the u of each parameter that it names.
         """
@@ -226,9 +210,8 @@ class ErrorModel(Shown):
         return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
 
     def covariance(self) -> Array:
-        """Return the covariance of all parameters, ``(p, p)`` [their units].
-
-        Parameters that are not in the covariance of the arm file are independent.
+        """Return the covariance of all parameters, ``(p, p)`` [their units]; independent if not in
+        the arm file.
         """
         parameters = self.parameters
         matrix = np.diag([p.u**2 for p in parameters])
@@ -269,9 +252,8 @@ class ErrorModel(Shown):
     def correct(self, readings: ArrayLike, conditions: Conditions | None = None) -> Array:
         """Compute corrected coordinates of the tip from readings ``(n, nq)`` [rad]: ``(n, 3)`` [m].
 
-        For an arm with couplings, first convert the readings with
-        :meth:`aacmm_pin.Arm.joint_angles`. The method refuses readings outside the known range of a
-        cause; omit records for which :meth:`known_at` is False.
+        For an arm with couplings, first use :meth:`aacmm_pin.Arm.joint_angles`. Omit records for
+        which :meth:`known_at` is False.
 
         Raises:
             ShapeError, MissingConditionError: see :meth:`predict`.
@@ -280,10 +262,8 @@ class ErrorModel(Shown):
         return self.predict(readings, conditions)
 
     def input_warnings(self, q: Array, conditions: Conditions) -> list[Note]:
-        """Return notes about input that may have another unit or another clock.
-
-        The notes are about angles ``q`` ``(n, nq)`` [rad] outside the limits, and about conditions
-        that the causes need.
+        """Return notes on angles ``q`` ``(n, nq)`` [rad] outside the limits and on implausible
+        conditions, which may have another unit or clock.
 
         Raises:
             MissingConditionError: a condition that a cause needs is missing.
@@ -312,11 +292,9 @@ class ErrorModel(Shown):
         return [label for label in dict.fromkeys(labels) if label and label not in stated]
 
     def known_at(self, q: ArrayLike) -> Mask:
-        """Return True for each cause that is known at the angles ``q`` ``(n, nq)``: ``(n,
-        effects)``.
+        """Return whether each cause is known at the angles ``q`` ``(n, nq)``: ``(n, effects)``.
 
-        For example, an error curve is known only in its range. ``q`` may be in a wrong unit,
-        because the package also searches files for such mistakes.
+        For example, an error curve is known only in its range. ``q`` may have a wrong unit.
 
         Raises:
             ShapeError: ``q`` is not a finite ``(n, nq)`` array.
@@ -406,10 +384,9 @@ def displaced(
     target: int,
     as_referenced: bool,
 ) -> State:
-    """Return the state with every place displaced by the exact causes.
+    """The state with every place displaced by the exact causes; weights act on the deflected arm.
 
-    Weights act on the deflected arm. Errors of the references come last, and do not rotate the arm
-    relative to gravity.
+    Errors of the references come last, and do not rotate the arm relative to gravity.
     """
     acting = [effect for effect in effects if any(effect.values)]
     of_reference = [effect for effect in acting if effect.of_reference]
@@ -424,7 +401,7 @@ def displaced(
 
 
 def static_equilibrium(elastic: list[Effect], state: State) -> State:
-    """Return the state in static equilibrium, in which the weights act on the deflected arm.
+    """The state in which the weights act on the deflected arm.
 
     Raises:
         AacmmError: the iteration does not converge.
@@ -444,7 +421,7 @@ def static_equilibrium(elastic: list[Effect], state: State) -> State:
 
 
 def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) -> dict[int, Array]:
-    """Sum of the effects' twists at each place, and of those already there."""
+    """Sums of the twists of effects and of ``others`` at each place."""
     twists = dict(others)
     for effect in effects:
         for place, twist in effect.exact(state):
@@ -453,19 +430,15 @@ def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) ->
 
 
 def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, source: str) -> None:
-    """Check that the records show an effect that depends on conditions, such as a seat, target or
-    time.
+    """Check that records show an effect that depends on conditions, such as a seat, target or time.
 
     Args:
-        effect: the effect.
-        arm: the arm.
-        q: joint angles ``(n, nq)`` [rad].
-        conditions: conditions of the n records.
+        effect, arm: the effect and the arm.
+        q, conditions: joint angles ``(n, nq)`` [rad] and conditions.
         source: name of the records in messages.
 
     Raises:
-        AacmmError: the effect displaces nothing in the records; the message states the content of
-            the columns.
+        AacmmError: the effect displaces nothing in the records.
     """
     state = State(arm, q, conditions, arm.chain.tip)
     if not effect.needs or any(d.columns.any() for d in effect.displacements(state)):
@@ -496,14 +469,10 @@ GivenCause = Effect | str
 def as_causes(
     causes: GivenCause | Iterable[GivenCause], model: ErrorModel, present: Collection[str] = ()
 ) -> tuple[Effect, ...]:
-    """Return causes and texts of causes (see :func:`aacmm_pin.effects.cause_of`) as a tuple of
-    causes.
-
-    A single cause or text counts as a list.
+    """Causes, or texts for :func:`cause_of`, as a tuple; a single one counts as a list.
 
     Raises:
-        UnknownNameError, AacmmError: see :func:`aacmm_pin.effects.cause_of`; an item has another
-            type.
+        UnknownNameError, AacmmError: see :func:`cause_of`; an item has another type.
     """
     effects: list[Effect] = []
     several: Iterable[object] = [causes] if isinstance(causes, Effect | str) else causes
@@ -525,7 +494,7 @@ GivenModel = Arm | ErrorModel | str | Path
 
 
 def loaded(model: GivenModel) -> Arm | ErrorModel:
-    """Return a model or an arm unchanged, or load the model that a name or path states.
+    """A model or an arm unchanged, or the model of a name or path.
 
     Raises:
         UnknownNameError, ArmFileError: see :meth:`ErrorModel.load`.
@@ -534,5 +503,4 @@ def loaded(model: GivenModel) -> Arm | ErrorModel:
 
 
 def _extra_uncertainty_parameters(effect: Effect) -> list[Parameter]:
-    """Parameters of what is uncertain of an effect beside its values."""
     return [p for term in extra_uncertainty_effects(effect) for p in term.parameters()]

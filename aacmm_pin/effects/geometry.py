@@ -1,4 +1,4 @@
-"""Values of the geometry that are off: one number of a DH row, or the placement of a joint."""
+"""Errors of the geometry: one number of a DH row, or the placement of a joint."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class _RowValue(Effect):
     """
 
     def _moved(self, state: State) -> int:
-        """(d, θ) act on the row's axis; (a, α) behind the body in standard DH, before the axis in
-        modified DH.
+        """(d, θ) act on the axis; (a, α) after the body in standard DH, before the axis in modified
+        DH.
         """
         row = state.known_row(self.joint)
         if self.component in (2, 5):
@@ -173,16 +173,14 @@ class JointPlacement(Effect):
 
 
 def of_geometry(arm: Arm) -> list[Effect]:
-    """Return the causes for all geometric parameters of the arm, in the order of
-    :meth:`Arm.sensitivity`.
-    """
+    """The causes for all geometric parameters, in the order of :meth:`Arm.sensitivity`."""
     if arm.dh is None:
         return [JointPlacement(joint=row) for row in range(1, arm.chain.rows + 1)]
     return [of_parameter(arm, parameter) for parameter in arm.parameters]
 
 
 def of_parameter(arm: Arm, parameter: Parameter) -> Effect:
-    """Return the cause that changes one value of a DH table."""
+    """The cause that changes one value of a DH table."""
     row = parameter.joint
     if row is None or arm.dh is None:
         raise UnsupportedArmError(
@@ -199,9 +197,7 @@ def of_parameter(arm: Arm, parameter: Parameter) -> Effect:
 
 
 def joint_zeros(arm: Arm) -> list[Effect]:
-    """Return the causes for the zeros of all joints: for a prismatic joint in a DH table the
-    distance d.
-    """
+    """The causes for the zeros of all joints; of a prismatic joint in a DH table the distance d."""
     zeros: list[Effect] = []
     for row in arm.chain.joint_rows():
         in_distance = arm.dh is not None and arm.dh.slides[row - 1]

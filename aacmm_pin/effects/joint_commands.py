@@ -1,6 +1,4 @@
-"""Joint commands with which the real arm, as an error model knows it, comes where a nominal model
-wants it.
-"""
+"""Joint commands that bring the real arm to the place of a nominal arm."""
 
 from __future__ import annotations
 
@@ -18,15 +16,15 @@ from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, ShapeError
 
 OTHER_TIP = 5e-3
-"""A target farther from the tip than this is another point, and no error of the tip [m]."""
+"""A target farther from the tip is another point [m]."""
 ARRIVED = 1e-9
-"""A tip nearer to where it shall be than this is there [m; rad of its turn]."""
+"""Distance, and angle, at which a tip has arrived [m, rad]."""
 MOST_STEPS = 100
-"""The errors of an arm are small: four steps do, but next to a singular posture."""
+"""Newton steps; four suffice except next to a singular posture."""
 LONGEST_JOINT_STEP = 0.1
-"""No step is longer: next to a singular posture the straight one would lead far away [rad]."""
+"""Longest step; next to a singular posture a longer one would lead far away [rad]."""
 SINGULAR_MOTION = 1e-6
-"""Motions whose singular value is smaller than this part of the largest are not made."""
+"""Ratio to the largest singular value below which motions are not made."""
 
 
 def joint_commands(
@@ -98,7 +96,7 @@ def joint_commands(
 
 
 def _has_tip_on_target(model: ErrorModel) -> bool:
-    """Whether its tip is a target away from where the arm as described has it."""
+    """Whether the tip is a target far from the tip of the described arm."""
     if model.arm.tip_on_target:
         return True
     offsets = [effect for effect in model.effects if isinstance(effect, StylusOffset)]

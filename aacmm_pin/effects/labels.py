@@ -1,4 +1,4 @@
-"""Causes of error in words, and their values in the units that people read."""
+"""Causes of error in words, and their values in units for readers."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from aacmm_pin.arm import COVERAGE_FACTOR, Arm, axis
 from aacmm_pin.effects.effect import Effect, Reading
 
 FREE_PHASE = 90.0
-"""A phase with a larger U may be nearly any [°]."""
+"""Larger U of a phase: the phase is unknown [°]."""
 PLACE_WORDS = {
     "marker": "target",
     "link": "body",
     "link_bending": "tube",
     "torsional_windup": "tube",
 }
-"""What people call a place, by the cause or else by the field; without either as the field."""
+"""Words for places, by the cause or the field; default the field."""
 PLURAL = {"body": "bodies"}
-"""Plurals that do not only add an s."""
+"""Irregular plurals."""
 WHOLE_ARM = {"thermal_expansion": "the arm"}
-"""Causes that may be of a place, and what people call the whole arm there."""
+"""Words for the whole arm, of causes that may have a place."""
 FEW_VALUES = 8
-"""More parameters than this are no reading."""
+"""Parameters to show, at most."""
 MOST_DECIMALS = 6
-"""Numbers of more decimals than this are written with a power of ten."""
+"""Numbers with more decimals have a power of ten."""
 
 
 def cause_in_words(kind: type[Effect]) -> str:
-    """Return the name of a cause in outputs."""
+    """The name of a cause in outputs."""
     return kind.words or kind.cause.replace("_", " ")
 
 
 def name_in_words(effect: Effect, arm: Arm | None = None) -> str:
-    """Return the name and the place of a cause: ``encoder gain of joint 5``, ``distance d of tool
-    row 7``.
+    """The name and the place of a cause: ``encoder gain of joint 5``, ``distance d of tool row
+    7``.
     """
     words = cause_in_words(type(effect))
     if effect.place is not None:
@@ -47,13 +47,13 @@ def name_in_words(effect: Effect, arm: Arm | None = None) -> str:
 
 
 def in_words(effect: Effect, arm: Arm | None = None) -> str:
-    """Return the name and the place of a cause, with its order or time."""
+    """The name and the place of a cause, with its order or time."""
     details = f" ({', '.join(effect.details)})" if effect.details else ""
     return name_in_words(effect, arm) + details
 
 
 def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
-    """Return a list of causes as text, grouped by kind: ``error curve of joints 1, 2 and 3``."""
+    """Causes as text, grouped by kind: ``error curve of joints 1, 2 and 3``."""
     kinds: dict[tuple[type[Effect], str], list[Effect]] = {}
     for effect in effects:
         kind = "" if effect.place is None else _place_words(effect, arm)
@@ -78,17 +78,15 @@ def _place_words(effect: Effect, arm: Arm | None) -> str:
 
 
 def row_in_words(row: int, arm: Arm) -> str:
-    """Return the word for a row (from 1): ``joint`` if it moves, ``row`` if rigid, ``tool row``
-    after the last joint.
+    """The word for a row (from 1): ``joint``, ``row`` if rigid, ``tool row`` after the last
+    joint.
     """
     moving = arm.chain.moving_rows()
     return "joint" if row in moving else "row" if row < moving[-1] else "tool row"
 
 
 def slides(effect: Effect, arm: Arm) -> bool:
-    """Return whether the values of a cause are for a prismatic joint, so that metres replace
-    radians.
-    """
+    """Whether the values of a cause are of a prismatic joint, in metres in place of radians."""
     if effect.location_field() != "joint" or effect.row is None:
         return False
     number = int(arm.chain.joint[axis(effect.row)])
@@ -97,9 +95,8 @@ def slides(effect: Effect, arm: Arm) -> bool:
 
 
 def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
-    """Return the values of a cause with their u, as texts by key.
-
-    The covariance ``(p, p)`` of the parameters gives u.
+    """The values of a cause with their u from the ``covariance`` ``(p, p)``, by the keys of
+    files.
     """
     jacobian = effect.file_jacobian()
     variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
@@ -109,9 +106,7 @@ def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, f
 
 
 def known_range_in_words(effect: Effect) -> str:
-    """Return the range of joint angles in which an effect is known, as text after a comma; "" for
-    all angles.
-    """
+    """The known range of a cause after a comma; "" for all angles."""
     if effect.known_range is None:
         return ""
     low, high = effect.known_range
@@ -122,10 +117,7 @@ def known_range_in_words(effect: Effect) -> str:
 def values_in_words(
     effect: Effect, values: Mapping[str, tuple[float, float]], slides: bool = False
 ) -> str:
-    """Return the values of a cause with U (k = 2), as texts by key.
-
-    If the joint ``slides``, metres replace radians.
-    """
+    """The values of a cause with U (k = 2), as texts by key; in metres if the joint ``slides``."""
     if len(values) > FEW_VALUES:
         return f"curve with {len(values)} values"
     readings = effect.readings()
@@ -142,8 +134,8 @@ def values_in_words(
 
 
 def _value(reading: Reading, value: float, expanded: float) -> str:
-    """Two digits of U, and the value to the same decimals; a bound, if U exceeds the value; no
-    phase that may be any.
+    """U with two digits, the value with the same decimals; a bound if U exceeds the value; no
+    unknown phase.
     """
     value = value * reading.factor
     expanded = expanded * reading.factor
@@ -169,12 +161,12 @@ def _value(reading: Reading, value: float, expanded: float) -> str:
 
 
 def probability(value: float) -> str:
-    """Return a probability as text with three decimals, "> 0.999" or "< 0.001"."""
+    """A probability with three decimals, "> 0.999" or "< 0.001"."""
     return "> 0.999" if value > 0.999 else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
 def typical_magnitude_in_words(effect: Effect) -> str:
-    """Return the different typical magnitudes of the parameters as text: ``10 µrad/(N·m)``."""
+    """The different typical magnitudes of the parameters: ``10 µrad/(N·m)``."""
     sizes = []
     for term in effect.terms:
         unit, size = term.unit_read
@@ -183,7 +175,7 @@ def typical_magnitude_in_words(effect: Effect) -> str:
 
 
 def listed(items: Sequence[str], last: str = "and") -> str:
-    """Return items as text: ``a, b and c``."""
+    """Items as text: ``a, b and c``."""
     if len(items) < 2:
         return "".join(items)
     return f"{', '.join(items[:-1])} {last} {items[-1]}"

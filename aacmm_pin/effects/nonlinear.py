@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 E = TypeVar("E", bound="Effect")
 
 WARM_UP_TIMES = (600.0, 1800.0, 5400.0)
-"""Time constants of a warm-up that are tried [s]."""
+"""Time constants of a warm-up to try [s]."""
 TIME_CONSTANTS = 15
-"""Time constants that are tried around one that was found."""
+"""Time constants to refine a found one."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The causes that are known by name: the library's, and those that somebody registered."""
+"""The causes by name: those of the library, and registered ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LIBRARY = (encoder, time_dependent, compliance, environment, geometry)
 
 
 def _defined_in(module: ModuleType) -> Iterator[type[Effect]]:
-    """The classes of a module that state the name of a cause, in the order of its text."""
+    """The classes of a module that state the name of a cause, in order."""
     for value in vars(module).values():
         is_defined = isinstance(value, type) and value.__module__ == module.__name__
         if is_defined and issubclass(value, Effect) and "cause" in vars(value):
@@ -36,10 +36,10 @@ def _defined_in(module: ModuleType) -> Iterator[type[Effect]]:
 
 
 CAUSES = {effect.cause: effect for module in LIBRARY for effect in _defined_in(module)}
-"""Every cause by its name, in the order in which they are tried."""
+"""Every cause by its name, in the order of trial."""
 
 LARGEST_COLUMN = 1e12
-"""What a cause of one's own may move a place by per unit of a parameter [m/unit, rad/unit]."""
+"""Largest displacement per unit of a parameter of your own cause [m/unit, rad/unit]."""
 
 _Own = TypeVar("_Own", bound=type[Effect])
 _Method = Callable[[Any, State], list[Any]]
@@ -48,13 +48,12 @@ _Method = Callable[[Any, State], list[Any]]
 def register(cause: _Own) -> _Own:
     """Register a cause of your own by its name; use the function as a decorator of the class.
 
-    ``diagnose`` then tries the cause at the places that ``candidates`` returns. Plans distinguish
-    the cause from others, and arm files, ``--cause``, pages and pictures accept it. At the shell,
-    ``aacmm-pin --plugin MODULE …`` or an entry point in the group ``aacmm_pin.causes`` imports the
-    module that registers the cause. The registration ends with the process: a program must register
-    the cause before it reads an arm file with the cause. A new definition of the same class, for
-    example in a notebook, replaces the old class. The package checks every result of
-    ``displacements`` and ``exact``.
+    ``diagnose`` then tries the cause at the places that ``candidates`` returns. Plans, arm files,
+    ``--cause``, pages and pictures accept it. At the shell, ``aacmm-pin --plugin MODULE …`` or an
+    entry point in the group ``aacmm_pin.causes`` imports the module that registers the cause. A
+    program must register the cause before it reads an arm file with the cause. A new definition of
+    the same class, for example in a notebook, replaces the old class. The package checks every
+    result of ``displacements`` and ``exact``.
 
     Raises:
         AacmmError: the class is not an :class:`Effect`, or the name is invalid or already
@@ -88,7 +87,6 @@ def register(cause: _Own) -> _Own:
 
 
 def _check_attributes(cause: type[Effect]) -> None:
-    """Refuse what a class states of itself, if that is no property."""
     fields = ("", *fields_of(cause))
     columns = f"a tuple of some of {', '.join(CONDITION_COLUMNS)}"
     checks: tuple[tuple[str, type | tuple[type, ...], Callable[[Any], bool], str], ...] = (
@@ -105,7 +103,7 @@ def _check_attributes(cause: type[Effect]) -> None:
 
 
 def _checked(method: _Method, name: str) -> _Method:
-    """The method, with a :class:`CauseError` for whatever is wrong with it or what it returns."""
+    """The method, with a :class:`CauseError` for every error in it or in its result."""
     file = method.__code__.co_filename
 
     @wraps(method)
@@ -124,7 +122,7 @@ def _checked(method: _Method, name: str) -> _Method:
 
 
 def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
-    """Refuse a displacement, or a twist of a place, of another shape or without finite numbers."""
+    """Refuse a displacement or a twist with a wrong shape or without finite numbers."""
     if method == "displacements":
         place = moved.place
         given = moved.columns
@@ -152,7 +150,7 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
 
 
 def raised(error: BaseException, file: str) -> str:
-    """Return an exception as one line, with the last line of ``file`` in its traceback, if any."""
+    """An exception as one line, with the last line of ``file`` in its traceback."""
     where = ""
     for frame in traceback.extract_tb(error.__traceback__):
         if frame.filename == file:
@@ -162,7 +160,7 @@ def raised(error: BaseException, file: str) -> str:
 
 
 def cause_named(name: str) -> type[Effect]:
-    """Return the class of a cause by its name.
+    """The class of a cause.
 
     Raises:
         UnknownNameError: no cause has this name.
@@ -197,10 +195,10 @@ def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tu
 
 
 def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[tuple[Effect, ...]]:
-    """What :meth:`Effect.candidates` of a class gives.
+    """The checked result of :meth:`Effect.candidates`.
 
     Raises:
-        CauseError: it gives something else.
+        CauseError: the result has another type.
     """
     places = cause.candidates(arm, records)
     given = list(places) if isinstance(places, Iterable) else [places]

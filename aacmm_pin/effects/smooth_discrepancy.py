@@ -1,6 +1,4 @@
-"""What no cause explains: smooth functions of what was recorded, as plain data that have the same
-values at new records.
-"""
+"""Structure that no cause explains: smooth functions of recorded quantities, as plain data."""
 
 from __future__ import annotations
 
@@ -28,11 +26,9 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
 MOST_KNOTS = 50
-"""Between so many quantiles the rank of a value is interpolated; fewer different values have their
-own.
-"""
+"""Quantiles between which the rank of a value is interpolated, at most."""
 MOST_FUNCTIONS = 100
-"""Functions of one kind in a file; those that diagnosis looks at are 25 at most."""
+"""Functions of one kind in a file; ``diagnose`` uses 25 at most."""
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 Point = tuple[float, float, float]
@@ -40,11 +36,10 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Cosines:
-    """The functions ``cos kπp`` for k from 0 to ``count``, with the rank p of a value among the
-    fitted records.
+    """The functions ``cos kπp`` for k from 0 to ``count``, with the rank p of a value.
 
-    p is the share of the fitted records with a smaller value, interpolated between knots. Outside
-    the range of the fitted records, p is that of the nearest record.
+    p is the share of the fitted records with a smaller value, interpolated between knots, and
+    constant outside the range of the fitted records.
 
     Attributes:
         of: ``joint 2``, ``time`` or ``temperature``.
@@ -81,7 +76,7 @@ class Cosines:
 
     @staticmethod
     def over(of: str, values: ArrayLike, count: int) -> Cosines:
-        """Return the cosines over the ranks of ``values`` ``(n,)``."""
+        """The cosines over the ranks of ``values`` ``(n,)``."""
         numbers = np.asarray(values, dtype=np.float64)
         at, times = np.unique(numbers, return_counts=True)
         below = np.cumsum(times) - 0.5 * times
@@ -93,14 +88,14 @@ class Cosines:
         return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), numbers.size, count)
 
     def of_values(self, values: ArrayLike) -> Array:
-        """Return the functions of ``values`` ``(n,)``: ``(n, count + 1)``."""
+        """The functions of ``values`` ``(n,)``: ``(n, count + 1)``."""
         numbers = np.asarray(values, dtype=np.float64)
         part = np.interp(numbers, self.at_si, self.below) / self.records
         frequency = np.pi * np.arange(self.count + 1)
         return np.cos(frequency * part[:, None])
 
     def values(self, state: State) -> Array:
-        """Return the functions in the records, ``(n, count + 1)``."""
+        """The functions in the records, ``(n, count + 1)``."""
         return self.of_values(_recorded(self.of, state))
 
 
@@ -132,7 +127,7 @@ class Waves:
         return 2 + self.constant
 
     def values(self, state: State) -> Array:
-        """Return the functions in the records, ``(n, 2 or 3)``."""
+        """The functions in the records, ``(n, 2 or 3)``."""
         angle = self.order * _recorded(self.of, state)
         constant = [np.ones_like(angle)] if self.constant else []
         return np.stack([*constant, np.cos(angle), np.sin(angle)], axis=1)
@@ -140,9 +135,7 @@ class Waves:
 
 @dataclass(frozen=True)
 class Moment:
-    """The moment of the weights about the axis of one joint, from the masses of the arm.
-
-    The function may subtract a first-order wave of the joint angle.
+    """The moment of the weights about the axis of one joint, less a first-order wave of its angle.
 
     Attributes:
         of: ``joint 2``.
@@ -157,8 +150,8 @@ class Moment:
 
     @staticmethod
     def beyond_own_angle(of: str, state: State) -> Moment:
-        """Return the part of the moment that a first-order wave of the joint angle does not explain
-        (least squares).
+        """The part of the moment that no first-order wave of the joint angle explains (least
+        squares).
         """
         moment = Moment(of).values(state)[:, 0]
         first_order = Waves(of, constant=True).values(state)
@@ -166,7 +159,7 @@ class Moment:
         return Moment(of, (float(c0), float(c1), float(c2)))
 
     def values(self, state: State) -> Array:
-        """Return the moment in the records, ``(n, 1)`` [N·m].
+        """The moment in the records, ``(n, 1)`` [N·m].
 
         Raises:
             UnsupportedArmError: the arm has no masses.
@@ -179,8 +172,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Bumps:
-    """The functions ``exp(-½ (r / width)²)`` with the distance r of the tip from each of several
-    points.
+    """The functions ``exp(-½ (r / width)²)`` of the distance r of the tip from points.
 
     Attributes:
         centres_si: points in the base [m].
@@ -206,7 +198,7 @@ class Bumps:
         return len(self.centres_si)
 
     def values(self, state: State) -> Array:
-        """Return the functions in the records, ``(n, centres)``."""
+        """The functions in the records, ``(n, centres)``."""
         tip = state.origin[state.arm.chain.tip]
         distance = np.linalg.norm(tip[:, None] - np.array(self.centres_si), axis=2)
         squares = np.square(distance / self.width_si)
@@ -217,7 +209,7 @@ Smooth = Cosines | Waves | Moment | Bumps
 _FILED: TypeAdapter[Smooth] = TypeAdapter(Annotated[Smooth, Field(discriminator="kind")])
 
 RECORDED = ("time", "temperature")
-"""Conditions that functions may be of."""
+"""Conditions that functions may depend on."""
 _JOINT = r"joint [1-9]\d{0,2}"
 QUANTITIES_OF_KIND = {
     "cosines": "|".join([_JOINT, *RECORDED]),
@@ -225,14 +217,12 @@ QUANTITIES_OF_KIND = {
     "moment": _JOINT,
     "bumps": "place",
 }
-"""What functions of each kind may be of."""
+"""Quantities that functions of each kind may depend on."""
 
 
 def product_of(functions: Sequence[Smooth], state: State) -> Array:
-    """Return all products of one function of each set, ``(n, m)``, with the last set varying
-    fastest.
-
-    Without sets the result is the constant 1, ``(n, 1)``.
+    """All products of one function of each set, ``(n, m)``, the last set varying fastest; 1 without
+    sets.
     """
     columns = np.ones((state.n, 1))
     for functions_of_one in functions:
@@ -243,22 +233,22 @@ def product_of(functions: Sequence[Smooth], state: State) -> Array:
 
 
 def needs_of(functions: Iterable[Smooth]) -> tuple[str, ...]:
-    """Conditions that the functions are of."""
+    """Conditions that the functions depend on."""
     names = dict.fromkeys(each.of for each in functions)
     return tuple(name for name in names if name in RECORDED)
 
 
 def as_filed(functions: Smooth) -> dict[str, Any]:
-    """The functions as a file has them."""
+    """The functions as an entry of a file."""
     fields: dict[str, Any] = _FILED.dump_python(functions)
     return {"kind": functions.kind} | fields
 
 
 def as_read(filed: dict[str, Any]) -> Smooth:
-    """The functions that a file has.
+    """The functions of an entry of a file.
 
     Raises:
-        AacmmError: it has none.
+        AacmmError: the entry is invalid.
     """
     try:
         functions = _FILED.validate_json(json.dumps(filed, default=str), strict=True)
@@ -274,7 +264,7 @@ def as_read(filed: dict[str, Any]) -> Smooth:
 
 
 def _recorded(of: str, state: State) -> Array:
-    """What was recorded (n,) [rad, m, s, °C].
+    """The recorded quantity (n,) [rad, m, s, °C].
 
     Raises:
         MissingConditionError: the records lack it.
@@ -291,23 +281,21 @@ def _row_of(joint: str) -> int:
 
 OF_ROW = r"(before|angle|slide|tube) [1-9]\d{0,2}"
 CARRIERS = re.compile(f"room|target|lengths|tubes|{OF_ROW}")
-"""What the functions may act on, see :class:`Carrier`."""
+"""Names of :class:`Carrier`."""
 DIRECTION_DIGITS = 7
-"""Significant digits of a direction in a file: 1e-7 of any displacement is far below the noise of
-any arm.
-"""
+"""Significant digits of a direction in a file: 1e-7 of a displacement is far below the noise."""
 OF_TIP = dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
 GROWTH = {"growth_um_per_m": 1e-6}
 
 
 class Kind(NamedTuple):
-    """A kind of carriers, whose row stands for ``{row}``.
+    """A kind of carriers; ``{row}`` stands for the row.
 
     Attributes:
-        code: of the note that says what is off.
-        quantities: what it changes: names with unit, and how many SI units one of them is.
-        unit: of a coefficient.
-        typical: usual magnitude of a coefficient [that unit].
+        code: code of the note that describes it.
+        quantities: changed quantities with unit, and their size in SI.
+        unit: unit of a coefficient.
+        typical: typical magnitude of a coefficient [unit].
     """
 
     code: str
@@ -326,7 +314,7 @@ CARRIER_KINDS = {
     "tubes": Kind("tubes_grow", GROWTH, "1", 2e-5),
     "tube": Kind("tube_grows", GROWTH, "1", 2e-5),
 }
-"""By the name of a carrier without its row."""
+"""Kinds by the name of a carrier without its row."""
 
 
 @dataclass(frozen=True)
@@ -388,12 +376,8 @@ class Carrier:
         return {name.format(row=row): unit for name, unit in self.kind.quantities.items()}
 
     def displacements(self, state: State, shifts: Array) -> list[Displacement]:
-        """Return the displacements of the places that move.
-
-        Args:
-            state: the arm in n records.
-            shifts: displacements along the axes of the carrier ``(n, axes, p)`` [m, rad, m/m per
-                unit].
+        """The displacements of the places that move, by ``shifts`` along the axes of the carrier
+        ``(n, axes, p)`` [m, rad, m/m per unit].
         """
         if self.what in ("angle", "slide"):
             return [about_axis(state, self.row, shifts[:, 0])]
@@ -405,7 +389,7 @@ class Carrier:
         return [Displacement(self._place(state), twist(shifts))]
 
     def _place(self, state: State) -> int:
-        """The place along whose axes the tip shifts."""
+        """The place along whose axes the tip moves."""
         if self.what == "before":
             return axis(state.known_row(self.row)) - 1
         return state.arm.chain.tip if self.what == "target" else BASE
@@ -456,8 +440,8 @@ def _rounded(row: tuple[float, ...]) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Discrepancy(Effect):
-    """The discrepancy: structure that no cause explains, as smooth functions of recorded quantities
-    with fitted coefficients.
+    """The discrepancy: structure that no cause explains, as smooth functions of recorded
+    quantities.
 
     ``diagnose`` does not try a discrepancy as a cause. A calibration or diagnosis keeps the
     discrepancy of the arm file unchanged. Outside the range of the fitted records, functions of
@@ -486,9 +470,6 @@ class Discrepancy(Effect):
         super().__post_init__()
 
     def _check_directions(self) -> None:
-        """Raises AacmmError unless every coefficient of each part has a number for each
-        parameter.
-        """
         for part in self.parts:
             lengths = [len(row) for row in part.directions]
             if lengths != [self.size] * part.coefficients:
@@ -566,7 +547,7 @@ class Discrepancy(Effect):
 
 
 def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
-    """Return the discrepancy of an entry in an arm file.
+    """The discrepancy of an entry in an arm file.
 
     Raises:
         AacmmError: the functions, carriers or directions are invalid.

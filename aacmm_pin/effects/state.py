@@ -1,6 +1,4 @@
-"""An arm in n records: where every place of its chain is, which weights pull at it, and under which
-conditions.
-"""
+"""An arm in n records: places of its chain, weights and conditions."""
 
 from __future__ import annotations
 
@@ -21,8 +19,8 @@ class State:
     """The arm in n records, as the input of a cause of error; places are those of
     :mod:`aacmm_pin.arm.chain`.
 
-    All vectors and axes are in the base frame. :meth:`in_axes_of` converts vectors to the axes of a
-    place, in which a :class:`~aacmm_pin.effects.Displacement` states its columns.
+    All vectors are in the base frame. :meth:`in_axes_of` converts them to the axes of a place, in
+    which a :class:`~aacmm_pin.effects.Displacement` states its columns.
 
     Attributes:
         arm: the arm.
@@ -49,9 +47,8 @@ class State:
 
     @property
     def rotation(self) -> Array:
-        """The axes of every place in the base, as columns, ``(places, n, 3, 3)``.
-
-        For example, ``rotation[axis(2)][:, :, 2]`` is z of joint 2.
+        """The axes of every place in the base, as columns, ``(places, n, 3, 3)``:
+        ``rotation[axis(2)][:, :, 2]`` is z of joint 2.
         """
         return self._frames[0]
 
@@ -166,19 +163,13 @@ class State:
         """Return the moment of the weight of body ``row`` and all later bodies about its bearing,
         ``(n, 3)`` [N·m].
 
-        The moment is in the axes of the base.
-
         Raises:
             UnsupportedArmError: the arm has no masses.
         """
         return self.moment(row, self.origin[self.bearing(row)])
 
     def along_axis(self, row: int, vectors: Array) -> Array:
-        """Return the component of vectors of the base ``(n, 3, …)`` along the axis of ``row``,
-        ``(n, …)``.
-
-        For a moment, this component rotates the joint.
-        """
+        """Return the component of vectors ``(n, 3, …)`` along the axis of ``row``, ``(n, …)``."""
         z = self.rotation[axis(row)][:, :, 2]
         return np.asarray(np.einsum("ni,ni...->n...", z, vectors))
 
@@ -188,11 +179,8 @@ class State:
         return np.asarray(mass * self.gravity)
 
     def moment(self, row: int, about: Array) -> Array:
-        """Return the moment of the weight of body ``row`` and all later bodies, ``(n, 3)`` [N·m].
-
-        Args:
-            row: number of the row, from 1.
-            about: points in the base ``(n, 3)`` [m].
+        """Return the moment of the weight of body ``row`` and all later bodies about points
+        ``about`` ``(n, 3)`` [m]: ``(n, 3)`` [N·m].
         """
         mass = self.masses[row - 1 :].sum()
         lever = self._first_moments[row - 1] - mass * about
@@ -203,7 +191,7 @@ class State:
 
         The static moment is ``Σ (R_k H_k) × g``, with one constant vector H_k for body ``row`` and
         each later body. H_k also contains the masses farther out, lumped at the end of the body.
-        Each column is for one component of H_k and for unit gravity.
+        Each column is for one component of H_k and unit gravity.
 
         Raises:
             UnsupportedArmError: a joint after ``row`` is prismatic, so that H_k is not constant.

@@ -1,4 +1,4 @@
-"""Causes as text: as people type them in commands and in Python, and as arm files have them."""
+"""Causes as text, in commands and in Python, and as entries of arm files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 VALUES_IN_TEXT = 6
-"""A text states the values of so many parameters at most."""
+"""Parameters whose values a text states, at most."""
 
 AnyEffect = TypeVar("AnyEffect", bound=Effect)
 
@@ -80,7 +80,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
 
 
 def stated_cause(text: str, model: ErrorModel) -> Effect:
-    """Return the cause that a text states, with a check of the signs of its values.
+    """The cause that a text states, with a check of the signs of its values.
 
     Raises:
         UnknownNameError, AacmmError: see :func:`cause_of` and :func:`require_sign`.
@@ -90,9 +90,7 @@ def stated_cause(text: str, model: ErrorModel) -> Effect:
 
 
 def text_of(effect: Effect) -> str:
-    """Return the text from which :func:`cause_of` makes the cause, with its values if there are
-    few.
-    """
+    """The text from which :func:`cause_of` makes the cause, with its values if they are few."""
     if not any(effect.values) or len(effect.terms) > VALUES_IN_TEXT:
         return effect.key
     parameters = effect.file_values().items()
@@ -116,7 +114,7 @@ def _items(text: str, details: list[str], kind: type[Effect]) -> list[tuple[str,
 
 
 def _field(kind: type[Effect], name: str, value: str) -> Any:
-    """The text as the type that the cause declares; if it is none, itself: the cause refuses it."""
+    """The text as the declared type; unchanged if impossible: the cause refuses it."""
     declared = get_type_hints(kind)[name]
     try:
         if name.endswith("_rad"):
@@ -149,7 +147,7 @@ def effect_from(
     parameters: Mapping[str, float],
     uncertainty: Mapping[str, float] | None = None,
 ) -> AnyEffect:
-    """Return the cause that a file states by fields, parameters and their standard uncertainty.
+    """The cause that a file states by fields, parameters and their u.
 
     Raises:
         UnknownNameError: the cause does not have a field or parameter of this name.
@@ -168,7 +166,7 @@ def effect_from(
 
 
 def _checked_field(kind: type[Effect], name: str, value: Any) -> Any:
-    """A field as a file states it, if it has the type that the class declares."""
+    """A field of a file, if it has the declared type."""
     adapter = TypeAdapter(get_type_hints(kind)[name], config=STRICT)
     try:
         return adapter.validate_python(value)
@@ -179,7 +177,7 @@ def _checked_field(kind: type[Effect], name: str, value: Any) -> Any:
 
 
 def require_plausible(effect: AnyEffect) -> AnyEffect:
-    """Return the cause, after a check that a file can state its values and u.
+    """The cause, after a check that a file can state its values and u.
 
     Raises:
         AacmmError: a value or u is implausibly large.
@@ -196,12 +194,11 @@ def require_plausible(effect: AnyEffect) -> AnyEffect:
 
 
 def require_sign(effect: AnyEffect) -> AnyEffect:
-    """The cause itself, if no value is stated below zero that nature has above zero only.
-
-    A value with a standard uncertainty is an estimate: it may have either sign.
+    """The cause, after a check of the sign of ``positive`` values; estimates, with u, may be
+    negative.
 
     Raises:
-        AacmmError: one is.
+        AacmmError: a value is below zero.
     """
     for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
         if term.positive and value < 0 and u == 0:
@@ -211,7 +208,7 @@ def require_sign(effect: AnyEffect) -> AnyEffect:
 
 
 def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | DiscrepancyEntry]]:
-    """Return the entries of effects in an arm file: causes by name, and the discrepancy."""
+    """The entries of effects in an arm file: causes, and the discrepancy."""
     entries: dict[str, list[EffectEntry | DiscrepancyEntry]] = {"effects": [], "discrepancy": []}
     for effect in effects:
         if isinstance(effect, Discrepancy):
@@ -238,10 +235,10 @@ def _entry_of(effect: Effect) -> EffectEntry:
 
 
 def effects_of_file(arm: Arm, path: str) -> tuple[Effect, ...]:
-    """The effects that the file of an arm has; ``path`` is what errors call it.
+    """The effects in the file of an arm; ``path`` is its name in errors.
 
     Raises:
-        ArmFileError: an entry is none.
+        ArmFileError: an entry is invalid.
     """
     if arm.file is None:
         return ()
@@ -275,7 +272,7 @@ def _effect_of_entry(entry: EffectEntry | DiscrepancyEntry, arm: Arm) -> Effect:
 
 
 def _require_all(entry: EffectEntry, effect: Effect) -> None:
-    """Refuse an entry that states some of the parameters, or of their u, but not the others."""
+    """Refuse an entry with only some of the parameters, or of their u."""
     linear = [term.key for term in effect.terms]
     by_notation = [*effect.file_values()]
     names = linear if {*entry.parameters} <= {*linear} else by_notation

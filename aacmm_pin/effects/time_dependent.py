@@ -1,4 +1,4 @@
-"""What depends on when: a zero that drifts while the arm warms up, and what steps at a time."""
+"""Causes that depend on time: drifts and steps."""
 
 from __future__ import annotations
 
@@ -26,34 +26,32 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
 TIMES_OF_STEP = 40
-"""Times of a step that are tried, in quantiles of the records' times, besides every long pause."""
+"""Times of a step to try, in quantiles of the times, besides every long pause."""
 AT_ENDS = 3
-"""Fewer records before or behind a step than this may be gross errors: no step is tried there."""
+"""Fewer records before or after a step may be gross errors: no step is tried there."""
 GAPS_NEAR = 60
-"""Gaps between records around a time of a step to which it is refined."""
+"""Gaps between records to refine the time of a step."""
 PAUSE_RATIO = 5.0
-"""A pause is so many times longer than the median time between records."""
+"""A pause is so many median intervals between records."""
 
 
 @dataclass(frozen=True)
 class _TimeOfDrift(TimeConstant["ZeroDrift"]):
-    """The time constant of a drift, which the records may show as little more than a slope."""
+    """The time constant of a drift, which records may show as little more than a slope."""
 
     def refine(self, effect: ZeroDrift, records: Records) -> list[ZeroDrift]:
-        """From a third to three times as slow, and seen to no end."""
         return super().refine(replace(effect, until_s=None), records)
 
     def with_coverage_interval(
         self, effect: ZeroDrift, low: float, high: float, records: Records
     ) -> ZeroDrift:
-        """Until the last record, unless that shows where the drift ends."""
+        """Known until the last record, unless the records show the end of the drift."""
         last = float(records.conditions.times[-1])
         if low > 0.0 and effect.time_constant_s < last:
             return effect
         return replace(effect, until_s=last)
 
     def extrapolation_terms(self, effect: ZeroDrift) -> tuple[Effect, ...]:
-        """How fast it goes on after what was seen of it."""
         if effect.until_s is None or not any(effect.values):
             return ()
         tau = effect.time_constant_s
@@ -71,8 +69,8 @@ class ZeroDrift(Effect):
     This cause needs ``time_s``. Aliases: ``encoder_slip``, if the time constant is short;
     ``thermal_expansion``, if the room warms up at the same rate.
 
-    The drift may stop or continue after the last record, at ``until_s``. The standard uncertainty
-    of the later rate is therefore the rate at ``until_s``.
+    After ``until_s``, the time of the last record, the standard uncertainty of the rate is the rate
+    at ``until_s``.
     """
 
     joint: int
@@ -106,12 +104,11 @@ class ZeroDrift(Effect):
 
 @dataclass(frozen=True)
 class _DriftExtrapolation(ZeroDrift):
-    """How much faster or slower than thought a drift goes on after what was seen of it."""
+    """Deviation of the rate of a drift after ``until_s``."""
 
     terms = (Term("later", "rad/s", 1e-7, "later_rad_per_s"),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The time since then."""
         time = state.conditions.require("time", self.label)
         later = np.maximum(time - (self.until_s or 0.0), 0.0)
         return [about_axis(state, self.joint, later[:, None])]
@@ -124,7 +121,7 @@ def midpoints(times: Array) -> Array:
 
 @dataclass(frozen=True)
 class TimeOfStep(Nonlinear["StepInTime"]):
-    """The time of a step, of which records determine the gap between two of them."""
+    """The time of a step; records determine the two records between which it is."""
 
     unit: str = "s"
     above: float = -LATEST
@@ -132,7 +129,7 @@ class TimeOfStep(Nonlinear["StepInTime"]):
     tried: int = TIMES_OF_STEP
 
     def grid(self, records: Records | None) -> Sequence[float]:
-        """Times between records, and in every pause, when arms are handled."""
+        """Times between records, and in every pause, in which arms are handled."""
         times = np.zeros(0) if records is None else records.conditions.times
         if times.size < 2:
             return ()
@@ -145,7 +142,7 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         return tried
 
     def refine(self, effect: StepInTime, records: Records) -> list[StepInTime]:
-        """In every gap between records near it, counted by records: a pause is far in time."""
+        """Times in every gap between records nearby, counted in records."""
         times = records.conditions.times
         between = np.concatenate([times[:1], midpoints(times)])
         place = int(np.searchsorted(between, effect.when))
@@ -154,13 +151,15 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         return [self.at(effect.with_gap((), ()), time) for time in near.tolist()]
 
     def gap(self, effect: StepInTime, records: Records) -> float:
-        """Width of the gap between two times of records in which it is [s]."""
+        """Width of the gap between two records in which the step is [s]."""
         times = records.conditions.times
         behind = int(np.searchsorted(times, self.value(effect)))
         return float(times[behind] - times[behind - 1]) if 0 < behind < times.size else 0.0
 
     def prior_probability(self, effect: StepInTime, records: Records) -> float:
-        """Half by the records (knocked in use), half by the time of the gap (carried around)."""
+        """Half by the records (knocked in use), half by the duration of the gap (carried
+        around).
+        """
         times = records.conditions.times
         if times.size < 2:  # of one that is known
             return 1.0
@@ -170,7 +169,7 @@ class TimeOfStep(Nonlinear["StepInTime"]):
     def with_coverage_interval(
         self, effect: StepInTime, low: float, high: float, records: Records
     ) -> StepInTime:
-        """From the last record before the interval to the first behind it."""
+        """From the last record before the interval to the first after it."""
         times = records.conditions.times
         labels = records.conditions.session
         # Other causes may have moved the likeliest gap since.
@@ -182,7 +181,7 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         return effect.with_gap((before, behind), sessions)
 
     def extrapolation_terms(self, effect: StepInTime) -> tuple[Effect, ...]:
-        """Whether a reading between the two times is of before or after."""
+        """Whether a reading between the two times is before or after the step."""
         if effect.of_reference or not (effect.between_s and any(effect.values)):
             return ()
         return (_InGap(base=effect, u=tuple(abs(value) / 2.0 for value in effect.values)),)
@@ -255,7 +254,7 @@ class StepInTime(Effect):
         return np.where(later | (time >= high), 1.0, by_clock)
 
     def _is_of_later_session(self, conditions: Conditions) -> Mask:
-        """(n,) True where the label is none of its own; without a label the clock counts."""
+        """(n,) True for another label; without a label the clock counts."""
         labels = conditions.session if self.sessions else None
         if labels is None:
             return np.zeros(conditions.n, dtype=bool)
@@ -264,23 +263,21 @@ class StepInTime(Effect):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _InGap(UncertaintyOf):
-    """What is missing of a step, or too much, between the two times."""
+    """Deviation from half of a step between the two times."""
 
     base: StepInTime
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Those of the step."""
         names = [f"in_gap_{term.name}".rstrip("_") for term in self.base.terms]
         pairs = zip(self.base.terms, names, strict=True)
         return tuple(replace(term, name=name) for term, name in pairs)
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Of the kind of the step."""
         return tuple(replace(p, kind=self.base.cause) for p in super().parameters())
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Those of the step, of which half is there between the two times and nowhere else."""
+        """The whole step between the two times, where the model has half of it."""
         twice = 2.0 * (self.base.part(state.conditions) == 0.5)[:, None, None]
         steps = self.base.displacements(state)
         return [Displacement(step.place, step.columns * twice) for step in steps]
