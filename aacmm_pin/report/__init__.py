@@ -1,7 +1,4 @@
-"""Results as people see them: sentences, tables, plots, scenes in three dimensions, pages.
-
-The commands import from here; the names of ``__init__.pyi`` are loaded when they are first used.
-"""
+"""Results for readers: sentences, tables, pictures, scenes and pages."""
 
 import lazy_loader
 

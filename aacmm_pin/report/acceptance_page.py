@@ -1,6 +1,4 @@
-"""Test report of an acceptance test: test values, maximum permissible errors and verdicts, on one
-sheet.
-"""
+"""Test report of an acceptance test on one sheet: test values, MPEs and verdicts."""
 
 from __future__ import annotations
 
@@ -63,7 +61,7 @@ CONDITION_LABELS = {
     "feature_diameter_mm": ("sphere diameter", " mm"),
     "length_mm": ("lengths", " mm"),
 }
-"""Label and unit of each column that states a condition of the whole check."""
+"""Label and unit of each column that describes the whole check."""
 TITLE = "Test report"
 DEFINED = "Definitions of the characteristics"
 HEADS = {
@@ -73,20 +71,20 @@ HEADS = {
     "mpe_mm": "MPE [mm]",
     "had": "points or lengths",
 }
-"""Heads of the columns; all lengths in mm, as limits are stated and charts are drawn."""
+"""Heads of columns; lengths in mm, as limits and charts."""
 NUMBERS_LISTED = 6
-"""Up to so many different numbers of a column are listed; of more, the smallest and the largest."""
+"""Different numbers of a column to list; of more, only the smallest and the largest."""
 
 
 @dataclass(frozen=True)
 class CheckDetails:
-    """What a test report states besides the test values.
+    """Details of a check for the test report.
 
     Attributes:
-        time: of the check.
-        instrument: which arm was checked.
+        time: time of the check.
+        instrument: checked arm.
         about: further lines, by their heads.
-        history: of the checks of the arm.
+        history: earlier checks of the arm.
     """
 
     time: datetime
@@ -97,12 +95,7 @@ class CheckDetails:
 
 @document_of.register
 def acceptance_document(result: AcceptanceResult, details: CheckDetails | None = None) -> Document:
-    """The result as one page; with ``details`` it fits one sheet of A4 and holds the probed points.
-
-    Args:
-        result: test values and verdicts.
-        details: what else the sheet states.
-    """
+    """The result as a document; with ``details``, one sheet of A4 with the probed points."""
     if not result.figures:
         return Document(
             TITLE, ["The file has no probed points for a test of this standard."], result.path
@@ -157,8 +150,8 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
 
 
 def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
-    """Columns that are not empty; with ``several`` sets of coordinates also which one. A ``plain``
-    document has the standard in another table.
+    """Columns that are not empty, and the set of coordinates if there are ``several``; a ``plain``
+    document states the standard elsewhere.
     """
     numbers = [name for name in ("U_mm", "mpe_mm") if table[name].notna().any()]
     verdict = ["verdict"] if table["verdict"].notna().any() else []
@@ -169,7 +162,7 @@ def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
 
 
 def history_blocks(history: History) -> Iterator[Block]:
-    """Test values outside their control limits, and the control charts."""
+    """Test values outside their control limits, and control charts."""
     from aacmm_pin.report.plots.control_charts import charts_drawn, plot_history
 
     charts, drawn = history.charts(), charts_drawn(history)
@@ -197,7 +190,7 @@ def history_blocks(history: History) -> Iterator[Block]:
 
 
 def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:
-    """Charts of more than one value that the figure has no room for, by arm."""
+    """Charts of more than one value that the figure omits, by arm."""
     drawn_keys = {(chart.arm, chart.figure) for chart in drawn}
     names = dict[str, list[str]]()
     for chart in charts:

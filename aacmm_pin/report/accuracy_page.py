@@ -1,6 +1,4 @@
-"""Postures, accuracy, maps and Monte Carlo as documents: predictions before anything is
-measured.
-"""
+"""Predictions as documents: postures, accuracy, lengths, maps."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from aacmm_pin.report.document import NO_NUMBER, Document, Paragraph, Table, doc
 from aacmm_pin.report.numbers import in_one_unit, percent, spread
 
 SHOWN_SOURCES = 8
-"""So many sources of a budget are shown."""
+"""Sources of a budget to show."""
 EXTREMES = "Postures with the smallest and the largest U and accuracy volume"
 HIGHEST = "At a swivel angle of 0°, the elbow is highest."
 EXPANDED, SHARE = "U (k = 2)_mm", "share of variance"
@@ -37,7 +35,7 @@ MAPPED = {
     "largest_u_mm": "largest u_mm",
     "flexibility": "flexibility",
 }
-"""What a map holds in each cell, in words."""
+"""Quantities of a map in words."""
 
 
 @document_of.register
@@ -49,7 +47,7 @@ def postures_document(postures: PosturesAtPoint) -> Document:
 
 @document_of.register
 def flexibility_document(flexibility: Flexibility) -> Document:
-    """Which sectors have a posture."""
+    """The sectors with a posture."""
     works = {}
     if flexibility.sectors:  # none of an arm without an elbow that goes round
         centres = sector_centres(len(flexibility.sectors)) / DEG
@@ -61,12 +59,8 @@ def flexibility_document(flexibility: Flexibility) -> Document:
 
 @document_of.register
 def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None = None) -> Document:
-    """Volume and uncertainty over the configurations, and their sources.
-
-    Args:
-        accuracy: over some configurations.
-        summary: of the same at a point, by
-            :func:`aacmm_pin.report.json_summaries.accuracy_summary`; adds its best and worst.
+    """Volume and uncertainty over postures, and their sources; with the ``summary`` of
+    :func:`aacmm_pin.report.json_summaries.accuracy_summary`, also the best and worst posture.
     """
     if not len(accuracy.q):
         return Document("Accuracy", [str(accuracy)])
@@ -114,7 +108,7 @@ def _budget_table(budget: pd.DataFrame) -> Table:
 
 @document_of.register
 def length_document(length: LengthUncertainty) -> Document:
-    """Uncertainty of a length, the best and the worst pair of postures for it, and its sources."""
+    """Uncertainty of a length, best and worst pair of postures, and sources."""
     rows = []
     for words, number in (("smallest U", length.u.argmin()), ("largest U", length.u.argmax())):
         a, b = length.pair(int(number))
@@ -133,12 +127,11 @@ def length_document(length: LengthUncertainty) -> Document:
 
 
 def _degrees(angles: Iterable[float]) -> str:
-    """Whole degrees of the joints."""
     return " ".join(f"{angle:.0f}" for angle in angles)
 
 
 def what_k_covers() -> str:
-    """The coverage probability of U of a position."""
+    """The coverage probability of U of a position, in words."""
     along, isotropic = (f"{100 * part:.1f}" for part in COVERED)
     return (
         f"U (k = {COVERAGE_FACTOR:g}) of a position covers {along} to {isotropic} % of normally "
@@ -147,9 +140,7 @@ def what_k_covers() -> str:
 
 
 def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
-    """The postures of an accuracy summary with the smallest and largest volume and U, one
-    row each.
-    """
+    """The postures of an accuracy summary with the smallest and largest volume and U."""
     rows = [{"posture": words} | summary[name] for name, words in END_POSTURES.items()]
     table = pd.DataFrame(rows).dropna(axis="columns", how="all")
     table["theta_deg"] = table["theta_deg"].map(_degrees)
@@ -159,7 +150,7 @@ def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
 
 @document_of.register
 def map_document(map_: WorkspaceMap) -> Document:
-    """Least, median and largest of what a map holds, and its cells by working sectors."""
+    """Smallest, median and largest quantities of a map, and its cells by working sectors."""
     data = {words: map_.data[name].values.ravel() for name, words in MAPPED.items()}
     table = Table(spread(pd.DataFrame(data), "all cells"))
     cells = {str(sectors): [number] for sectors, number in map_.working_sectors().items()}

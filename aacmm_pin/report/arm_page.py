@@ -25,7 +25,7 @@ from aacmm_pin.report.numbers import quantity, small, vector
 DH_HEADS = dict(zip(KINDS, ("a [mm]", "d [mm]", "α [°]", "θ offset [°]"), strict=True))
 """Heads of the columns of a DH table."""
 POSTURES_LISTED = 8
-"""So many postures, or names, are shown."""
+"""Postures, or names, to show."""
 MOST_SOURCES = 40
 
 
@@ -64,7 +64,7 @@ def arm_document(arm: Arm) -> Document:
 
 
 def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
-    """One row a DH row: its values ± half-widths, limits, noise, mass."""
+    """Row by row: values ± half-widths, limits, noise, mass."""
     table = _dh_cells(dh, {p.name: p.half_width for p in arm.parameters})
     _add_limits_and_noise(table, arm, np.flatnonzero(dh.moving), "fixed")
     if isinstance(arm.file, ArmFile) and any(row.mass_kg for row in arm.file.joints):
@@ -86,7 +86,7 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
 
 
 def _joints(arm: Arm) -> pd.DataFrame:
-    """One row a joint of an arm that came as URDF."""
+    """The joints of an arm from a URDF."""
     half = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(-1, 6)
     table = pd.DataFrame(
         {
@@ -106,7 +106,7 @@ def _joints(arm: Arm) -> pd.DataFrame:
 
 
 def _add_limits_and_noise(table: pd.DataFrame, arm: Arm, rows: Index, fixed: str) -> str:
-    """Add them in the rows of the joints with a reading; return the head of the limits."""
+    """Add columns for the joints with a reading; return the head of the limits."""
     lengths = ", or mm" if arm.chain.slides.any() else ""
     head = f"limits [°{lengths}]"
     table[head] = fixed
@@ -126,7 +126,7 @@ def dh_document(dh: DHTable) -> Document:
 
 
 def _parameters(parameters: Sequence[Parameter]) -> pd.DataFrame:
-    """One row a parameter: value, U, half-width, each with its unit, and to what it belongs."""
+    """Row by row: value, U and half-width with unit, and place."""
     rows = [
         {
             "parameter": p.name,
@@ -160,7 +160,7 @@ def effect_document(effect: Effect) -> Document:
 
 
 def _values(effect: Effect) -> str:
-    """Described values of a cause ± U; its parameters count as independent."""
+    """Values of a cause ± U; its parameters count as independent."""
     covariance = np.diag(np.square(effect.u))
     return values_in_words(effect, values_with_u(effect, covariance))
 
@@ -183,7 +183,7 @@ def error_model_document(model: ErrorModel) -> Document:
 
 @document_of.register
 def poses_document(poses: Poses) -> Document:
-    """Angles and tip positions of the first configurations; of all there may be a million."""
+    """Angles and tip positions of the first postures."""
     model, number = poses.model, len(poses.q)
     some = Poses(model, poses.q[:POSTURES_LISTED], poses.frame_id)
     table = {}
@@ -203,7 +203,7 @@ def poses_document(poses: Poses) -> Document:
 
 @document_of.register
 def sources_document(sources: ErrorSources) -> Document:
-    """What errors an accuracy is computed from."""
+    """The sources of error of an accuracy."""
     words = f"has {count(len(sources.parameters), 'source')} of error at {sources.at}"
     if sources.not_included:
         words += f", without {', '.join(sources.not_included)}"

@@ -1,9 +1,7 @@
-"""The arm as lines: what lies between one joint axis and the next, in the axes of the joint before
-it.
+"""The arm as lines, each in the axes of its body.
 
-Body i moves with ``axis i`` of the chain (:mod:`aacmm_pin.arm.chain`), body 0 stands still. With a
-DH table its line runs along d and a of the row, so that tubes are where the arm has them; an arm
-that came as URDF has straight lines between its joints.
+Body i moves with ``axis i`` of the chain (:mod:`aacmm_pin.arm.chain`); body 0 is fixed. With a DH
+table a line runs along d and a of the row, as the tubes do; for a URDF, lines join the joints.
 """
 
 from __future__ import annotations
@@ -26,19 +24,19 @@ class ArmLines:
 
     @cached_property
     def lines(self) -> list[Array]:
-        """Corners of the line of body 0, 1, … in its own axes, (k, 3) [m] each."""
+        """Corners of the line of each body in its own axes, (k, 3) [m] each."""
         if self.arm.dh is None:
             return _straight_lines(self.arm)
         return _lines_of_table(self.arm.dh)
 
     @cached_property
     def length(self) -> float:
-        """Of all lines [m]."""
+        """Length of all lines [m]."""
         steps = np.concatenate([np.diff(line, axis=0) for line in self.lines])
         return float(np.linalg.norm(steps, axis=1).sum())
 
     def placements(self, q: Array) -> Array:
-        """Placements of all bodies for checked ``q`` (n, nq): (bodies, n, 4, 4) [m]."""
+        """Placements of all bodies at ``q`` (n, nq): (bodies, n, 4, 4) [m]."""
         rotation, origin = self.arm.chain.walk(q)
         places = [chain.BASE, *(chain.axis(row) for row in range(1, len(self.lines)))]
         placements = np.zeros((len(places), len(q), 4, 4))
@@ -47,7 +45,7 @@ class ArmLines:
         return placements
 
     def corners(self, q: Array) -> Array:
-        """All corners of all lines in the base, from the base to the tip: (n, corners, 3) [m]."""
+        """Corners of all lines in the base, from base to tip: (n, corners, 3) [m]."""
         placed = []
         for at, line in zip(self.placements(q), self.lines, strict=True):
             rotation, origin = at[:, :3, :3], at[:, None, :3, 3]
@@ -56,7 +54,7 @@ class ArmLines:
 
 
 def _lines_of_table(dh: DHTable) -> list[Array]:
-    """Along d and a of every row."""
+    """Lines along d and a of every row."""
     zero, start = np.zeros_like(dh.a), np.zeros((1, 3))
     along_d = np.column_stack([zero, zero, dh.d])
     along_a = np.column_stack([dh.a, zero, zero])
@@ -69,7 +67,7 @@ def _lines_of_table(dh: DHTable) -> list[Array]:
 
 
 def _straight_lines(arm: Arm) -> list[Array]:
-    """From each joint's origin to the next, at rest."""
+    """Lines from each joint to the next, in the zero posture."""
     axes = [chain.axis(row) for row in range(1, arm.chain.rows + 1)]
     rotation, origin = (part[:, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
     lines = []

@@ -1,6 +1,4 @@
-"""A calibration as a document: does it help, residuals, parameters, what the data do not determine,
-files.
-"""
+"""A calibration as a document: gain, residuals, parameters, undetermined parameters, files."""
 
 from __future__ import annotations
 
@@ -65,27 +63,25 @@ from aacmm_pin.report.plots.calibration_plots import LEAST_IN_BIN
 from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatability_in_json
 
 WORTH = 0.05
-"""A calibration whose held-out residuals fall by less than this part has not helped."""
+"""Least reduction of held-out residuals by a useful calibration."""
 COLLINEAR = 0.01
-"""Points whose distance from a straight line is less than this part of their extent along it are
-called collinear.
-"""
+"""Points are collinear if their distance from a line is below this part of their extent."""
 EXCLUDED_LISTED = 10
-"""Excluded records that are listed; the residuals' file has all."""
+"""Excluded records to list; the file of residuals has all."""
 HELD_OUT_KINDS = {
     "records": "records",
     "seats": "seats",
     "sessions": "sessions",
     "blocks": "blocks of joint space",
 }
-"""What is left out in turn."""
+"""Held-out groups in words."""
 HOW_TO_READ = (
     "The values in this file are those after calibration.",
     "[covariance] states the standard uncertainties (m or rad) of the parameters that it names,",
     "and their correlations. Row i of these relates parameter i to the parameters before it.",
     "For these parameters, [covariance] replaces the half-widths in [joints.uncertainty].",
 )
-"""Stands in front of a calibrated arm file."""
+"""Comment at the beginning of a calibrated arm file."""
 COMPARED = (
     "For the residuals before calibration, the fit estimates only an unknown frame or target of "
     "the nominal arm. The target of a record is the reference of the record. If the record is of a "
@@ -128,8 +124,8 @@ def calibration_document(
 
     Args:
         result: the calibration.
-        summary: for a page with files: what ``calibrate --json`` writes; its ``data`` is the name
-            of the measurement file.
+        summary: for a page with files: content of ``calibrate --json``; ``data`` names the
+            measurement file.
         when: date of the page (UTC).
     """
     blocks = [
@@ -150,8 +146,8 @@ def calibration_document(
 
 
 def verdict(result: Calibration) -> str:
-    """Whether the calibration helps, by held-out records where there are some; first, if that is
-    so, that it rests on a part of the records, because what was excluded are no gross errors.
+    """Whether the calibration helps, by held-out records if possible; first, if excluded records
+    are no gross errors, that only part of the records count.
     """
     exclusions, name = result.exclusions, result.model.arm.name
     doubts, others = mistakes_in_words(result.notes), ""
@@ -223,8 +219,8 @@ def fit_in_words(result: Calibration) -> str:
 
 
 def frame_in_words(fit: Fit) -> str:
-    """Where the base is in the frame of the references, or of each session: origin, axes and U; ""
-    where the frames are one, or the records do not determine it.
+    """Base in the frame of the references or of each session: origin, axes and U; "" if the frames
+    are one or not determined.
     """
     held = ", ".join(fit.undetermined.tied_to_frame)
     tied = f" U assumes the values of {held} in the arm file." if held else ""
@@ -246,9 +242,7 @@ def frame_in_words(fit: Fit) -> str:
 
 
 def open_in_words(result: Calibration) -> str:
-    """What these records leave open that matters at other postures; "" where they determine all of
-    that.
-    """
+    """What these records do not determine, and matters in other postures; else ""."""
     combinations = result.fit.undetermined.target_directions.shape[1]
     if not base_is_open(result.fit):
         if not combinations:
@@ -269,9 +263,7 @@ def open_in_words(result: Calibration) -> str:
 
 
 def _extents(points: Array) -> tuple[float, float]:
-    """RMS distance of points (n, 3) from the straight line that fits them best, and RMS extent
-    along it [m].
-    """
+    """RMS distance of points (n, 3) from their best straight line, and RMS extent along it [m]."""
     if not len(points):
         return 0.0, 0.0
     centred = points - points.mean(axis=0)
@@ -280,9 +272,7 @@ def _extents(points: Array) -> tuple[float, float]:
 
 
 def estimated_causes(result: Calibration) -> pd.DataFrame:
-    """Estimated causes of error with their values, amplitude and phase of a wave such as, ± U
-    (k = 2) where there is one.
-    """
+    """Estimated causes of error with their values ± U (k = 2)."""
     vector, arm = result.fit.problem.vector, result.model.arm
     together = result.parameters["known"] == "in combination"
     rows = []
@@ -297,14 +287,7 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
 
 
 def comment(result: Calibration, data: str, when: str) -> str:
-    """The lines in front of a calibrated arm file: from which data, when, how good, and how to read
-    what follows.
-
-    Args:
-        result: the calibration.
-        data: the file that was used, as the user named it.
-        when: date (UTC).
-    """
+    """The comment at the beginning of a calibrated arm file; ``when`` is a date (UTC)."""
     lines = [f"aacmm-pin wrote this file on {when} (UTC) from {data}.", f"{result}."]
     lines.append(fit_in_words(result))
     lines += [f"Note: {line}." for line in result.notes]
@@ -313,13 +296,8 @@ def comment(result: Calibration, data: str, when: str) -> str:
 
 
 def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, Any]:
-    """Schema ``aacmm-pin/calibration/1`` of :meth:`Calibration.summary`, with what it was made
-    from.
-
-    Args:
-        result: the calibration.
-        data: the measurement file.
-        seed: of the generator that chose the held-out records.
+    """Schema ``aacmm-pin/calibration/1`` of :meth:`Calibration.summary`, with data file and
+    seed.
     """
     table, summary = parameter_table(result), result.summary()
     rows = zip(summary["parameters"], table["stated"], table["beyond"], strict=True)
@@ -339,8 +317,8 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
 
 
 def bases_in_json(fit: Fit) -> dict[str, Any]:
-    """Where the base is in the frame of the references, that of the first session; None where it is
-    known without, or not determined. And in the frames of the other sessions.
+    """Base in the frame of the references, or of the first session, and in those of other sessions;
+    None if known without a fit, or not determined.
     """
     bases = [
         {
@@ -479,7 +457,7 @@ def _parameters(result: Calibration) -> Iterator[Block]:
 
 
 def _parameter_table(rows: pd.DataFrame) -> Table:
-    """The parameters, last those in combination; changes beyond what is stated have a mark."""
+    """The parameters, those in combination last; changes beyond the stated bounds have a mark."""
     form = decimals(rows)
     changes = [NO_NUMBER if np.isnan(change) else f"{change:{form}}" for change in rows["change"]]
     shown = rows.assign(change=np.where(rows["beyond"], "* ", "").astype(object) + changes)
@@ -531,14 +509,14 @@ def files(
     names: tuple[str, str],
     note: str,
 ) -> Iterator[Block]:
-    """The section of a page that holds its numbers as files.
+    """The section of a page with its files: results, residuals of every record, and arm file.
 
     Args:
-        summary: what the command writes as JSON.
-        residuals: of every record.
-        model: the arm as found.
-        names: of the JSON and of the arm file.
-        note: the lines in front of the arm file.
+        summary: JSON of the command.
+        residuals: table of the records.
+        model: the resulting arm.
+        names: names of the JSON and of the arm file.
+        note: comment of the arm file.
     """
     of_json, of_arm = names
     yield Heading("Files in this page")

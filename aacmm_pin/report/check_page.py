@@ -1,4 +1,4 @@
-"""What was read of an arm and its measurements, and what they lack, as a document and for JSON."""
+"""What was read of an arm and its measurements, and what they lack: document and JSON."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def check_summary(check: Check) -> dict[str, Any]:
 
 
 def not_tried_in_json(missing: Mapping[str, tuple[type[Effect], ...]]) -> list[dict[str, Any]]:
-    """Columns that a file lacks, and the causes that were no candidates without them."""
+    """Missing columns, and the causes that need them."""
     return [
         {"column": CONDITION_COLUMNS[need], "causes": [cause.cause for cause in causes]}
         for need, causes in missing.items()

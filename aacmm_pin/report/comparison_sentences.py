@@ -9,8 +9,8 @@ from aacmm_pin.calibration import Comparison
 
 
 def comparison_in_words(found: Comparison, first: str) -> str:
-    """The errors by each arm in a line; ``first`` names the first of two arms. "" if the references
-    are of another frame.
+    """The errors by each arm in a line; ``first`` names the first arm. "" if the references are in
+    another frame.
     """
     if found.is_of_other_frame:
         return ""
@@ -29,7 +29,7 @@ def comparison_in_words(found: Comparison, first: str) -> str:
 
 
 def comparison_warning(found: Comparison, arm: str) -> str:
-    """A probable mistake, with the name of the last ``arm``; "" if there is none."""
+    """A probable mistake, with the name of the last ``arm``; else ""."""
     if found.is_of_other_frame:
         return (
             "correct did not compare the references, because their RMS distance from the tip of "

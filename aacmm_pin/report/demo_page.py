@@ -1,8 +1,4 @@
-"""The demonstration on bundled input: ``index.html``, an arm at a working point, over its
-workspace, and measured; and the files behind it.
-
-Every number in the text is computed when the page is made; the sentences around them are fixed.
-"""
+"""The demonstration with bundled data: ``index.html`` and its files."""
 
 from __future__ import annotations
 
@@ -66,14 +62,12 @@ from aacmm_pin.report.scenes import circle_scene, map_scene
 SEED = 1
 """Seed of every random number."""
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
-"""The working point of the wrist in the DH base frame [m]: the first one that the paper of SINO6
-measured.
-"""
+"""Point of the wrist in the DH base frame [m]: the first measured point in the paper of SINO6."""
 LARGEST = 3
-"""Parameters that the text names as the largest of the budget."""
+"""Largest parameters of the budget to name."""
 RECORDS, SEATS = 200, 10
 READING_NOISE = 8e-6
-"""Standard uncertainty of one reading, simulated and stated [rad]."""
+"""Simulated and stated standard uncertainty of one reading [rad]."""
 SIZE, JOINT = 1e-4, 3
 """Of the hidden eccentricity [rad], 5 µm off centre on a circle of 50 mm radius; and its joint."""
 FILES = {
@@ -88,7 +82,7 @@ FILES = {
     "measured.csv": "the simulated measurements",
     "diagnosis.json": "the verdict and its numbers",
 }
-"""What the page links to."""
+"""Links of the page."""
 QUESTION = (
     "This page predicts the accuracy of the arm at one point and over its workspace. The page then "
     "finds a cause of error that the model of a simulated arm lacks, and shows how much more "
@@ -111,12 +105,12 @@ class DemoSummary:
     """Findings of the demonstration and its files.
 
     Attributes:
-        folder: where the files are.
+        folder: folder of the files.
         files: their names.
-        findings: one sentence each.
+        findings: sentences.
         accuracy: content of accuracy.json.
         map: content of map.json.
-        seconds: time that all took.
+        seconds: duration.
     """
 
     folder: Path
@@ -245,13 +239,13 @@ def run_demo(
     cells: tuple[int, int] = (48, 48),
     sectors: int = 12,
 ) -> DemoSummary:
-    """Compute the tour and write it to ``folder``: index.html, and the files and pages behind it.
+    """Compute the demonstration and write it to ``folder``, whole or not at all.
 
     Args:
-        arm_name: bundled arm or arm file; it needs uncertainties.
-        folder: where to write; whole or not at all.
+        arm_name: bundled arm or arm file with uncertainties.
+        folder: output folder.
         force: replace files of the same names.
-        progress: show bars in a notebook, or on stderr at a terminal.
+        progress: show progress bars.
         cells: cells of the map along x and z.
         sectors: sectors of the configuration circle.
 
@@ -304,7 +298,7 @@ def run_demo(
 
 
 def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
-    """The hidden effect, and what a virtual arm that has it measures."""
+    """The hidden cause, and records of a virtual arm that has it."""
     rng = np.random.default_rng(SEED)
     phase = rng.uniform(-np.pi, np.pi)
     hidden = EncoderEccentricity(JOINT, values=(SIZE * np.cos(phase), SIZE * np.sin(phase)))
@@ -314,7 +308,6 @@ def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
 
 
 def _index(arm: Arm, story: list[Block], files: list[str], when: str) -> Document:
-    """The page with all sections and links to the files."""
     names = [name for name in FILES if name in (*files, "site/index.html")]
     links = [Download(name, FILES[name]) for name in names]
     urdf = [name for name in files if name.endswith(".urdf")]

@@ -1,4 +1,4 @@
-"""A diagnosis as a plain dictionary for JSON: what ``aacmm-pin diagnose --json`` writes."""
+"""A diagnosis as a dictionary for ``aacmm-pin diagnose --json``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from aacmm_pin.report.next_measurements import next_measurements
 
 DIAGNOSIS_SCHEMA = "aacmm-pin/diagnosis/1"
 PLACE_FIELDS = {"joint", "bodies"}
-"""Fields of a cause that are no inner fields."""
+"""Fields of a cause that are written elsewhere."""
 
 
 def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def finding_to_dict(finding: Finding) -> dict[str, Any]:
-    """A cause with its place, inner fields, probabilities and values."""
+    """A cause with its place, fields, probabilities and values."""
     effect, brought = finding.effect, finding.brought
     names = [name for name in fields_of(type(effect)) if name not in PLACE_FIELDS]
     inner = {name: getattr(effect, name) for name in names}
@@ -107,7 +107,7 @@ def finding_to_dict(finding: Finding) -> dict[str, Any]:
 
 
 def discrepancy_to_dicts(left: Unexplained) -> list[dict[str, Any]]:
-    """What no cause explains: covariate, size at the tip, u, probability."""
+    """The discrepancy: covariate, size at the tip, u, probability."""
     return [
         {
             "covariate": part.covariate,
@@ -120,7 +120,7 @@ def discrepancy_to_dicts(left: Unexplained) -> list[dict[str, Any]]:
 
 
 def _place(effect: Effect | None, label: str) -> dict[str, Any]:
-    """A cause, its joint, and the seat or body where it sits on one; a covariate by its label."""
+    """A cause, its joint, and its seat or body; a covariate by its label."""
     if effect is None:
         return {"cause": label, "joint": None}
     site = effect.location_field()
@@ -129,7 +129,6 @@ def _place(effect: Effect | None, label: str) -> dict[str, Any]:
 
 
 def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
-    """Values with u, which is infinite where nothing determines it."""
     return {name: {"value": value, "u": u} for name, (value, u) in values.items()}
 
 

@@ -1,4 +1,4 @@
-"""A diagnosis and a cause in one line: what ``print`` shows of them."""
+"""A diagnosis, and a cause, in one line."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import probability, strongest_waves, values_in_words
 
 FEW_WAVES = 4
-"""So many waves of a free curve are listed."""
+"""Waves of an error curve to list."""
 
 
 def diagnosis_line(diagnosis: Diagnosis) -> str:
-    """Verdict, sizes of the residuals, causes, what is left, and the gain."""
+    """Verdict, sizes of the residuals, causes, remaining structure, and gain."""
     noise = "noise alone" if diagnosis.extended.stated else "estimated scatter"
     arms = ["nominal arm", "recalibrated arm", "extended arm", noise]
     sizes = zip(diagnosis.rms.values(), arms, strict=True)
@@ -35,7 +35,7 @@ def diagnosis_line(diagnosis: Diagnosis) -> str:
 
 
 def finding_line(finding: Finding) -> str:
-    """Cause, place, probability and values; waves per turn of a free curve."""
+    """Cause, place, probability and values; waves per turn of an error curve."""
     waves = strongest_waves(finding.effect)
     if waves is None:
         values = values_in_words(finding.effect, finding.parameters, finding.slides)

@@ -1,4 +1,4 @@
-"""What a diagnosis assumed, and what limits what it states."""
+"""Notes on assumptions and limits of a diagnosis."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from aacmm_pin.effects import (
 )
 
 RESTARTS = 5
-"""A clock that goes back more often than this is of records in another order."""
+"""If a clock goes back more often, the records are in another order."""
 LATE = 10.0
-"""A clock is no time since switching on if it starts later than so many times what the records
-cover.
+"""If a clock starts later than so many durations of the records, it does not count from switching
+on.
 """
 
 
@@ -69,7 +69,7 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
 
 
 def _of_masses(result: Diagnosis) -> Iterator[Note]:
-    """What gives way under weights that nobody measured."""
+    """Elastic causes with unmeasured weights."""
     effects = [f.effect for f in result.findings]
     loaded = [e for e in effects if hasattr(e, "load_at") and "torque" not in e.needs]
     names = [effect.label for effect in loaded]
@@ -80,9 +80,7 @@ def _of_masses(result: Diagnosis) -> Iterator[Note]:
 
 
 def _changed(result: Diagnosis) -> Iterator[Note]:
-    """Causes that were known with other values, and those beside which another of their kind was
-    found.
-    """
+    """Causes with other known values, and causes beside another of their kind."""
     stated = result.before.problem.model.effects
     now = {effect.identity: (effect, u) for effect, u in estimated(result.choice)}
     named = {finding.effect.identity for finding in result.findings}
@@ -105,12 +103,11 @@ def _changed(result: Diagnosis) -> Iterator[Note]:
 
 
 def _values(effect: Effect, values: dict[str, tuple[float, float]], slides: bool) -> str:
-    """Values with U, and inner values."""
     return ", ".join([values_in_words(effect, values, slides), *effect.details])
 
 
 def _clock(conditions: Conditions) -> Iterator[Note]:
-    """A clock that does not count from the moment at which the arm was switched on."""
+    """Whether the clock counts from the moment at which the arm was switched on."""
     time = conditions.time
     if time is None or np.ptp(time) == 0.0:
         return

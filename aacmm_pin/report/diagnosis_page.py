@@ -1,5 +1,5 @@
-"""A diagnosis as a document: verdict, where the errors are, causes, gain on held-out
-records, what is left.
+"""A diagnosis as a document: verdict, residuals, causes, gain on held-out records, remaining
+structure.
 """
 
 from __future__ import annotations
@@ -69,14 +69,14 @@ from aacmm_pin.report.verdicts import (
 )
 
 WAVES_LISTED = 6
-"""So many waves of a free curve are listed."""
+"""Waves of an error curve to list."""
 MAX_ALIASES = 3
 LEAST_SHOWN, LEAST_CORRELATION = 1e-3, 0.9
 """Aliases of a cause that are listed: so many, of at least this probability or correlation."""
 SETS, LEAST_SET = 6, 0.01
 """Sets of causes that are listed: so many, of at least this probability."""
 WORST = 5
-"""Groups that the table names; the figure has all."""
+"""Groups in the table; the figure has all."""
 PREDICTED = ("predicted", "the prediction from the stated uncertainties and the noise", "dashed")
 ONLY_NOISE = ("noise", "the noise alone (the arm states no uncertainty)", "dotted")
 """What residuals are compared with: in a head, in words, and its line in the figure."""
@@ -135,8 +135,8 @@ def diagnosis_document(
 
     Args:
         result: the diagnosis.
-        summary: for a page with files: what ``diagnose --json`` writes; its ``source`` is the name
-            of the measurement file.
+        summary: for a page with files: content of ``diagnose --json``; ``source`` names the
+            measurement file.
         when: date of the page (UTC).
     """
     planned = next_measurements(result) if summary is None else summary["next_measurements"]
@@ -164,7 +164,7 @@ def diagnosis_document(
 
 
 def certainty_in_words(result: Diagnosis) -> str:
-    """How probable the least probable of the named causes is; nothing if none is named."""
+    """The probability of the least probable named cause; "" without causes."""
     if not result.findings:
         return ""
     least = probability(min(finding.probability for finding in result.findings))
@@ -175,8 +175,8 @@ def certainty_in_words(result: Diagnosis) -> str:
 
 
 def next_set_in_words(result: Diagnosis) -> str:
-    """The most probable other set of causes, by what it has and lacks beside the named set; nothing
-    if none is probable, or if the verdict names the other sets.
+    """The most probable other set of causes, relative to the named set; "" if none is probable, or
+    if the verdict names it.
     """
     named = named_set(result)
     others = {labels: p for labels, p in result.alternatives.items() if set(labels) != named}
@@ -195,7 +195,7 @@ def next_set_in_words(result: Diagnosis) -> str:
 
 
 def summary_line(result: Diagnosis) -> str:
-    """Sizes of residuals by the three models, the noise, and the gain on held-out records."""
+    """Sizes of the residuals by the three models, noise, and gain on held-out records."""
     nominal, recalibrated, extended, noise = lengths(result.rms.values())
     sizes = f"{nominal} for the nominal arm and {recalibrated} for the recalibrated arm"
     if result.findings:
@@ -213,7 +213,7 @@ def summary_line(result: Diagnosis) -> str:
 
 
 def gain_in_words(result: Diagnosis) -> str:
-    """What the extended model is worth on held-out records."""
+    """The gain of the extended model on held-out records."""
     held = result.held_out
     if held is None:
         return "No records were held out, so the gain on new records is unknown."
@@ -244,7 +244,7 @@ def _excluded_but_counted(number: int) -> str:
 
 
 def unexplained_in_words(left: Unexplained) -> str:
-    """What structure is left, or that none is."""
+    """The remaining structure, or that there is none."""
     return " ".join(_statements(left))
 
 
@@ -279,12 +279,11 @@ def _statements(left: Unexplained) -> Iterator[str]:
 
 
 def _quantity(covariate: str) -> str:
-    """What a part of the discrepancy depends on."""
     return "several quantities together" if covariate == BACKGROUND else covariate
 
 
 def _saved_in_words(result: Diagnosis) -> Iterator[str]:
-    """What the extended arm has of what no cause explains."""
+    """Which part of the discrepancy the extended arm contains."""
     parts, lost = [part.covariate for part in result.unexplained.discrepancy], result.not_saved
     saved = " and on ".join(_quantity(name) for name in parts if name not in lost)
     contained = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
@@ -306,7 +305,7 @@ def _saved_in_words(result: Diagnosis) -> Iterator[str]:
 
 
 def ranking(result: Diagnosis) -> pd.DataFrame:
-    """The causes, strongest first: cause, value ± U, size at the tip, probability, p, not absorbed,
+    """The causes, strongest first: cause, value ± U, displacement, probability, p, not absorbed,
     label.
     """
     state, used = state_of(result.extended), result.extended.used
@@ -329,7 +328,7 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
 
 
 def alternatives(result: Diagnosis) -> pd.DataFrame:
-    """The sets of causes, most probable first: causes, probability; last all others together."""
+    """The sets of causes, most probable first, and last all others together, with probabilities."""
     sets = result.alternatives
     likely = [labels for labels in sets if sets[labels] >= LEAST_SET][:SETS]
     rows = {
@@ -344,9 +343,7 @@ def alternatives(result: Diagnosis) -> pd.DataFrame:
 
 
 def alias_table(result: Diagnosis) -> pd.DataFrame:
-    """Aliases of each cause in these records: cause, alias, correlation, probability of the alias
-    alone, label.
-    """
+    """Aliases of each cause in these records: cause, alias, correlation, probability, label."""
     rows = [
         {
             "cause": in_words(finding.effect, result.model.arm),
@@ -363,8 +360,8 @@ def alias_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def residuals_table(result: Diagnosis) -> pd.DataFrame:
-    """One row a record: line of the file, labels, tip minus target by each model and held out [mm],
-    whether it was used.
+    """Record by record: line of the file, labels, tip minus target by each model and held out [mm],
+    whether used.
     """
     table, held = residuals_by_record(models(result)), result.held_out
     if held is not None:
@@ -378,9 +375,7 @@ def residuals_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def answers(result: Diagnosis, planned: str) -> list[Block]:
-    """The verdict, its probability, other possible causes, residuals and gain, and what to
-    measure next.
-    """
+    """Verdict, probability, other possible causes, residuals and gain, and next measurements."""
     sentences = {
         f"{capital(result.verdict.replace('-', ' '))}.": verdict_in_words(result),
         "Probability:": certainty_in_words(result),
@@ -430,7 +425,7 @@ def rms_figure(result: Diagnosis) -> Figure:
 
 
 def _groups(result: Diagnosis) -> Iterator[Block]:
-    """Residuals of groups of records, those that are farther off than predicted in a table."""
+    """Residuals of groups of records; those above the prediction in a table."""
     yield Heading("Residuals of groups of records")
     table = result.residual_groups
     if table.empty:
@@ -493,7 +488,7 @@ def _other_causes(result: Diagnosis) -> Iterator[Block]:
 
 
 def causes_drawn(result: Diagnosis) -> Iterator[Block]:
-    """A figure of each cause that depends on something, and one of all geometric values."""
+    """A figure of each cause that depends on a quantity, and one of all geometric values."""
     state = state_of(result.extended)
     for finding in result.findings:
         effect = finding.effect
@@ -599,7 +594,7 @@ def _shape(result: Diagnosis, name: str, way: str) -> Figure:
 
 @document_of.register
 def unexplained_document(left: Unexplained) -> Document:
-    """What depends on a column in a way that no cause has."""
+    """Dependences on columns that no cause explains."""
     sizes = pd.DataFrame(discrepancy_to_dicts(left))
     forms: dict[str, Format] = {"covariate": _quantity, "probability": probability}
     depends = {"covariate": "depends on"}

@@ -1,4 +1,4 @@
-"""The diagnoses of many files as a document, as CSV and for JSON."""
+"""The diagnoses of many files as document, CSV and JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FILE_HEADS = {"records": "file", "used": "records", "would_show": "shown causes"
 
 
 def diagnoses_document(table: pd.DataFrame) -> Document:
-    """What :func:`aacmm_pin.diagnose_files` found, one line a file."""
+    """The result of :func:`aacmm_pin.diagnose_files`, one line for each file."""
     lacking = table[table["error"] != ""]
     verdicts = table["verdict"].dropna().value_counts()
     parts = [f"{number} {verdict}" for verdict, number in verdicts.items()]

@@ -1,21 +1,11 @@
-"""A result as blocks; the shell, Jupyter and a page each show the same :class:`Document`.
+"""A result as blocks; shell, Jupyter and pages show the same :class:`Document`.
 
-    document = Document(
-        "SINO6: calibration",
-        [
-            Heading("Residuals"),
-            Paragraph("The residuals fell by 29 %.", finding=True),
-            Table(frame, "RMS distance of tip and target"),
-            Figure(lambda: plots.plot_groups(found, blank_axes(9.3, 4.0)), "RMS by group", "RMS of
-                the residuals."),
-        ],
-        "300 records of data.csv",
-    )
-    terminal.show(document)        # the shell: what is not ``detail``
+    document = Document("SINO6", [Heading("Residuals"), Table(frame, "RMS distance")])
+    terminal.show(document)        # the shell: blocks that are not ``detail``
     html.fragment(document)        # the same for Jupyter
-    html.page(document)            # all of it, with headings, figures, scenes and files
+    html.page(document)            # all blocks, with headings, figures, scenes and files
 
-Text is text: no renderer reads it as markup.
+Text is plain text: no renderer reads it as markup.
 """
 
 from __future__ import annotations
@@ -41,23 +31,23 @@ if TYPE_CHECKING:  # a document without pictures needs neither matplotlib nor me
     from aacmm_pin.report.scenes import Scene
 
 DPI = 130
-"""Resolution of embedded figures; they are shown at most as wide as the text."""
+"""Resolution of embedded figures."""
 MARK = "✗"
-"""Begins a cell that must not be overlooked; a page has it in bold."""
+"""Begins an important cell; bold on pages."""
 NO_NUMBER = "–"
-"""Stands where there is no number."""
+"""Replaces a missing number."""
 NUMBER = re.compile(r"[*<> ]*[-+]?\d+(\.\d+)?(e[-+]?\d+)?( \S+)?")
-"""A number, perhaps with a mark before and one unit behind."""
+"""A number, perhaps with a mark before and one unit after it."""
 FORMATS = {"mm": "z.4f", "µm": "z.2f", "°": "z.1f"}
-"""How numbers are written under a head with such a unit; others have four digits."""
+"""Formats of numbers by the unit of their head; others have four digits."""
 
 Format = str | Callable[[Any], str]
-"""How a value of a column is written: a format specification, or a function that gives its text."""
+"""Format of a column: a format specification, or a function that returns the text."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """Begins a section of a page; the shell and Jupyter have no sections."""
+    """Begins a section of a page; omitted by shell and Jupyter."""
 
     text: str
 
@@ -68,8 +58,8 @@ class Paragraph:
 
     Attributes:
         text: one sentence or more.
-        finding: it is set off from the rest of a page.
-        head: words in front that stand out.
+        finding: emphasise it on pages.
+        head: emphasised words at its beginning.
         detail: for pages only.
     """
 
@@ -81,11 +71,11 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Bullets:
-    """A list of short plain texts under a line of its own.
+    """A list of short plain texts.
 
     Attributes:
         items: the texts.
-        head: the line above.
+        head: line above the list.
     """
 
     items: Sequence[str]
@@ -94,7 +84,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Notes:
-    """Assumptions and findings of a result; the shell writes them to the error stream."""
+    """Assumptions and findings; the shell writes them to stderr."""
 
     items: Sequence[Note]
 
@@ -104,15 +94,14 @@ class Table:
     """A data frame as a table.
 
     Attributes:
-        frame: the data; the index is not shown. Units stand at the end of names, ``u_mm`` or ``u
-            [mm]``; lengths of the first kind are in mm, and shown in µm where all of them are
-            small.
+        frame: the data without index. Names end in a unit, ``u_mm`` or ``u [mm]``; lengths ``_mm``
+            appear in µm if all are small.
         caption: its content, in a few words.
-        formats: formats of columns, such as ``{"r": ".2f"}``, if not those of their unit or type.
-        heads: heads of columns, if not their names, such as ``{"value_mm": "value [mm]"}``.
+        formats: formats of columns, such as ``{"r": ".2f"}``; default by unit or type.
+        heads: heads of columns, such as ``{"value_mm": "value [mm]"}``; default their names.
         explained: how to read it, for pages.
-        most: at most so many rows, and how many more there are.
-        spare: head of a column that the shell leaves out where the table would be too wide with it.
+        most: number of rows to show.
+        spare: head of a column that the shell omits if the table is too wide.
         detail: for pages only.
     """
 
@@ -126,7 +115,7 @@ class Table:
     spare: str = ""
 
     def cells(self) -> pd.DataFrame:
-        """The rows that are shown, with text in every cell, under the heads that a reader sees."""
+        """The rows to show, as text, with the heads for readers."""
         (frame,) = in_one_unit(self.frame.rename(columns=self.heads))
         forms = {self.heads.get(name, name): form for name, form in self.formats.items()}
         shown = frame.head(self.most or len(frame))
@@ -144,8 +133,8 @@ class Figure:
     """A drawing with matplotlib, for pages.
 
     Attributes:
-        drawn: draws a figure, or axes of one, when a page needs it.
-        alt: what it shows, for those who cannot see it.
+        drawn: returns a figure, or axes of one.
+        alt: description for readers who cannot see it.
         caption: text below.
     """
 
@@ -155,7 +144,7 @@ class Figure:
 
     @cached_property
     def png(self) -> bytes:
-        """The figure as PNG, cut to what is drawn."""
+        """The cropped figure as PNG."""
         from aacmm_pin.report.plots.style import without_latex
 
         buffer = io.BytesIO()
@@ -170,12 +159,12 @@ class Figure:
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """A scene in three dimensions that can be turned, on the screen of a page.
+    """A 3D scene on a page.
 
     Attributes:
-        scene: makes what is shown when a page needs it.
+        scene: returns the scene.
         caption: text below.
-        height: of the frame that it is shown in [px].
+        height: height of the frame [px].
     """
 
     scene: Callable[[], Scene]
@@ -188,9 +177,9 @@ class Download:
     """A file inside a page, or beside it.
 
     Attributes:
-        name: the name under which it is saved, or where it is.
-        text: what it holds.
-        content: the file; None where it stands beside the page.
+        name: file name or path.
+        text: description.
+        content: the file; None if it is beside the page.
     """
 
     name: str
@@ -200,11 +189,11 @@ class Download:
 
 @dataclass(frozen=True, eq=False)
 class Folded:
-    """Blocks of a page that are shown when the reader asks for them, and never on paper.
+    """Blocks of a page that the reader can open; never on paper.
 
     Attributes:
-        head: what they are.
-        blocks: what is shown.
+        head: head of the blocks.
+        blocks: the blocks.
     """
 
     head: str
@@ -220,11 +209,10 @@ class Document:
 
     Attributes:
         title: title of the page.
-        blocks: in the order in which they are read, those left out that have nothing to show.
-        subtitle: one line below the title.
-        sheet: rows of tables that it has where it is to take one sheet of paper to be signed, and
-            is set closely for it; 0 where not.
-        by_hand: what is filled in by hand on paper, below the blocks before the first heading.
+        blocks: blocks in order, without empty ones.
+        subtitle: line below the title.
+        sheet: table rows that fit if the document is one sheet of paper to sign; else 0.
+        by_hand: fields to fill in by hand, below the blocks before the first heading.
     """
 
     def __init__(
@@ -235,7 +223,7 @@ class Document:
         sheet: int = 0,
         by_hand: Sequence[str] = (),
     ) -> None:
-        """A plain string among the blocks is a paragraph."""
+        """Make paragraphs of plain strings, and omit empty blocks."""
         self.title, self.subtitle, self.sheet = title, subtitle, sheet
         self.by_hand = by_hand or ("Operator", "Date", "Signature") * bool(sheet)
         given = [Paragraph(b) if isinstance(b, str) else b for b in blocks]
@@ -248,7 +236,6 @@ class Document:
 
 
 def _is_empty(block: Block) -> bool:
-    """Whether there is nothing to show: no text, no item, no row."""
     match block:
         case Paragraph(text=text, head=head):
             return not (text or head)
@@ -261,17 +248,17 @@ def _is_empty(block: Block) -> bool:
 
 @singledispatch
 def document_of(result: object) -> Document:
-    """The document of a result: ``@document_of.register`` gives another class one.
+    """The document of a result; add a class by ``@document_of.register``.
 
     Raises:
-        TypeError: its class has none.
+        TypeError: the class has no document.
     """
     raise TypeError(f"{type(result).__name__} has no document; expected a result of this package")
 
 
 @document_of.register
 def shown_document(result: Shown) -> Document:
-    """A result by its text; one without text by its fields and properties that are numbers or
+    """A result by its text; without text, by its fields and properties that are numbers or
     words.
     """
     kind = type(result)
@@ -289,7 +276,7 @@ def shown_document(result: Shown) -> Document:
 
 
 def cell(value: object, form: Format = "") -> str:
-    """A value of a table as text; a dash where there is none."""
+    """A value of a table as text."""
     if value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value)):
         return NO_NUMBER
     if callable(form):
@@ -302,12 +289,12 @@ def cell(value: object, form: Format = "") -> str:
 
 
 def blank_axes(width: float, height: float) -> Axes:
-    """Axes of a figure that pyplot does not know [inches]."""
+    """Axes of a new figure outside pyplot [inches]."""
     from matplotlib.figure import Figure as Drawing
 
     return Drawing(figsize=(width, height), layout="constrained").add_subplot()
 
 
 def are_numbers(texts: Iterable[str]) -> bool:
-    """Whether every cell of a column is one number, or nothing."""
+    """Whether every cell is one number, or empty."""
     return all(text in ("", NO_NUMBER) or NUMBER.fullmatch(text) for text in texts)

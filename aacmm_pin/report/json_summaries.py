@@ -1,6 +1,4 @@
-"""Results as plain dictionaries for JSON: what ``aacmm-pin accuracy --json`` and ``aacmm-pin map
---json`` write.
-"""
+"""Results as dictionaries for ``aacmm-pin accuracy --json`` and ``aacmm-pin map --json``."""
 
 from __future__ import annotations
 
@@ -21,36 +19,26 @@ ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
 LENGTH_SCHEMA = "aacmm-pin/length/1"
 MAP_SCHEMA = "aacmm-pin/map/1"
 JSON_DECIMALS = 9
-"""Decimals kept of lengths and angles [mm, deg]: hides what binary fractions do to decimal input,
-and nothing else.
-"""
+"""Decimals of lengths and angles [mm, deg]: removes the noise of binary fractions only."""
 
 
 def accuracy_summary(
     circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors: int = 12
 ) -> dict[str, Any]:
-    """Schema ``aacmm-pin/accuracy/1``: accuracy over the configurations of ``circle`` that are
-    within limits.
+    """Schema ``aacmm-pin/accuracy/1``: accuracy over the postures of ``circle`` within limits.
 
-    ``best`` and ``worst`` are by accuracy volume, ``smallest_u`` and ``largest_u`` by standard
-    uncertainty; the budget is the mean over the configurations; ``taken_as_exact`` names the
-    parameters for which no uncertainty is stated, ``not_included`` the causes of error that are
-    left out, see :class:`aacmm_pin.accuracy.tip_sensitivity.ErrorSources`, ``unexplained`` what the
-    arm's calibration left, "" where nothing.
-    Numbers that do not exist are None: without a configuration all of them, and ``reason`` says
-    why; for an arm that came as URDF swivel angles, sectors (an empty list) and the comprehensive
-    accuracy, whose weights are those of SINO6. ``arc_fraction`` of
-    :func:`aacmm_pin.postures.general_ik` is of the way along the curves, and None for single
-    postures; what was asked for, how it was searched, and what is to be known besides, stand in
-    ``conditions``, ``search``, ``notes``.
+    ``best`` and ``worst`` are by volume, ``smallest_u`` and ``largest_u`` by u; the budget is the
+    mean over postures. Missing numbers are None: all without a posture (``reason`` states why), and
+    swivel angles and comprehensive accuracy for an arm from a URDF, whose ``arc_fraction`` is of
+    the way along the curves.
 
     Args:
-        circle: every configuration at the point.
-        accuracy: ``circle_accuracy(circle)``, or that of an extended model of the circle's arm.
+        circle: all postures at the point.
+        accuracy: ``circle_accuracy(circle)``, perhaps of an extended model.
         sectors: number of sectors for the flexibility.
 
     Raises:
-        ShapeError: ``accuracy`` was worked out for other configurations.
+        ShapeError: ``accuracy`` is for other postures.
     """
     inside, flexibility = paired(circle, accuracy), circle.flexibility(sectors)
     volume, u = accuracy.volume / MM3, accuracy.u / MM
@@ -101,8 +89,8 @@ def accuracy_summary(
 def length_summary(
     a: PosturesAtPoint, b: PosturesAtPoint, length: LengthUncertainty
 ) -> dict[str, Any]:
-    """Schema ``aacmm-pin/length/1``: uncertainty of the distance of two points over the pairs of
-    postures within limits.
+    """Schema ``aacmm-pin/length/1``: uncertainty of a length over the pairs of postures within
+    limits.
     """
     summary = {
         "schema": LENGTH_SCHEMA,
@@ -122,12 +110,7 @@ def length_summary(
 
 
 def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
-    """Schema ``aacmm-pin/map/1``: sizes of a map and how many reachable cells have how many working
-    sectors.
-
-    ``not_included``, only where there are some, names the causes of error that are left out of the
-    accuracies.
-    """
+    """Schema ``aacmm-pin/map/1``: size of a map, and reachable cells by working sectors."""
     data = map_.data
     box = np.asarray(data.attrs["extent_mm"])
     optional = {
@@ -152,18 +135,16 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
 
 
 def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.DataFrame:
-    """The configurations within limits as in :meth:`PosturesAtPoint.to_frame`, with their accuracy
-    behind.
+    """The postures within limits as in :meth:`PosturesAtPoint.to_frame`, with their accuracy.
 
     Raises:
-        ShapeError: ``accuracy`` was worked out for other configurations.
+        ShapeError: ``accuracy`` is for other postures.
     """
     inside = circle.to_frame().iloc[paired(circle, accuracy)].reset_index(drop=True)
     return inside.join(accuracy.to_frame().filter(regex="_mm"))
 
 
 def _left_out(sources: ErrorSources) -> dict[str, Any]:
-    """What an accuracy does not contain."""
     return {
         "taken_as_exact": sources.taken_as_exact,
         "not_included": sources.not_included,

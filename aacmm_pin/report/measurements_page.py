@@ -14,19 +14,15 @@ from aacmm_pin.measurements import BAR, Measurements
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 
 VALUES_LISTED = 8
-"""So many labels are shown."""
+"""Labels to show."""
 
 
 @document_of.register
 def measurements_document(
     records: Measurements, prismatic: NDArray[np.bool_] | None = None
 ) -> Document:
-    """What a measurement file holds, column by column.
-
-    Args:
-        records: the records.
-        prismatic: (nq,) True for joints that slide, whose readings are lengths; None if no arm is
-            known.
+    """The content of a measurement file, column by column; ``prismatic`` joints (nq,) have readings
+    in mm.
     """
     table, others = records.to_frame(), [*records.extra]
     seats, bars = records.seats(), records.bars()
@@ -56,7 +52,7 @@ def measurements_document(
 
 @document_of.register
 def conditions_document(conditions: Conditions) -> Document:
-    """What is known of records besides the angles."""
+    """The known conditions of records."""
     values = {
         CONDITION_COLUMNS[name]: _range(conditions.require(name, "its document"))
         for name in conditions.present
@@ -68,7 +64,7 @@ def conditions_document(conditions: Conditions) -> Document:
 
 
 def _range(values: NDArray[Any]) -> str:
-    """Smallest and largest of numbers; number and names of labels."""
+    """Smallest and largest number; number and names of labels."""
     if values.dtype == object:
         labels = [label for label in dict.fromkeys(values) if label]
         more = " …" if len(labels) > VALUES_LISTED else ""

@@ -1,8 +1,8 @@
-"""The sentence of every note, by its code: ``messages.toml`` is the one place with such sentences.
+"""The sentence of every note, by its code, from ``messages.toml``.
 
-A field names a value of the note's data. Behind its colon stands how it is written: a format;
-a format and a unit for a value in SI (``.3g mm``; ``2 mm`` for two digits); ``#`` and a noun, to
-count (``#record``); ``and``, to list; ``rows``, to list rows.
+A field names a value of the note's data; after its colon follows a format; a format and a unit for
+a value in SI (``.3g mm``; ``2 mm`` for two digits); ``#`` and a noun, to count (``#record``);
+``and``, to list; ``rows``, to list rows.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.effects import listed
 
 FORMAT_UNITS = {"mm": (MM, " mm"), "µm": (UM, " µm"), "µrad": (UM, " µrad"), "°": (DEG, "°")}
-"""Units of formats: how large they are, and what stands behind the number."""
+"""Size of the units of formats, and their text."""
 
 
 def sentence(note: Note) -> str:
-    """The sentence of a note, without a capital and a full stop.
+    """The sentence of a note, without capital and full stop.
 
     Raises:
-        KeyError: its code is unknown, or a value that the sentence states is missing.
+        KeyError: the code is unknown, or a value is missing.
     """
     text = _Values().vformat(SENTENCES[note.code], (), note.data)
     place = note.data.get("place")

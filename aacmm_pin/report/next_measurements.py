@@ -1,4 +1,4 @@
-"""What to measure next, in a sentence: of a diagnosis, and of a plan where two causes are alike."""
+"""The next measurements after a diagnosis, or to distinguish two causes, in a sentence."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from aacmm_pin.report.plan_page import advice, mostly_seats
 from aacmm_pin.report.verdicts import WITH_STRUCTURE, doubts_in_words
 
 WORTH_CALIBRATION = 0.7
-"""Calibration that reduces the residuals to less than this part is worth it."""
+"""Ratio of residuals below which calibration is useful."""
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
 ORDER = ("record", "time")
-"""The same, of the order in which records were taken."""
+"""Covariates of the order of the records."""
 MORE_RECORDS = "take more records, at other postures"
 
 
@@ -39,7 +39,6 @@ def next_measurements(result: Diagnosis) -> str:
 
 
 def _first(result: Diagnosis) -> str:
-    """What to measure first."""
     verdict, findings, unexplained = result.verdict, result.findings, result.unexplained
     with_structure, depends_on = verdict in WITH_STRUCTURE, unexplained.depends_on
     shown = "{} of {} causes of typical magnitude".format(*result.visible)
@@ -177,7 +176,7 @@ def _first(result: Diagnosis) -> str:
 
 
 def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
-    """How to distinguish the most probable set of causes from those that cannot be excluded."""
+    """How to distinguish the most probable set of causes from the other possible sets."""
     pair = _open_pair(result)
     if len(pair) == 2:
         return _to_distinguish_pair(result, *pair)
@@ -192,8 +191,8 @@ def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
 
 
 def _open_pair(result: Diagnosis) -> list[Effect]:
-    """A cause of the most probable set, and the one that the most probable other set has in its
-    place which differs so and cannot be excluded.
+    """Two causes in which the most probable set and a possible other set differ; [] if they differ
+    in more.
     """
     best = next(iter(result.alternatives))
     named = {finding.label: finding.effect for finding in result.findings}
@@ -232,13 +231,12 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
 
 
 def _seat(finding: Finding) -> str:
-    """A seat, and where the records put it."""
     values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
     return f"seat {finding.effect.place} (wrong by ({values}) mm, according to these records)"
 
 
 def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:
-    """What to do differently, so that what the residuals depend on is not tied to all the rest."""
+    """How to vary what the residuals depend on independently of the rest."""
     joints = [name for name in depends_on if name.startswith("joint ")]
     moments = [name for name in depends_on if name.startswith("moment ")]
     labels = [name for name in depends_on if name.split()[0] in LABELS]

@@ -1,6 +1,4 @@
-"""Numbers as people read them, in one style: lengths, shares, counts, p-values, values of
-parameters.
-"""
+"""Numbers for readers in one style: lengths, shares, counts, p-values, values of parameters."""
 
 from __future__ import annotations
 
@@ -14,13 +12,13 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import LARGE_IN_MICRO, MM, UM
 
 IN_MM = 1e-4
-"""Lengths from here on stand in mm, smaller ones in µm [m]."""
+"""Lengths from this on are in mm, others in µm [m]."""
 LEAST_P = 1e-16
-"""Smaller probabilities are shown as below this."""
+"""Smaller probabilities are given as a bound."""
 VALUE_FORMATS = {"mm": "z.5f", "rad": "z.7f"}
-"""Formats of the values of parameters by their unit."""
+"""Formats of the values of parameters by unit."""
 WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")
-"""A word of a sentence; names of causes, parameters, columns and files have other characters."""
+"""A word of a sentence, and no name of a cause, parameter, column or file."""
 OF_FILES = (
     "wrong_value",
     "wrong_value_or",
@@ -34,9 +32,9 @@ OF_FILES = (
     "session_frames_fit",
     "beyond_prediction",
 )
-"""Notes on mistakes in the files and options, which are named before all else."""
+"""Notes on mistakes in files and options, which come first."""
 UNIT = re.compile(r"_(mm3|mm|deg)$")
-"""The unit at the end of the name of a column."""
+"""Unit at the end of the name of a column."""
 UNIT_SYMBOLS = {"mm3": "mm³", "mm": "mm", "deg": "°"}
 
 
@@ -46,9 +44,7 @@ def length(value: float) -> str:
 
 
 def lengths(values: Iterable[float]) -> list[str]:
-    """Lengths [m] that stand side by side, with three digits in the unit of the largest: ``0.312
-    mm``, ``0.0523 mm``.
-    """
+    """Lengths [m] with three digits in the unit of the largest: ``0.312 mm``, ``0.0523 mm``."""
     rounded = [float(f"{value:.3g}") for value in values]
     unit, scale = length_unit(max(map(abs, rounded)))
     most = 4 if unit == "mm" else 3
@@ -64,13 +60,13 @@ def three_digits(value: float, most: int = 3) -> str:
 
 
 def length_unit(largest: float) -> tuple[str, float]:
-    """Unit of lengths of which the largest is this [m], and one of it in metres."""
+    """Unit of lengths up to ``largest`` [m], and its size [m]."""
     return ("mm", MM) if largest >= IN_MM else ("µm", UM)
 
 
 def in_one_unit(*frames: pd.DataFrame) -> list[pd.DataFrame]:
-    """Tables whose heads say the unit, ``before_mm`` as ``before [µm]``: all lengths in mm, or in
-    µm where all are small.
+    """Tables with units in their heads, ``before_mm`` as ``before [µm]``: all lengths in mm, or in
+    µm if small.
     """
     of_length = [frame.filter(regex="_mm$") for frame in frames]
     sizes = [float(np.nanmax(np.abs(part))) for part in of_length if part.notna().any(axis=None)]
@@ -85,7 +81,7 @@ def in_one_unit(*frames: pd.DataFrame) -> list[pd.DataFrame]:
 
 
 def head(name: str) -> str:
-    """The name of a column as people read it: ``shortest_low_mm`` as ``shortest low [mm]``."""
+    """The name of a column for readers: ``shortest_low_mm`` as ``shortest low [mm]``."""
     unit = UNIT.search(name)
     if unit is None:
         return name
@@ -94,9 +90,7 @@ def head(name: str) -> str:
 
 
 def spread(frame: pd.DataFrame, over: str) -> pd.DataFrame:
-    """Smallest, median and largest of each column, what is not finite left out; ``over``: what the
-    rows of the frame are.
-    """
+    """Smallest, median and largest finite value of each column; ``over`` names the rows."""
     numbers = frame.astype(float).replace([np.inf, -np.inf], np.nan)
     table = numbers.agg(["min", "median", "max"]).reset_index(drop=True)
     table.insert(0, over, ["smallest", "median", "largest"])
@@ -109,26 +103,24 @@ def percent(share: float, digits: int = 0) -> str:
 
 
 def other_notes(notes: Iterable[Note]) -> list[Note]:
-    """Notes on anything but mistakes in the files."""
+    """Notes except those on mistakes in files."""
     return [note for note in notes if note.code not in OF_FILES]
 
 
 def mistakes_in_words(notes: Iterable[Note]) -> str:
-    """Sentences on mistakes in the files, which come before all others, or nothing."""
+    """Sentences on mistakes in files, or ""."""
     return "".join(capital(f"{note}. ") for note in notes if note.code in OF_FILES)
 
 
 def capital(text: str) -> str:
-    """The text with a capital letter in front; as it is where its first word is a name, such as
-    ``theta_offset3``.
-    """
+    """The text with a capital letter, unless its first word is a name such as ``theta_offset3``."""
     if not WORD.match(text):
         return text
     return f"{text[:1].upper()}{text[1:]}"
 
 
 def p_value(value: float) -> str:
-    """One digit: ``0.03``, ``0.998``, ``< 1e-16``."""
+    """A p-value with one digit: ``0.03``, ``0.998``, ``< 1e-16``."""
     if value > 0.9:
         return f"{1.0 - float(f'{1.0 - value:.1g}'):g}"
     return f"{value:.1g}" if value > LEAST_P else f"< {LEAST_P:g}"
@@ -140,7 +132,7 @@ def p_equals(value: float) -> str:
 
 
 def quantity(value: float, unit: str) -> str:
-    """The value of a parameter [SI] with all its digits: ``700.95000 mm``, ``0.0100000 rad``."""
+    """The value of a parameter [SI] with all digits: ``700.95000 mm``, ``0.0100000 rad``."""
     if unit == "m":
         value, unit = value / MM, "mm"
     form = VALUE_FORMATS.get(unit, ".6g")
@@ -148,16 +140,14 @@ def quantity(value: float, unit: str) -> str:
 
 
 def small(value: float, unit: str) -> str:
-    """A change or an uncertainty of a parameter [SI] in its small unit: ``30 µm``, ``27.1
-    µrad``.
-    """
+    """A change or uncertainty [SI] in its small unit: ``30 µm``, ``27.1 µrad``."""
     name, factor = small_unit(unit, value)
     return f"{value * factor:.4g} {name}"
 
 
 def small_unit(unit: str, largest: float = 0.0) -> tuple[str, float]:
-    """The unit of changes, up to ``largest``, of a parameter whose value has ``unit``; how many of
-    it make one of that.
+    """The unit of changes, up to ``largest``, of a parameter in ``unit``, and how many make one
+    ``unit``.
     """
     if unit in ("m", "mm"):
         name, factor = "µm", 1e3 if unit == "mm" else 1e6

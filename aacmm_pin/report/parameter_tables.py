@@ -1,4 +1,4 @@
-"""Parameters of a calibration beside what was stated of them."""
+"""Parameters of a calibration compared with stated bounds."""
 
 from __future__ import annotations
 
@@ -13,10 +13,8 @@ from aacmm_pin.report.numbers import quantity, small_unit
 
 
 def stated_half_widths(result: Calibration) -> Array:
-    """Half-width that was stated of each parameter (p,) [SI]; nan where none was stated, or where
-    it is exact.
-
-    The half-width of the arm file, or k u with k = 2 of a cause with a standard uncertainty.
+    """Stated half-width of each parameter, or k u of a cause, k = 2 (p,) [SI]; nan if not stated,
+    or exact.
     """
     vector = result.fit.problem.vector
     parameters = zip(vector.arm_parameters, vector.parameters, strict=True)
@@ -25,12 +23,11 @@ def stated_half_widths(result: Calibration) -> Array:
 
 
 def parameter_table(result: Calibration) -> pd.DataFrame:
-    """:attr:`Calibration.parameters` with ``stated``, the stated half-width of each, and
-    ``beyond``.
+    """:attr:`Calibration.parameters` with the ``stated`` half-width, and ``beyond``: the change
+    exceeds stated + U.
 
-    ``beyond`` is True where the change exceeds stated + U: the half-width bounds the parameter,
-    wherever in it that is, and so does not add in quadrature. Of 40 arms drawn within their
-    half-widths √(stated² + U²) flags some parameter in 14.
+    A half-width is a bound and does not add in quadrature: √(stated² + U²) would mark some
+    parameter of 14 in 40 arms drawn within their half-widths.
     """
     table = result.parameters
     stated = stated_half_widths(result) / np.where(table["unit"] == "mm", MM, 1.0)
@@ -38,8 +35,8 @@ def parameter_table(result: Calibration) -> pd.DataFrame:
 
 
 def readable_parameters(result: Calibration) -> pd.DataFrame:
-    """The same for reading: value with its unit as text; changes and uncertainties in small units,
-    see column ``in``.
+    """The table for readers: values with unit as text; changes and uncertainties in the small unit
+    ``in``.
     """
     table = parameter_table(result)
     largest = table[["change", "stated"]].abs().max(axis=1)
@@ -55,8 +52,8 @@ def readable_parameters(result: Calibration) -> pd.DataFrame:
 
 
 def decimals(table: pd.DataFrame) -> str:
-    """Format of the changes and uncertainties of :func:`readable_parameters`: two digits of the
-    smaller u, 1 at least.
+    """Format of changes and uncertainties of :func:`readable_parameters`: two digits of the smaller
+    u.
     """
     u = table["u"].to_numpy()
     smaller = float(np.quantile(u[u > 0], 0.25)) if (u > 0).any() else 1.0

@@ -1,6 +1,4 @@
-"""Plans of measurements as documents, in one line, and as advice with its command: what a plan is
-worth, and where to go in which posture.
-"""
+"""Plans of measurements as documents, in one line, and as advice with a command."""
 
 from __future__ import annotations
 
@@ -38,16 +36,16 @@ CONSIDERED = f"Set-ups that the plan considered, with the {RIGHT}"
 PAIRS = "Pairs of causes, and the increase T of χ² if the model has the wrong cause of a pair"
 NOISE_OPTIONS = {"--u-reference-mm": "reference_noise", "--probe-noise-mm": "probe_noise"}
 DEFAULTS = {"scheme": "free", "reference_frame": "base", "target": "tip"}
-"""Keywords of a plan whose option need not be written with these values."""
+"""Values of keywords for which the command needs no option."""
 QUICK = 200
-"""Postures that are enough to state whether a plan would help; the plan itself has more."""
+"""Postures that suffice to state whether a plan would help."""
 LEAST_CHANGE = 0.005
-"""A probability of a right decision that grows by less is not worth new records."""
+"""Least increase of the probability of the right decision that is worth new records."""
 FORMS: dict[str, Format] = {"T": three_digits}
 PAIRS_LISTED = 8
-"""Pairs of causes that are listed; the JSON has all."""
+"""Pairs of causes to list; the JSON has all."""
 COLUMNS_NOT_LISTED = r"^(theta|approach)\d|^u_|_mm$"
-"""Columns of a plan that its table has in other words, or that are to be filled in."""
+"""Columns that the table has in other words, or that are to be filled in."""
 HOW_TO_GO = (
     "The file plan.csv states the joint angles with all decimals. Move the arm to within a few "
     "degrees of these angles, and enter the readings. Left and right are those of a person behind "
@@ -60,7 +58,7 @@ HOW_TO_GO = (
 
 @document_of.register
 def plan_document(plan: MeasurementPlan) -> Document:
-    """The plan; its records stand in :attr:`MeasurementPlan.records`."""
+    """The plan and its records."""
     tried = [
         {
             "set-up": one.words,
@@ -87,7 +85,7 @@ def plan_document(plan: MeasurementPlan) -> Document:
 
 
 def plan_line(plan: MeasurementPlan) -> str:
-    """How many records in which set-up, and what they decide."""
+    """Number of records, set-up, and what they decide."""
     one, other = (effect.label for effect in plan.split)
     what = f"to distinguish {one} from {other}"
     if not plan.asked:
@@ -108,7 +106,6 @@ def plan_line(plan: MeasurementPlan) -> str:
 
 
 def _power(plan: MeasurementPlan) -> Iterator[str]:
-    """What the planned records decide."""
     if plan.after.same:
         yield "No set-up that the plan considered distinguishes both causes"
         yield "If both correct the arm in the same way, use the extended arm with either cause"
@@ -125,18 +122,14 @@ def _power(plan: MeasurementPlan) -> Iterator[str]:
 
 
 def _more(plan: MeasurementPlan) -> str:
-    """How many records would decide; "" if that is not known."""
     beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
     enough = f"; about {plan.enough} new records{beside} would be enough"
     return "" if plan.enough is None else enough
 
 
 def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
-    """What to do to distinguish the two causes of a plan, and the command that plans it.
-
-    Args:
-        plan: the plan.
-        options: of the command, besides the causes and the number of records.
+    """How to distinguish the two causes of a plan, and the command; ``options`` besides causes and
+    number of records.
     """
     one, other = plan.split
     if plan.after.same:
@@ -182,16 +175,16 @@ def advice(
     existing: Measurements,
     **setup: Any,
 ) -> str:
-    """:func:`plan_advice` of a quick plan.
+    """Advice of :func:`plan_advice` from a quick plan.
 
-    New records are taken as the old ones were: at their seats if most of them have one, else each
-    with its own coordinates. If no plan can be made the sentence states why; nothing is raised.
+    New records are at seats if most existing ones are, else they have coordinates. If no plan is
+    possible, the sentence states why.
 
     Args:
         model: the arm.
-        split: the two causes, with their values where they are estimated.
-        existing: the records that leave the two alike.
-        setup: how records are taken, by keywords of :func:`plan_measurements`.
+        split: the two causes, with estimated values if known.
+        existing: records that do not distinguish them.
+        setup: keywords of :func:`plan_measurements`.
     """
     scheme: PlannedScheme = "seats" if mostly_seats(existing) else "free"
     asked: dict[str, Any] = {"scheme": scheme} | setup
@@ -212,7 +205,7 @@ def mostly_seats(records: Measurements) -> bool:
 
 
 def _options(arm: Arm, asked: Mapping[str, Any]) -> list[str]:
-    """Options of the command ``aacmm-pin plan`` that ask for the same, as far as they can."""
+    """Options of ``aacmm-pin plan`` for the same set-up."""
     options = []
     for name, usual in DEFAULTS.items():
         if asked.get(name, usual) != usual:
@@ -236,7 +229,7 @@ def _options(arm: Arm, asked: Mapping[str, Any]) -> list[str]:
 
 @document_of.register
 def calibration_plan_document(plan: CalibrationPlan) -> Document:
-    """The plan; its records stand in :attr:`CalibrationPlan.records`."""
+    """The plan and its records."""
     finding = Paragraph(f"{plan}.", finding=True, head="Plan:")
     title = f"Plan for the calibration of {plan.model.arm.name}"
     seed = "" if plan.seed is None else f"seed {plan.seed}"
@@ -244,7 +237,7 @@ def calibration_plan_document(plan: CalibrationPlan) -> Document:
 
 
 def calibration_plan_line(plan: CalibrationPlan) -> str:
-    """How many records, and their observability and u compared with those of random ones."""
+    """Number of records, and observability and u compared with random records."""
     beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
     return (
         f"Take {len(plan.records)} records to calibrate {plan.model.arm.name}{beside}. After "
@@ -255,7 +248,7 @@ def calibration_plan_line(plan: CalibrationPlan) -> str:
 
 
 def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
-    """The records of a plan on a page to print, with the CSV to be filled in inside."""
+    """The records of a plan for printing, with the CSV file to complete."""
     arm, measurements = plan.model.arm, plan.measurements
     q, readings = measurements.q, measurements.readings
     tips = plan.model.predict(q, measurements.conditions)

@@ -1,6 +1,4 @@
-"""A procedure of an acceptance test as a sheet for the workshop: positions of the artefacts, and
-the points to probe, in order.
-"""
+"""A procedure of an acceptance test as a sheet: positions of the artefacts, and points to probe."""
 
 from __future__ import annotations
 
@@ -35,17 +33,15 @@ ARTEFACT_OF_TEST = {
     "length-uni": "length",
     "length-bi": "length",
 }
-"""Tests whose artefacts are those of another."""
+"""Tests with the artefacts of another test."""
 ORIGIN = (
     "The definitions and the decision rule come from public descriptions of "
     f"{', '.join(EDITIONS.values())} and {RULE_OF}. Before a contract depends on a verdict, "
     "compare the definitions and rule with the standards."
 )
-"""Stands first where a test is planned, predicted or evaluated."""
+"""First sentence of every acceptance page."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach"
-"""Zones of the single points of ASME B89.4.22; the standard's text rules. Probed points do not show
-whether they were kept.
-"""
+"""Zones of the single points of ASME B89.4.22; the text of the standard rules."""
 POSITIONS = "Positions of the artefacts, and of the far end of each bar"
 ONE_ROW = "Points to probe, with one row for consecutive points of one feature in one posture"
 FILL_IN = (
@@ -65,7 +61,7 @@ FILL_IN = (
 
 @document_of.register
 def procedure_document(procedure: Procedure) -> Document:
-    """The sheet, with the CSV to be filled in inside."""
+    """The sheet, with the CSV file to complete."""
     points, seats = procedure.probed_points, ""
     if "single-point" in set(points["test"]):
         seats = (
@@ -99,9 +95,7 @@ def procedure_document(procedure: Procedure) -> Document:
 
 
 def _ends(procedure: Procedure) -> pd.DataFrame:
-    """One row for each place of an artefact, and one more for the far end of a bar: kind, position,
-    end, x, y, z [m].
-    """
+    """Places of artefacts, and of far ends of bars: kind, position, end, x, y, z [m]."""
     names = ["test", "position", "feature"]
     points = pd.DataFrame(procedure.points, columns=[*"xyz"])
     table = procedure.probed_points[names].reset_index(drop=True).join(points)
@@ -115,7 +109,7 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
 
 
 def _stands(procedure: Procedure) -> pd.DataFrame:
-    """One row for each place of an artefact, with that of its far end."""
+    """Places of artefacts with their far ends."""
     ends = _ends(procedure)
     heads = ["distance [mm]", "bearing [°]", "height [mm]"]
     where = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
@@ -128,7 +122,7 @@ def _stands(procedure: Procedure) -> pd.DataFrame:
 
 
 def _sizes(points: pd.DataFrame) -> pd.DataFrame:
-    """The size of every artefact, and room for its serial number."""
+    """Size of every artefact, and room for its serial number."""
     bars = points["length_id"].replace(r"^(L\d+)$", r"length bar, A to \1", regex=True)
     names = {
         "feature_diameter_mm": "sphere, diameter",
@@ -161,7 +155,7 @@ def _steps(points: pd.DataFrame) -> pd.DataFrame:
 
 
 def procedure_views(procedure: Procedure) -> Drawing:
-    """The artefacts round the arm, from above and from the side."""
+    """The artefacts around the arm, from above and from the side."""
     groups: dict[str, tuple[str, list[tuple[str, Array]]]] = {}
     for (kind, position), place in _ends(procedure).groupby(["kind", "position"], sort=False):
         name, colour = ARTEFACTS[str(kind)]

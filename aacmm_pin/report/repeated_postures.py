@@ -1,4 +1,4 @@
-"""What repeated postures show, as blocks of a document and for JSON."""
+"""Results of repeated postures, as blocks and for JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from aacmm_pin.report.numbers import lengths, p_equals, percent
 
 
 def repeatability_blocks(repeats: Repeatability | None) -> list[Block]:
-    """A paragraph and a figure; nothing without repeats."""
+    """A paragraph and a figure; [] without repeats."""
     if repeats is None:
         return []
     figure = Figure(
@@ -29,7 +29,7 @@ def repeatability_blocks(repeats: Repeatability | None) -> list[Block]:
 
 
 def repeatability_in_words(repeats: Repeatability) -> str:
-    """Repeatability, drift, and both beside the residual."""
+    """Repeatability and drift, compared with the residual."""
     x, y, z = lengths(repeats.sd)
     sentences = [
         f"{len(repeats.posture)} records repeat {count(repeats.cycles.size, 'posture')}. "

@@ -1,7 +1,4 @@
-"""What the model gets wrong, before any cause is thought of: residuals against what their own
-uncertainty predicts. And what no cause explains, record by record: the smooth correction over a
-covariate, and the partial residuals.
-"""
+"""Residuals of groups of records against their prediction, and shapes of unexplained structure."""
 
 from __future__ import annotations
 
@@ -17,26 +14,25 @@ from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis import Choice
 
 RANGES_OF_A_NUMBER = 4
-"""Ranges into which joints, time and temperature are divided, with as many records in each."""
+"""Ranges of joints, time and temperature, with equal numbers of records."""
 
 
 def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.DataFrame:
-    """RMS of the records by seat, joint range, time, temperature, …, by the three models, beside
-    what is predicted.
+    """RMS of groups of records (seat, joint range, time, temperature, …) by the three models, and
+    its prediction.
 
-    Predicted for the arm as it was: by its stated uncertainties, the noise and, where its targets
-    are as stated, what the records of a seat share, ``S Σ Sᵀ + N + u²`` (JCGM 100:2008, eq. 13);
-    for the others, whose targets are fitted, the noise ``N`` alone. Scatter that was found beside a
-    stated noise is what this asks about, and is not predicted.
+    The prediction for the nominal arm is ``S Σ Sᵀ + N + u²``, with stated uncertainties, noise, and
+    u of the stated targets that a seat shares (JCGM 100:2008, eq. 13); for the other models, whose
+    targets are fitted, the noise ``N``. Estimated scatter beyond stated noise is not predicted.
 
     Args:
-        before: the arm as it was, set-up fitted.
-        recalibrated, extended: its geometry fitted too; with the causes found.
+        before: the nominal arm with fitted set-up.
+        recalibrated, extended: with fitted geometry; with the causes.
 
     Returns:
-        by, group, records, nominal_mm, predicted_mm, times_predicted, recalibrated_mm,
-        extended_mm, noise_mm, times_noise (extended), the largest times_predicted first; groups of
-        fewer than two records are left out.
+        by, group, records, nominal_mm, predicted_mm, times_predicted, recalibrated_mm, extended_mm,
+        noise_mm, times_noise (extended), the largest times_predicted first; groups of at least two
+        records.
     """
     noise = np.trace(extended.stated_noise[:, :3, :3], axis1=1, axis2=2)
     squares = {
@@ -59,7 +55,7 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
 
 
 def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
-    """By what the records are grouped, the group, and its members (n,)."""
+    """Kind of group, group, and its members (n,)."""
     records = fit.problem.measurements
     conditions = records.conditions
     for name in ("seat", "marker", "session"):
@@ -77,7 +73,7 @@ def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
 
 
 def _ranges(name: str, values: Array, unit: str) -> Iterator[tuple[str, str, Mask]]:
-    """Ranges of a number with as many records in each; their ends have two digits of the width."""
+    """Ranges with equal numbers of records; their ends have two digits of the width."""
     quantiles = np.linspace(0, 1, RANGES_OF_A_NUMBER + 1)
     edges = np.unique(np.quantile(values, quantiles))
     for low, high in itertools.pairwise(edges):
@@ -93,7 +89,7 @@ def shapes_of(choice: Choice) -> dict[str, pd.DataFrame]:
 
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
-    """The smooth correction over a covariate, record by record, and the partial residuals."""
+    """The smooth correction over a covariate in each record, and the partial residuals."""
     design, way, covariate = choice.design, choice.way(block), choice.covariate(block)
     model, functions = choice.posterior.median_model, way.functions
     number, records = len(way.quantities), np.arange(len(functions))

@@ -1,7 +1,6 @@
-"""Every result shows and draws itself with what is here; :mod:`aacmm_pin` hands it to
-:mod:`aacmm_pin._support.display`.
+"""Display of results; :mod:`aacmm_pin` hands this module to :mod:`aacmm_pin._support.display`.
 
-To show a class of one's own, derive it from :class:`aacmm_pin._support.display.Shown` and register
+To show a class of your own, derive it from :class:`aacmm_pin._support.display.Shown`, and register
 a function that makes its :class:`~aacmm_pin.report.document.Document` with
 ``document_of.register``.
 """
@@ -50,7 +49,7 @@ __all__ = [
 
 
 def html_of(result: object) -> str:
-    """What Jupyter shows of a result.
+    """HTML of a result for Jupyter.
 
     Raises:
         TypeError: its class has no document.
@@ -59,12 +58,11 @@ def html_of(result: object) -> str:
 
 
 def write(result: object, path: str | Path, force: bool = False) -> None:
-    """Write the document of a result, as ``write(found, "report.html")``; the end of the name
-    chooses its format, see :mod:`aacmm_pin.report.formats`.
+    """Write the document of a result, as ``write(found, "report.html")``, in the format of the
+    suffix.
 
     Raises:
-        OutputError: the file exists and ``force`` is not given, it cannot be written, or there is
-            no format for its name.
+        OutputError: the file exists and ``force`` is False, cannot be written, or has no format.
         TypeError: the class of the result has no document.
     """
     require_format(path)

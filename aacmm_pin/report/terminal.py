@@ -1,4 +1,4 @@
-"""A document at the shell: as wide as the terminal, plain in a pipe, no cell ever cut off."""
+"""A document at the shell: as wide as the terminal, plain in a pipe, without truncated cells."""
 
 from __future__ import annotations
 
@@ -16,29 +16,27 @@ from aacmm_pin._support.text_escaping import note, printable, say, stdout, warn
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, are_numbers
 
 WARNINGS = {"records_used_before"}
-"""Codes of notes of which a result may be wrong."""
+"""Notes according to which a result may be wrong."""
 WIDTH = 118
-"""Columns of a table in a pipe or a file, where no width is stated."""
+"""Characters of a table in a pipe or a file."""
 GAP = 2
-"""Columns of the terminal beside each column of a table."""
+"""Characters between columns."""
 SPARE = 28
-"""A column of a table that is spare stands where there is room for so many characters."""
+"""Room that a spare column needs."""
 LONGEST_WORD = 40
 """Longer words are broken."""
 LABEL = re.compile(r"[a-z_]+:?\w*")
-"""A cause and its place, a parameter."""
+"""A cause with place, or a parameter."""
 
 
 class _Console(Console):
     def on_broken_pipe(self) -> None:
-        """Leave it to the command, as every other way of printing does."""
+        """Let the command handle it."""
         raise BrokenPipeError
 
 
 def show(document: Document, notes_alone: bool = False) -> None:
-    """Print the short form of a document, or nothing but its notes, which go to the error
-    stream.
-    """
+    """Print the short form of a document, or only its notes, which go to stderr."""
     for block in document.short():
         match block:
             case Notes(items=items):
@@ -56,8 +54,8 @@ def show(document: Document, notes_alone: bool = False) -> None:
 
 
 def _print_table(table: Table) -> None:
-    """Numbers to the right; the widest columns are narrowed, to their words and, if need be, to the
-    names of files and commands.
+    """Print a table with narrowed wide columns, down to whole words, then whole names of files and
+    commands.
     """
     if table.caption:
         say(f"{table.caption}:")
@@ -99,8 +97,8 @@ def _widths(cells: pd.DataFrame) -> dict[str, int]:
 
 
 def _least(head: str, texts: list[str], kept: str) -> int:
-    """Width of a column in which numbers, labels, words of the head and words that match ``kept``
-    are in one piece.
+    """Width of a column that keeps numbers, labels, words of the head and matches of ``kept``
+    whole.
     """
     in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
     words = texts if in_one else re.findall(kept, "\n".join(texts))

@@ -1,10 +1,7 @@
-"""The sentence of each verdict of a diagnosis, and of each doubt that keeps a verdict from being
-``explained`` or ``no-discrepancy``.
+"""The sentences of the verdicts and doubts of a diagnosis.
 
-A verdict of :mod:`aacmm_pin.diagnosis.verdict` has one function here, and its entry in
-:data:`WORDS_OF_VERDICTS`; a doubt has one in :data:`WORDS_OF_DOUBTS`. The function takes the
-diagnosis, whose ``extended`` is the last of the fits that the rule saw. The pages show the
-docstrings: what a verdict means and what to do, and the first line of a doubt.
+:data:`WORDS_OF_VERDICTS` and :data:`WORDS_OF_DOUBTS` have one function of the diagnosis for each.
+The pages show the docstrings: meaning and advice of a verdict, meaning of a doubt.
 """
 
 from __future__ import annotations
@@ -40,28 +37,28 @@ from aacmm_pin.report.numbers import (
 WITH_STRUCTURE = ("unexplained", "partly-explained")
 """Verdicts with structure that no cause explains."""
 ALTERNATIVES = 3
-"""So many other sets of causes are named where the mass is on several."""
+"""Other sets of causes to name."""
 LEAST_PART = 0.1
-"""Structure that is smaller than this part of the noise has no size worth a word."""
+"""Least part of the noise of structure whose size is stated."""
 LEAST_WORTH = 0.005
-"""Residuals that fall by a smaller part are about the same."""
+"""Residuals that fall by less are about the same."""
 COVARIATES = {
     "record": "the order of the records",
     "place": "the place",
 }
-"""Covariates in words, if their name is not clear by itself."""
+"""Covariates whose names need other words."""
 LACKS = {
     (True, False): "lacks",
     (True, True): "has outdated values for",
     (False, False): "may lack",
     (False, True): "may have outdated values for",
 }
-"""What a model does with causes: are they certain, and does it know them?"""
+"""Verbs by whether a cause is certain, and whether the model knows it."""
 
 
 def verdict_in_words(result: Diagnosis) -> str:
-    """What the model lacks, that nothing was found, or that these records cannot tell; then
-    what else is in doubt.
+    """What the model lacks, that nothing was found, or that the records allow no conclusion; then
+    doubts.
     """
     before, doubts = mistakes_in_words(result.assumed), ""
     if result.reversed_torques:
@@ -185,9 +182,7 @@ def named_set(result: Diagnosis) -> set[str]:
 
 
 def _wrong(result: Diagnosis) -> str:
-    """What the model lacks, or may lack, and which of its values are wrong: of the geometry,
-    of the places of seats.
-    """
+    """What the model lacks or may lack, and which values of geometry and seats are wrong."""
     arm, findings = result.model.arm, result.findings
     moved = [f for f in findings if f.effect.remedy]
     values = [f for f in findings if result.geometric(f) or corrects_seat(f.effect)]
@@ -215,7 +210,7 @@ def _wrong(result: Diagnosis) -> str:
 
 
 def _lacked(causes: Sequence[Finding], arm: Arm) -> str:
-    """Causes that a model lacks or may lack, and those whose known values are wrong."""
+    """Causes that a model lacks or may lack, and outdated values."""
     clauses = []
     for (certain, known), verb in LACKS.items():
         some = [
@@ -232,7 +227,7 @@ def _is_settled(finding: Finding) -> bool:
 
 
 def _named(findings: Iterable[Finding], arm: Arm) -> str:
-    """Findings in a row, behind those in doubt their inclusion probability."""
+    """Findings, with the probability of uncertain ones."""
     certain = [f.effect for f in findings if _is_settled(f)]
     named = [several_in_words(certain, arm)] if certain else []
     for finding in findings:
@@ -243,7 +238,7 @@ def _named(findings: Iterable[Finding], arm: Arm) -> str:
 
 
 def _structure(result: Diagnosis) -> str:
-    """Structure of the residuals that no cause explains, or how large they are."""
+    """Unexplained structure of the residuals, or their size."""
     left = result.unexplained
     sizes, much_larger = _size_left(result)
     names = [COVARIATES.get(name, name) for name in left.strongest]
@@ -262,7 +257,7 @@ def _structure(result: Diagnosis) -> str:
 
 
 def _size_left(result: Diagnosis) -> tuple[str, bool]:
-    """How large the residuals stay, and whether that is much more than is known."""
+    """Size of the remaining residuals, and whether it is implausibly large."""
     size, noise, extended = result.rms["extended"], result.noise, result.extended
     text = f"the RMS residual is still {length(size)}, but the stated noise is zero"
     if noise > NO_SCATTER:
@@ -276,7 +271,7 @@ def _size_left(result: Diagnosis) -> tuple[str, bool]:
 
 
 def _worth(result: Diagnosis) -> str:
-    """Which part of what recalibration leaves the named causes explain; nothing if they do not."""
+    """Part of the residuals after recalibration that the named causes explain; "" if none."""
     held = result.held_out
     sizes, where = [result.rms["recalibrated"], result.rms["extended"]], "in these records"
     if held is not None:
@@ -293,7 +288,6 @@ def _worth(result: Diagnosis) -> str:
 
 
 def _residuals_left(result: Diagnosis) -> str:
-    """What is left of the residuals."""
     extended = result.extended
     if not extended.scatters:
         return "the arm agrees with the records within the noise"
@@ -307,7 +301,7 @@ def _residuals_left(result: Diagnosis) -> str:
 
 
 def doubts_in_words(result: Diagnosis) -> list[str]:
-    """What stands against the verdict, without what the verdict itself states of the causes.
+    """Sentences of the doubts that the verdict does not state.
 
     Raises:
         KeyError: a doubt has no sentence.
@@ -395,12 +389,12 @@ WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
 
 
 def beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and its threshold: ``p = 0.02, threshold 0.001``."""
+    """The p-value and its threshold: ``p = 0.02, threshold 0.001``."""
     return f"{p_equals(left.p_value)}, threshold {left.threshold:g}"
 
 
 def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
-    """Causes and covariates that labels of the result name, in a row."""
+    """Causes and covariates that labels of the result name."""
     names = []
     for label in labels:
         cause = result.cause(label)

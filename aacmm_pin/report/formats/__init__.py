@@ -1,6 +1,6 @@
-"""Formats of documents on files: a file that ends in ``.html`` is made by the module ``html`` here.
+"""Formats of documents: the module ``html`` writes files with the suffix ``.html``.
 
-A new format is one module, named as its files end, with a function ``page(document) -> str``.
+A new format is one module, named as its suffix, with a function ``page(document) -> str``.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from aacmm_pin.errors import OutputError
 from aacmm_pin.report.document import Document
 
 DEFAULT_FORMAT = "html"
-"""Of standard output, and of a file whose name has no ending."""
+"""Format of standard output, and of files without suffix."""
 
 
 def suffixes() -> list[str]:
-    """How names of files end for which there is a format: ``[".html"]``."""
+    """Suffixes with a format: ``[".html"]``."""
     return [f".{module.name}" for module in iter_modules(__path__)]
 
 
 def require_format(path: str | Path) -> str:
-    """The format that the end of a name chooses.
+    """The format of the suffix of a path.
 
     Raises:
         OutputError: there is no such format.
@@ -35,10 +35,10 @@ def require_format(path: str | Path) -> str:
 
 
 def content(document: Document, path: str | Path) -> bytes:
-    """What a file of this name holds of a document.
+    """The content of a file with this document.
 
     Raises:
-        OutputError: there is no format for such a name.
+        OutputError: there is no such format.
     """
     module = import_module(f"{__name__}.{require_format(path)}")
     return encodable(module.page(document)).encode()

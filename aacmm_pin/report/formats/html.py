@@ -1,8 +1,4 @@
-"""A document as one self-contained HTML page, or as a fragment that Jupyter shows; nothing is
-fetched from anywhere.
-
-Text is text: it is escaped, never read as markup.
-"""
+"""A document as one self-contained HTML page, or as a fragment for Jupyter; all text is escaped."""
 
 from __future__ import annotations
 
@@ -31,24 +27,21 @@ from aacmm_pin.report.document import (
 from aacmm_pin.report.numbers import capital
 
 SHORT_TEXT = 22
-"""Texts up to this many characters stay on one line of a table."""
+"""Characters of a text that stays on one line of a table."""
 ALIGNED = {
     "number": "",
     "short": Markup(' style="text-align: left"'),
     "long": Markup(' style="text-align: left"'),
 }
-"""Attribute of a cell where no style sheet of ours is: that of Jupyter aligns all cells to the
-right.
-"""
+"""Attribute of a cell without our style sheet: Jupyter aligns all cells to the right."""
 _TIES = re.compile(
     r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])"
 )
 
 
 def page(document: Document) -> str:
-    """The whole document as an HTML page, with a list of its sections.
-
-    Blocks before its first heading stand above the list of sections.
+    """The whole document as an HTML page; blocks before its first heading are above the list of
+    sections.
     """
     sections: list[dict[str, Any]] = [{"blocks": []}]
     for block in document.blocks:
@@ -73,7 +66,7 @@ def page(document: Document) -> str:
 
 
 def fragment(document: Document) -> str:
-    """The document's short form as HTML that needs no style sheet and sets no colour."""
+    """The short form as HTML without style sheet and colours."""
     macros: Any = _environment().get_template("blocks.html.j2").module
     return str(macros.shown(_prepared(document.short(), on_page=False)))
 
@@ -96,14 +89,14 @@ def _environment() -> jinja2.Environment:
 
 
 def _viewer() -> Markup:
-    """The viewer of scenes is large, and stands on a page once, however many there are."""
+    """The viewer of scenes, once for a page."""
     from aacmm_pin.report.scenes import shared_script  # loads meshcat
 
     return Markup(shared_script())
 
 
 def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
-    """What the template needs of each block."""
+    """Data of each block for the template."""
     prepared = []
     for block in blocks:
         kind = {"kind": type(block).__name__}
@@ -134,8 +127,8 @@ def _derived(block: Block, on_page: bool) -> dict[str, Any]:
 
 
 def _table(table: Table, on_page: bool) -> dict[str, Any]:
-    """Rows of text; head and style of every column: ``number``, ``short`` (not broken into lines)
-    or ``long`` text.
+    """Rows of text; head and style of every column: ``number``, ``short`` (not broken) or
+    ``long``.
     """
     cells = table.cells()
     columns = [(head, _style(list(texts))) for head, texts in cells.items()]
@@ -154,5 +147,5 @@ def _style(texts: Sequence[str]) -> str:
 
 
 def _kept_together(value: object) -> object:
-    """Text with its numbers tied to their units and to equals signs by spaces that do not break."""
+    """Text with non-breaking spaces between numbers, units and equals signs."""
     return _TIES.sub("\u00a0", value) if type(value) is str else value

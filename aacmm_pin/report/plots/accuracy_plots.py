@@ -34,12 +34,12 @@ from aacmm_pin.report.plots.style import (
 
 BudgetBy = Literal["parameter", "joint", "kind"]
 COMPONENT_MARKERS = "os^DvP*h"
-"""Shapes of the markers that distinguish closed curves."""
+"""Markers that distinguish closed curves."""
 MARKERS = 18
-"""Number of these markers along a component."""
+"""Markers along a component."""
 NOT_THERE = "no mark: no posture within limits"
 ABOVE = 1.15
-"""The axes end at so many times the largest value."""
+"""Upper end of the axes, in largest values."""
 UNREACHABLE, OUTSIDE_LIMITS = "#d9d9d9", "#cc79a7"
 FLEXIBILITY_COLOURS = "cividis"
 
@@ -79,7 +79,7 @@ def plot_accuracy_of_postures(
 
 
 def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes) -> list[Line2D]:
-    """Volume on the left, u on the right, over ``place`` (n,); what the legend explains."""
+    """Draw volume (left) and u (right) over ``place`` (n,); return the lines of the legend."""
     right, numbers, handles = ax.twinx(), np.unique(component), []
     size = 1.5 if len(numbers) > 1 else 4.0 if len(place) > 20 else 8.0
     for axes, values, marker, colour, label in (
@@ -149,9 +149,7 @@ def plot_budget(
 
 
 def _largest_shares(accuracy: AccuracyVolume, by: BudgetBy, most: int) -> pd.DataFrame:
-    """Columns name, share, u_mm: the largest ``most`` rows, without those that have no part; the
-    rest as one, without u (nan) where it is not the root of a sum of squares.
-    """
+    """The ``most`` largest shares and the rest, with u (nan for a rest of correlated sources)."""
     budget = accuracy.budget(by)
     budget = budget[budget["share"] != 0].sort_values(
         "share", ascending=False, key=abs, kind="stable"
@@ -168,17 +166,15 @@ def _largest_shares(accuracy: AccuracyVolume, by: BudgetBy, most: int) -> pd.Dat
 
 
 def _source_name(source: Any, by: str, sources: ErrorSources) -> str:
-    """What a bar stands for: a parameter, a kind, a joint with its word; <NA> is what moves the
-    whole arm.
-    """
+    """The name of a parameter, kind or joint; <NA> is the whole arm."""
     if pd.isna(source):
         return "whole arm"
     return f"{row_in_words(source, sources.arm)} {source}" if by == "joint" else str(source)
 
 
 class _Quantity(NamedTuple):
-    """How a quantity of a map is drawn: its words with their unit, colours, what of the data's unit
-    makes one, the end of the scale.
+    """Label with unit, colours, scale from the unit of the data, and end of the scale of a
+    quantity.
     """
 
     label: str
@@ -197,7 +193,7 @@ QUANTITIES: dict[Quantity, _Quantity] = {
     "arc_fraction": _Quantity("flexibility by arc [1]", FLEXIBILITY_COLOURS, end=1.0),
     "working_sectors": _Quantity("working sectors [1]", FLEXIBILITY_COLOURS),
 }
-"""What a map can show, by the names of its data."""
+"""Quantities of a map by the names of their data."""
 
 
 @plain

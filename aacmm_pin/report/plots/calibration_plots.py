@@ -1,5 +1,5 @@
-"""What a calibration found: residuals over joint angles, by seats, against the noise; changes and
-correlation of the parameters, and geometric values of a diagnosis.
+"""Pictures of a calibration: residuals over joints, by seats, against the noise; changes and
+correlation of parameters.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ from aacmm_pin.report.plots.style import (
 
 STATE_COLOURS = {"before": GREY, "after": BLUE}
 JOINT_BINS = 18
-"""Parts of a joint's range over which residuals are averaged."""
+"""Intervals of a joint's range for mean residuals."""
 LEAST_IN_BIN = 4
 WITHIN = "#e4e9ee"
-"""Colour of what was stated."""
+"""Colour of stated bounds."""
 CHANGE_COLUMNS = ["parameter", "unit", "change", "U", "stated", "known", "beyond"]
 UNDETERMINED_COLOUR = "#d9d9d9"
 NOT_AT_ALL = 0.99
-"""A parameter whose direction is so much an unknown one is not determined at all."""
+"""A parameter with so much of an undetermined direction is not determined."""
 NAMED = 45
-"""So many parameters have room for their names at a heat map."""
+"""Parameters whose names fit beside a heat map."""
 
 
 @plain
@@ -103,15 +103,8 @@ def plot_residuals_over_joint(
 def plot_residuals_over_joints(
     result: Calibration, when: str = "after", ax: Axes | None = None
 ) -> Figure:
-    """Plot :func:`plot_residuals_over_joint` for all joints, side by side on one scale.
-
-    Args:
-        result: the calibration.
-        when: ``before`` (arm before calibration) or ``after``.
-        ax: axes whose area the panels share.
-
-    Returns:
-        The figure of the panels.
+    """Plot :func:`plot_residuals_over_joint` for all joints on one scale; ``ax`` gives the area of
+    the panels.
 
     Raises:
         UnknownNameError: ``when`` is neither ``before`` nor ``after``.
@@ -188,15 +181,12 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
 
 @plain
 def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Figure:
-    """Plot the deviations of repeats from the mean of their posture over time, or over the row of
-    the file, with their drift; beside them the distribution of the residuals after calibration.
+    """Plot the deviations of repeats from the mean of their posture over time or row, with their
+    drift, and the distribution of the residuals.
 
     Args:
         repeats: repeated postures, see :func:`aacmm_pin.calibration.repeatability_of`.
         ax: axes whose area the panels share.
-
-    Returns:
-        The figure of the panels.
     """
     over, beside = panels_of(ax, (4.3, 3.4), 2, 2, share_y=True)
     unit, scale = length_unit(float(np.abs(repeats.residuals).max()))
@@ -316,7 +306,7 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 
 def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
-    """Changes over what was stated, or in a small unit of the first."""
+    """Draw changes over stated bounds, or in a small unit."""
     largest = np.nanmax(np.abs(table[["change", "U"]].to_numpy()))
     unit, factor = small_unit(table["unit"].iloc[0], largest)
     label, scale = f"[{unit}]", pd.Series(1 / factor, table.index)

@@ -1,6 +1,4 @@
-"""The causes that a diagnosis found, drawn over what each depends on, and what stays without a
-cause.
-"""
+"""Pictures of the causes of a diagnosis over their covariates, and of structure without a cause."""
 
 from __future__ import annotations
 
@@ -41,21 +39,20 @@ from aacmm_pin.report.plots.style import (
 )
 
 FEWEST_COVARIATE_VALUES = 12
-"""A covariate with no more values than this is shown value by value."""
+"""A covariate with fewer values is shown value by value."""
 SHOWN_QUANTILES = (0.01, 0.99)
-"""Records between these quantiles fit into the figure; the others are marked at its edge.
-"""
+"""Quantiles of the records in the figure; the others are marked at its edge."""
 ROOM_BEYOND_CURVE = 0.8
-"""As far beyond the curve, in heights of it, records are shown."""
+"""Room for records beyond the curve, in heights of the curve."""
 FEWEST_IN_PART = 3
 AXIS_COLOURS = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
 MOST_PARTS = 24
-"""Into how many parts of what a cause depends on its records are gathered at most."""
+"""Intervals of a covariate for means, at most."""
 CURVE_GAP = 0.1
-"""The curve of a cause breaks off where no record is for such a part of the range."""
+"""Gap without records, in parts of the range, at which the curve breaks off."""
 OF_RECORD = "_of_record"
 COLUMN_UNITS = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "mm": "mm", "s": "s"}
-"""Units by the endings of the names of columns."""
+"""Units by the ends of column names."""
 
 
 @plain
@@ -136,9 +133,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
 
 
 def _weighted_means(shown: PartialResidual, parts: Any, fewest: int) -> pd.DataFrame:
-    """Weighted means of x and value in ``parts`` of the range (n,), and the standard uncertainty u
-    of the latter.
-    """
+    """Weighted means of x and value in ``parts`` of the range (n,), and u of the value."""
     table = pd.DataFrame({"weight": shown.u**-2.0, "x": shown.x, "value": shown.value})
     table[["x", "value"]] = table[["x", "value"]].mul(table["weight"], axis=0)
     groups = table.groupby(parts)
@@ -147,7 +142,7 @@ def _weighted_means(shown: PartialResidual, parts: Any, fewest: int) -> pd.DataF
 
 
 def _limits(curve: Array, records: Array) -> tuple[float, float]:
-    """Room for the curve, and for nearly all records as far as that does not dwarf the curve."""
+    """Limits with room for the curve, and for nearly all records if they do not dwarf the curve."""
     low, high = float(np.nanmin(curve)), float(np.nanmax(curve))
     room = ROOM_BEYOND_CURVE * (high - low)
     least, most = np.clip(np.quantile(records, SHOWN_QUANTILES), low - room, high + room)
@@ -156,12 +151,9 @@ def _limits(curve: Array, records: Array) -> tuple[float, float]:
 
 
 def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) -> Axes:
-    """Distance of each seat from its stated place, by the extended arm; the fitted error of one
-    seat as a ring.
+    """Distance of each seat from its stated place, and the fitted error of one seat as a ring.
 
-    Dots are means over the records of a seat, with the standard uncertainty that the scatter of
-    these gives; an error of the arm that is common to them is not in it. Seats without a stated
-    place are counted.
+    Dots are means over the records of a seat, with the standard uncertainty from their scatter.
     """
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records = fit.problem.measurements
@@ -221,7 +213,6 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
 def _plot_over_one(
     shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes
 ) -> None:
-    """Each quantity of the correction over one covariate."""
     x, step, spread = shape[over[0]].to_numpy(), 0.0, np.zeros(len(shape))
     style: dict[str, Any] = {"lw": 2}
     if not is_numeric_dtype(x):
@@ -248,9 +239,7 @@ def _plot_over_one(
 def _plot_over_two(
     shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes
 ) -> None:
-    """The size of the correction as colour over the first and the last covariate; records where it
-    is largest on top.
-    """
+    """Size of the correction as colour over the first and last covariate, largest on top."""
     size, colours = np.linalg.norm(shape[quantities], axis=1), VOLUME_COLOURS
     low, high = 0.0, float(size.max())
     if len(quantities) == 1:
@@ -263,7 +252,7 @@ def _plot_over_two(
 
 
 def _head(column: str) -> str:
-    """``theta3_deg`` as ``theta3 [°]``; a column without a known unit as it is."""
+    """``theta3_deg`` as ``theta3 [°]``."""
     for ending, unit in COLUMN_UNITS.items():
         if column.endswith(f"_{ending}"):
             return f"{column.removesuffix(f'_{ending}').replace('_', ' ')} [{unit}]"

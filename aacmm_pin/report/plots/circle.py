@@ -28,10 +28,10 @@ from aacmm_pin.report.plots.style import (
 )
 
 TUBE_WIDTH = 4.5
-"""Width at which tubes of the arm are drawn [points]."""
+"""Width of tubes [points]."""
 TUBE_COLOURS = colormaps["Blues"]
 BASE_LINE = 0.4
-"""Half the length at which joint axis 1 is drawn, in lengths of the longest tube."""
+"""Half length of joint axis 1, in lengths of the longest tube."""
 
 
 @plain
@@ -89,8 +89,8 @@ def plot_circle(
 
 
 def neighbours(circle: PosturesAtPoint, members: Index) -> Index:
-    """Numbers of the configurations at both ends of every piece of the path through the members:
-    (pieces, 2).
+    """Numbers of the postures at the ends of every piece of the path through the members: (pieces,
+    2).
     """
     pairs = [np.empty((0, 2), dtype=np.intp)]
     curves = getattr(circle, "curves", ())
@@ -105,7 +105,7 @@ def neighbours(circle: PosturesAtPoint, members: Index) -> Index:
 
 
 def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
-    """Joint axis 1 and the shoulder on it; the ends of the line (2, 3) [m]."""
+    """Draw joint axis 1 and the shoulder; return the ends of the line (2, 3) [m]."""
     dh, shoulder = circle.components.swivel.dh, circle.components.swivel.shoulder
     rotation, _ = dh.chain.walk(np.zeros((1, dh.nq)))
     axis = rotation[dh.chain.moving_axes()[0], 0, :, 2]
@@ -117,9 +117,7 @@ def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
 
 
 def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> list[Array]:
-    """The arm from the base to the working point, from light to dark, so that each posture can be
-    followed; its corners.
-    """
+    """Draw the arm from base to point, from light to dark; return its corners."""
     shades, lines = TUBE_COLOURS(np.linspace(0.3, 0.75, len(chosen))), []
     style: dict[str, Any] = {"lw": TUBE_WIDTH, "solid_capstyle": "round", "marker": "o", "ms": 3.5}
     for k, corners in enumerate(ArmLines(circle.arm).corners(circle.q[chosen])):
@@ -134,9 +132,7 @@ def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> li
 def _draw_elbow(
     ax: Axes3D, circle: ConfigurationCircle, inside: Index, accuracy: AccuracyVolume | None
 ) -> None:
-    """The elbow's path: coloured by the accuracy volume between configurations within limits,
-    elsewhere grey.
-    """
+    """Draw the path of the elbow, coloured by volume within limits, else grey."""
     elbow = circle.components.swivel.elbow(circle.q)
     pairs = neighbours(circle, np.arange(len(circle)))
     pieces, values = elbow[pairs] / MM, np.full(len(circle), np.nan)

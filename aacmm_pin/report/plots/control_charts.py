@@ -26,9 +26,9 @@ from aacmm_pin.verification import ControlChart, History, brief
 NAME = 22
 """Characters of the name of an arm above a panel."""
 MOST_PANELS = 12
-"""Panels in all, in two rows of up to six."""
+"""Panels, in two rows of up to six."""
 FINEST = 1e-4
-"""What a panel shows at least, from its lower to its upper edge [mm]: one digit of the table."""
+"""Least height of a panel [mm]: one digit of the table."""
 NOT_COUNTED = "nonconforming or outside the limits, not counted"
 LATEST_OUTSIDE = "latest check, outside the limits"
 MARKS: dict[str, dict[str, Any]] = {
@@ -40,12 +40,12 @@ MARKS: dict[str, dict[str, Any]] = {
     "limits": {"lw": 0.7, "color": INK, "ls": "--"},
     "MPE": {"lw": 0.9, "color": VERMILLION, "ls": ":"},
 }
-"""How what is in a chart is drawn, by its name in the legend."""
+"""Styles by the names in the legend."""
 
 
 def charts_drawn(history: History) -> list[ControlChart]:
-    """The charts that :func:`plot_history` draws: of two checks at least, first those with
-    an MPE.
+    """The charts that :func:`plot_history` draws: of at least two checks, first those with an
+    MPE.
     """
     charts = [chart for chart in history.charts() if len(chart.values) > 1]
     return sorted(charts, key=lambda chart: bool(np.isnan(chart.mpe)))[:MOST_PANELS]
@@ -113,9 +113,7 @@ def _draw_chart(ax: Axes, chart: ControlChart) -> None:
 
 
 def _name_dates(ax: Axes, times: Sequence[datetime]) -> None:
-    """Dates below the first check, one in the middle, and the last; with the time where several are
-    of one day.
-    """
+    """Label the first, middle and last check by date, and time if several are on one day."""
     form = "%Y-\n%m-%d"
     if len({time.date() for time in times}) < len(times):
         form += "\n%H:%M"

@@ -1,6 +1,4 @@
-"""Sizes of the residuals of a diagnosis by its three models: of all records, by groups, and of
-groups that were left out.
-"""
+"""Residuals of a diagnosis by its three models: of all records, by groups, and held out."""
 
 from __future__ import annotations
 
@@ -55,7 +53,7 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 
 def part_in_words(result: Diagnosis, part: BudgetPart) -> str:
-    """A part of the budget: its causes and their places, or its name."""
+    """The causes and places of a part of the budget, or its name."""
     effects = filter(None, map(result.cause, part.causes))
     return listed([name_in_words(effect, result.model.arm) for effect in effects]) or part.part
 
@@ -137,7 +135,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
 def _draw_groups(
     panel: Axes, kind: str, table: pd.DataFrame, expected: dict[str, tuple[str, str]]
 ) -> None:
-    """The groups of one kind side by side, below lines of what is ``expected`` (column: line style,
+    """Draw the groups of one kind, below lines of ``expected`` values (column: line style,
     label).
     """
     unit, many = RANGE_UNITS.get(kind.split()[0], ""), len(table) > MANY
@@ -164,7 +162,6 @@ def _draw_groups(
 
 
 def _start(group: str) -> float:
-    """Where a range begins."""
     return float(group.split(" to ")[0])
 
 
@@ -175,8 +172,8 @@ def place_in_words(by: str, group: str) -> str:
 
 
 def held_out_parts(result: Diagnosis) -> pd.DataFrame:
-    """The parts left out in turn: part, records, RMS recalibrated and extended [mm], gain, what was
-    chosen without it.
+    """The held-out parts: part, records, RMS recalibrated and extended [mm], gain, causes chosen
+    without it.
 
     Raises:
         AacmmError: nothing was held out.

@@ -1,6 +1,4 @@
-"""Partial residuals: the amount of one cause by each record, with everything else in the extended
-model as fitted, and the abscissa of its picture.
-"""
+"""Partial residuals: the amount of one cause in each record, and the abscissa of its picture."""
 
 from __future__ import annotations
 
@@ -26,9 +24,9 @@ from aacmm_pin.errors import AacmmError
 
 MICRO = 1e-6
 KIND_OF_UNIT = {"µm/m": "expansion", "µrad": "rotation", "µm": "translation"}
-"""What an amount is, by its unit."""
+"""Kinds of amounts by unit."""
 FOLDED = 3.0
-"""Waves of a higher order are drawn over one period; over a whole turn they would be a band."""
+"""Waves of a higher order are drawn over one period."""
 LOADS = {
     "base_compliance": "moment of the weight about the base",
     "bearing_tilt": "moment of the weight across the axis",
@@ -39,18 +37,17 @@ LOADS = {
     "stylus_bending": "horizontal part of the stylus",
     "torsional_windup": "moment of the weight about the tube",
 }
-"""What one parameter of a cause is multiplied by."""
+"""Quantities that parameters of causes multiply."""
 
 
 @dataclass(frozen=True, eq=False)
 class PartialResidual:
-    """The amount of a cause by each record that depends on it.
+    """The amount of a cause in each record that depends on it.
 
     Attributes:
-        x: what the cause depends on, in the unit of ``x_label`` (n,).
-        value, u: amount of the cause by each record, and its standard uncertainty, in the unit of
-            ``y_label`` (n,).
-        fitted: amount by the fitted cause (n,).
+        x: quantity that the cause depends on, in the unit of ``x_label`` (n,).
+        value, u: amount in each record, and its u, in the unit of ``y_label`` (n,).
+        fitted: amount of the fitted cause (n,).
     """
 
     x: Array
@@ -63,13 +60,13 @@ class PartialResidual:
 
 @dataclass(frozen=True, eq=False)
 class _Amount:
-    """How much of a cause there is in each record, and how one unit of it moves the target.
+    """The amount of a cause in each record, and the motion of the target by one unit of it.
 
     Attributes:
         amount: at the fitted values (n,) [rad, m, or m/m].
-        unit: a millionth of what the amount is in: µrad of a turn, µm of a shift, µm/m of a strain.
-        lever: displacement of the target by one unit of amount, in the base (n, 3).
-        has_direction: whether one unit is the same twist, at one place, in all records.
+        unit: a millionth of its unit: µrad, µm or µm/m.
+        lever: displacement of the target by one unit, in the base (n, 3).
+        has_direction: whether one unit is the same twist at one place in all records.
     """
 
     amount: Array
@@ -79,15 +76,13 @@ class _Amount:
 
 
 def is_constant(effect: Effect, state: State) -> bool:
-    """Whether the cause displaces every record alike, as a geometric value does: then it depends on
-    nothing.
-    """
+    """Whether the cause displaces every record alike, as a geometric value does."""
     displacements = effect.displacements(state)
     return all(len(displacement.columns) == 1 for displacement in displacements)
 
 
 def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = None) -> State:
-    """The arm as fitted, in the records of the fit or in others."""
+    """The fitted arm, in the records of the fit or in others."""
     problem = fit.problem
     effects = (*problem.model.effects, *fit.effects)
     records, arm = problem.measurements, problem.model.arm
@@ -97,19 +92,14 @@ def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = N
 
 
 def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
-    """The amount of a cause of the extended model by each record, everything else as fitted.
+    """The amount of a cause of the extended model in each record, everything else as fitted.
 
-    With L the displacement of the target per unit of the cause's amount a (such as a joint's
-    angle), C the noise and e the residual of a record, its own estimate of the amount is ``a - (Lᵀ
-    C⁻¹ e)/(Lᵀ C⁻¹ L)`` with u = ``(Lᵀ C⁻¹ L)^(-1/2)``: generalised least squares of one number
-    (partial residual, Larsen, McCleary 1972, Technometrics 14).
-
-    Args:
-        result: the diagnosis.
-        effect: the cause with its fitted values, as a finding has it.
+    With the displacement L of the target per unit of the amount a, noise C and residual e of a
+    record, the estimate is ``a - (Lᵀ C⁻¹ e)/(Lᵀ C⁻¹ L)`` with u = ``(Lᵀ C⁻¹ L)^(-1/2)``:
+    generalised least squares (partial residual, Larsen, McCleary 1972, Technometrics 14).
 
     Raises:
-        AacmmError: the cause displaces all records alike, so there is nothing to draw it over.
+        AacmmError: the cause displaces all records alike.
     """
     fit = result.extended
     state = state_of(fit)
@@ -140,8 +130,8 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
 
 
 def _amount(effect: Effect, state: State) -> _Amount:
-    """As a strain by temperature, as a turn or a shift about one place, or as the shift of the
-    target by all places.
+    """As expansion by temperature, as rotation or translation at one place, or as displacement of
+    the target.
     """
     places, values = effect.displacements(state), np.array(effect.values)
     temperature = state.conditions.temperature
@@ -167,11 +157,9 @@ def _amount(effect: Effect, state: State) -> _Amount:
 
 
 def _common_direction(columns: Array) -> Array | None:
-    """Twist (6,) that all columns (n, 6, p) are multiples of, largest component positive; None if
-    there is none.
+    """Twist (6,) that all columns (n, 6, p) are multiples of, or None.
 
-    It turns by one radian, and shifts by what goes with that; where it does not turn, it shifts by
-    one metre.
+    It rotates by one radian, or else translates by one metre; its largest component is positive.
     """
     each = columns.transpose(1, 0, 2).reshape(6, -1)
     left, size, _ = np.linalg.svd(each, full_matrices=False)
@@ -185,7 +173,7 @@ def _common_direction(columns: Array) -> Array | None:
 
 
 def _abscissa(effect: Effect, state: State, cause: _Amount) -> tuple[Array, str]:
-    """What the cause depends on in every record (n,), and the words and unit of that axis."""
+    """What the cause depends on in each record (n,), and its label."""
     conditions, row = state.conditions, effect.row
     if "time" in effect.needs:
         return conditions.require("time", effect.label) / 60.0, "time [min]"
@@ -209,7 +197,7 @@ def _abscissa(effect: Effect, state: State, cause: _Amount) -> tuple[Array, str]
 
 
 def load_words(effect: Effect) -> str:
-    """What its parameter is multiplied by; a cause of others may state it as ``load``."""
+    """The quantity that the parameter multiplies; your own cause may state it as ``load``."""
     if "torque" in effect.needs:
         return "negative measured torque"
     default = getattr(effect, "load", "load")
@@ -229,8 +217,8 @@ def is_of_angle(effect: Effect, state: State) -> bool:
 
 
 def unit_of_load(unit: str, amount: str) -> str:
-    """Unit of what a parameter of ``unit`` multiplies to give an ``amount`` [rad or m]:
-    ``rad/(N·m)²`` gives ``(N·m)²``.
+    """Unit of what a parameter of ``unit`` multiplies to give an ``amount``: ``rad/(N·m)²`` gives
+    ``(N·m)²``.
     """
     above, *below = re.split(r"/(?![^(]*\))", unit)  # at slashes outside brackets
     if above not in (amount, "1"):

@@ -1,6 +1,4 @@
-"""Places in space, and the arm: residuals of a calibration or a diagnosis as lines from stated
-places towards the tip, and places round an arm from above and from the side.
-"""
+"""Residuals of a calibration or diagnosis as lines in space, and views of an arm with places."""
 
 from __future__ import annotations
 
@@ -39,19 +37,16 @@ from aacmm_pin.report.plots.style import (
 Plane = Literal["xy", "xz", "yz"]
 VIEWS: dict[Plane, str] = {"xy": "plan (xy)", "xz": "side (xz)", "yz": "side (yz)"}
 LONGEST_VECTOR = 0.08
-"""How long nearly all residuals are drawn, as part of the picture."""
+"""Length of nearly all residuals, as part of the picture."""
 POSTURES_DRAWN = 3
-"""So many postures of the arm are drawn."""
+"""Postures of the arm to draw."""
 MOST_VECTORS = 400
-"""Residuals that are drawn; of more, every so-manieth."""
-
-
-"""What people call a model whose name in files is another."""
+"""Residuals to draw; evenly selected from more."""
 
 
 def models(result: Calibration | Diagnosis) -> dict[str, Fit]:
-    """The fits of a result by the names of their models, the last of which says what records were
-    used.
+    """The fits of a result by the names of their models; the last one determines the used
+    records.
     """
     if isinstance(result, Calibration):
         return {"before": result.before, "after": result.fit}
@@ -74,27 +69,25 @@ def model_named(result: Calibration | Diagnosis, name: str) -> Fit:
 
 
 def rms_of(result: Calibration | Diagnosis) -> dict[str, float]:
-    """RMS distance of tip and target of the used records by the names of the :func:`models` [m]."""
+    """RMS distance of tip and target of the used records by :func:`models` [m]."""
     if isinstance(result, Calibration):
         return {"before": result.rms_before, "after": result.rms}
     return {name: result.rms[name] for name in models(result)}
 
 
 def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
-    """The two models worth comparing: without and with the causes; where none was found, or asked
-    for, with geometry.
-    """
+    """The two models to compare: without and with the causes; without causes, geometry."""
     if isinstance(result, Calibration):
         return "before", "after"
     return ("recalibrated", "extended") if result.findings else ("nominal", "recalibrated")
 
 
 Groups = Mapping[str, tuple[str, Sequence[tuple[str, Array]]]]
-"""By name: a colour, and places, each with a label, or "", and points (k, 3) [m] that are joined by
+"""By name: a colour, and places, each with a label, or "", and points (k, 3) [m] joined by
 lines.
 """
 MANY_PLACES = 8
-"""Places of one kind that are drawn large; more are drawn small."""
+"""Places of one kind that are drawn large."""
 
 
 @plain
@@ -155,15 +148,11 @@ def plot_residual_vectors(
 def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
     """Plot the residual vectors of two models in top and side view, with the same magnification.
 
-    The two models are those of :func:`two_models`.
+    The models are those of :func:`two_models`.
 
     Args:
         result: the calibration or the diagnosis.
-        ax: axes whose area the panels share.
-
-    Returns:
-        The figure of the four panels: top view of the first and the second model, then side view of
-            both.
+        ax: axes whose area the four panels share.
     """
     names, panels = two_models(result), panels_of(ax, (4.3, 4.0), 4, 2)
     used, fit = [*models(result).values()][-1].used, models(result)[names[0]]
@@ -176,9 +165,7 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
 
 
 def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
-    """Lines (n, 2) [mm], magnified, with dots at their ends, and below them a bar of known
-    length.
-    """
+    """Draw magnified lines (n, 2) [mm] with dots at their ends, and a scale bar."""
     ends = start + factor * off
     segments = [*np.stack([start, ends], axis=1)]
     ax.add_collection(LineCollection(segments, colors=BLUE, linewidths=0.9, alpha=0.75, zorder=2))
@@ -194,8 +181,8 @@ def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
 
 
 def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
-    """Residuals as the result lists them (n, 3) [m]; of a diagnosis from the stated places, which
-    may be wrong, or from the place that a seat seems to have where none is stated.
+    """Residuals of the result (n, 3) [m]; of a diagnosis from the stated places, or else the
+    estimated place of the seat.
     """
     if isinstance(result, Calibration):
         return fit.system.deviation
@@ -205,17 +192,15 @@ def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
 
 
 def magnification_of(place: Array, deviation: Array) -> float:
-    """With which nearly all residuals (n, 3) are shorter than a fixed part of the picture of their
-    places (n, 3) [m].
-    """
+    """Magnification of residuals (n, 3) that fits the picture of their places (n, 3) [m]."""
     size = float(np.ptp(place, axis=0).max()) or 1.0
     usual = float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12
     return round_down(LONGEST_VECTOR * size / usual)
 
 
 def postures_of(fit: Fit) -> Array:
-    """The arm from foot to tip in postures whose tips are far apart, in the frame of the references
-    (k, places, 3) [m].
+    """The arm from base to tip in distant postures, in the frame of the references (k, places, 3)
+    [m].
     """
     tips, frame = fit.point.prediction.tips, fit.point.frame
     records = fit.problem.measurements
@@ -231,7 +216,9 @@ def postures_of(fit: Fit) -> Array:
 
 @plain
 def two_views(arm: Arm, q: Array, groups: Groups) -> Figure:
-    """The arm in the posture ``q`` (1, nq) [rad], and places in the axes of its base."""
+    """The arm in the posture ``q`` (1, nq) [rad], and places in its base, from above and the
+    side.
+    """
     figure = Figure(figsize=(10.0, 5.6), layout="constrained")
     lines = ArmLines(arm).corners(q)[0] / MM
     from_above, from_the_side = figure.subplots(1, 2)
@@ -245,7 +232,6 @@ def two_views(arm: Arm, q: Array, groups: Groups) -> Figure:
 
 
 def _draw_view(axes: Axes, lines: Array, groups: Groups, plane: list[int]) -> None:
-    """The arm and the places, projected on the two axes of the ``plane``."""
     text: dict[str, Any] = {"textcoords": "offset points", "xytext": (5, 4), "fontsize": 8}
     for name, (colour, places) in groups.items():
         size = 4 if len(places) > MANY_PLACES else 6

@@ -1,4 +1,4 @@
-"""One style of all pictures: colours, text, axes to draw on, names at places, bars, legends."""
+"""Style of all pictures: colours, text, axes, labels, bars, legends."""
 
 from __future__ import annotations
 
@@ -30,25 +30,23 @@ STYLE: dict[str, Any] = {
     "legend.title_fontsize": 8,
     "legend.frameon": False,
 }
-"""Settings of matplotlib while a picture is drawn."""
+"""Settings of matplotlib."""
 LONGEST_LINE, LONGEST_AT_TICK, LONGEST_UPRIGHT = 96, 48, 24
 """Characters of a line of a title, of a name at a tick, and of one that may stand upright, lest
 they leave the axes no place.
 """
 EDGE = 0.03
-"""How far from the edge of the scale a mark for a value beyond it stands, in heights of the scale.
-"""
+"""Distance from the edge of marks for values beyond it, in heights of the scale."""
 P = ParamSpec("P")
 Drawn = TypeVar("Drawn", Axes, Figure)
 
 
 @contextmanager
 def without_latex() -> Iterator[None]:
-    """While pictures have their style, and matplotlib alone draws text: LaTeX may not be there, or
-    take names for commands.
+    """Use the style, and text by matplotlib alone: LaTeX may be missing, or read names as commands.
 
-    Only these settings are put back: a backend that the first figure loads, such as Jupyter's,
-    makes settings of its own.
+    Only these settings are restored: a backend such as Jupyter's may set others at the first
+    figure.
     """
     settings: Any = plt.rcParams
     before = {name: settings[name] for name in STYLE}
@@ -60,7 +58,7 @@ def without_latex() -> Iterator[None]:
 
 
 def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
-    """The function that draws, in the style, with text as it is: see :func:`literal`."""
+    """The drawing function in this style, with :func:`literal` text."""
 
     @wraps(draw)
     def drawn(*args: P.args, **named: P.kwargs) -> Drawn:
@@ -75,15 +73,13 @@ def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 
 
 def literal(text: str, most: int = LONGEST_LINE) -> str:
-    """Text that is no formula to matplotlib whatever it holds, with lines of at most so many
-    characters.
-    """
+    """Text without formulas for matplotlib, with lines of at most so many characters."""
     lines = printable(text).split("\n")
     return re.sub(r"(?<!\\)\$", r"\$", "\n".join(_shortened(line, most) for line in lines))
 
 
 def _shortened(line: str, most: int) -> str:
-    """The middle of a long line is left out."""
+    """Omit the middle of a long line."""
     if len(line) <= most:
         return line
     half = most // 2
@@ -101,15 +97,14 @@ def panels_of(
     """Axes of ``count`` panels, row by row.
 
     Args:
-        ax: axes, whose place is divided among the panels (they are gone then); or None for a new
-            pyplot figure.
-        each: width and height of a panel of that figure [inches].
+        ax: axes whose place the panels take; None for a new pyplot figure.
+        each: width and height of a panel of a new figure [inches].
         count: number of panels.
         columns: panels side by side.
         share_y: one scale for all panels.
 
     Raises:
-        AacmmError: axes that have no place in a grid.
+        AacmmError: the axes have no place in a grid.
     """
     rows = -(-count // columns)
     width, height = each
@@ -126,7 +121,7 @@ def panels_of(
 
 
 def whole(panels: Sequence[Axes]) -> Figure:
-    """The figure of several panels, which the functions that draw them return."""
+    """The figure of several panels."""
     return cast(Figure, panels[0].figure)
 
 
@@ -139,7 +134,7 @@ def legend_below(ax: Axes, columns: int = 4, **more: Any) -> None:
 def draw_bars(
     ax: Axes, names: Sequence[str], sizes: Iterable[float], labels: Sequence[str], colours: Any
 ) -> None:
-    """Horizontal bars, the first on top, with their names beside them and labels at their ends."""
+    """Horizontal bars, the first on top, with names and labels."""
     bars = ax.barh(range(len(names)), [*sizes], color=colours, height=0.65)
     ax.bar_label(bars, labels, padding=4, fontsize=8)
     ax.margins(x=0.28)
@@ -147,7 +142,7 @@ def draw_bars(
 
 
 def name_rows(ax: Axes, names: Sequence[str], size: float = 9.0) -> None:
-    """Names beside the places 0, 1, 2, …, the first on top."""
+    """Names of the rows 0, 1, 2, …, the first on top."""
     rows = range(len(names))
     ax.set_yticks(rows, [literal(name, LONGEST_AT_TICK) for name in names], fontsize=size)
     ax.invert_yaxis()
@@ -156,13 +151,8 @@ def name_rows(ax: Axes, names: Sequence[str], size: float = 9.0) -> None:
 def draw_beyond(
     ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tuple[float, float]
 ) -> None:
-    """Sets the limits of y; diamonds at their edge stand for the values beyond, and the legend
-    counts these.
-
-    Args:
-        ax: axes.
-        series: x (n,), y (n,) and the colour of each series of values.
-        limits: of y.
+    """Set the ``limits`` of y, and mark values beyond by diamonds at the edge, counted in the
+    legend; ``series`` are x (n,), y (n,) and colour.
     """
     low, high = limits
     edge, number = EDGE * (high - low), 0
@@ -177,8 +167,8 @@ def draw_beyond(
 
 
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
-    """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or a third
-    as many names upright.
+    """Names of the places 0, 1, 2, …; upright if more than ``letters`` characters, and a third as
+    many.
     """
     names = [literal(name, LONGEST_UPRIGHT) for name in names]
     width = sum(2 + max(map(len, name.split("\n"))) for name in names)
@@ -188,9 +178,7 @@ def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float =
 
 
 def aside(count: int, width: float) -> Array:
-    """Shifts within ``width`` that set records of one place side by side, so that they do not hide
-    each other (count,).
-    """
+    """Shifts within ``width`` that separate records of one place (count,)."""
     part = np.arange(count) * 0.618 % 1.0
     return np.asarray(width * (part - 0.5))
 
@@ -209,5 +197,5 @@ def round_down(value: float) -> float:
 
 
 def some_of(members: Index, most: int) -> Index:
-    """At most so many of the members, every so-manieth."""
+    """At most so many of the members, evenly selected."""
     return members[:: max(1, -(-len(members) // most))]
