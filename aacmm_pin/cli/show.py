@@ -6,7 +6,7 @@ import webbrowser
 from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import typer
@@ -49,6 +49,13 @@ def run(
         ),
     ] = None,
     noise: EncoderNoise,
+    body_style: Annotated[
+        Literal["meshes", "sticks"],
+        typer.Option(
+            help="Draw the meshes of the URDF, or tubes and joints. An arm without meshes is drawn "
+            "as sticks."
+        ),
+    ] = "meshes",
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
     ] = True,
@@ -67,7 +74,9 @@ def run(
     with Results(files, output) as results:
         model = restrict_to_known_range(arm.model())
         if point is None:
-            scene = scenes.arm_scene(model, _posture(model.arm, theta_deg)[None])
+            scene = scenes.arm_scene(
+                model, _posture(model.arm, theta_deg)[None], body_style=body_style
+            )
         else:
             circle, accuracy = orientation.postures(model.arm, point), None
             note_wrist(circle)
@@ -76,7 +85,7 @@ def run(
                 accuracy = circle_accuracy(circle, model, encoder_noise=noise.encoder_noise)
             except AacmmError as error:
                 note(f"the scene does not show the accuracy, because of an error: {error}")
-            scene = scenes.circle_scene(circle, accuracy)
+            scene = scenes.circle_scene(circle, accuracy, body_style=body_style)
         if output is not None:
             results.text(scene.html(), output)
             return

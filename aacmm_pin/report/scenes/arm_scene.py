@@ -8,13 +8,20 @@ from aacmm_pin._support.checks import batch
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.plots.style import BLUE, GREY
+from aacmm_pin.report.scenes.robot_bodies import OPAQUE, BodyStyle, bodies_of
 from aacmm_pin.report.scenes.scene import Frames, Scene
-from aacmm_pin.report.scenes.stage import Bodies, joint_texts, moving, place_text, stage
+from aacmm_pin.report.scenes.stage import joint_texts, moving, place_text, stage
 
 
-def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
+def arm_scene(model: GivenModel, q: ArrayLike, *, body_style: BodyStyle = "meshes") -> Scene:
     """Make a scene of the arm at ``q`` ``(n, nq)`` [rad, m]: a picture for one posture, an
     animation for more.
+
+    Args:
+        model: the arm.
+        q: postures.
+        body_style: ``meshes`` draws the meshes of the arm's URDF, with their colours; ``sticks``
+            draws tubes and joints. An arm without meshes is drawn as sticks.
 
     Raises:
         ShapeError: ``q`` is not a finite ``(n, nq)`` array, or has no row.
@@ -23,11 +30,11 @@ def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
     q = batch(q, arm.nq, "q", "rad")
     if not len(q):
         raise ShapeError("q has no row; expected at least one posture")
-    bodies, tips = Bodies(arm), arm.positions(q)
+    bodies, tips = bodies_of(arm, body_style, OPAQUE), arm.positions(q)
     caption = f"The tip is at {place_text(tips[0])} in the base frame."
     if len(q) > 1:
         caption = f"The scene shows {len(q)} postures."
-    scene = stage(arm.name, caption, bodies, bodies.corners(q).reshape(-1, 3), tips)
+    scene = stage(arm.name, caption, bodies, bodies.outline(q), tips)
     texts = {"tip x, y, z": [place_text(tip) for tip in tips], **joint_texts(arm, q)}
     colours = [BLUE if text == "within" else GREY for text in texts["limits"]]
     scene.frames = Frames(moving(bodies, q, scene), texts, colours)

@@ -20,9 +20,9 @@ from aacmm_pin.report.plots.style import (
     round_down,
     some_of,
 )
+from aacmm_pin.report.scenes.robot_bodies import BodyStyle, bodies_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
 from aacmm_pin.report.scenes.stage import (
-    Bodies,
     ahead,
     draw_ball,
     draw_ghosts,
@@ -39,18 +39,23 @@ from aacmm_pin.report.scenes.stage import (
 ELLIPSOID = "#cc79a7"
 """Colour of the accuracy at the point."""
 SEEN = 0.14
-"""Half the length at which the longest ellipsoid is drawn at most, in sizes of the scene."""
+"""Half the length at which the longest ellipsoid is body_style at most, in sizes of the scene."""
 THIN = 1e-4
 """Thickness given to an ellipsoid that has none, in its lengths."""
 GHOSTS = 5
-"""Postures drawn thin behind the one that is shown."""
+"""Postures body_style thin behind the one that is shown."""
 MOST_CIRCLE_FRAMES = 360
 """Postures on the slider; of more, every so-manieth."""
 PATH_POINTS = 480
-"""Points of the drawn path; of more, every so-manieth."""
+"""Points of the body_style path; of more, every so-manieth."""
 
 
-def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None) -> Scene:
+def circle_scene(
+    circle: PosturesAtPoint,
+    accuracy: AccuracyVolume | None = None,
+    *,
+    body_style: BodyStyle = "meshes",
+) -> Scene:
     """Make an animation of the arm through all postures within limits that reach a point.
 
     If no posture is within limits, the animation shows all postures. The path of the elbow has the
@@ -61,6 +66,7 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
     Args:
         circle: a :class:`aacmm_pin.ConfigurationCircle`, or the postures of another arm.
         accuracy: ``circle_accuracy(circle)``, the accuracy of the postures within limits.
+        body_style: see :func:`arm_scene`.
 
     Raises:
         AacmmError: the circle has no posture.
@@ -71,9 +77,9 @@ def circle_scene(circle: PosturesAtPoint, accuracy: AccuracyVolume | None = None
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
     eligible = inside if len(inside) else np.arange(len(circle.q))
     members = some_of(eligible, MOST_CIRCLE_FRAMES)
-    q, bodies = circle.q[members], Bodies(circle.arm)
+    q, bodies = circle.q[members], bodies_of(circle.arm, body_style)
     path, name = _path_of(circle)
-    points = np.vstack([bodies.corners(circle.q).reshape(-1, 3), path])
+    points = np.vstack([bodies.outline(circle.q), path])
     names = {WRIST: "wrist", circle.arm.tip: "tip"}
     place = f"{names.get(circle.at, circle.at)} at {place_text(circle.point)}"
     curves = count(int(circle.component.max()), "closed curve")
@@ -150,9 +156,9 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     half = ELLIPSOID_COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))
     factor = round_down(SEEN * size / max(float(half.max()), 1e-12))
     vectors[np.linalg.det(vectors) < 0, :, 0] *= -1.0
-    drawn = factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True))
+    body_style = factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True))
     placements = placed_at(np.tile(centre, (len(vectors), 1)))
-    placements[:, :3, :3] = vectors * drawn[:, None, :]
+    placements[:, :3, :3] = vectors * body_style[:, None, :]
     scene["accuracy"].set_object(Sphere(1.0), ahead(ELLIPSOID, 0.6))
     scene["accuracy"].set_transform(placements[0])
     scene.explain(ELLIPSOID, "uncertainty ellipsoid of the posture", "area")

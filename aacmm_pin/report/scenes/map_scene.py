@@ -66,13 +66,11 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     cells = tuple(index[some_of(in_turn, MOST_MAP_FRAMES)] for index in (x, z))
     q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies(arm)
 
-    corners, of_arm = _corners(workspace_map), bodies.corners(q)
-    everything = np.vstack([corners[reachable].reshape(-1, 3), of_arm.reshape(-1, 3)])
+    corners, outline = _corners(workspace_map), bodies.outline(q)
+    everything = np.vstack([corners[reachable].reshape(-1, 3), outline])
     title = f"{arm.name}: comprehensive accuracy volume"
     scene = stage(title, _caption(workspace_map), bodies, everything, points)
-    scene.view = View(
-        np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM_ROUND_ARM * bodies.radius
-    )
+    scene.view = View(everything, SIDE, HEIGHT, ROOM_ROUND_ARM * bodies.radius)
     scene.bar = bar
     shown = "cells with a posture within the joint limits, column by column"
     scene.notes.insert(0, on_slider(len(q), len(x), shown))

@@ -20,10 +20,9 @@ from aacmm_pin.report.plots.residual_vectors import (
     rms_of,
 )
 from aacmm_pin.report.plots.style import some_of
+from aacmm_pin.report.scenes.robot_bodies import BodyStyle, bodies_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
 from aacmm_pin.report.scenes.stage import (
-    TO_SCALE,
-    Bodies,
     draw_ball,
     draw_ghosts,
     flat,
@@ -41,7 +40,12 @@ FOOT = 0.005
 PER_SECOND = 4.0
 
 
-def residual_scene(result: Calibration | Diagnosis, model: str | None = None) -> Scene:
+def residual_scene(
+    result: Calibration | Diagnosis,
+    model: str | None = None,
+    *,
+    body_style: BodyStyle = "meshes",
+) -> Scene:
     """Make a scene of the magnified residuals of one model, with the arm in the postures of the
     records.
 
@@ -54,6 +58,7 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
         model: ``before`` or ``after`` for a calibration; ``nominal`` (nominal arm),
             ``recalibrated`` or ``extended`` for a diagnosis. The default is ``after`` or
             ``extended``.
+        body_style: see :func:`arm_scene`.
 
     Raises:
         UnknownNameError: the model is unknown.
@@ -68,14 +73,14 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     }
     chosen = some_of(np.flatnonzero(judge.used), MOST_VECTORS)
     chosen = chosen[np.argsort(-distances_mm[name][chosen], kind="stable")]
-    # In the base, where the arm is drawn.
+    # In the base, where the arm is body_style.
     frame, records = fit.point.frame, fit.problem.measurements
     deviation = deviations_of(result, fit)[chosen] @ frame.rotation
     target = frame.back(fit.point.prediction.tips[chosen]) - deviation
     factor = magnification_of(target, deviation)
     ends = target + factor * deviation
-    q, bodies = records.q[chosen], Bodies(arm)
-    points = np.vstack([bodies.corners(q).reshape(-1, 3), target, ends])
+    q, bodies = records.q[chosen], bodies_of(arm, body_style)
+    points = np.vstack([bodies.outline(q), target, ends])
     size = float(np.ptp(points, axis=0).max())
 
     title = f"{arm.name}: residuals, {name}"
@@ -91,7 +96,7 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     scene.notes = [
         f"Each spike is a residual, from the {start} towards the tip, magnified {factor:g} times.",
         "The slider shows the residuals, the largest first.",
-        TO_SCALE.replace("Lengths are", "The arm is"),
+        *bodies.notes,
     ]
     seats = np.full(records.n, "") if records.conditions.seat is None else records.conditions.seat
     texts = {

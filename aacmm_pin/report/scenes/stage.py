@@ -6,6 +6,7 @@ axes.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -35,7 +36,7 @@ THICKNESS = 0.014
 DRAWN = 0.3
 """Pieces shorter than this many radii are hidden in a joint and not drawn."""
 AXES_GRADIENT = "linear-gradient(to right, red 33%, lime 33% 66%, blue 66%)"
-TO_SCALE = "Lengths are to scale, but thicknesses of tubes and joints are not."
+TO_SCALE = "Lengths of the arm are to scale, but thicknesses of tubes and joints are not."
 ROOM_ROUND_ARM = 3.4
 """So many radii of a tube are seen beyond the arm's lines: its joints, its foot."""
 ANGLED = 35 * DEG
@@ -46,13 +47,40 @@ TUBE_SIDES = 6
 """Corners of the section of a prism."""
 
 
+@dataclass(frozen=True, eq=False)
 class Bodies(ArmLines):
-    """The bodies of an arm along its lines: what a scene draws of an arm is drawn here."""
+    """The bodies of an arm along its lines.
+
+    Attributes:
+        remarks: sentences on what is not drawn.
+    """
+
+    remarks: tuple[str, ...] = ()
 
     @property
     def radius(self) -> float:
         """Of the tubes [m]."""
         return THICKNESS * self.length
+
+    @property
+    def swatches(self) -> list[Swatch]:
+        """What the legend says of the bodies."""
+        return [
+            Swatch(TUBE, "tubes", "line"),
+            Swatch(JOINT, "joints (cylinders along their axes)", "area"),
+            Swatch(STYLUS, "last body (thinner towards the tip)", "line"),
+        ]
+
+    @property
+    def notes(self) -> list[str]:
+        """What the scene says of them."""
+        return [TO_SCALE, *self.remarks]
+
+    def outline(self, q: Array) -> Array:
+        """Points that are all seen where the bodies are seen, for checked ``q`` (n, nq): (k, 3)
+        [m].
+        """
+        return np.vstack([self.corners(q).reshape(-1, 3), self.foot])
 
     def draw(self, scene: Scene) -> None:
         """Put the bodies into a scene; they are moved by a transform of ``arm/body i`` each.
@@ -75,8 +103,7 @@ class Bodies(ArmLines):
                 self._draw_foot(body)
             elif chain.axis(number) in moves:
                 self._draw_joint(body["joint"], number)
-        tip = placed_at(self.lines[-1][-1])
-        _put(scene[f"arm/body {last}/tip"], Sphere(0.55 * self.radius), tip, solid(TIP))
+        draw_tip(scene, self)
 
     def _draw_joint(self, node: Any, number: int) -> None:
         """A short thick cylinder along the joint's axis; a square one for a joint that slides."""
@@ -115,6 +142,12 @@ class Bodies(ArmLines):
         return float(np.linalg.norm(end - start)) > DRAWN * self.radius
 
 
+def draw_tip(scene: Scene, bodies: Bodies) -> None:
+    """A ball at the tip, on the last body."""
+    path = f"arm/body {len(bodies.lines) - 1}/tip"
+    _put(scene[path], Sphere(0.55 * bodies.radius), placed_at(bodies.lines[-1][-1]), solid(TIP))
+
+
 def _put(node: Any, shape: Any, placement: Array, material: Any) -> None:
     node.set_object(shape, material)
     node.set_transform(placement)
@@ -140,17 +173,14 @@ def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Arra
     scene["/Grid"].set_property("color", [1.1, 1.1, 1.1, 0.45])
     _scale(scene["/Axes"], 0.2 * float(np.ptp(points, axis=0).max()))
     scene.swatches = [
-        Swatch(TUBE, "tubes", "line"),
-        Swatch(JOINT, "joints (cylinders along their axes)", "area"),
-        Swatch(STYLUS, "last body (thinner towards the tip)", "line"),
+        *bodies.swatches,
         Swatch(TIP, "tip"),
         Swatch("#b4bac2", f"base plane z = 0 (grid of {cell / MM:g} mm)", "line"),
         Swatch(AXES_GRADIENT, "axes x, y, z of the base", "line"),
     ]
-    scene.notes = [TO_SCALE]
+    scene.notes = bodies.notes
     x, y, _ = targets.mean(axis=0)
-    seen = np.vstack([points, bodies.foot])
-    scene.view = View(seen, float(np.arctan2(y, x)) + ANGLED, room=ROOM_ROUND_ARM * bodies.radius)
+    scene.view = View(points, float(np.arctan2(y, x)) + ANGLED, room=ROOM_ROUND_ARM * bodies.radius)
     return scene
 
 
@@ -217,10 +247,10 @@ def colour_number(colour: str) -> int:
     return int(to_hex(colour)[1:], 16)
 
 
-def solid(colour: str, opacity: float = 1.0) -> Any:
-    """Material of a body: shaded by the lights of the scene."""
+def solid(colour: str, opacity: float = 1.0, *, flat: bool = False) -> Any:
+    """Material of a body: shaded by the lights of the scene, face by face if ``flat``."""
     opaque = opacity == 1.0
-    options = {"shininess": 40, "depthWrite": opaque, "flatShading": not opaque}
+    options = {"shininess": 40, "depthWrite": opaque, "flatShading": flat or not opaque}
     return MeshPhongMaterial(color=colour_number(colour), opacity=opacity, **options)
 
 

@@ -189,10 +189,10 @@ def _read(app: Sphinx, docname: str, content: list[str]) -> None:
 
 
 def _draw(app: Sphinx) -> None:
-    """Pictures, and the scene as a file of the site."""
+    """Pictures, and the scenes as files of the site."""
     pictures.draw(_folder(app))
     scenes = Path(app.doctreedir) / "scenes"
-    pictures.draw_scene(scenes)
+    pictures.draw_scenes(scenes)
     app.config.html_extra_path.append(str(scenes))
 
 

@@ -19,10 +19,12 @@ from aacmm_pin import (
     ConfigurationCircle,
     Diagnosis,
     ErrorModel,
+    ReachingPostures,
     circle_accuracy,
     configuration_circle,
     diagnose,
     map_workspace,
+    reaching_postures,
     simulate_measurements,
 )
 from aacmm_pin.effects import EncoderEccentricity, LinkBending
@@ -74,7 +76,14 @@ def draw(folder: Path) -> None:
                 drawn().figure.savefig(folder / name, dpi=130, bbox_inches="tight")
 
 
-def draw_scene(folder: Path) -> None:
-    """The page of the first page's scene in ``folder``."""
+def _self_motion() -> ReachingPostures:
+    pointing_down = np.diag([1.0, -1.0, -1.0])
+    place = np.array([400.0, 100.0, 500.0]) * 1e-3
+    return reaching_postures(Arm.load("panda"), place, rotation=pointing_down)
+
+
+def draw_scenes(folder: Path) -> None:
+    """The pages of the scenes in ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     circle_scene(*_at_the_point()).save(folder / "circle.html", force=True)
+    circle_scene(_self_motion()).save(folder / "self_motion.html", force=True)

@@ -1,0 +1,191 @@
+"""The bodies that the URDF of an arm draws: its meshes, loaded by yourdfpy, with so few faces that
+a page stays small.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from matplotlib.colors import to_hex
+from meshcat.geometry import TriangularMeshGeometry
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm import Arm
+from aacmm_pin.report.scenes.scene import Scene, Swatch
+from aacmm_pin.report.scenes.stage import Bodies, draw_tip, solid
+
+if TYPE_CHECKING:
+    import trimesh
+    import yourdfpy
+
+Meshes = dict[tuple[int, str], "trimesh.Trimesh"]
+"""By body and colour."""
+BodyStyle = Literal["meshes", "sticks"]
+"""What is drawn of an arm: the meshes of its URDF if there are any, or tubes and joints."""
+OPAQUE, TRANSLUCENT = 1.0, 0.35
+"""Opacity of the meshes; translucent before what they would hide."""
+MOST_MESH_ROWS = 130_000
+"""Vertices and faces of all meshes of a scene; each is 16 characters of the page."""
+FINEST, COARSER = 1e-3, 1.25
+"""Side of the cells in which vertices become one, in sizes of the robot, and how much longer it
+gets while there are too many rows.
+"""
+NAMED_MESHES = 3
+"""Missing files that a note names."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshBodies(Bodies):
+    """The meshes of the URDF in place of tubes and joints.
+
+    Attributes:
+        meshes: of each body and colour, in the axes of the body.
+        opacity: of the meshes.
+    """
+
+    meshes: Meshes = field(default_factory=dict)
+    opacity: float = 1.0
+
+    @property
+    def swatches(self) -> list[Swatch]:
+        """Colours are those of the robot."""
+        return []
+
+    @property
+    def notes(self) -> list[str]:
+        """What the scene says of them."""
+        return ["The bodies are the meshes of the URDF, simplified.", *self.remarks]
+
+    def outline(self, q: Array) -> Array:
+        """Corners of the boxes around the meshes."""
+        placements, placed = self.placements(q), []
+        for (body, _), mesh in self.meshes.items():
+            corners = np.array([*product(*mesh.bounds.T)])
+            rotation, origin = placements[body, :, :3, :3], placements[body, :, None, :3, 3]
+            placed.append(corners @ rotation.transpose(0, 2, 1) + origin)
+        return np.concatenate(placed, axis=1).reshape(-1, 3)
+
+    def draw(self, scene: Scene) -> None:
+        """Put the meshes into a scene, below ``arm/body i`` each."""
+        for (body, colour), mesh in self.meshes.items():
+            shape = TriangularMeshGeometry(np.array(mesh.vertices), np.array(mesh.faces))
+            material = solid(colour, self.opacity, flat=True)
+            scene[f"arm/body {body}/{colour[1:]}"].set_object(shape, material)
+        draw_tip(scene, self)
+
+
+def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodies:
+    """What a scene draws of an arm; sticks if its URDF is not at hand or has no mesh."""
+    urdf = Path(arm.urdf_file.urdf.file) if arm.dh is None else Path()
+    if style == "sticks" or not urdf.is_file():
+        return Bodies(arm)
+    import yourdfpy  # half a second
+    from yourdfpy.urdf import filename_handler_magic
+
+    named: list[str] = []
+    missing: list[str] = []
+
+    def path_of_mesh(fname: str) -> str:
+        path = str(filename_handler_magic(fname, dir=str(urdf.parent)))
+        named.append(fname)
+        if not os.path.isfile(path):
+            missing.append(fname)
+        return path
+
+    try:
+        with _silent("yourdfpy"):
+            robot = yourdfpy.URDF.load(str(urdf), filename_handler=path_of_mesh)
+    except Exception as error:  # whatever a reader of a mesh format raises
+        last = named[-1] if named else urdf.name
+        return Bodies(arm, (f"yourdfpy cannot read the mesh {last}: {error}.",))
+    remarks: tuple[str, ...] = ()
+    if missing:
+        names = ", ".join(missing[:NAMED_MESHES]) + (", …" if len(missing) > NAMED_MESHES else "")
+        remarks = (f"{urdf.name} names meshes that do not exist: {names}.",)
+    if len(missing) == len(named):
+        return Bodies(arm, remarks)
+    return MeshBodies(arm, remarks, _simplified(_by_body(arm, robot)), opacity)
+
+
+@contextmanager
+def _silent(name: str) -> Iterator[None]:
+    """Warnings of a logger are not printed: missing meshes are noted in the scene."""
+    logger = logging.getLogger(name)
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+def _by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
+    """The meshes of one body and colour as one, in the axes of the body."""
+    import trimesh
+
+    number_of = {name: number for number, name in enumerate(arm.joint_names, start=1)}
+    joint_to = {joint.child: joint for joint in robot.robot.joints}
+
+    def body_of(link: str) -> int:
+        while link in joint_to:
+            joint = joint_to[link]
+            if joint.name in number_of:
+                return number_of[joint.name]
+            link = joint.parent
+        return 0
+
+    bodies = Bodies(arm.uncorrected)
+    to_body = np.linalg.inv(bodies.placements(np.zeros((1, arm.nq)))[:, 0])
+    parts = defaultdict(list)
+    graph = robot.scene.graph
+    for node in graph.nodes_geometry:
+        placement, name = graph[node]
+        body, shape = body_of(graph.transforms.parents[node]), robot.scene.geometry[name]
+        vertices = trimesh.transform_points(shape.vertices, to_body[body] @ placement)
+        part = trimesh.Trimesh(vertices, shape.faces, process=False)
+        parts[body, _colour(shape.visual)].append(part)
+    return {key: _joined(same) for key, same in parts.items()}
+
+
+def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    import trimesh
+
+    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.faces + shift for part, shift in zip(parts, first, strict=False)]
+    vertices = np.vstack([part.vertices for part in parts])
+    return trimesh.Trimesh(vertices, np.vstack(faces), process=False)
+
+
+def _colour(visual: Any) -> str:
+    """The main colour of what yourdfpy loaded, from the mesh or from the URDF."""
+    rgba = visual.material.main_color if visual.kind == "texture" else visual.main_color
+    return to_hex((np.asarray(rgba[:3]) / 255).tolist())
+
+
+def _simplified(meshes: Meshes) -> Meshes:
+    """Vertices in the same cell of a grid become one, with a grid that leaves few enough rows."""
+    cell = FINEST * max(float(np.ptp(mesh.bounds, axis=0).max()) for mesh in meshes.values())
+    simple = meshes
+    while sum(len(mesh.vertices) + len(mesh.faces) for mesh in simple.values()) > MOST_MESH_ROWS:
+        simple = {key: _on_grid(mesh, cell) for key, mesh in meshes.items()}
+        cell *= COARSER
+    return {key: mesh for key, mesh in simple.items() if len(mesh.faces)}
+
+
+def _on_grid(mesh: trimesh.Trimesh, cell: float) -> trimesh.Trimesh:
+    coarse = mesh.copy()
+    coarse.vertices = mesh.vertices / cell
+    coarse.merge_vertices(digits_vertex=0)
+    coarse.update_faces(coarse.nondegenerate_faces() & coarse.unique_faces())
+    coarse.remove_unreferenced_vertices()
+    coarse.vertices = coarse.vertices * cell
+    return coarse
