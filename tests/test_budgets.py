@@ -25,7 +25,7 @@ TOKENS: dict[str, int] = {
     "arm": 24550,
     "effects": 29850,
     "postures": 23600,
-    "measurements": 23350,
+    "measurements": 24650,
     "accuracy": 12700,
     "calibration": 57200,
     "diagnosis": 53400,

@@ -24,6 +24,7 @@ from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit, mistakes_of
 from aacmm_pin.calibration.noise_model import BAR_NOISE, contradictions, reference_u
+from aacmm_pin.calibration.odd_relations import odd_relation
 from aacmm_pin.calibration.parameters import (
     ASSEMBLED,
     ParameterSet,
@@ -50,7 +51,10 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.measurements import (
+    ANGLE,
+    DISTANCE,
     FEWEST_CONTACTS,
+    OF_BAR,
     GivenRecords,
     Measurements,
     as_measurements,
@@ -68,12 +72,10 @@ there are other parts.
 BEST_REFERENCE = 2e-7
 """No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m].
 """
-ODD_BAR = 4.0
-"""A bar that is off by so many standard deviations may have another length: chance does that to 1
-of 16 000.
+ODD_RELATION = 4.0
+"""A relation that is off by so many standard deviations may have another value: chance does that to
+1 of 16 000.
 """
-BAR_REDUNDANCY = 1e-3
-"""Of a bar of which all else says less than this share, nobody can say how far it is off."""
 OFTEN = 2
 """More records of a posture, one after the other, than this on the average are readings of one
 contact.
@@ -196,8 +198,9 @@ def calibrate(
     if of_arm := scale_is_unidentifiable(problem):
         raise AacmmError(
             f"{measurements.source}: seats without coordinates and bars do not determine the scale "
-            f"of the arm ({', '.join(of_arm[:4])} …). Add coordinates or a bar of known length, "
-            "state the uncertainties of the arm, or estimate only zero-offsets"
+            f"of the arm ({', '.join(of_arm[:4])} …). Add coordinates, a bar of known length "
+            "or a known distance of planes, state the uncertainties of the arm, or estimate only "
+            "zero-offsets"
         )
     after = first_fit(problem, robust=robust)
     if not after.tells_noise:
@@ -333,29 +336,22 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
     )
 
 
-def _of_bars(after: Fit) -> list[Note]:
-    """A bar that is longer or shorter than all else says: by its deletion residual (Belsley, Kuh,
-    Welsch 1980, eq. 2.27).
-    """
-    system = after.system
-    touched = after.observations.labels
-    bars = [
-        bar
-        for bar in after.problem.measurements.bars()
-        if {bar.seat_a, bar.seat_b}.issubset(touched)
-    ]
-    if len(bars) < 2:
+def _of_relations(after: Fit) -> list[Note]:
+    """A bar that is longer or shorter than all else says, or a distance or angle of planes."""
+    observations = after.observations
+    if len(observations.ends) < 2:
         return []
-    # Where no two bars have an end in common, each is one of the last rows.
-    rows = slice(-len(bars), None)
-    left = 1.0 - np.square(system.jacobian[rows] @ system.independent_steps).sum(axis=1)
-    studentised = np.abs(system.residual[rows]) / np.sqrt(np.maximum(left, BAR_REDUNDANCY))
-    worst = int(studentised.argmax())
-    if studentised[worst] < ODD_BAR:
+    worst, deviations = odd_relation(after.system)
+    if deviations < ODD_RELATION:
         return []
-    return [
-        Note("bar_length_off", {"bar": bars[worst].bar, "deviations": float(studentised[worst])})
-    ]
+    kind = observations.relation[worst]
+    ends = [observations.labels[end] for end in observations.ends[worst]]
+    if kind != OF_BAR:
+        word = DISTANCE if kind == DISTANCE else ANGLE
+        return [Note("relation_off", {"kind": word, "planes": ends, "deviations": deviations})]
+    touched = {*observations.labels}
+    bars = [bar for bar in after.problem.measurements.bars() if {*bar[1:3]} <= touched]
+    return [Note("bar_length_off", {"bar": bars[worst].bar, "deviations": deviations})]
 
 
 def _of_earlier(after: Fit) -> list[Note]:
@@ -415,7 +411,7 @@ def _of_conditions(after: Fit) -> list[Note]:
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         joint = {"joint": int(j)}
         notes.append(Note("slide_units", joint))
-        if not (records.known.any() or records.bars()):
+        if not (records.known.any() or records.lengths()):
             notes.append(Note("slide_scale_exact", joint))
     return notes
 
@@ -548,7 +544,7 @@ def notes_of(after: Fit) -> list[Note]:
         *_of_noise(after),
     ]
     notes += [
-        *_of_bars(after),
+        *_of_relations(after),
         *notes_of_records(after),
         *_of_target(after),
         *_of_open_tip(after),

@@ -36,6 +36,7 @@ from aacmm_pin.calibration.candidate_mistakes import (
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
+from aacmm_pin.calibration.odd_relations import require_possible_relations
 from aacmm_pin.calibration.parameter_vector import DH_KIND_OF_EFFECT
 from aacmm_pin.calibration.parameters import ASSEMBLED, asked_again, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
@@ -88,9 +89,10 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
 
     Raises:
         MistakenFileError: undoing one mistake, or two, explains the records.
-        AacmmError: after the fit they are off by a large part of what the tips travel; see
-            :func:`fit`.
+        AacmmError: after the fit they are off by a large part of what the tips travel, or a
+            relation of planes is impossible; see :func:`fit`.
     """
+    require_possible_relations(problem)
     try:
         after = fit(problem, robust=robust)
     except MissingConditionError:  # which no mistake in the columns explains

@@ -2,7 +2,7 @@
 seats eliminated.
 
 ``r + A δ + B s``: A by the parameters, B by the unknown points of the seats. A row comes from a
-record, from the stated coordinates of a seat, or from a bar.
+record, from the stated coordinates of a seat, or from a relation of two seats, such as a bar.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class SeatElimination:
     (Golub, Pereyra 1973).
 
     With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ
-    R``; a bar, which couples two seats, then gives one row more, see :meth:`eliminated`. No loop
-    over records or seats.
+    R``; a relation, which couples two seats, then gives one row more, see :meth:`eliminated`. No
+    loop over records or seats.
     """
 
     def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
@@ -46,9 +46,9 @@ class SeatElimination:
         columns = np.arange(self._touched.size)
         self._sum = csr_array((ones, (self._numbers, columns)), shape=shape)
         self._orthonormal(by_seat[self._touched])
-        self._bar_residual, along = observations.of_bars(points)
+        self._relation_residual, by_ends = observations.of_relations(points)
         self._seat_residual = observations.of_seats(points)
-        self._bar_jacobian = self._by_seats(along)
+        self._relation_jacobian = self._by_seats(by_ends)
 
     def _orthonormal(self, by: Array) -> None:
         """Q of the derivatives of records (touched, 3 or 6, 3) and of stated coordinates, and C.
@@ -93,14 +93,14 @@ class SeatElimination:
 
         Returns:
             ``Qᵀ R`` (s, 3, c); and the records' rows (n, 3 or 6, c), in place, the seats' own (s,
-            3, c), and one for each bar (b, c).
+            3, c), and one for each relation (b, c).
         """
         along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
         ties = np.zeros_like(along)
         ties[:, :, -1] = self._seat_residual
         along += self._q_tie.transpose(0, 2, 1) @ ties
         rows[self._touched] -= self._q @ along[self._numbers]
-        return along, (rows, ties - self._q_tie @ along, self._bar_rows(along))
+        return along, (rows, ties - self._q_tie @ along, self._relation_rows(along))
 
     def along(self, rows: Array, records: Index) -> Array:
         """``Qᵀ R`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
@@ -113,45 +113,49 @@ class SeatElimination:
         sums = np.asarray(csr_array((np.ones(touching.size), seats), shape=shape) @ projected)
         return sums.reshape(shape[0], 3, rows.shape[2])
 
-    def squares(self, along: Array, seats: Index, bars: Index) -> tuple[Array, Array]:
-        """Rows whose squares some seats and bars add to those of the records' rows, and take from
-        them, where the seats are at their best (m, c); the last column is the residual.
+    def squares(self, along: Array, seats: Index, relations: Index) -> tuple[Array, Array]:
+        """Rows whose squares some seats and relations add to those of the records' rows, and take
+        from them, where the seats are at their best (m, c); the last column is the residual.
 
         Args:
             along: ``Qᵀ R`` of all records (s, 3, c).
-            seats, bars: which.
+            seats, relations: which.
         """
         ties = self._seat_residual
         along = along.copy()
         along[:, :, -1] += np.einsum("sji,sj->si", self._q_tie, ties)
         of_ties = np.zeros((1, along.shape[2]))
         of_ties[0, -1] = np.linalg.norm(ties[seats])
-        of_bars = self._bar_rows(along)[bars]
-        return np.concatenate([of_ties, of_bars]), along[seats].reshape(-1, along.shape[2])
+        of_relations = self._relation_rows(along)[relations]
+        return np.concatenate([of_ties, of_relations]), along[seats].reshape(-1, along.shape[2])
 
-    def _bar_rows(self, along: Array) -> Array:
-        """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``,
-        H of the bars.
+    def _relation_rows(self, along: Array) -> Array:
+        """One row for each relation with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ
+        R)``, H of the relations.
         """
-        rows = -self._bar_jacobian @ along.reshape(-1, along.shape[2])
-        rows[:, -1] += self._bar_residual
+        rows = -self._relation_jacobian @ along.reshape(-1, along.shape[2])
+        rows[:, -1] += self._relation_residual
         if len(rows):
-            rows = np.asarray(solve_triangular(self._bar_factor, rows, lower=True))
+            rows = np.asarray(solve_triangular(self.relation_factor, rows, lower=True))
         return rows
 
-    def _by_seats(self, along: Array) -> Array:
-        """``H`` (b, 3 s), of the bars' whitened derivatives by their first ends (b, 3)."""
+    def _by_seats(self, by_ends: Array) -> Array:
+        """``H`` (b, 3 s), of the relations' whitened derivatives by both ends (b, 2, 3)."""
         ends = self.observations.ends
         inverse = np.linalg.inv(self._root)
         by_seats = np.zeros((len(ends), len(inverse), 3))
-        for sign, seats in zip((1.0, -1.0), ends.T, strict=True):
-            by_seats[np.arange(len(ends)), seats] += sign * (along[:, None] @ inverse[seats])[:, 0]
+        for end, seats in enumerate(ends.T):
+            by = by_ends[:, end, None] @ inverse[seats]
+            by_seats[np.arange(len(ends)), seats] += by[:, 0]
         return by_seats.reshape(len(ends), 3 * len(inverse))
 
     @cached_property
-    def _bar_factor(self) -> Array:
-        outer = self._bar_jacobian @ self._bar_jacobian.T
-        return np.asarray(np.linalg.cholesky(np.eye(len(outer)) + outer))
+    def relation_factor(self) -> Array:
+        """``(1 + H Hᵀ)^½`` (b, b), the lower triangle that makes the rows of relations from what
+        these are off by without them.
+        """
+        rows = self._relation_jacobian
+        return np.asarray(np.linalg.qr(np.vstack([np.eye(len(rows)), rows.T]), mode="r")).T
 
     def step(self, along: Array) -> Array:
         """Best step of the seats (s, 3) [m] for ``Qᵀ`` of the residual, its ties included (s, 3,
@@ -161,10 +165,11 @@ class SeatElimination:
             return np.zeros((0, 3))
         best = -along
         if len(self.observations.ends):
-            rows = self._bar_residual[:, None] - self._bar_jacobian @ along.reshape(-1, 1)
-            once = solve_triangular(self._bar_factor, rows, lower=True)
-            twice = solve_triangular(self._bar_factor.T, once, lower=False)
-            best = best - (self._bar_jacobian.T @ twice).reshape(best.shape)
+            jacobian = self._relation_jacobian
+            rows = self._relation_residual[:, None] - jacobian @ along.reshape(-1, 1)
+            once = solve_triangular(self.relation_factor, rows, lower=True)
+            twice = solve_triangular(self.relation_factor.T, once, lower=False)
+            best = best - (jacobian.T @ twice).reshape(best.shape)
         return np.asarray(np.linalg.solve(self._root, best)[:, :, 0])
 
 
@@ -172,10 +177,10 @@ def seat_columns(
     observations: Observations, points: Array, by_seat: Array
 ) -> tuple[Array, Array, Array]:
     """Derivative by the seats where these are kept as columns: of records, of stated coordinates,
-    of bars.
+    of relations.
 
     Args:
-        observations: of n records, s seats and b bars.
+        observations: of n records, s seats and b relations.
         points: where the seats are (s, 3) [m].
         by_seat: see :class:`SeatElimination` (n, k, 3).
 
@@ -186,16 +191,16 @@ def seat_columns(
     placed = observations.known
     ends = observations.ends
     touched = np.flatnonzero(observations.seat >= 0)
-    bars = np.arange(len(ends))
+    relations = np.arange(len(ends))
     of_records = np.zeros((*by_seat.shape[:2], count, 3))
     of_records[touched, :, observations.seat[touched]] = by_seat[touched]
     of_seats = np.zeros((count, 3, count, 3))
     of_seats[placed, :, placed] = (1.0 / observations.stated_u[placed])[:, :, None] * np.eye(3)
-    of_bars = np.zeros((len(ends), count, 3))
-    _, along = observations.of_bars(points)
-    of_bars[bars, ends[:, 0]] = along
-    of_bars[bars, ends[:, 1]] = -along
-    return of_records, of_seats, of_bars
+    of_relations = np.zeros((len(ends), count, 3))
+    _, by_ends = observations.of_relations(points)
+    for end, seats in enumerate(ends.T):
+        of_relations[relations, seats] = by_ends[:, end]
+    return of_records, of_seats, of_relations
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,9 +269,9 @@ def linearise(
     rows = correlation.whitened(rows)
     by_seats = correlation.whitened(observations.by_seats(whitening))
     elimination = SeatElimination(observations, points, by_seats)
-    along_seats, (rows, of_seats, of_bars) = elimination.eliminated(rows)
+    along_seats, (rows, of_seats, of_relations) = elimination.eliminated(rows)
     placed = observations.known
-    parts = [rows if has_target.all() else rows[has_target], of_seats[placed], of_bars]
+    parts = [rows if has_target.all() else rows[has_target], of_seats[placed], of_relations]
     some = [part.reshape(-1, p + 1) for part in parts if part.size]
     unknown = int((~placed).sum())
     return Linearisation(
@@ -275,7 +280,7 @@ def linearise(
         distance=np.where(has_target, tip_distance, np.nan),
         turn_distance=np.where(observations.counts > 3, turn_distance, np.nan),
         deviations=deviations,
-        free=int(observations.counts[has_target].sum()) + len(of_bars) - 3 * unknown,
+        free=int(observations.counts[has_target].sum()) + len(of_relations) - 3 * unknown,
         elimination=elimination,
         along_seats=along_seats,
     )

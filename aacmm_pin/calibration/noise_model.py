@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.common_readings import Correlation, one_reading
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.measurements import FEWEST_CONTACTS, Bar, Measurements, Observations
+from aacmm_pin.measurements import (
+    FEWEST_CONTACTS,
+    OF_BAR,
+    Bar,
+    Measurements,
+    Observations,
+    clusters_of,
+)
 
 BAR_NOISE = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""
@@ -202,7 +211,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         noise = np.hstack([noise, np.repeat(turn[:, None], 3, axis=1)])
     chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
     place = {label: k for k, label in enumerate(chosen)}
-    ends, length, length_u = _bars(measurements, setup, place)
+    ends, relation, value, value_u = _relations(measurements, setup, place)
     return Observations(
         reference=np.where(alone[:, None], measurements.reference, np.nan),
         seat=seat.astype(np.intp),
@@ -211,8 +220,9 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         stated=at[~mixed],
         stated_u=at_u[~mixed],
         ends=ends,
-        length=length,
-        length_u=length_u,
+        relation=relation,
+        value=value,
+        value_u=value_u,
         oriented=measurements.oriented,
         radius=radius,
         on_plane=on_plane,
@@ -319,26 +329,33 @@ def _repeated(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
     return repeated, most
 
 
-def _bars(
+def _relations(
     measurements: Measurements, setup: Setup, number: dict[str, int]
-) -> tuple[Index, Array, Array]:
-    """Numbers of the seats at both ends of each bar (b, 2), the lengths and their standard
-    uncertainties (b,) [m].
+) -> tuple[Index, NDArray[np.str_], Array, Array]:
+    """Numbers of the seats of each relation (b, 2), of bars, then of distances and angles of
+    planes; their kinds, values and standard uncertainties (b,) [m, rad].
 
     Bars that state the very same are one bar at n places, which have its error in common: with √n
     times u each, their mean has u, whether that is so or not. A u that is not stated is a guess,
-    large enough for each.
+    large enough for each. Planes are one body at n places if no relation connects the places.
     """
-    bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
-    ends = [(number[b.seat_a], number[b.seat_b]) for b in bars]
-    stated = [(b.length, max(_length_u(b, setup), LEAST_U)) for b in bars]
-    table = np.array(stated).reshape(-1, 2)
-    length, u = table.T
-    _, alike, count = np.unique(table, axis=0, return_inverse=True, return_counts=True)
-    common = np.sqrt(count[alike.ravel()])
-    if setup.length_noise is None:
-        common[[not np.isfinite(bar.u) for bar in bars]] = 1.0
-    return np.array(ends, dtype=np.intp).reshape(-1, 2), length, u * common
+    stated: list[tuple[str, str, tuple[str, float, float], bool]] = []
+    for bar in measurements.bars():
+        guessed = setup.length_noise is None and not np.isfinite(bar.u)
+        length = (OF_BAR, bar.length, max(_length_u(bar, setup), LEAST_U))
+        stated.append((bar.seat_a, bar.seat_b, length, guessed))
+    for relation in measurements.relations:
+        stated += [(relation.a, relation.b, row, False) for row in relation.rows()]
+    known = [row for row in stated if row[0] in number and row[1] in number]
+    ends = np.array([(number[a], number[b]) for a, b, *_ in known], dtype=np.intp).reshape(-1, 2)
+    cluster = clusters_of(ends, len(number))
+    places = defaultdict(set)
+    for k, (_, _, row, _) in enumerate(known):
+        places[row].add(-1 - k if row[0] == OF_BAR else cluster[ends[k, 0]])
+    common = [1.0 if guessed else len(places[row]) ** 0.5 for _, _, row, guessed in known]
+    kind = np.array([row[0] for _, _, row, _ in known], dtype=np.str_)
+    value, u = np.array([row[1:] for _, _, row, _ in known]).reshape(-1, 2).T
+    return ends, kind, value, u * common
 
 
 def _length_u(bar: Bar, setup: Setup) -> float:

@@ -170,11 +170,11 @@ def free_geometry(problem: Problem) -> Problem:
 
 
 def scale_is_unidentifiable(problem: Problem) -> list[str]:
-    """Lengths of the arm that nobody stated if the records, without coordinates and bars, tell
+    """Lengths of the arm that nobody stated if the records, without coordinates and lengths, tell
     nothing of its size.
     """
     records = problem.measurements
-    if records.known.any() or records.bars() or not records.seats():
+    if records.known.any() or records.lengths() or not records.seats():
         return []
     parameters = zip(problem.vector.arm_parameters, problem.stated, strict=True)
     return [p.name for p, stated in parameters if p is not None and p.unit == "m" and not stated]

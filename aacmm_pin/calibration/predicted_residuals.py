@@ -56,12 +56,12 @@ def _columns(at: Fit, whitening: Array) -> tuple[Array, Array]:
     observations = at.observations
     of_parameters = whitening @ at.point.prediction.jacobian[:, :3]
     by_seat = observations.by_seats(whitening)
-    of_records, of_seats, of_bars = seat_columns(observations, at.point.seats, by_seat)
+    of_records, of_seats, of_relations = seat_columns(observations, at.point.seats, by_seat)
     count = 3 * len(observations.labels)
     columns = np.concatenate([of_parameters, of_records.reshape(len(by_seat), 3, count)], axis=2)
     ties = np.zeros((columns.shape[2],) * 2)
     first = of_parameters.shape[2]
-    of_bars = of_bars.reshape(len(of_bars), count)
-    rows = np.concatenate([of_seats.reshape(count, count), of_bars])
+    of_relations = of_relations.reshape(len(of_relations), count)
+    rows = np.concatenate([of_seats.reshape(count, count), of_relations])
     ties[first:, first:] = rows.T @ rows
     return columns, ties

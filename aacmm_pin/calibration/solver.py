@@ -35,9 +35,9 @@ NO_STEP = 1e-12
 """A step that promises less than this is not taken: where it ends is where it begins, to a
 millionth of u."""
 SHRINKS = 0.9
-"""A step of the ends of bars is to be smaller than this part of the one before."""
+"""A step of the ends of relations is to be smaller than this part of the one before."""
 AT_BEST = 1e-7
-"""Ends of bars that move by less than this are where they fit best [m]."""
+"""Ends of relations that move by less than this are where they fit best [m]."""
 FLAT_REDUCTION = 1e-2
 """A promise below this that nothing comes of ends the search too: it is within 0.1 u of its end."""
 CREEPING = 6
@@ -329,10 +329,10 @@ class _Search:
         return point, self.system(point)
 
     def seats_at_best(self, point: Point, system: Linearisation) -> tuple[Point, Linearisation]:
-        """The ends of bars where they fit best, parameters as they are.
+        """The ends of relations where they fit best, parameters as they are.
 
         A system's residual is as if the seats were there, which they are where nothing but
-        coordinates is known of them; where a bar's length is, no step may seem to lower it.
+        coordinates is known of them; where a relation is, no step may seem to lower it.
         """
         if not len(self.noise.observations.ends):
             return point, system
@@ -341,7 +341,7 @@ class _Search:
         for _ in range(MOST_STEPS):
             step = system.seat_step(still)
             size = np.abs(step).max(initial=0.0)
-            # Bars that cannot be met at all make it go to and fro.
+            # Relations that cannot be met at all make it go to and fro.
             if size < AT_BEST or size > SHRINKS * before:
                 break
             before = size

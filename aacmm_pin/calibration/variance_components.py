@@ -54,7 +54,7 @@ def _variance_component(
     seats = solution.point.seats
     ties = (
         np.where(open_, 0.0, noise.observations.of_seats(seats)),
-        noise.observations.of_bars(seats)[0],
+        noise.observations.of_relations(seats)[0],
     )
     other_chi2 = sum(float(np.square(tie).sum()) for tie in ties)
     scatter_shape = np.eye(3)
@@ -98,8 +98,8 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     system = solution.system
     placed = solution.noise.observations.known
     ties = 3 * int(placed.sum())
-    bars = len(noise.observations.ends)
-    first = len(system.residual) - ties - bars
+    relations = len(noise.observations.ends)
+    first = len(system.residual) - ties - relations
     steps = system.jacobian[first : first + ties] @ system.independent_steps
     by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
     information, tie, *_ = information_of_seats(solution)
@@ -122,9 +122,10 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
 
 
 def information_of_seats(solution: Solution) -> tuple[Array, Array, Array, Array]:
-    """Information on the place of each seat (s, 3, 3) [1/m²], without bars; the part of its stated
-    coordinates, the diagonal (s, 3); the part of each record at a seat (records, 3, 3); and what a
-    deviation of this record pulls the seat by, information times distance (records, 3, 3) [1/m²].
+    """Information on the place of each seat (s, 3, 3) [1/m²], without relations; the part of
+    its stated coordinates, the diagonal (s, 3); the part of each record at a seat (records, 3, 3);
+    and what a deviation of this record pulls the seat by, information times distance (records, 3,
+    3) [1/m²].
     """
     observations = solution.observations
     touched = np.flatnonzero(observations.seat >= 0)

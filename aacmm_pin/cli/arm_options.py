@@ -190,6 +190,14 @@ class ArmAndData(UncertainArm):
             "same rows in the same order.",
         ),
     ] = None
+    relations: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Table of known distances and angles between planes of one body, such as a cube "
+            "or a step gauge.",
+        ),
+    ] = None
 
     def model_and_data(self) -> tuple[ErrorModel, str]:
         """The arm with its effects, and the path of the file.
@@ -212,6 +220,8 @@ class ArmAndData(UncertainArm):
         from aacmm_pin.measurements import Measurements  # which loads pandas
 
         records = Measurements.read(path, model.arm.nq, self.references)
+        if self.relations is not None:
+            records = records.with_relations(self.relations)
         return self.with_approach(records.with_joint_angles(model.arm))
 
     def with_approach(self, records: Measurements) -> Measurements:

@@ -99,8 +99,9 @@ def run(
             )
         if commands and orientation:
             raise typer.BadParameter("--orientation cannot be combined with --commands")
-        if arm.references is not None:
-            raise typer.BadParameter("--references cannot be used with correct; omit this option")
+        for name in ("references", "relations"):
+            if getattr(arm, name) is not None:
+                raise typer.BadParameter(f"--{name} cannot be used with correct; omit this option")
         table, _, read_as, dialect = read_table(path)
         unit, factor = ("rad", 1.0) if "theta1_rad" in table else ("deg", DEG)
         if controller is not None:

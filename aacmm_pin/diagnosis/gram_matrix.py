@@ -164,13 +164,13 @@ def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask)
         along += elimination.along(rows, group[inside])
         _add_squares(upper, rows, 1.0)
     seats = np.flatnonzero(of_seat == 0)
-    of_bar = of_seat[observations.ends[:, 0]]
-    bars = np.flatnonzero(of_bar == 0)
-    added, taken = elimination.squares(along, seats, bars)
+    of_relation = of_seat[observations.ends[:, 0]]
+    relations = np.flatnonzero(of_relation == 0)
+    added, taken = elimination.squares(along, seats, relations)
     _add_squares(upper, added, 1.0)
     _add_squares(upper, taken, -1.0)
     unknown = int((~observations.known[seats]).sum())
-    counted = int(observations.counts[chosen].sum()) + bars.size
+    counted = int(observations.counts[chosen].sum()) + relations.size
     return max(counted - 3 * unknown, 0)
 
 

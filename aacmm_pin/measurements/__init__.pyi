@@ -22,15 +22,18 @@ from .measuring_points import Pool, bars_for, seats_for
 from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from .observations import (
     NOTHING_KNOWN,
+    OF_BAR,
     Observations,
     best_sphere,
     centre_of_sphere,
+    clusters_of,
     normal_of_plane,
 )
 from .orientation import quaternions
 from .probed_points import PREDICTED_ACCURATE, read_probed_points
 from .record_checks import FEWEST_CONTACTS
 from .records import Bar, GivenRecords, Measurements, as_measurements
+from .relations import ANGLE, DISTANCE
 from .repeats import (
     fingerprints,
     fingerprints_of_standards,
@@ -49,13 +52,16 @@ from .simulation import (
 )
 
 __all__ = [
+    "ANGLE",
     "BAR",
     "BAR_U",
+    "DISTANCE",
     "ENCODER",
     "FEWEST_CONTACTS",
     "LABELS",
     "MEASUREMENT_FILE",
     "NOTHING_KNOWN",
+    "OF_BAR",
     "ORIENTATION",
     "ORIENTATIONS",
     "ORIENTATION_U",
@@ -82,6 +88,7 @@ __all__ = [
     "best_sphere",
     "centre_of_sphere",
     "check_values",
+    "clusters_of",
     "column_of",
     "fingerprints",
     "fingerprints_of_standards",

@@ -208,6 +208,15 @@ PROBED_POINT_COLUMNS = (
     _PROBE_DIAMETER,
 )
 """The columns that an acceptance file has beside them."""
+RELATION_COLUMNS = (
+    Column("a", ("feature_a",), "none"),
+    Column("b", ("feature_b",), "none"),
+    Column("distance", ("distance_mm",), "none", "mm", plausible.COORDINATE, True),
+    Column("distance_u", ("u_distance_mm",), "none", "mm", *_LENGTH_U),
+    Column("angle", ("angle_deg",), "none", "°", Range(0.0, math.pi, "rad")),
+    Column("angle_u", ("u_angle_deg",), "none", "°", plausible.TURN_NOISE, above_zero=True),
+)
+"""The columns of a table of relations between planes."""
 LABELS = tuple(
     column.names[0] for column in RECORD_COLUMNS if column.is_label and column.covariate != "none"
 )

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import scipy
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin.measurements.relations import of_planes
 
 NOTHING_KNOWN = 1e-4
 """The smallest information for a known seat [1/m²]; a seat with less may be anywhere
@@ -28,6 +30,10 @@ WILD_CONTACT = 1e-4
 """The distance from a sphere [m] above which a contact has less weight in the first estimate of the
 centre.
 """
+LEAST_WIDTH = 1e-3
+"""Contacts of a plane that lie nearer together than this do not show how it is tilted [m]."""
+OF_BAR = "bar"
+"""The relation of two seats at a known distance."""
 
 
 def best_sphere(points: Array) -> tuple[Array, float]:
@@ -72,13 +78,23 @@ def normal_of_plane(points: Array) -> Array:
     return np.asarray(directions[2])
 
 
+def clusters_of(ends: Index, seats: int) -> Index:
+    """Return the number of the cluster of each of the seats, ``(seats,)``; pairs ``ends`` ``(b,
+    2)`` connect all seats of a cluster.
+    """
+    graph = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(seats, seats))
+    _, number = connected_components(graph, directed=False)
+    return np.asarray(number, dtype=np.intp)
+
+
 @dataclass(frozen=True, eq=False)
 class Observations:
     """The targets of the tip in n records, some of these at s seats with unknown coordinates.
 
-    The residual of a record is tip minus target. Stated coordinates of seats and lengths of bars
-    between seats add further residuals, the *ties*. All records of a seat share the error of its
-    stated coordinates, so that more records do not reduce this error.
+    The residual of a record is tip minus target. Stated coordinates of seats, lengths of bars
+    between seats, and distances and angles between planes add further residuals, the *ties*. All
+    records of a seat share the error of its stated coordinates, so that more records do not reduce
+    this error.
 
     Attributes:
         reference: known coordinates ``(n, 3)`` [m]; NaN if unknown or if the record touches a seat.
@@ -89,16 +105,17 @@ class Observations:
         labels: labels of the seats ``(s,)``.
         stated: stated coordinates of the seats ``(s, 3)`` [m]; NaN if not stated.
         stated_u: standard uncertainty of ``stated`` ``(s, 3)`` [m]; NaN if not stated.
-        ends: indices of the two seats of each bar ``(b, 2)``.
-        length: calibrated lengths of the bars ``(b,)`` [m].
-        length_u: standard uncertainties of the lengths ``(b,)`` [m].
+        ends: indices of the two seats of each relation ``(b, 2)``.
+        relation: kind of each relation ``(b,)``: a bar, or a distance, angle or tilt of two planes.
+        value: calibrated values of the relations ``(b,)`` [m, rad].
+        value_u: standard uncertainties of the values ``(b,)`` [m, rad].
         oriented: True for records that state an orientation ``(n,)``.
         radius: distance between the tip and the seat if the seat is the centre of a sphere ``(n,)``
             [m]; NaN if the tip is at the seat.
         on_plane: True for records that touch a plane ``(n,)``. The centre of the ball is then on a
             parallel plane, and the seat is the point of the parallel plane nearest to ``anchor``.
-        anchor: a point 1 m away from the plane of each seat ``(s, 3)`` [m]; NaN if the seat is no
-            plane.
+        anchor: a point as far from the plane of each seat as the contacts are from their mean
+            ``(s, 3)`` [m], RMS and at least 1 mm; NaN if the seat is no plane.
         normal: normal of the sphere or plane at each record ``(n, 3)``; zero if the tip is at the
             seat.
         by_place: derivative of the distance between a record and its plane by the seat, times -1,
@@ -112,8 +129,9 @@ class Observations:
     stated: Array
     stated_u: Array
     ends: Index
-    length: Array
-    length_u: Array
+    relation: NDArray[np.str_]
+    value: Array
+    value_u: Array
     oriented: Mask
     radius: Array
     on_plane: Mask
@@ -182,7 +200,9 @@ class Observations:
         normal[touches] = way / np.linalg.norm(way, axis=1, keepdims=True)
         anchor = self.anchor.copy()
         for k in np.flatnonzero(self.planes & np.isnan(anchor[:, 0])):
-            anchor[k] = points[k] - normal_of_plane(tips[self.seat == k])
+            contacts = tips[self.seat == k]
+            width = np.sqrt(np.square(contacts - contacts.mean(axis=0)).sum(axis=1).mean())
+            anchor[k] = points[k] - max(width, LEAST_WIDTH) * normal_of_plane(contacts)
         placed = replace(self, anchor=anchor)
         touches = self.on_plane
         seat = self.seat[touches]
@@ -253,12 +273,10 @@ class Observations:
 
     @cached_property
     def clusters(self) -> Index:
-        """The number of the cluster of each seat, ``(s,)``; bars connect all seats of a cluster."""
-        bars = len(self.ends)
-        seats = len(self.labels)
-        graph = coo_array((np.ones(bars), tuple(self.ends.T)), shape=(seats, seats))
-        _, number = connected_components(graph, directed=False)
-        return np.asarray(number, dtype=np.intp)
+        """The number of the cluster of each seat, ``(s,)``; relations connect all seats of a
+        cluster.
+        """
+        return clusters_of(self.ends, len(self.labels))
 
     def start(self, tips: Array) -> Array:
         """Return first estimates of the coordinates of the seats, ``(s, 3)`` [m].
@@ -322,17 +340,22 @@ class Observations:
         known = self.known[:, None]
         return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
 
-    def of_bars(self, points: Array) -> tuple[Array, Array]:
-        """Return the residuals of bar lengths over their u ``(b,)``, and their derivatives by the
-        first ends ``(b, 3)``.
-
-        The derivatives by the second ends have the opposite sign.
+    def of_relations(self, points: Array) -> tuple[Array, Array]:
+        """Return the residuals of relations over their u ``(b,)``, and their derivatives by both
+        ends ``(b, 2, 3)``.
         """
         first, second = self.ends.T
         way = points[first] - points[second]
-        distance = np.linalg.norm(way, axis=1)
-        along = way / np.where(distance > 0.0, distance, 1.0)[:, None]
-        return (distance - self.length) / self.length_u, along / self.length_u[:, None]
+        values = np.linalg.norm(way, axis=1)
+        along = way / np.where(values > 0.0, values, 1.0)[:, None]
+        by_ends = np.stack([along, -along], axis=1)
+        planes = self.relation != OF_BAR
+        if planes.any():
+            ends = self.ends[planes]
+            values[planes], by_ends[planes] = of_planes(
+                self.relation[planes], self.value[planes], points[ends], self.anchor[ends]
+            )
+        return (values - self.value) / self.value_u, by_ends / self.value_u[:, None, None]
 
     def divided(self, part: Index) -> tuple[Observations, Index, Index]:
         """Return the observations with separate seats in each part of the records.
@@ -355,7 +378,7 @@ class Observations:
         place[parts, old] = np.arange(len(old))
         ends = place[:, self.ends]
         has_both = (ends >= 0).all(axis=2)
-        bars = np.nonzero(has_both)[1]
+        relations = np.nonzero(has_both)[1]
         divided = replace(
             self,
             seat=seat,
@@ -364,7 +387,8 @@ class Observations:
             stated_u=self.stated_u[old],
             anchor=self.anchor[old],
             ends=ends[has_both],
-            length=self.length[bars],
-            length_u=self.length_u[bars],
+            relation=self.relation[relations],
+            value=self.value[relations],
+            value_u=self.value_u[relations],
         )
         return divided, old, parts

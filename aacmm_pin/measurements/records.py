@@ -67,6 +67,7 @@ from aacmm_pin.measurements.record_checks import (
     mostly_like_radians,
     rounding_steps,
 )
+from aacmm_pin.measurements.relations import Relation, read_relations
 from aacmm_pin.measurements.repeats import posture_numbers
 
 LEAST_MOTION = 1e-3
@@ -141,6 +142,7 @@ class Measurements(Shown):
             for the tip; see :func:`~aacmm_pin.measurements.records.at_centres`.
         feature_kind: ``plane`` if the seat is a plane, otherwise "" ``(n,)``.
         of_encoders: readings, if they differ from ``q``, ``(n, nq)`` [rad]; otherwise None.
+        relations: known distances and angles between planes.
     """
 
     q: Array
@@ -164,6 +166,7 @@ class Measurements(Shown):
     probe_diameter: Array | None = None
     feature_kind: Labels | None = None
     of_encoders: Array | None = None
+    relations: tuple[Relation, ...] = ()
 
     @staticmethod
     def read(
@@ -418,6 +421,32 @@ class Measurements(Shown):
                 bars.append(Bar(bar, seat[at_a[0]], seat[at_b[0]], length, u))
         return bars
 
+    def with_relations(self, given: str | Path | pd.DataFrame) -> Measurements:
+        """Return the records with known distances and angles between planes of one body.
+
+        Args:
+            given: path of the file of relations, or a table with its columns.
+
+        Raises:
+            MeasurementFileError: the file cannot be read, or a row cannot be used. The message
+                names row and column.
+        """
+        probes = {}
+        for label, rows in self.seats().items():
+            if self.on_plane[rows].all():
+                stated = None if self.probe_diameter is None else self.probe_diameter[rows]
+                one = stated is not None and (stated == stated[0]).all()
+                probes[label] = float(stated[0]) if stated is not None and one else np.nan
+        return replace(self, relations=read_relations(given, probes, self.source))
+
+    def lengths(self) -> list[tuple[float, float]]:
+        """Return the known lengths of bars and distances of planes, each with its standard
+        uncertainty [m].
+        """
+        of_planes = [(relation.distance, relation.distance_u) for relation in self.relations]
+        stated = [length for length in of_planes if np.isfinite(length[0])]
+        return [*((bar.length, bar.u) for bar in self.bars()), *stated]
+
     def bar_length_errors(self, tips: Array) -> Array:
         """Compute the error of each bar length, ``(b,)`` [m].
 
@@ -510,7 +539,11 @@ class Measurements(Shown):
         text = f"{self.source}: {count(self.n, 'record')} of {count(self.nq, 'joint')}"
         if self.known.any():
             text += f", {self.known.sum()} with reference coordinates"
-        for noun, number in (("seat", len(self.seats())), ("bar", len(self.bars()))):
+        for noun, number in (
+            ("seat", len(self.seats())),
+            ("bar", len(self.bars())),
+            ("relation", len(self.relations)),
+        ):
             text += f", {count(number, noun)}" if number else ""
         if self.extra.columns.empty:
             return text

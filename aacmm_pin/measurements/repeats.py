@@ -192,7 +192,7 @@ def fingerprints_of_standards(records: Measurements) -> tuple[str, ...]:
     seat = records.conditions.seat
     at_seat = np.zeros(records.n, dtype=bool) if seat is None else seat != ""
     places = np.unique(records.reference[records.known & at_seat], axis=0)
-    lengths = np.unique([(bar.length, bar.u) for bar in records.bars()], axis=0).reshape(-1, 2)
+    lengths = np.unique(records.lengths(), axis=0).reshape(-1, 2)
     of_seats = [f"seat-{text}" for text in _hashes(places)]
     return (*of_seats, *(f"bar-{text}" for text in _hashes(lengths)))
 

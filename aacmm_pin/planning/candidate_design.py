@@ -114,7 +114,7 @@ class Situation:
 def rows_of(
     problem: Problem, scales: Array, seats: list[str], frame: Frame, stated: tuple[str, ...] = ()
 ) -> tuple[Array, Array]:
-    """Whitened derivatives of the records of a problem, and of the stated seats and bars.
+    """Whitened derivatives of the records of a problem, and of stated seats and relations.
 
     Args:
         problem, scales: the records, and the unit of each parameter.
@@ -132,12 +132,12 @@ def rows_of(
     whitening = noise.whitening * observations.has_target[:, None, None]
     parameters = whitening @ (prediction.jacobian * scales)
     start = observations.start(prediction.tips)
-    of_records, of_seats, of_bars = seat_columns(
+    of_records, of_seats, of_relations = seat_columns(
         observations, start, observations.by_seats(whitening)
     )
     new = np.array([label not in stated for label in labels], dtype=bool)
-    own_bars = of_bars[new[observations.ends].any(axis=1)]
-    of_ties = np.concatenate([*of_seats[observations.known & new], own_bars])
+    own_relations = of_relations[new[observations.ends].any(axis=1)]
+    of_ties = np.concatenate([*of_seats[observations.known & new], own_relations])
     places = [seats.index(label) for label in labels]
 
     def of_all_seats(columns: Array) -> Array:

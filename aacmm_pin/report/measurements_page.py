@@ -39,6 +39,8 @@ def measurements_document(
     if bars:
         mm = np.array([bar.length for bar in bars]) / MM
         shown["bars"] = f"{len(bars)} with lengths of {_range(mm)} mm"
+    if records.relations:
+        shown["relations"] = f"{len(records.relations)} between planes"
     for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
     for j in [] if prismatic is None else np.flatnonzero(prismatic):

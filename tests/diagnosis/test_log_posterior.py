@@ -223,7 +223,7 @@ def rows_of(space: ModelSpace) -> Array:
         ties[own, -1] = (points[k] - at.stated[k]) / at.stated_u[k]
         by_ties[own, 3 * k : 3 * k + 3] = np.diag(np.ones(3) / at.stated_u[k])
     lengths, by_lengths = [], []
-    for (one, other), length, u in zip(at.ends, at.length, at.length_u, strict=True):
+    for (one, other), length, u in zip(at.ends, at.value, at.value_u, strict=True):
         if one in touched and other in touched:
             way = points[one] - points[other]
             row = np.zeros((len(at.labels), 3))

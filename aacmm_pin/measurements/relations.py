@@ -1,0 +1,183 @@
+"""Known distances and angles between planes of one body: a cube, a gauge block, a step gauge."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.file_problems import Problems
+from aacmm_pin.measurements.csv_columns import DIAMETERS, RELATION_COLUMNS
+from aacmm_pin.measurements.csv_header import checked_names, listed
+from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.csv_values import check_values, read_values
+
+DISTANCE, ANGLE = "distance", "angle"
+TILTS = ("tilt 1", "tilt 2")
+"""Parallel planes state two angles: about either direction in them."""
+SURELY_OBLIQUE = np.radians(1.0)
+"""An angle nearer to 0 or 180° than this is that of parallel planes [rad]."""
+
+
+class Relation(NamedTuple):
+    """What is known of two planes.
+
+    Attributes:
+        a, b: labels of the planes.
+        distance: between the centres of the probe's ball on both planes [m]; NaN if not stated.
+        distance_u: standard uncertainty of the distance [m]; NaN if not stated.
+        angle: between the normals that point out of the body [rad].
+        angle_u: standard uncertainty of the angle [rad].
+    """
+
+    a: str
+    b: str
+    distance: float
+    distance_u: float
+    angle: float
+    angle_u: float
+
+    def rows(self) -> Iterator[tuple[str, float, float]]:
+        """Each number that is known: its kind, value and standard uncertainty [m, rad]."""
+        if np.isfinite(self.distance):
+            yield DISTANCE, self.distance, self.distance_u
+        if 0.0 < self.angle < np.pi:
+            yield ANGLE, self.angle, self.angle_u
+        else:
+            for kind in TILTS:
+                yield kind, 0.0, self.angle_u
+
+
+def read_relations(
+    given: str | Path | pd.DataFrame, probes: Mapping[str, float], source: str
+) -> tuple[Relation, ...]:
+    """The relations of a file, or of a table with its columns.
+
+    Args:
+        given: path of the file, or the table.
+        probes: diameter of the probe on each plane of the records [m]; NaN if not stated.
+        source: of the records.
+
+    Raises:
+        MeasurementFileError: the table cannot be read, or a row cannot be used.
+    """
+    if isinstance(given, pd.DataFrame):
+        table, problems = given, Problems("table", np.arange(len(given)) + 2)
+    else:
+        table, lines, *_ = read_table(str(given))
+        problems = Problems(str(given), lines)
+    if not len(table):
+        problems.add("", "a table without relations; expected one row per pair of planes")
+    names = checked_names([*table.columns], RELATION_COLUMNS, problems)
+    for column in RELATION_COLUMNS:
+        if column.names[0] not in names and not column.field.startswith(DISTANCE):
+            problems.add(column.names[0], "missing; expected this column in a table of relations")
+    problems.stop()
+    values = read_values(table, RELATION_COLUMNS, problems)
+    check_values(values, RELATION_COLUMNS, problems)
+    problems.stop()
+    a, b, distance, distance_u, angle, angle_u = (
+        np.full(values.n, np.nan) if (stated := values.field(column)) is None else stated
+        for column in RELATION_COLUMNS
+    )
+    planes = listed(map(repr, probes)) or "none"
+    for name, labels in (("feature_a", a), ("feature_b", b)):
+        unknown = ~np.isin(labels, [*probes])
+        problems.at(
+            unknown,
+            name,
+            f"{{!r}}; expected the label of a plane in {source} ({planes}); correct the label",
+            labels,
+        )
+    problems.stop()
+    problems.at(a == b, "feature_b", "{!r} twice; expected two planes", b)
+    pairs = pd.Series(["\0".join(sorted(pair)) for pair in zip(a, b, strict=True)])
+    problems.at(
+        pairs.duplicated().to_numpy(), "feature_b", "{!r} and {!r} again; expected one row", a, b
+    )
+    parallel = (angle == 0.0) | (angle == np.pi)
+    problems.at(
+        ~parallel & (np.minimum(angle, np.pi - angle) < SURELY_OBLIQUE),
+        "angle_deg",
+        "{:g}; expected 0 or 180 for parallel planes, and the deviation in u_angle_deg",
+        np.degrees(angle),
+    )
+    problems.at(
+        np.isnan(distance) != np.isnan(distance_u),
+        "u_distance_mm",
+        "only one of distance and standard uncertainty; expected both, or two empty cells",
+    )
+    problems.at(
+        np.isfinite(distance) & ~parallel,
+        "distance_mm",
+        "a distance between planes at {:g}°; expected an angle of 0 (same side) or 180 (opposite "
+        "sides), or no distance",
+        np.degrees(angle),
+    )
+    of_a, of_b = (np.array([probes.get(k, np.nan) for k in labels]) for labels in (a, b))
+    opposite = angle == np.pi
+    no_probe = np.where(opposite, np.isnan(of_a + of_b), (of_a != of_b) & (of_a == of_a))
+    problems.at(
+        np.isfinite(distance) & parallel & no_probe,
+        "distance_mm",
+        f"a distance between {{!r}} and {{!r}}; expected one {DIAMETERS[1]} in all rows of both "
+        f"planes in {source}",
+        a,
+        b,
+    )
+    problems.stop()
+    between = np.abs(distance + np.where(opposite, (of_a + of_b) / 2, 0.0))
+    columns = (between, distance_u, angle, angle_u)
+    numbers = np.column_stack(columns).tolist()
+    return tuple(Relation(*row[:2], *row[2]) for row in zip(a, b, numbers, strict=True))
+
+
+def of_planes(
+    kind: NDArray[np.str_], stated: Array, points: Array, anchors: Array
+) -> tuple[Array, Array]:
+    """Distances and angles of pairs of planes (m,) [m, rad], and their derivatives by the points of
+    both (m, 2, 3).
+
+    A distance is that of the points along the mean normal.
+
+    Args:
+        kind: of each number (m,).
+        stated: value of each (m,): an angle may be that of either side.
+        points: of the planes (m, 2, 3) [m]; the normals point there from the ``anchors``.
+    """
+    way = points - anchors
+    height = np.linalg.norm(way, axis=2, keepdims=True)
+    normal = way / height
+    first, second = normal[:, 0], normal[:, 1]
+    between = points[:, 1] - points[:, 0]
+    cosine = np.sum(first * second, axis=1)
+    same = np.where(cosine < 0.0, -1.0, 1.0)[:, None]
+    mean = (first + same * second) / 2
+    values = np.sum(between * mean, axis=1)
+    ahead = np.where(values < 0.0, -1.0, 1.0)[:, None]
+    by_points = np.stack([-ahead * mean, ahead * mean], axis=1)
+    by_normals = np.stack([ahead * between, ahead * same * between], axis=1) / 2
+    values = np.abs(values)
+    across = np.cross(first, np.eye(3)[np.abs(first).argmin(axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    for tilt, axis in zip(TILTS, (across, np.cross(first, across)), strict=True):
+        rows = kind == tilt
+        values[rows] = np.sum(same * axis * second, axis=1)[rows]
+        by_normals[rows] = np.stack([-axis, same * axis], axis=1)[rows]
+    rows = kind == ANGLE
+    # Each plane lies behind the other, as at a convex edge, unless the angle is then another one.
+    outwards = -np.sign(np.sum(between * first, axis=1) * np.sum(between * second, axis=1))
+    turn = np.arccos(np.clip(outwards * cosine, -1.0, 1.0))
+    beyond = np.abs(np.pi - turn - stated) + SURELY_OBLIQUE < np.abs(turn - stated)
+    outwards = np.where(beyond, -outwards, outwards)
+    values[rows] = np.where(beyond, np.pi - turn, turn)[rows]
+    steep = outwards / np.sqrt(np.maximum(1.0 - cosine**2, np.finfo(float).tiny))
+    by_normals[rows] = -(steep[:, None, None] * normal[:, ::-1])[rows]
+    by_points[kind != DISTANCE] = 0.0
+    along = np.sum(by_normals * normal, axis=2, keepdims=True) * normal
+    return values, by_points + (by_normals - along) / height

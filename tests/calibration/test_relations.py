@@ -1,0 +1,265 @@
+"""A touched cube and steps of known size as equations, by a plant with its own kinematics."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+import pytest
+from blind.kinematics import Array
+from calibration.test_surfaces import CONTACT, READING, Machine, drawn, file_of, planes_of
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from aacmm_pin import calibrate, diagnose
+from aacmm_pin.calibration import Calibration
+from aacmm_pin.errors import AacmmError, MeasurementFileError
+from aacmm_pin.measurements import Measurements
+from tests.cli import shell
+
+EDGE, PROBE = 0.1, 3e-3
+NORMALS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
+"""Of the faces; the cube stands on the sixth."""
+COLUMNS = ("feature_a", "feature_b", "distance_mm", "u_distance_mm", "angle_deg", "u_angle_deg")
+
+
+def on_cube(
+    machine: Machine, rng: np.random.Generator, cubes: int = 2, contacts: int = 12
+) -> tuple[Array, Array]:
+    """Postures (n, 6) at contacts with five faces of a cube in several places, and the number of
+    the face of each (n,), 5 a cube.
+    """
+    found, numbers = [], []
+    for k in range(5 * cubes):
+        if k % 5 == 0:
+            start = rng.uniform(-1.2, 1.2, 6)
+            centre = machine.tips(start[None])[0]
+            turn = Rotation.random(random_state=int(rng.integers(2**31)))
+        across = rng.uniform(-0.45, 0.45, (4 * contacts, 3)) * EDGE
+        normal = NORMALS[k % 5]
+        local = across * (normal == 0) + (EDGE + PROBE) / 2 * normal
+        points = centre + turn.apply(local) + CONTACT * rng.normal(size=local.shape)
+        q = machine.at(points, start + rng.uniform(-0.6, 0.6, (len(points), 6)))[:contacts]
+        found.append(q)
+        numbers += [k] * len(q)
+    return np.concatenate(found), np.array(numbers)
+
+
+def of_cubes(cubes: int = 2, u_mm: float = 1e-3, u_deg: float = 1e-3) -> pd.DataFrame:
+    """What a certificate states of the faces E0 …, 5 a cube."""
+    rows = []
+    for one, other in combinations(range(5 * cubes), 2):
+        if one // 5 == other // 5:
+            opposite = NORMALS[one % 5] @ NORMALS[other % 5] < 0
+            distance = (EDGE * 1e3, u_mm, 180.0) if opposite else (None, None, 90.0)
+            if opposite or {one % 5, other % 5} <= {0, 2, 4}:
+                rows.append((f"E{one}", f"E{other}", *distance, u_deg))
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def cube_file(q: Array, face: Array) -> pd.DataFrame:
+    return planes_of(q, face).assign(probe_diameter_mm=PROBE * 1e3)
+
+
+def read(q: Array, face: Array, relations: pd.DataFrame) -> Measurements:
+    return Measurements.from_frame(cube_file(q, face)).with_relations(relations)
+
+
+def calibrated(arm, records: Measurements, **how) -> Calibration:
+    return calibrate(
+        arm, records, encoder_noise=READING, probe_noise=CONTACT, hold_out=False, **how
+    )
+
+
+def test_exact_relations_are_those_of_a_rigid_cube(sino6, rng):
+    """Values, u and χ² of an independent least squares over the pose of each cube."""
+    machine = Machine(sino6, drawn(sino6, rng))
+    q, face = on_cube(machine, rng)
+    q += READING * rng.normal(size=q.shape)
+    result = calibrated(sino6, read(q, face, of_cubes(u_mm=1e-5, u_deg=1e-5)))
+    assert chi2.sf(*result.fit.chi2_stated) > 1e-3
+    names = [p.name for p in sino6.parameters]
+    chosen = [names.index(name) for name in result.parameters["parameter"]]
+    u = np.array([p.u for p in sino6.parameters])
+    bare = Machine(sino6, np.zeros(len(names)))
+    moves = [bare.tips(q + 1e-6 * axis) - bare.tips(q - 1e-6 * axis) for axis in np.eye(6)]
+    by_reading = np.stack(moves, axis=2) / 2e-6
+    covariance = READING**2 * by_reading @ by_reading.transpose(0, 2, 1) + CONTACT**2 * np.eye(3)
+    count = len(chosen)
+
+    def tips(z: Array) -> Array:
+        errors = np.zeros(len(names))
+        errors[chosen] = z * u[chosen]
+        return Machine(sino6, errors).tips(q)
+
+    at = tips(np.zeros(count))
+    means = np.stack([at[face == k].mean(axis=0) for k in range(10)]).reshape(2, 5, 3)
+    middles = means[:, :4].mean(axis=1)
+    axes = means[:, [0, 2, 4]] - middles[:, None]
+    turns = [Rotation.align_vectors(some, np.eye(3))[0] for some in axes]
+
+    def residual(x: Array) -> Array:
+        z, poses = x[:count], x[count:].reshape(2, 6)
+        normal = np.concatenate(
+            [
+                (Rotation.from_rotvec(pose[3:]) * turn).apply(NORMALS)
+                for pose, turn in zip(poses, turns, strict=True)
+            ]
+        )[face]
+        beside = tips(z) - (middles + poses[:, :3])[face // 5]
+        above = np.sum(beside * normal, axis=1) - (EDGE + PROBE) / 2
+        scatter = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
+        return np.concatenate([above / scatter, z])
+
+    found = least_squares(residual, np.zeros(count + 12), x_scale="jac")
+    assert np.abs(result.fit.point.x / u[chosen] - found.x[:count]).max() < 0.03
+    bound = np.linalg.inv(found.jac.T @ found.jac)[:count, :count]
+    stated = result.covariance / np.outer(u[chosen], u[chosen])
+    np.testing.assert_allclose(np.diag(stated), np.diag(bound), rtol=0.03)
+    chi2_of_rigid = np.square(found.fun[: len(q)]).sum()
+    assert result.fit.chi2_stated.value == pytest.approx(chi2_of_rigid, rel=0.03)
+
+
+def test_wide_relations_say_nothing(sino6, rng):
+    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng, 1)
+    alone = calibrated(sino6, Measurements.from_frame(cube_file(q, face)))
+    wide = calibrated(sino6, read(q, face, of_cubes(1, u_mm=9.0, u_deg=5.0)))
+    np.testing.assert_allclose(wide.fit.point.x, alone.fit.point.x, rtol=0, atol=1e-9)
+
+
+def test_a_cube_gives_the_scale(sino6, rng):
+    """All lengths of the arm 1e-3 too large: one cube whose tips are 1e-3 closer."""
+    errors = np.array([1e-3 * p.value * (p.unit == "m") for p in sino6.parameters])
+    machine = Machine(sino6, errors)
+    q, face = on_cube(machine, rng)
+    records = Measurements.from_frame(cube_file(q, face))
+    with pytest.raises(AacmmError, match="scale"):
+        calibrated(sino6, records, prior=False)
+    result = calibrated(sino6, records.with_relations(of_cubes()), prior=False)
+    new = rng.uniform(-1.5, 1.5, (200, 6))
+    lengths = []
+    for arm in (machine, Machine(sino6, 0 * errors)):
+        tips = arm.tips(new)
+        lengths.append(np.linalg.norm(tips[::2] - tips[1::2], axis=1))
+    model = result.model.predict(new)
+    lengths.append(np.linalg.norm(model[::2] - model[1::2], axis=1))
+    true, nominal, after = lengths
+    assert np.abs(nominal - true).max() > 5e-4
+    assert np.sqrt(np.square(after - true).mean()) < 0.25 * np.sqrt(
+        np.square(nominal - true).mean()
+    )
+
+
+@pytest.mark.parametrize(
+    ("angle", "stated", "sign"), [(0.0, 20.0, 0), (180.0, 20.0, 1), (180.0, -20.0, -1)]
+)
+def test_steps_blocks_and_slots(sino6, rng, angle, stated, sign):
+    """The centres of the ball are a diameter farther apart on a block, and nearer in a slot."""
+    machine = Machine(sino6, np.zeros(len(sino6.parameters)))
+    start = rng.uniform(-1.0, 1.0, 6)
+    normal = np.array([0.6, 0.0, 0.8])
+    found, numbers = [], []
+    for k, height in enumerate((0.0, 0.02 + sign * PROBE)):
+        across = np.cross(normal, rng.uniform(-0.03, 0.03, (40, 3)))
+        points = machine.tips(start[None]) + across + height * normal
+        q = machine.at(points, np.tile(start, (40, 1)))
+        found.append(q)
+        numbers += [k] * len(q)
+    row = [("E0", "E1", stated, 1e-3, angle, 1e-3)]
+    records = read(np.concatenate(found), np.array(numbers), pd.DataFrame(row, columns=COLUMNS))
+    fit = calibrated(sino6, records, parameters="theta_offset6").fit
+    residual, _ = fit.observations.of_relations(fit.point.seats)
+    assert np.abs(residual).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "off", "said"),
+    [
+        (0, "distance_mm", 0.1, ("distance", ["E0", "E1"])),
+        (1, "angle_deg", 0.05, ("angle", ["E0", "E2"])),
+    ],
+)
+def test_a_value_that_all_else_contradicts_is_named(sino6, rng, row, column, off, said):
+    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
+    q += READING * rng.normal(size=q.shape)
+    stated = of_cubes()
+    assert not [
+        n for n in calibrated(sino6, read(q, face, stated)).notes if n.code == "relation_off"
+    ]
+    stated.loc[row, column] += off
+    (note,) = [
+        n for n in calibrated(sino6, read(q, face, stated)).notes if n.code == "relation_off"
+    ]
+    assert (note.data["kind"], note.data["planes"]) == said
+    stated.loc[row, column] += 20 * off
+    with pytest.raises(
+        AacmmError, match=f"'{said[1][0]}' and '{said[1][1]}' contradict the stated {said[0]}"
+    ):
+        calibrated(sino6, read(q, face, stated))
+
+
+def test_a_cause_is_found_by_cubes_alone(sino6, rng):
+    machine = Machine(sino6, np.zeros(len(sino6.parameters)))
+    q, face = on_cube(machine, rng, 4)
+    readings = q - 3e-4 * np.cos(q - 0.7) * (np.arange(6) == 2) + READING * rng.normal(size=q.shape)
+    result = diagnose(
+        sino6,
+        read(readings, face, of_cubes(4)),
+        encoder_noise=READING,
+        probe_noise=CONTACT,
+        rng=rng,
+    )
+    assert "encoder_eccentricity:3" in [finding.label for finding in result.findings]
+    assert result.held_out is not None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"feature_a": "E9"}, "row 2, column feature_a: 'E9'; expected the label of a plane"),
+        ({"feature_a": "S"}, "column feature_a: 'S'; expected the label of a plane"),
+        ({"feature_a": "E1"}, "'E1' twice"),
+        ({"feature_b": "E2", "angle_deg": 90.0}, "a distance between planes at 90°"),
+        ({"angle_deg": None}, "column angle_deg: empty cell"),
+        ({"u_angle_deg": None}, "column u_angle_deg: empty cell"),
+        ({"u_angle_deg": 0.0}, "above 0"),
+        ({"u_distance_mm": None}, "only one of distance"),
+        ({"angle_deg": 179.9}, "expected 0 or 180"),
+        ({"angle_deg": 200.0}, "row 2, column angle_deg: 200"),
+        ({"feature_b": "E3"}, "expected one probe_diameter_mm in all rows"),
+    ],
+)
+def test_relations_that_cannot_be_used_are_named(change, said):
+    q = np.random.default_rng(1).uniform(-1, 1, (24, 6))
+    table = cube_file(q, np.repeat(np.arange(3), 8))
+    bare = planes_of(q[:8], np.full(8, 3))
+    sphere = file_of(q[:8], np.zeros(8, int)).assign(feature="S")
+    records = Measurements.from_frame(pd.concat([table, bare, sphere]).fillna({"feature_kind": ""}))
+    row = {**dict(zip(COLUMNS, ("E0", "E1", 100.0, 1e-3, 180.0, 1e-3), strict=True)), **change}
+    with pytest.raises(MeasurementFileError, match=said):
+        records.with_relations(pd.DataFrame([row]))
+
+
+def test_tables_of_relations_need_their_columns_and_each_pair_once():
+    records = Measurements.from_frame(cube_file(np.zeros((24, 6)), np.repeat(np.arange(3), 8)))
+    row = dict(zip(COLUMNS, ("E0", "E1", 100.0, 1e-3, 180.0, 1e-3), strict=True))
+    again = row | {"feature_a": "E1", "feature_b": "E0"}
+    with pytest.raises(MeasurementFileError, match="row 3, column feature_b: 'E1' and 'E0' again"):
+        records.with_relations(pd.DataFrame([row, again]))
+    with pytest.raises(MeasurementFileError, match="u_angle_deg: missing"):
+        records.with_relations(pd.DataFrame([row]).drop(columns="u_angle_deg"))
+    with pytest.raises(MeasurementFileError, match="expected distance_mm"):
+        records.with_relations(pd.DataFrame([row]).rename(columns={"distance_mm": "distance_um"}))
+
+
+def test_relations_at_the_shell(sino6, rng, tmp_path):
+    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
+    data, relations = tmp_path / "cube.csv", tmp_path / "relations.csv"
+    cube_file(q, face).to_csv(data, index=False)
+    of_cubes().to_csv(relations, index=False)
+    known = "--encoder-noise 8e-6 --probe-noise-mm 0.003 --no-prior"
+    content = shell.found(f"calibrate sino6 {data} --relations {relations} {known}")
+    assert "10 between planes" in shell.done(f"check sino6 {data} --relations {relations}")[0]
+    assert content["rms_mm"]["calibrated"] < content["rms_mm"]["nominal"]
