@@ -21,8 +21,8 @@ from aacmm_pin.calibration.problem import Prediction
 from aacmm_pin.measurements import NOTHING_KNOWN, Observations
 
 OPEN_CENTRE = 3e-4
-"""Part of all information on a sphere or plane that is added in every direction, for contacts on a
-great circle tell nothing of the centre across it."""
+"""A sphere or plane is known along each direction at least by this part of all information on it,
+for contacts on a great circle tell nothing of the centre across it."""
 
 
 class SeatElimination:
@@ -61,7 +61,6 @@ class SeatElimination:
         by_tie = weight[:, :, None] * np.eye(3)
         # Contacts of a sphere or plane may leave a direction of it open.
         may_be_open = self.observations.surfaces & ~self.observations.known
-        leeway = np.where(may_be_open, OPEN_CENTRE, 0.0)[:, None, None] * np.eye(3)
         self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
         for least in (NOTHING_KNOWN, np.where(may_be_open, np.inf, 0.5)):
             square = (
@@ -70,7 +69,9 @@ class SeatElimination:
             # The others have nothing to be made orthonormal.
             some = np.trace(square, axis1=1, axis2=2) > least
             square = np.where(some[:, None, None], square, np.eye(3))
-            square += leeway * np.trace(square, axis1=1, axis2=2)[:, None, None]
+            values, directions = np.linalg.eigh(square[may_be_open])
+            added = np.maximum(OPEN_CENTRE * values.sum(axis=1, keepdims=True) - values, 0.0)
+            square[may_be_open] += directions * added[:, None] @ directions.transpose(0, 2, 1)
             upper = np.linalg.cholesky(square).transpose(0, 2, 1)
             inverse = np.linalg.inv(upper)
             by, by_tie, self._root = (

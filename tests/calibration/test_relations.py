@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
 
 import numpy as np
@@ -14,7 +15,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from aacmm_pin import calibrate, diagnose
+from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration
+from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
 from tests.cli import shell
@@ -150,6 +153,24 @@ def test_a_cube_gives_the_scale(sino6, rng):
     assert np.sqrt(np.square(after - true).mean()) < 0.25 * np.sqrt(
         np.square(nominal - true).mean()
     )
+
+
+def test_bodies_at_unknown_places_say_nothing_of_the_base(sino6, rng, tmp_path):
+    """The zero of joint 1 turns the whole arm, and with it what it touched: u stays as stated."""
+    path = tmp_path / "rough.toml"
+    ErrorModel.of(sino6).save(path)
+    wide = (
+        "[joints.uncertainty]\na_mm = 0.5\nd_mm = 0.5\nalpha_rad = 2e-3\ntheta_offset_rad = 2e-3\n"
+    )
+    path.write_text(re.sub(r"\[joints.uncertainty\]\n(.* = .*\n)*", wide, path.read_text()))
+    machine = Machine(sino6, np.zeros(len(sino6.parameters)))
+    q, face = on_cube(machine, rng)
+    planes = Measurements.from_frame(cube_file(q, face))
+    spheres = Measurements.from_frame(file_of(*machine.touching(rng)))
+    for records in (planes, planes.with_relations(of_cubes()), spheres):
+        result = calibrated(Arm.load(path), records)
+        k = result.parameters["parameter"].tolist().index("theta_offset1")
+        assert np.sqrt(result.covariance[k, k]) == pytest.approx(2e-3 / np.sqrt(3), rel=1e-3)
 
 
 @pytest.mark.parametrize(
