@@ -83,3 +83,23 @@ def by_table(
         "joints": joints,
     }
     return Arm.from_file(ArmFile.model_validate(file))
+
+
+def serial_urdf(
+    joints: Iterable[tuple[str, str, str, float, float]], tip: str, body: str = ""
+) -> str:
+    """A URDF of links l0, l1, … in a row, each joint with its type, axis, origin and limits, and of
+    a link ``tip`` at an origin behind the last; ``body`` is inside each link that moves.
+    """
+    text, last = '<robot name="serial"><link name="l0"/>', 0
+    for last, (kind, axis, origin, low, high) in enumerate(joints, start=1):
+        text += (
+            f'<link name="l{last}">{body}</link><joint name="j{last}" type="{kind}">'
+            f'<parent link="l{last - 1}"/><child link="l{last}"/><origin xyz="{origin}"/>'
+            f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="1" velocity="1"/>'
+            "</joint>"
+        )
+    return text + (
+        f'<link name="tip"/><joint name="end" type="fixed"><parent link="l{last}"/>'
+        f'<child link="tip"/><origin xyz="{tip}"/></joint></robot>'
+    )

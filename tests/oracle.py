@@ -118,6 +118,20 @@ def by_newton(arm: Arm, pose: Array, starts: Array) -> Array:
 # --- by algebra
 
 
+def dh_frames(rows: Array, q: Array) -> Array:
+    """The last frame (n, 4, 4) of a standard DH table at joint angles ``q`` (n, r) [rad], by
+    products of matrices; its rows (r, 4) are a, d [any unit], alpha, theta offset [rad].
+    """
+    frames = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    zero = np.zeros(len(q))
+    for angle, (a, d, alpha, offset) in zip(q.T, rows, strict=True):
+        c, s, ca, sa = np.cos(angle + offset), np.sin(angle + offset), np.cos(alpha), np.sin(alpha)
+        step = [c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s]
+        step += [zero, zero + sa, zero + ca, zero + d, zero, zero, zero, zero + 1.0]
+        frames = frames @ np.stack(step, axis=1).reshape(-1, 4, 4)
+    return frames
+
+
 def twist_matrix(twist: Array) -> Array:
     """Of a twist (6,), linear first: the matrix (4, 4) whose exponential is the motion."""
     x, y, z = twist[3:]

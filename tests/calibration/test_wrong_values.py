@@ -18,9 +18,12 @@ from aacmm_pin.calibration import Calibration
 from aacmm_pin.diagnosis import check_measurements, diagnose
 from aacmm_pin.effects import Conditions
 from aacmm_pin.errors import AacmmError, MistakenFileError
+from tests.again import again
 from tests.notes import data_of
+from tests.oracle import dh_frames
 
 Array = NDArray[np.float64]
+DEG = np.pi / 180.0
 Rows = tuple[tuple[float, float, float, float], ...]
 AACMM: Rows = (
     (0, 280, 90, 0),
@@ -43,15 +46,13 @@ HOBBY: Rows = ((0, 60, 90, 0), (115, 0, 0, 90), (135, 0, 0, -90), (0, 0, -90, -9
 BOUNDS = "uncertainty = { a_mm = 0.03, d_mm = 0.05, alpha_rad = 8e-5, theta_offset_rad = 1e-4 }\n"
 
 
+def frames(rows: Rows, q: Array) -> Array:
+    """The last frame (n, 4, 4) [mm]."""
+    return dh_frames(np.array(rows) * [1.0, 1.0, DEG, DEG], q)
+
+
 def tips(rows: Rows, q: Array) -> Array:
-    pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    for j, (a, d, alpha, zero) in enumerate(rows):
-        c, s = np.cos(q[:, j] + np.deg2rad(zero)), np.sin(q[:, j] + np.deg2rad(zero))
-        ca, sa, o = np.cos(np.deg2rad(alpha)), np.sin(np.deg2rad(alpha)), np.zeros(len(q))
-        step = [c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s]
-        step += [o, o + sa, o + ca, o + d, o, o, o, o + 1.0]
-        pose = pose @ np.stack(step, axis=1).reshape(-1, 4, 4)
-    return np.asarray(pose[:, :3, 3])
+    return frames(rows, q)[:, :3, 3]
 
 
 @dataclass(frozen=True)
@@ -97,12 +98,9 @@ def with_value(rows: Rows, row: int, column: int, value: float) -> Rows:
     [
         (AACMM, 3, 1, 902.0, ("d3 is 902 mm", "give 920")),
         (AACMM, 3, 1, 919.3, ("d3 is 919.3 mm", "give 9")),
-        (AACMM, 5, 2, -90.0, ("alpha5 has the opposite sign",)),
         (AACMM, 3, 1, 9200.0, ("d3 is 9200 mm", "fit 920 mm")),
-        (UR, 2, 0, -608.5, ("a2 is -608.5 mm", "give -61")),
         (UR, 3, 0, 572.3, ("a3 is 572.3 mm", "fit -572.3 mm")),
         (HOBBY, 4, 3, -84.0, ("theta_offset4 is -84°", "give -")),
-        (HOBBY, 3, 0, 141.0, ("a3 is 141 mm", "give 13")),
     ],
 )
 def test_one_wrong_value_is_named(
@@ -192,15 +190,6 @@ def test_parameters_by_name_and_pattern(tmp_path: Path) -> None:
     assert (held["u"] < free["u"]).any()
 
 
-def last_axes(rows: Rows, q: Array) -> Array:
-    """Axes of the last frame (n, 3, 3), by tips that lie along them."""
-    still = np.c_[q, np.zeros(len(q))]
-    origin = tips(rows, q)
-    x = tips((*rows, (1.0, 0.0, 0.0, 0.0)), still) - origin
-    z = tips((*rows, (0.0, 1.0, 0.0, 0.0)), still) - origin
-    return np.stack([x, np.cross(z, x), z], axis=2)
-
-
 def test_the_tool_by_touches_of_one_seat(tmp_path: Path) -> None:
     """As linear least squares gives it: ``R t + p = s`` for each touch."""
     given = arm_file(tmp_path, UR, False)
@@ -209,12 +198,13 @@ def test_the_tool_by_touches_of_one_seat(tmp_path: Path) -> None:
 
     def off(angles: Array) -> Array:
         q = angles.reshape(1, 6)
-        return (tips(UR, q) + last_axes(UR, q) @ tool - spike)[0]
+        return (frames(UR, q) @ [*tool, 1.0])[0, :3] - spike
 
     starts = rng.uniform(-1.5, 1.5, (5, 6))
     q = np.array([least_squares(off, start).x for start in starts])
     q += 5e-4 * rng.normal(size=q.shape)
-    columns = np.concatenate([last_axes(UR, q), -np.broadcast_to(np.eye(3), (5, 3, 3))], axis=2)
+    axes = frames(UR, q)[:, :3, :3]
+    columns = np.concatenate([axes, -np.broadcast_to(np.eye(3), (5, 3, 3))], axis=2)
     wanted = np.linalg.lstsq(columns.reshape(15, 6), -tips(UR, q).ravel())[0][:3]
     seats = Conditions(len(q), seat=np.full(len(q), "spike", dtype=object))
     records = Measurements.of(q, conditions=seats)
@@ -232,8 +222,10 @@ def turned(q: Array) -> Array:
     return readings
 
 
-@pytest.mark.parametrize("external", [False, True])
-@pytest.mark.parametrize("drawn", [AACMM, UR])
+@pytest.mark.parametrize(
+    ("drawn", "external"),
+    [(AACMM, True), *(again(*case) for case in ((AACMM, False), (UR, False), (UR, True)))],
+)
 def test_several_columns_a_ratio_exchanged_rows_and_a_scale(
     drawn: Rows, external: bool, tmp_path: Path
 ) -> None:
@@ -274,7 +266,6 @@ def exchanged(rows: Rows, row: int, other: int) -> Rows:
     ("drawn", "given", "words"),
     [
         (AACMM, with_value(AACMM, 3, 2, 0.0), "alpha3 is 0° in the arm file"),
-        (AACMM, with_value(AACMM, 5, 2, 0.0), "alpha5 is 0° in the arm file"),
         (HOBBY, exchanged(HOBBY, 1, 2), "values a of rows 2 and 3"),
         (AACMM, exchanged(AACMM, 2, 2), "values a and d of row 3"),
     ],
@@ -295,8 +286,8 @@ def test_a_ratio_beside_zeros_that_are_all_off(tmp_path: Path) -> None:
 
 
 def test_halves_in_different_frames_and_copied_columns(tmp_path: Path) -> None:
-    plant = Plant.of(UR, 8)
-    given = arm_file(tmp_path, UR, False)
+    plant = Plant.of(AACMM, 8)
+    given = arm_file(tmp_path, AACMM, True)
     moved = plant.places.copy()
     moved[50:] = moved[50:, [1, 2, 0]] + [100.0, 0.0, 300.0]
     for q, places, words in (

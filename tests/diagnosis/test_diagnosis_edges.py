@@ -31,6 +31,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.plots.partial_residuals import partial_residual
 from tests.again import again
+from tests.arm_files import serial_urdf
 from tests.cli import shell
 from tests.notes import data_of
 
@@ -103,34 +104,14 @@ def test_a_clock_that_starts_anew_needs_sessions(tmp_path):
 def urdf(slide: int, masses: bool) -> str:
     """Four joints in a row, one of which slides."""
     inertia = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
-    body = (
-        f'<inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>{inertia}</inertial>'
-        if masses
-        else ""
-    )
-    text = '<robot name="slider"><link name="b0"/>'
-    for k, (at, axis) in enumerate(
-        [("0 0 0.2", "0 0 1"), ("0.1 0 0.3", "0 1 0"), ("0.5 0 0", "1 0 0"), ("0.3 0 0", "0 0 1")],
-        1,
-    ):
-        kind, limit = (
-            ("prismatic", 'lower="0" upper="0.4"')
-            if k == slide
-            else ("revolute", 'lower="-1.2" upper="1.2"')
-        )
-        text += (
-            f'<link name="b{k}">{body}</link><joint name="j{k}" type="{kind}"><parent '
-            f'link="b{k - 1}"/><child link="b{k}"/>'
-        )
-        text += (
-            f'<origin xyz="{at}"/><axis xyz="{axis}"/><limit {limit} effort="1" '
-            'velocity="1"/></joint>'
-        )
-    text += (
-        '<link name="tip"/><joint name="end" type="fixed"><parent link="b4"/><child '
-        'link="tip"/><origin xyz="0.3 0 0"/>'
-    )
-    return text + "</joint></robot>"
+    body = f'<inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>{inertia}</inertial>'
+    places = ("0 0 0.2", "0.1 0 0.3", "0.5 0 0", "0.3 0 0")
+    joints = [
+        ("revolute", axis, place, -1.2, 1.2)
+        for axis, place in zip(("0 0 1", "0 1 0", "1 0 0", "0 0 1"), places, strict=True)
+    ]
+    joints[slide - 1] = ("prismatic", *joints[slide - 1][1:3], 0, 0.4)
+    return serial_urdf(joints, "0.3 0 0", body if masses else "")
 
 
 def test_a_joint_that_slides_is_read_in_millimetres(tmp_path):
@@ -251,27 +232,6 @@ def test_a_known_target_is_refitted_once(sino6, rng, u):
     )
     (other,) = known.input_warnings(q, conditions)
     assert (other.code, other.data["markers"]) == ("markers_unknown", ["C"])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("what", ["unit", "seed"])
-def test_unit_of_angles_and_seed_do_not_matter(tmp_path, what):
-    effect = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
-    table = records(tmp_path, f"free --records 60 --cause {effect}")
-    angles = [name for name in table if name.startswith("theta")]
-    radians = table.rename(columns={name: name.replace("_deg", "_rad") for name in angles})
-    in_radians = [name.replace("_deg", "_rad") for name in angles]
-    radians[in_radians] = np.radians(table[angles].to_numpy())
-    first = diagnosed(tmp_path, table)
-    other, words = (radians, "") if what == "unit" else (table, "--seed 2")
-    again = diagnosed(tmp_path, other, f"--no-cross-validation {words}")
-    assert again["verdict"] == first["verdict"] == "explained"
-    assert again["rms_mm"] == pytest.approx(first["rms_mm"], rel=1e-6)
-    (one,), (two,) = first["findings"], again["findings"]
-    assert (one["cause"], one["joint"]) == (two["cause"], two["joint"])
-    assert two["probability"] == pytest.approx(one["probability"], abs=1e-6)
-    for name, value in one["parameters"].items():
-        assert two["parameters"][name] == pytest.approx(value, rel=1e-4)
 
 
 @pytest.mark.long

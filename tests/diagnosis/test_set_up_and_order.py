@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from aacmm_pin import Diagnosis, diagnose
+from tests.oracle import dh_frames
 
 ROWS = (
     (0.0, 280.0, 90.0),
@@ -28,6 +29,7 @@ ON_TIP = np.zeros(3)
 RECORDS, AT = 200, 90
 ENCODER, NOISE = 1e-5, 0.015
 Array = NDArray[np.float64]
+DEG = np.pi / 180.0
 
 
 def arm_file(folder: Path) -> Path:
@@ -46,15 +48,8 @@ def arm_file(folder: Path) -> Path:
 
 def tips(q: Array, off: Array, tip: Array) -> Array:
     """Positions of the tip by homogeneous matrices (n, 3) [mm]; ``off`` are errors of a, d, α."""
-    pose = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    for j, (a, d, alpha) in enumerate(ROWS):
-        a, d, alpha = a + off[j, 0], d + off[j, 1], np.deg2rad(alpha) + off[j, 2]
-        c, s = np.cos(q[:, j]), np.sin(q[:, j])
-        ca, sa, o = np.cos(alpha), np.sin(alpha), np.zeros(len(q))
-        rows = [c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s]
-        rows += [o, o + sa, o + ca, o + d, o, o, o, o + 1.0]
-        pose = pose @ np.stack(rows, axis=1).reshape(-1, 4, 4)
-    return pose[:, :3, :3] @ tip + pose[:, :3, 3]
+    rows = np.c_[np.array(ROWS) * [1.0, 1.0, DEG] + off, np.zeros(6)]
+    return (dh_frames(rows, q) @ [*tip, 1.0])[:, :3]
 
 
 @dataclass(frozen=True)

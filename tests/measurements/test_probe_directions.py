@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from blind.kinematics import Array, shift_x, turn_x, turn_z_shift
+from blind.kinematics import Array
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin import calibrate, diagnose
 from aacmm_pin.arm import Arm
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.effects import Conditions, ErrorModel, ProbeBending
-from aacmm_pin.errors import MeasurementFileError, ShapeError
+from aacmm_pin.effects import ErrorModel, ProbeBending
+from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.planning import plan_measurements
 from tests.again import again
 from tests.cli import shell
 from tests.notes import data_of
-from tests.oracle import close
+from tests.oracle import close, dh_frames
 
 READING, REFERENCE, PROBE = 8e-6, 8e-6, 6e-3
 BEND = 25e-6
@@ -31,13 +31,7 @@ TURN, SHIFT = Rotation.from_euler("xyz", [3, -2, 130], degrees=True), np.array([
 def frames(arm: Arm, errors: Array, q: Array) -> Array:
     """Frames of the tip (n, 4, 4) of SINO6 with errors of its DH parameters (p,)."""
     stated = {p.name: p.value + e for p, e in zip(arm.parameters, errors, strict=True)}
-    found = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    same = np.ones(len(q))
-    for j, angle in enumerate(q.T, start=1):
-        a, d, alpha, offset = (stated[f"{name}{j}"] for name in ROW)
-        screw = turn_z_shift(angle + offset, d * same) @ shift_x(a * same)
-        found = found @ screw @ turn_x(alpha * same)
-    return found
+    return dh_frames(np.array([[stated[f"{name}{j}"] for name in ROW] for j in range(1, 7)]), q)
 
 
 def measured(arm: Arm, rng: np.random.Generator, bend: float, n: int = 120) -> pd.DataFrame:
@@ -166,20 +160,6 @@ def test_cells_that_cannot_be(sino6, rng, changes, said):
     table = measured(sino6, rng, 0.0, 6).assign(**changes)
     with pytest.raises(MeasurementFileError, match=said):
         Measurements.from_frame(table, 6)
-
-
-def test_all_three_columns_or_none(sino6, rng, tmp_path):
-    path = tmp_path / "data.csv"
-    measured(sino6, rng, 0.0, 6).drop(columns=DIRECTION[1]).to_csv(path, index=False)
-    error = shell.refused(f"check sino6 {path}")
-    assert "probe_direction_y" in error
-
-
-def test_directions_of_arrays():
-    close(Conditions(2, probe_direction=[[0.0, 0.0, 1.001], [0, 0, 0]]).probe_direction[0, 2], 1.0)
-    for wrong in ([[0.0, 1.0]], [[0.0, 0.0, 0.9]]):
-        with pytest.raises(ShapeError, match="probe_direction has"):
-            Conditions(1, probe_direction=wrong)
 
 
 def test_simulation_writes_directions_where_a_cause_needs_them(sino6):

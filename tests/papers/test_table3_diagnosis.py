@@ -25,12 +25,11 @@ from papers.sino6_table3.selection_bias import (
     marked_count,
 )
 from papers.sino6_table3.simulated_touches import MEASURED, TouchedSeats, touched_seats
-from scipy.spatial.transform import Rotation
 
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report.formats.html import page
-from tests.oracle import close
+from tests.oracle import close, dh_frames
 from tests.pages import Page
 
 ARCSEC = np.pi / 180 / 3600
@@ -55,21 +54,9 @@ def found(seats: TouchedSeats) -> Table3Diagnosis:
 
 def dh_tips(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tips and x axes of the last frame of SINO6, from the printed Table 1: (…, 3) [m]."""
-    placement = np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))
     table = printed_table1()[["a_mm", "d_mm", "alpha_rad", "theta_offset_rad"]].to_numpy()
-    for k, (a, d, alpha, theta) in enumerate(table):
-        step = np.zeros((*q.shape[:-1], 4, 4))
-        step[..., :3, :3] = (
-            Rotation.from_euler(
-                "ZX",
-                np.stack([q[..., k] + theta, np.full(q.shape[:-1], alpha)], axis=-1).reshape(-1, 2),
-            )
-            .as_matrix()
-            .reshape(*q.shape[:-1], 3, 3)
-        )
-        step[..., :3, 3] = a * 1e-3 * step[..., :3, 0] + [0.0, 0.0, d * 1e-3]
-        step[..., 3, 3] = 1.0
-        placement = placement @ step
+    flat = dh_frames(table * [1e-3, 1e-3, 1.0, 1.0], q.reshape(-1, 6))
+    placement = flat.reshape(*q.shape[:-1], 4, 4)
     return placement[..., :3, 3], placement[..., :3, 0]
 
 
