@@ -10,7 +10,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, ArmFile, arm_text, bundled_arms, load_arm_file
+from aacmm_pin.arm import EXAMPLE_ROBOTS, ArmFile, arm_text, bundled_arms, load_arm_file
 from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import ArmFileError, UnknownNameError
@@ -44,19 +44,6 @@ fixed = true
 axis = [0, 0.0, 1.0]
 """
 
-# Xu You et al. 2019 (doi:10.19650/j.cnki.cjsi.J1905059), Table 1: l, Δl, d, Δd [mm], α, Δα, θ, Δθ
-# [rad]
-TABLE_1 = np.array(
-    [
-        [-0.31989, 0.00852, 0.00000, 0.00000, -1.57184, 2.70805e-5, 0.00000, 0.00000],
-        [-60.73090, 0.02726, -0.23520, 0.00552, 1.57245, 3.47396e-5, 0.00123, 2.90574e-5],
-        [53.10897, 0.00315, -700.95392, 0.02707, -1.57211, 2.37007e-5, -0.01226, 0.00018],
-        [-0.71931, 0.01556, 0.63853, 0.01601, 1.57621, 0.000133, 0.00106, 8.74044e-6],
-        [0.03657, 0.00094, -500.22110, 0.00449, 1.57149, 1.93687e-5, -0.00334, 2.12920e-5],
-        [144.49193, 0.01713, 58.87229, 0.00247, 0.00000, 0.00000, 0.00243, 3.49447e-5],
-    ]
-)
-
 
 def test_angles_in_degrees_by_the_suffix_of_their_keys():
     pairs = {
@@ -77,19 +64,6 @@ def test_angles_in_degrees_by_the_suffix_of_their_keys():
     for bad in ("alpha_deg = 90\nalpha_rad = 1.5", 'alpha_deg = "90"', "alpha_deg = [true]"):
         with pytest.raises(ArmFileError, match="alpha_deg"):
             parse_arm_file(GOOD.replace("alpha_rad = 1.5", bad).encode(), "arm.toml")
-
-
-def test_sino6_is_table_1_of_its_paper():
-    assert bundled_arms() == ["sino6", "zero6"]
-    parameters = load_arm_file("sino6").dh_parameters()
-    si = TABLE_1.reshape(6, 4, 2) * np.array([1e-3, 1e-3, 1, 1])[:, None]
-    assert [p.name for p in parameters[:5]] == ["a1", "d1", "alpha1", "theta_offset1", "a2"]
-    np.testing.assert_allclose([p.value for p in parameters], si[..., 0].ravel(), rtol=1e-15)
-    np.testing.assert_allclose([p.half_width for p in parameters], si[..., 1].ravel(), rtol=1e-15)
-    np.testing.assert_allclose(
-        [p.u for p in parameters], si[..., 1].ravel() / math.sqrt(3), rtol=1e-15
-    )
-    np.testing.assert_allclose(load_arm_file("sino6").dh.values(), si[..., 0], rtol=1e-15)
 
 
 def test_every_key_is_read_in_its_unit(tmp_path):
@@ -132,30 +106,22 @@ MISTAKES = [
         "a prismatic row has limits_rad",
     ),
     ("fixed = true", 'kind = "prismatic"', "joints[2]", "limits_mm is missing"),
-    ("fixed = true", 'kind = "prismatic"\nfixed = true', "joints[2]", "expected one of them"),
     (
         GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],
         "fixed = true\n",
         "",
         "fixed; expected",
     ),
-    ("[-1.0, 2]", "[2.0, -1.0]", "joints[1]", "[2.0, -1.0]"),
     ("mass_kg = 0.5", "", "joints[1]", "mass_kg; expected both"),
     ("axis = [0, 0.0, 1.0]", "axis = [0, 0, 0]", "stylus", "axis is [0, 0, 0]"),
-    ("name =", f"x = {'[' * 9000}\nname =", "", "levels"),
     ("a_mm = 100", "a_mm = -90,004", "", "line "),
     ("a_mm = 100", "a_mm = -90,004", "", "'-90,004'; expected a number with a decimal point"),
     (GOOD, "# arm\ntheta1_deg,x_mm\n1,2\n", "", "(CSV)"),
     # what no arm has
     ("d_mm = 20.0", "d_mm = -1e6", "", "joints[1].d_mm is -1e+06 mm"),
-    ("a_mm = 100", f"a_mm = {'1' * 5000}", "", "5000 digits"),
-    ("a_mm = 0.01", "a_mm = 1e308", "", "joints[1].uncertainty.a_mm is 1e+308"),
     ("d_mm = 0.02", "d_mm = 171", "", "at most 170 mm"),
     ("fixed = true", "limits_rad = [0, 1]", "", "joints[2].encoder_noise_rad is missing"),
     ('"two rows"', '"two\\u0000rows"', "name", "NUL at place 4"),
-    ('"two rows"', f'"{"x" * 100_000}"', "name", "200"),
-    ("[stylus]", '[[effects]]\ncause = "encoder_gain"\n' * 1001 + "[stylus]", "effects", "1000"),
-    ("[stylus]", ROWS * 1000 + "[stylus]", "joints", "200"),
     (
         "[stylus]",
         ROWS.replace("fixed = true", "limits_rad = [-1, 1]") * 64 + "[stylus]",
@@ -181,12 +147,6 @@ EFFECT = '\n[[effects]]\ncause = "{}"\n{}\nparameters = {{ {} }}\n'
 EFFECTS = [
     ("encoder_gain", "joint = 1", "gain = 1e300", "gain is 1e+300"),
     (
-        "encoder_gain",
-        "joint = 1\nuncertainty = { gain = 1e300 }",
-        "gain = 1e-4",
-        "u of gain is 1e+300",
-    ),
-    (
         "zero_drift",
         "joint = 1\ntime_constant_s = 1e-300",
         "drift_rad = 1e-4",
@@ -211,13 +171,6 @@ def test_implausible_effects_are_named(tmp_path):
     assert ErrorModel.load(path).effects[0].values == (-1e-6,)
 
 
-def test_a_direction_has_any_length(tmp_path):
-    path = tmp_path / "arm.toml"
-    for axis in ("[0, 0, 1e-300]", "[0, 0, 1e300]", "[0, 0, 5e-324]"):
-        path.write_text(GOOD.replace("[0, 0.0, 1.0]", axis), encoding="utf-8")
-        np.testing.assert_array_equal(Arm.load(path).stylus_axis, [0, 0, 1])
-
-
 def test_what_is_no_arm_file(tmp_path):
     with pytest.raises(ArmFileError, match=r"bad.toml: byte 8"):
         parse_arm_file('name = "Ä"'.encode("latin-1"), "bad.toml")
@@ -232,10 +185,6 @@ def test_what_is_no_arm_file(tmp_path):
     ) as caught:
         load_arm_file("sino7")
     assert caught.value.known == [*bundled_arms(), *EXAMPLE_ROBOTS]
-    with pytest.raises(UnknownNameError, match="unknown arm 'xxx"):
-        load_arm_file("x" * 300)
-    with pytest.raises(ArmFileError, match="NUL"):
-        load_arm_file("a\0b.toml")
 
 
 # --- as text

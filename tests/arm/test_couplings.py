@@ -36,11 +36,9 @@ def test_a_file_states_the_map_and_is_written_back(tmp_path):
         (SUM.replace("joint = 3", "joint = 9"), "couplings[1].joint is 9; expected a row with a"),
         (SUM + SUM, "couplings[2]: joint = 3, of = 2"),
         (SUM.replace("-1.0", "inf"), "couplings[1].ratio: inf; expected"),
-        (SUM.replace("-1.0", "2e4"), "couplings[1].ratio is 20000; expected -10000 to 10000"),
         (SUM.replace("of = 2", "of = 3").replace("-1.0", "0"), "couplings are singular"),
         (SUM + "[[couplings]]\njoint = 2\nof = 3\nratio = -1.0\n", "couplings are singular"),
         (SUM.replace("of =", "from ="), "joint, of, ratio"),
-        (SUM.replace("joint = 3", "joint = true"), "couplings[1].joint: True; expected"),
     ],
 )
 def test_a_map_that_cannot_be_is_refused(tmp_path, text, words):
@@ -52,7 +50,6 @@ def test_a_map_that_cannot_be_is_refused(tmp_path, text, words):
     ("given", "words"),
     [
         ((3, 2), "couplings[1] is (3, 2); expected (joint, of, ratio)"),
-        ((3, 2, np.nan), "couplings[1] is (3, 2, nan); expected"),
         ((3, 9, 1.0), "SINO6: couplings[1].of is 9; expected a row with a joint"),
     ],
 )

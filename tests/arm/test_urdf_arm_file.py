@@ -80,7 +80,6 @@ def test_corrections_are_joined(robot_file, rng):
     ("old", "new", "said"),
     [
         ("[urdf]", "[urdf]\nmesh = 1", r"urdf\.mesh: unknown key"),
-        ("[urdf]", "convention = 'standard-dh'\n[urdf]", r"convention: unknown key"),
         (
             "[[joints]]",
             "[[joints]]\na_mm = 1.0",
@@ -97,7 +96,6 @@ def test_corrections_are_joined(robot_file, rng):
         ('sha256 = "', 'sha256 = "x', r"urdf\.sha256: 'x"),
         ("shift_mm = [\n", "shift_mm = [\n    nan,\n", r"joints\[1\]\.shift_mm"),
         ('file = "', 'file = "no/', r"urdf\.file: .*no such file"),
-        ('file = "', 'file = "\\u0000', "NUL"),
         ('name = "elbow_joint"', 'name = "elbow"', "joints: .*elbow"),
         ('"rx1"', '"rx9"', r"covariance\.parameters: .*'rx9'"),
     ],
@@ -123,8 +121,4 @@ def test_another_urdf_is_refused(calibrated_ur5, robot_file, tmp_path):
     with pytest.raises(
         ArmFileError, match=r"cal\.toml: urdf\.sha256: .*ur5_robot\.urdf was changed"
     ):
-        ErrorModel.load(tmp_path / "cal.toml")
-    urdf.unlink()
-    urdf.symlink_to("/dev/zero")
-    with pytest.raises(ArmFileError, match="larger than"):
         ErrorModel.load(tmp_path / "cal.toml")

@@ -56,6 +56,7 @@ def test_table_1_is_the_bundled_arm(sino6):
     np.testing.assert_array_equal(sino6.dh.values(), values)
     stated = np.reshape([p.half_width for p in sino6.parameters], (6, 4))
     np.testing.assert_array_equal(stated, widths * [MM, MM, 1, 1])
+    np.testing.assert_allclose([p.u for p in sino6.parameters], stated.ravel() / np.sqrt(3))
     assert sino6_nominal() == ARM
     np.testing.assert_array_equal(sino6_nominal().dh.values(), TRUTH.values())
     with pytest.raises(UnsupportedArmError, match="not positive"):
