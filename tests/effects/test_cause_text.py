@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from aacmm_pin import ErrorModel
-from aacmm_pin.arm import load_arm_file
 from aacmm_pin.effects import (
     CAUSES,
     BaseCompliance,
@@ -15,7 +14,6 @@ from aacmm_pin.effects import (
     EncoderGain,
     EncoderSlip,
     JointCompliance,
-    JointDistance,
     JointErrorCurve,
     JointPeriodicError,
     LinkLength,
@@ -35,7 +33,6 @@ from aacmm_pin.effects.labels import (
 )
 from aacmm_pin.effects.text import stated_cause, text_of
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from tests.arm_files import RIGID, changed
 
 pytestmark = pytest.mark.fast
 
@@ -136,15 +133,6 @@ def test_effects_in_words():
     curves = [JointErrorCurve(joint, 0.0, 1.0, 8) for joint in (2, 1, 4)]
     several = several_in_words([*curves, EncoderEccentricity(3)])
     assert several == "error curve of joints 1, 2 and 4 and encoder eccentricity of joint 3"
-
-
-def test_a_row_that_no_joint_moves_is_a_row():
-    rows = load_arm_file("sino6").joints
-    arm = changed("sino6", {4: RIGID, 7: RIGID}, joints=[*rows, rows[5]])
-    several = several_in_words([JointDistance(row) for row in (7, 2, 4, 3)], arm)
-    assert (
-        several == "distance d of tool row 7, distance d of joints 2 and 3 and distance d of row 4"
-    )
 
 
 def test_values_have_two_digits_of_their_uncertainty():

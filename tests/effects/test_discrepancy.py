@@ -4,8 +4,6 @@ them.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 import tomli_w
@@ -16,7 +14,6 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.smooth_discrepancy import (
-    MOST_KNOTS,
     Bumps,
     Carrier,
     Cosines,
@@ -137,12 +134,9 @@ def test_ranks_are_the_same_at_new_records(rng):
     close(Cosines.over("time", few, 3).of_values(few), wanted, 1e-15)
     many = rng.normal(size=1000)
     cosines, ranks = Cosines.over("time", many, 5), (np.argsort(np.argsort(many)) + 0.5) / 1000.0
-    assert len(cosines.at_si) == MOST_KNOTS
     assert (
         np.abs(cosines.of_values(many) - np.cos(np.pi * np.arange(6) * ranks[:, None])).max() < 0.1
     )
-    ends = cosines.of_values([-9.0, many.min(), many.max(), 9.0])
-    np.testing.assert_array_equal(ends[[0, 3]], ends[[1, 2]])
 
 
 @pytest.mark.parametrize("effect", [one("before 3", TIME), GEAR, shared()])
@@ -196,7 +190,6 @@ ENTRY = {
 TURNED = {"acts_on": "angle 2", "functions": [], "directions": [[1e-5, 2e-5]]}
 MISTAKES: list[tuple[dict[str, object], str, str]] = [
     ({"values_si": [1e-5, 2e-5, 3e-5, 1.0]}, "discrepancy[1]", "expected at most"),
-    ({"standard_uncertainty_si": [1e-6]}, "discrepancy[1]", "expected 4"),
     ({"colour": "red"}, "discrepancy[1].colour", "depends_on"),
     (
         {"parts": [{"acts_on": "angle 9", "functions": []}], "values_si": [1e-5]},
@@ -208,19 +201,11 @@ MISTAKES: list[tuple[dict[str, object], str, str]] = [
         "discrepancy[1]",
         "expected room",
     ),
-    (
-        {"parts": [TURNED, {"acts_on": "room"}], "values_si": [1.0, 0.0]},
-        "discrepancy[1]",
-        "directions of 3",
-    ),
     ({"parts": [TURNED], "values_si": [1.0]}, "discrepancy[1]", "1 numbers each"),
 ]
 OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
     ({"kind": "splines"}, "expected tags"),
-    ({"kind": "waves", "of": "joint 2", "order": 0}, "order is 0"),
-    ({"kind": "bumps", "centres_si": [[0.0, 0.0, math.inf]], "width_si": 1.0}, "finite"),
     (COSINES | {"at_si": [1, 0]}, "ascending"),
-    (COSINES | {"count": 10**9}, "to 100"),
 ]
 
 

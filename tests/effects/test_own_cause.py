@@ -4,7 +4,6 @@ nowhere else.
 
 from __future__ import annotations
 
-import itertools
 import re
 import sys
 from collections.abc import Iterator
@@ -150,17 +149,10 @@ def refusal(*words: str) -> str:
 def test_plugins_that_are_none_and_entry_points(folder, monkeypatch):
     monkeypatch.chdir(folder)
     Path("numpy.py").write_text("")
-    mute = "class Mute(Exception):\n    def __str__(self):\n        raise ValueError\n\nraise Mute"
-    texts = {
-        "fails.py": "\n\n1 / 0",
-        "mute.py": mute,
-    }
-    for name, text in texts.items():
-        Path(name).write_text(text)
+    Path("fails.py").write_text("\n\n1 / 0")
     for name, said in {
         "not_a_module": "ModuleNotFoundError",
         "numpy.py": "numpy is the name of an installed module",
-        "mute.py": "Mute: <exception str() failed> (mute.py, line 5)",
         "fails.py": "ZeroDivisionError: division by zero (fails.py, line 3)",
     }.items():
         assert f"--plugin {name}: {said}" in refusal("--plugin", name, "causes")
@@ -192,18 +184,11 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose, folder, tmp_
             given,
             ":3: displacements: columns have numbers that are not finite",
         ),
-        (moment, "moment[1:, None]", given, ":3: displacements: columns have shape (999, 6, 1)"),
         (
             last,
             "return [Displacement(99, np.ones((1, 6, 1)))]",
             given,
             ":3: displacements: place is 99",
-        ),
-        (
-            last,
-            "raise SystemExit(0)",
-            given,
-            ":3: displacements: SystemExit: 0 (wrong.py, line 25)",
         ),
         (
             last,
@@ -220,21 +205,9 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose, folder, tmp_
         ),
         (
             terms,
-            f"{terms}\n    prior_weight = float('nan')",
-            ("causes",),
-            ": prior_weight is nan; expected a number above 0",
-        ),
-        (
-            terms,
             f"{terms}\n    candidates = lambda *_: None",
             tried,
             ": candidates yields None; expected tuples of one",
-        ),
-        (
-            terms,
-            f"{terms}\n    exact = lambda *_: [(1, np.full((1, 6), np.nan))]",
-            given,
-            ":3: exact: twists have numbers",
         ),
     ):
         assert old in HOSE
@@ -265,13 +238,6 @@ def test_what_it_prints_is_no_result(hose, folder):
     CAUSES["hose_pull"] = hose
     assert (done.exit_code, len(done.stdout.splitlines())) == (0, 4), done.output
     assert "here" in done.stderr.splitlines()
-
-
-def test_sizes_of_terms_are_numbers_above_zero():
-    term: dict[str, Any] = {"name": "", "unit": "rad", "typical": 1e-4, "key": "turn_rad"}
-    for name, number in itertools.product(("typical", "scale"), (0.0, float("inf"), "1e-4")):
-        with pytest.raises(AacmmError, match=f"{name} is .*; expected a number above 0"):
-            Term(**term | {name: number})
 
 
 @dataclass(frozen=True)
