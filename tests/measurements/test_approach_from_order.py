@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aacmm_pin import Arm, diagnose
+from aacmm_pin import Arm
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from tests.cli.shell import found, refused
@@ -37,19 +37,6 @@ def test_signs_of_steps(sino6):
     assert not records.conditions.approach[:, 1:].any()
     with pytest.raises(AacmmError, match="approach1"):
         records.with_approach_from_order()
-
-
-def test_hysteresis_is_found_by_the_order_of_rows(sino6, rng):
-    records = Measurements.from_frame(reversals(sino6, rng))
-    options = {"encoder_noise": NOISE, "reference_noise": 1e-5, "hold_out": False}
-    result = diagnose(
-        sino6, records.with_approach_from_order(), **options, rng=np.random.default_rng(1)
-    )
-    assert [finding.label for finding in result.findings] == ["joint_hysteresis:3"]
-    (finding,) = result.findings
-    value, u = finding.parameters["half_width_rad"]
-    assert value == pytest.approx(HALF_WIDTH, abs=4 * u)
-    assert u < 0.1 * HALF_WIDTH
 
 
 def test_the_option_of_commands(sino6, rng, tmp_path):

@@ -81,22 +81,6 @@ def test_angles_of_each_order_are_turns_about_rotated_axes(table, rng):
             close(pin.Quaternion(w, x, y, z).toRotationMatrix(), np.linalg.multi_dot(turns), 1e-12)
 
 
-@pytest.mark.parametrize("wrong", ["zxx", "ZYX", "abg"])
-def test_an_order_that_does_not_exist_is_refused(table, wrong):
-    names = {
-        f"{axis}_deg": f"euler_{wrong}_{k}_deg"
-        for axis, k in zip(("roll", "pitch", "yaw"), "abc", strict=True)
-    }
-    stated = in_form(table, "angles").rename(columns=names)
-    with pytest.raises(MeasurementFileError, match=f"euler_{wrong}_a_deg"):
-        Measurements.from_frame(stated, 6)
-
-
-def test_a_file_without_stated_orientations_has_none(table):
-    unknown = in_form(table, "vector").assign(rx_rad=np.nan, ry_rad=np.nan, rz_rad=np.nan)
-    assert Measurements.from_frame(unknown, 6).orientation is None
-
-
 def test_commands_take_them(table, tmp_path):
     """The numbers are the same, and corrected readings have their orientation."""
     paths = [tmp_path / f"{name}.csv" for name in ("quaternion", "angles")]
