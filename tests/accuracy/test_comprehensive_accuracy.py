@@ -51,22 +51,6 @@ def test_the_elevation_sets_the_preferred_angle():
     close([preferred_theta3(point) for point in points], expected, 1e-15)
 
 
-def test_what_weights_have_in_common(rng):
-    for n in (1, 2, 3, 12, 50):
-        theta3, point = rng.uniform(-20, 20, n), rng.normal(size=3)
-        weights = configuration_weights(theta3, point)
-        assert weights.sum() == pytest.approx(1.0, abs=1e-14)
-        assert (weights >= 0).all()
-        turns = 2 * np.pi * rng.integers(-3, 4, n)
-        close(configuration_weights(-theta3 + turns, point), weights, 1e-13)
-        np.testing.assert_allclose(
-            configuration_weights(np.full(n, 0.3), LEVEL), np.full(n, 1 / n), rtol=1e-12
-        )
-        assert comprehensive_accuracy(np.full(n, 3e-12), theta3, point) == pytest.approx(
-            3e-12, rel=1e-12, abs=0.0
-        )
-
-
 # --- one point
 
 

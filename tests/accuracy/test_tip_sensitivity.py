@@ -5,7 +5,6 @@ built anew for each draw, central differences, and identities of covariance matr
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from aacmm_pin._support.batches import ROWS_PER_BATCH
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import exact_positions
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.accuracy.volume import accuracy_volume, circle_accuracy
+from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import Covariance, load_arm_file
 from aacmm_pin.effects import (
@@ -28,8 +27,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
-from aacmm_pin.postures.configurations import configuration_circle
-from tests.arm_files import RIGID, changed
+from tests.arm_files import changed
 from tests.oracle import close, postures, with_dh_errors, zonotope_volume
 
 WARM = Conditions(1, temperature=np.array([31.0]))
@@ -93,15 +91,6 @@ def by_differences(sources: ErrorSources, q: Array) -> Array:
 # --- extended models
 
 
-def test_sensitivity_is_that_of_the_real_model(extended):
-    q = postures(extended.arm, np.random.default_rng(5), 1)
-    sources = accuracy_volume(extended, q, conditions=WARM, encoder_noise=1e-5).sources
-    names = {p.name for p in sources.parameters}
-    assert names >= {"d3", "encoder_eccentricity:3.sin", "thermal_expansion", "encoder_noise6"}
-    expected, u = by_differences(sources, q) * sources.u, sources.u
-    close(sources.sensitivity(q, WARM)[0] * u, expected, 1e-3 * expected.max())
-
-
 def test_exact_positions_are_those_of_models_made_anew(extended, rng):
     """But for the sag and warmth of the errors of lengths, some 5e-4 of these."""
     q = postures(extended.arm, rng, 1)
@@ -115,18 +104,6 @@ def test_exact_positions_are_those_of_models_made_anew(extended, rng):
         close(found, np.array(each), within)
     many = np.vstack([np.zeros((ROWS_PER_BATCH, len(names))), some])
     close(exact_positions(sources, q, WARM, many)[ROWS_PER_BATCH:], found, 1e-14)
-
-
-def test_noise_of_readings_behind_a_rigid_row():
-    """By way of an effect of size zero, and by the arm alone."""
-    arm = changed("sino6", {1: RIGID})
-    model, q, noise = (
-        ErrorModel(arm, (EncoderEccentricity(joint=3),)),
-        postures(arm, np.random.default_rng(5), 3),
-        np.linspace(1e-5, 5e-5, 5),
-    )
-    found, alone = (accuracy_volume(m, q, encoder_noise=noise).covariance for m in (model, arm))
-    np.testing.assert_allclose(found, alone, rtol=1e-9, atol=1e-20)
 
 
 def test_the_wrist_does_not_feel_the_stylus(sino6):
@@ -159,17 +136,10 @@ def test_causes_without_their_conditions_are_left_out_and_named(extended):
 def test_conditions_of_one_record_hold_for_all(extended):
     q = postures(extended.arm, np.random.default_rng(5), 5)
     each = Conditions(5, temperature=np.array([15.0, 20.0, 25.0, 30.0, 35.0]))
-    together = accuracy_volume(extended, q, conditions=each)
-    alone = [accuracy_volume(extended, q[[k]], conditions=each.take([k])) for k in range(5)]
-    np.testing.assert_allclose(together.volume, [a.volume[0] for a in alone], rtol=1e-12)
     same = accuracy_volume(extended, q, conditions=WARM)
     repeated = accuracy_volume(extended, q, conditions=WARM.take([0] * 5))
     np.testing.assert_array_equal(same.volume, repeated.volume)
     assert same.budget().set_index("parameter").loc["thermal_expansion", "share"] > 0.01
-    drawing = {"method": "monte-carlo", "rng": np.random.default_rng(1), "draws": 200}
-    warm = Conditions(2, temperature=np.array([20.0, 120.0]))
-    drawn = accuracy_volume(extended, q[[0, 0]], conditions=warm, **drawing)
-    assert drawn.u[1] > 3.0 * drawn.u[0]
     with pytest.raises(ShapeError, match="conditions have 3 records; expected 5"):
         accuracy_volume(extended, q, conditions=each.take([0, 1, 2]))
 
@@ -192,15 +162,6 @@ def test_an_arm_that_came_without_its_effects_says_so(calibrated, tmp_path):
         accuracy_volume(calibrated.arm, q)
 
 
-def test_circles_take_an_extended_model(extended):
-    circle = configuration_circle(extended.arm, np.array([0.0336, -0.6719, 0.1829]), count=24)
-    q = circle.q[circle.within_limits]
-    result = circle_accuracy(circle, extended, conditions=WARM)
-    expected = accuracy_volume(extended, q, conditions=WARM, at=circle.at)
-    np.testing.assert_array_equal(result.volume, expected.volume)
-    assert result.volume.min() > circle_accuracy(circle).volume.max()
-
-
 # --- parameters that are known together
 
 
@@ -217,26 +178,6 @@ def test_covariance_with_correlations(calibrated):
     np.testing.assert_allclose(result.covariance[0], s @ c @ s.T, **within)
     s = sources.sensitivity(q, WARM)[0]
     np.testing.assert_allclose(result.covariance[0], s @ c @ s.T, rtol=1e-10, atol=1e-20)
-
-
-def test_no_correlation_is_independence(extended):
-    """Zeros off the diagonal, against the same arm with these half-widths, 2 u, as bounds and u."""
-    q = postures(extended.arm, np.random.default_rng(5), 3)
-    model, u = with_covariance(TOGETHER, U, np.eye(len(U))), dict(zip(TOGETHER, U, strict=True))
-    parameters = tuple(
-        replace(p, u=u[p.name], half_width=2 * u[p.name]) if p.name in u else p
-        for p in extended.arm.parameters
-    )
-    expected = ErrorModel(replace(extended.arm, parameters=parameters), EFFECTS)
-    for method in ("zonotope", "monte-carlo"):
-        found, other = (
-            accuracy_volume(
-                one, q, conditions=WARM, method=method, rng=np.random.default_rng(3), draws=200
-            )
-            for one in (model, expected)
-        )
-        np.testing.assert_allclose(found.volume, other.volume, rtol=1e-9)
-        np.testing.assert_allclose(found.covariance, other.covariance, rtol=1e-9, atol=1e-20)
 
 
 def test_monte_carlo_of_effects_and_with_correlations(extended, calibrated, rng):
@@ -256,19 +197,6 @@ def test_monte_carlo_of_effects_and_with_correlations(extended, calibrated, rng)
         close(real.covariance / scale, first_order.covariance / scale, 0.11)
         assert (real.volume < first_order.volume * 1.002).all()
         np.testing.assert_allclose(real.volume, first_order.volume, rtol=0.03)
-
-
-def test_a_left_out_cause_may_be_correlated():
-    names, correlation = (
-        ("d3", "a2", "thermal_expansion"),
-        np.array([[1, 0.5, 0.8], [0.5, 1, 0.4], [0.8, 0.4, 1]]),
-    )
-    model = with_covariance(names, (2e-5, 2e-5, 4e-6), correlation)
-    q = postures(model.arm, np.random.default_rng(5), 2)
-    cold = accuracy_volume(model, q)
-    assert cold.not_included == ("thermal_expansion",)
-    two = with_covariance(names[:2], (2e-5, 2e-5), correlation[:2, :2])
-    np.testing.assert_allclose(cold.covariance, accuracy_volume(two, q).covariance, rtol=1e-12)
 
 
 def test_two_that_are_known_only_together_are_one_line(sino6):

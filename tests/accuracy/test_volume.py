@@ -249,17 +249,6 @@ def test_stated_encoder_noise_is_taken_from_the_file(sino6):
 # --- budget
 
 
-def test_budget_names_each_source_once(sino6):
-    table = accuracy_volume(sino6, some(sino6, 4), encoder_noise=1e-5).budget()
-    assert table["parameter"].is_unique
-    uncertain = {p.name for p in sino6.parameters if p.half_width}
-    assert set(table["parameter"]) == uncertain | {f"encoder_noise{j}" for j in range(1, 7)}
-    row = table.set_index("parameter").loc["d3"]
-    assert (row["joint"], row["kind"], row["scope"]) == (3, "d", "arm")
-    # d3 moves the tip one for one.
-    assert row["u_mm"] == pytest.approx(0.02707 / np.sqrt(3), rel=1e-9)
-
-
 # --- what cannot be asked
 
 

@@ -38,6 +38,17 @@ def _die(unless: int) -> None:
     time.sleep(0.1)  # so that the others wait when a process is killed
 
 
+def _process_of(_: int) -> int:
+    return os.getpid()
+
+
+@pytest.mark.parametrize(("processes", "elsewhere"), [(2, True), (1, False)])
+def test_one_process_is_this_one(processes, elsewhere):
+    with workers.results(_process_of, [7], processes) as found:
+        ((_, number),) = found
+    assert (number != os.getpid()) == elsewhere
+
+
 @contextmanager
 def begun_for_ever() -> Iterator[subprocess.Popen[bytes]]:
     """A process whose workers have begun work without end."""
