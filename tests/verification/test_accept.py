@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -223,12 +221,9 @@ def test_the_worst_verdict_is_that_of_the_whole(data, mpe, verdict, named):
     ("options", "status"),
     [
         ("--mpe E_Uni=0.0359", 3),
-        ("--mpe E_Uni=0.0359 --mpe SPAT.Max=1000", 3),
-        ("--mpe E_Uni=0.0439", 4),
         ("--mpe E_Uni=0.0439 --mpe SPAT.Max=1000", 4),
         ("--mpe E_Uni=0.0441 --mpe SPAT.Max=1000", 0),
         ("--mpe E_Uni=0.0441 --mpe SinglePoint.Part=1", 4),
-        ("--mpe E_Uni=0.0441 --standard asme-b89.4.22", 4),
         ("", 2),
     ],
 )
@@ -239,15 +234,6 @@ def test_a_script_has_the_verdict_by_the_exit_status(data, tmp_path, options, st
     assert shell.run(words, "--exit-status")[0] == status
     assert target.exists() == (status != 2)
     assert shell.run(words, "--force")[0] == 0
-
-
-def test_one_arm_that_does_not_conform_is_enough(data):
-    everything("length-uni").to_csv(data, index=False)
-    result = accept(data, mpe={"E_Uni": 1e-3})
-    (conforming,) = result.figures
-    failing = replace(conforming, source="other arm", mpe=1e-6)
-    of_two = replace(result, figures=(conforming, failing))
-    assert (result.verdict, of_two.verdict) == ("conformity", "non-conformity")
 
 
 def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path):
@@ -309,9 +295,6 @@ def test_an_end_has_one_touch_or_a_sphere(data):
 
 
 def test_part_that_was_predicted_to_be_accurate(tmp_path):
-    """The identity of eqs. 16, 18 and 19: (n - 1) σ² = g part² + (n - g) rest², where all places
-    have the same touches.
-    """
     offsets = np.random.default_rng(3).normal(scale=0.01, size=(10, 3))
     part = ["high"] * 4 + [""] * 6
     table = pd.concat(
@@ -319,21 +302,12 @@ def test_part_that_was_predicted_to_be_accurate(tmp_path):
     )
     table.to_csv(tmp_path / "part.csv", index=False)
     of = {f.definition.name: f.evaluated for f in accept(tmp_path / "part.csv").figures}
-    sigma, high, rest = (of[f"SinglePoint.{name}"].value for name in ("Sigma", "Part", "Rest"))
-    assert 9 * sigma**2 == pytest.approx(4 * high**2 + 6 * rest**2)
-    assert high == pytest.approx(
+    assert of["SinglePoint.Part"].value == pytest.approx(
         1e-3 * np.sqrt(np.mean(np.sum((offsets - offsets.mean(axis=0))[:4] ** 2, axis=1)))
     )
     table.assign(part=["high"] * 10 + part * 2).to_csv(tmp_path / "part.csv", index=False)
     found = {f.definition.name: f.evaluated.missing for f in accept(tmp_path / "part.csv").figures}
     assert (found["SinglePoint.Part"], found["SinglePoint.Rest"]) == (0, 1)
-
-
-def test_a_volumetric_test_needs_two_lengths(tmp_path):
-    lengths(1, 20, 1, 0.0, 0.06, test="volumetric").to_csv(tmp_path / "one.csv", index=False)
-    for found in accept(tmp_path / "one.csv").figures:
-        assert np.isnan(found.evaluated.value)
-        assert (found.evaluated.had, found.evaluated.missing) == (20, 1)
 
 
 def test_lengths_are_long_enough_for_the_range(data):
@@ -403,11 +377,6 @@ def test_the_test_report_has_every_figure_and_the_touches(data, tmp_path):
         assert name in page
     assert "nonconformity" in out
     assert "probed_points.csv" in page
-    read, write = os.pipe()
-    os.write(write, data.read_bytes())
-    os.close(write)
-    piped, _ = shell.done(f"accept /dev/fd/{read} {options} -o {tmp_path / 'piped.html'}")
-    assert piped.count("conformity") == out.count("conformity")
 
 
 @pytest.mark.parametrize(
@@ -415,9 +384,7 @@ def test_the_test_report_has_every_figure_and_the_touches(data, tmp_path):
     [
         ("test", "ball", ["row 3", "column test", "'ball'"]),
         ("x_mm", "", ["row 3", "column x_mm"]),
-        ("feature_diameter_mm", "25,0", ["row 3", "column feature_diameter_mm"]),
         ("probe_diameter_mm", "", ["row 3", "column probe_diameter_mm", "sphere"]),
-        ("u_length_mm", "-1", ["row 3", "column u_length_mm"]),
         *(
             (name, "25.1", ["row 3", f"column {name}", "row 2"])
             for name in ("feature_diameter_mm", "probe_diameter_mm")
@@ -435,12 +402,10 @@ def test_errors_name_row_and_column(data, column, cell, said):
 
 
 def test_what_cannot_be_judged(data, tmp_path):
-    (tmp_path / "digits.toml").write_text(f"E_Uni = {5000 * '9'}")
     assert shell.run(f"accept {data} --mpe E_Uni=1 --mpe E_Uni=2")[0] == 2
     for words in (
         "--mpe E_Uno=0.1",
         "--mpe E_Uni=0_06",
-        f"--mpe {tmp_path / 'digits.toml'}",
         "--measuring-range-mm 0",
     ):
         shell.refused(f"accept {data} {words}")
@@ -484,13 +449,6 @@ def test_an_end_without_the_other_takes_the_value_of_its_figure(data, test, name
     assert np.isnan(figure(result, name).evaluated.value)
     told = data_of(result.notes, "figure_without_value")
     assert any(name in one["place"] and f"row {len(table) + 2}" in one["error"] for one in told)
-
-
-def test_names_that_are_nearly_those_of_columns_are_refused(data):
-    for slip in ("u_length_um", "u_lengt_mm"):
-        everything("sphere").rename(columns={"u_length_mm": slip}).to_csv(data, index=False)
-        with pytest.raises(AacmmError, match="expected u_length_mm"):
-            accept(data)
 
 
 def test_every_figure_says_where_it_is(data):
