@@ -304,45 +304,6 @@ def test_all_single_solutions_and_how_often():
         assert found.unseen == 3.0 / found.since_new
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("in_python")
-def test_starts_that_stall_beside_a_solution():
-    """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are
-    single.
-    """
-    for missed, there in ((1e-6, True), (1e-4, False)):
-        system = apart(cosine(1.0 + missed), cosine(0.5), joints=2)
-        found = search(Isolated(system, q=np.empty((0, 2))), 2)
-        assert (found.arrived, found.stalled > 0) == (0, there)
-    finds = Isolated(apart(cosine(1.0), cosine(0.5), joints=2), q=np.empty((0, 2)))
-    found = search(finds, 2)
-    assert (
-        distances(finds.q, np.array([[0.0, np.pi / 3], [0.0, -np.pi / 3]])).min(axis=1).max() < 1e-5
-    )
-    assert (len(finds.q), finds.families, sum(found.hits)) == (2, 0, found.arrived)
-
-
-@pytest.mark.usefixtures("in_python")
-def test_families_of_solutions_are_no_single_ones():
-    """An angle that no equation has: everything arrives at a family, of which the first is kept."""
-
-    def nothing(q: float) -> tuple[float, float]:
-        return 0.0 * q, 0.0 * q
-
-    finds = Isolated(apart(cosine(0.5), nothing, joints=2), q=np.empty((0, 2)))
-    found = search(finds, 2)
-    assert (len(finds.q), found.hits, found.degenerate) == (0, (), True)
-    assert finds.families == found.arrived > 0
-    assert finds.family is not None
-    assert abs(finds.family[0]) == pytest.approx(np.pi / 3)
-    for wider in (
-        Isolated(apart(cosine(0.5), cosine(0.2), nothing, joints=3), q=np.empty((0, 3))),
-        SelfMotion(apart(cosine(0.5), nothing, joints=3)),
-    ):
-        found = search(wider, 3)
-        assert (wider.families, found.hits) == (found.arrived, ())
-
-
 @pytest.mark.usefixtures("in_python")
 def test_closed_curves_and_how_often():
     """Straight, round a free angle: four of them."""

@@ -60,17 +60,6 @@ def test_turns_are_the_logarithm_and_pointing_is_an_angle(sino6, rng, angle):
                 close(equations(q[None], zero)[1][0], by_differences(equations, q), 2e-7)
 
 
-def test_half_a_turn_away_is_not_there(sino6):
-    q, zero = np.zeros((1, 6)), np.zeros(1, dtype=np.intp)
-    pose = sino6.poses(q).placement[0]
-    for given in (
-        {"rotation": pose[:3, :3] @ np.diag([-1.0, -1.0, 1.0])},
-        {"tool": np.array([0.0, 0.0, 1.0]), "axis": -pose[:3, 2]},
-    ):
-        off = PoseConditions(sino6.chain, pose[:3, 3], **given).equations()(q, zero)[0][0]
-        assert np.linalg.norm(off) == pytest.approx(np.pi)
-
-
 # --- what is refused
 
 
