@@ -32,6 +32,7 @@ from aacmm_pin.calibration.parameters import (
     named_parameters,
     problem_of,
     scale_is_unidentifiable,
+    unused_places,
 )
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
@@ -146,8 +147,9 @@ def calibrate(
             relation is unknown and differs between sessions; results are then in the frame of the
             first session.
         target: ``tip`` if the reference coordinates are those of the tip. ``unknown`` if the
-            references are for an unknown point on the last body; targets with a marker label are
-            always unknown. ``frame`` if the target has the position and the axes of the tip frame.
+            references are for an unknown point on the last body. Targets with a marker label are
+            always unknown, within the standard uncertainty of their ``stylus_offset`` if the model
+            states it. ``frame`` if the target has the position and the axes of the tip frame.
             For ``tip`` and ``unknown``, the fit also estimates one constant rotation for each
             marker if the records state orientations.
         prior: use the stated uncertainties of the arm as information.
@@ -209,6 +211,8 @@ def calibrate(
             f"{after.problem.scales.size} parameters and the coordinates of the seats, to estimate "
             "the noise. State the noise, take more records, or estimate fewer parameters"
         )
+    if unused := unused_places(model, measurements, setup, asked):
+        repeated.append(Note("places_unused", {"places": unused}))
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
     calibration = Calibration(
@@ -560,7 +564,7 @@ def notes_of(after: Fit) -> list[Note]:
         notes.append(Note("uncertainty_assumed", assumed))
     estimated = {p.name for p in problem.vector.arm_parameters if p is not None}
     held = sum(p.u > 0 and p.name not in estimated for p in problem.model.arm.parameters)
-    if held and estimated:
+    if held and problem.asked:
         notes.append(Note("geometry_held", {"held": held}))
     if not redundant(after) and not after.excluded.any():
         notes.append(Note("gross_errors_unsought"))

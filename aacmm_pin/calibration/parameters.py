@@ -66,6 +66,9 @@ def problem_of(
         AacmmError: nothing to estimate, or the same twice.
     """
     items = [parameters] if isinstance(parameters, str) else list(parameters)
+    named_causes = {item.label for item in items if isinstance(item, Effect)}
+    places = known_places(model, measurements, setup)
+    items += [place for place in places if place.label not in named_causes]
     # A value that is asked for by itself, with a width of its own, stands in its own place.
     asked = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
     chosen = [
@@ -274,11 +277,32 @@ def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> 
     """Whether it is where a target of the records sits, and that is unknown: no u is stated that
     counts.
     """
+    labels = {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
+    return effect.label in labels and not _is_known_place(effect, setup)
+
+
+def known_places(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
+    """Where targets of the records sit, if the arm states it with a u that counts."""
+    labels = {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
+    return [e for e in model.effects if e.label in labels and _is_known_place(e, setup)]
+
+
+def unused_places(
+    model: ErrorModel, measurements: Measurements, setup: Setup, asked: Collection[str]
+) -> list[str]:
+    """Labels of places of markers that the arm states without a u, so that they are looked for
+    anew; unless ``asked`` for by their label.
+    """
+    if not setup.prior:
+        return []
+    targets = [effect for effect in model.effects if is_reestimated(effect, setup, measurements)]
+    return [target.label for target in targets if target.place and target.label not in asked]
+
+
+def _is_known_place(effect: Effect, setup: Setup) -> bool:
+    """Whether it is where a marker sits, with a u that counts."""
     of_marker = isinstance(effect, StylusOffset) and effect.marker is not None
-    if of_marker and setup.prior and any(effect.u):
-        return False
-    targets = _of_target(measurements, setup.target)
-    return effect.label in {unknown.label for unknown, _, _ in targets}
+    return of_marker and setup.prior and any(effect.u)
 
 
 def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:

@@ -108,6 +108,45 @@ def agreement(arm: Arm, result: Calibration, errors: Array) -> float:
     return float(chi2.sf(off @ np.linalg.solve(result.covariance, off), off.size))
 
 
+def test_stated_places_of_targets_are_a_prior(rng):
+    """They determine the last placement, which targets at unknown places do not. If zeros alone are
+    estimated, a note states that the placements stay.
+    """
+    u = (2e-5, 2e-5, 2e-5)
+    stated = {"A": (0.05, 0.0, 0.08), "B": (-0.03, 0.045, 0.07), "C": (-0.02, -0.05, 0.11)}
+    arm = Arm.from_urdf("ur5", translation_half_width=5e-4, rotation_half_width=1e-3)
+    targets = [StylusOffset(marker, values=at, u=u) for marker, at in stated.items()]
+    true = [target.at(rng.normal(target.values, u)) for target in targets]
+    moved = np.zeros((6, 6))
+    moved[5, [1, 4]] = 3e-4, 6e-4  # along and about the last axis
+    q = rng.uniform(-2.5, 2.5, (120, 6))
+    marker = Conditions(120, marker=np.array([*"ABC"] * 40, dtype=object))
+    real = ErrorModel(arm.with_placements(moved, None), true)
+    points = real.predict(q, marker) + rng.normal(0.0, 1e-5, (120, 3))
+    records = Measurements.of(q, points, conditions=marker)
+    noise = {"encoder_noise": 1e-6, "reference_noise": 1e-5, "hold_out": False}
+    result = calibrate(ErrorModel(arm, targets), records, **noise)
+    table = result.parameters.set_index("parameter")
+    last = table.loc[["y6", "ry6"]]
+    prior_u = {parameter.name: parameter.u for parameter in arm.parameters}
+    assert (np.abs(last["after"] - [0.3, 6e-4]) < 4 * last["u"]).all()
+    assert table.loc["y6", "u"] * 1e-3 < 0.1 * prior_u["y6"]
+    assert table.loc["ry6", "u"] < 0.6 * prior_u["ry6"]
+    named = calibrate(ErrorModel(arm, targets), records, ["geometry", *targets], **noise)
+    pd.testing.assert_frame_equal(result.parameters, named.parameters)
+    ignored = calibrate(ErrorModel(arm, targets), records, prior=False, **noise)
+    unstated = [target.at(target.values) for target in targets]
+    without_u = calibrate(ErrorModel(arm, unstated), records, **noise)
+    (note,) = data_of(without_u.notes, "places_unused")
+    assert not data_of([*result.notes, *ignored.notes], "places_unused")
+    assert note["places"] == [target.label for target in targets]
+    zeros = calibrate(ErrorModel(arm, targets), records, "zero-offsets", **noise)
+    assert data_of(zeros.notes, "geometry_held") == [{"held": 36}]
+    for free in (ignored, without_u):
+        known = free.parameters.set_index("parameter")["known"]
+        assert known["ry6"] in ("as stated", "in combination")
+
+
 @pytest.mark.parametrize("by_marker", [True, again(False)])
 def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6, by_marker):
     """χ² of 12 files with noise as stated, the reading's the larger part, and a target 0.3 m beyond
