@@ -668,7 +668,8 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
         coupling_matrix(file.couplings, (Drive.of(nominal.nq, mimics).own + 1).tolist())
     except ValueError as error:
         raise ArmFileError(path, "couplings", str(error)) from None
-    return _corrected(nominal, file.model_copy(update={"joints": joints}), mimics)
+    file = _with_urdf(file.model_copy(update={"joints": joints}), sha256=sha256)
+    return _corrected(nominal, file, mimics)
 
 
 def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) -> Arm:

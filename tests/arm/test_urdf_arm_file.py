@@ -4,6 +4,7 @@ together is refused.
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from aacmm_pin.arm import Arm
+from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.effects import ErrorModel, JointCompliance
 from aacmm_pin.errors import ArmFileError
@@ -112,6 +114,25 @@ def test_what_is_refused(old, new, said, calibrated_ur5, robot_file, tmp_path):
 def calibrated_ur5(robot_file: Callable[[str], Path]) -> str:
     """As it is saved beside its URDF."""
     return calibrated(robot_file("ur5_robot.urdf"), "tool0", np.random.default_rng(1)).text()
+
+
+def test_a_file_without_a_hash_belongs_to_the_urdf_that_was_read(robot_file, tmp_path):
+    urdf = Path(shutil.copy(robot_file("ur5_robot.urdf"), tmp_path))
+    bare = tmp_path / "bare.toml"
+    bare.write_text(
+        'schema = "aacmm-pin/arm/1"\nname = "bare"\n'
+        '[urdf]\nfile = "ur5_robot.urdf"\nframe = "tool0"\n'
+    )
+    arm = Arm.load(bare)
+    assert arm.urdf_file.urdf.sha256 == hashlib.sha256(urdf.read_bytes()).hexdigest()
+    assert corrected_urdf(arm) == urdf.read_bytes()
+    moved = arm.with_placements(np.full((6, 6), 1e-3), None)
+    ErrorModel(moved).save(tmp_path / "moved.toml")
+    q = np.ones((1, 6))
+    close(Arm.load(tmp_path / "moved.toml").positions(q), moved.positions(q), 1e-15)
+    urdf.write_bytes(urdf.read_bytes() + b" ")
+    with pytest.raises(ArmFileError, match=r"moved\.toml: urdf\.sha256: .* was changed"):
+        Arm.load(tmp_path / "moved.toml")
 
 
 def test_another_urdf_is_refused(calibrated_ur5, robot_file, tmp_path):
