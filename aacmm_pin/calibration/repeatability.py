@@ -14,9 +14,12 @@ from aacmm_pin._support.distributions import f_sf
 from aacmm_pin._support.units import count
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.noise_model import reference_u
 
 FEWEST_CYCLES = 10
 """A posture with fewer repeats has no RP: with 10, the mean RP is 7 % too small, with 5 15 %."""
+RP_OF_NOISE = float(np.sqrt(8.0 / np.pi) + 3.0 * np.sqrt(3.0 - 8.0 / np.pi))
+"""RP for normal noise with standard deviation 1 in each coordinate."""
 NO_VARIANCE = 1e-9
 """Directions whose variance is less than this part of the largest have none."""
 
@@ -47,6 +50,8 @@ class Repeatability(Shown):
         clock: time of each repeat (n,) [s], or its line in the file.
         is_timed: whether ``clock`` is a time.
         residuals: tip minus target of all used records after calibration (k, 3) [m].
+        reference_u: stated standard uncertainty of a reference coordinate, RMS over the repeats
+            [m]; nan if it is not stated, or if the reference is that of a seat.
     """
 
     posture: Index
@@ -54,6 +59,7 @@ class Repeatability(Shown):
     clock: Array
     is_timed: bool
     residuals: Array
+    reference_u: float = np.nan
 
     @property
     def cycles(self) -> Index:
@@ -84,6 +90,14 @@ class Repeatability(Shown):
         distances = pd.Series(np.linalg.norm(self.deviations, axis=1)).groupby(self.posture)
         of_posture = distances.mean() + 3.0 * distances.std()
         return of_posture.to_numpy()[self.cycles >= FEWEST_CYCLES]
+
+    @property
+    def rp_of_references(self) -> float:
+        """RP that the stated noise of the references alone gives [m]; nan if it is not stated.
+
+        The distances have a Maxwell distribution.
+        """
+        return RP_OF_NOISE * self.reference_u
 
     @property
     def elapsed(self) -> Array:
@@ -137,6 +151,9 @@ def repeatability_of(fit: Fit) -> Repeatability | None:
     target = np.where(records.placed[:, None], records.reference, 0.0)
     apart = pd.DataFrame((fit.point.prediction.tips - target)[rows], index=table[repeated].index)
     posture = np.asarray(by_posture.ngroup(), dtype=np.intp)
+    # The coordinates of a seat are one reference for all of its records.
+    own_reference = records.placed & (fit.observations.seat < 0)
+    u = np.where(own_reference[:, None], reference_u(records, fit.problem.setup, np.nan), np.nan)
     time = conditions.time
     clock = records.row if time is None else time
     return Repeatability(
@@ -145,4 +162,5 @@ def repeatability_of(fit: Fit) -> Repeatability | None:
         np.asarray(clock[rows], dtype=np.float64),
         time is not None,
         fit.system.deviation[used],
+        float(np.sqrt(np.square(u[rows]).mean())),
     )

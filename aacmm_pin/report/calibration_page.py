@@ -466,7 +466,7 @@ def _parameter_table(rows: pd.DataFrame) -> Table:
         shown[["parameter", "value", "change", "U", "stated", "in", "known"]],
         "Parameters",
         dict.fromkeys(("stated", "U"), form),
-        {"stated": "stated half-width", "U": "U (k = 2)", "in": "unit"},
+        {"stated": "stated half-width or 2u", "U": "U (k = 2)", "in": "unit"},
         explained=KNOWN,
     )
 

@@ -41,8 +41,14 @@ def repeatability_in_words(repeats: Repeatability) -> str:
             "RP is the pose repeatability of ISO 9283: the mean distance from the barycentre plus "
             "3 standard deviations of the distances. For "
             f"{count(repeats.rp.size, 'posture')} with {FEWEST_CYCLES} or more repeats, RP is "
-            f"{low} to {high}, with a median of {middle}."
+            f"{low} to {high}, with a median of {middle}. RP includes the noise of the instrument."
         )
+        if np.isfinite(repeats.reference_u):
+            u, rp = lengths([repeats.reference_u, repeats.rp_of_references])
+            sentences.append(
+                f"The stated noise of the references alone, {u} for each coordinate, gives an RP "
+                f"of {rp}."
+            )
     if repeats.drift is not None:
         change, p = float(np.linalg.norm(repeats.drift.change)), repeats.drift.p_value
         over = "time" if repeats.is_timed else "the order of the rows"

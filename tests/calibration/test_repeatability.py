@@ -15,6 +15,7 @@ from aacmm_pin.diagnosis import check_measurements
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report import check_document, check_summary
 from aacmm_pin.report.plots import plot_repeats
+from aacmm_pin.report.repeated_postures import repeatability_in_words
 
 POSTURES, CYCLES, OTHERS = 10, 30, 30
 SD = np.array([10e-6, 20e-6, 30e-6])
@@ -68,6 +69,31 @@ def test_repeatability_is_that_of_the_robot(sino6):
     by_hand = [rp_of(tips[k : POSTURES * CYCLES : POSTURES]) for k in range(POSTURES)]
     # The geometry that the check fits hardly matters.
     np.testing.assert_allclose(repeats.rp, by_hand, rtol=1e-2)
+
+
+def test_rp_of_the_noise_of_the_references(sino6):
+    """By draws; stated by an option or in columns. Coordinates of a seat are one reference."""
+    records = measured(sino6, 6)
+    assert np.isnan(repeats_of(sino6, records).rp_of_references)
+    said = repeatability_in_words(repeats_of(sino6, records))
+    assert "RP includes the noise of the instrument." in said
+    assert "noise of the references alone" not in said
+    stated = check_measurements(sino6, records, reference_noise=2e-5).repeatability
+    assert stated is not None
+    draws = np.random.default_rng(1).normal(scale=2e-5, size=(200_000, 3))
+    assert stated.rp_of_references == pytest.approx(rp_of(draws), rel=0.01)
+    assert (
+        "The stated noise of the references alone, 20.0 µm for each coordinate, gives an RP of "
+        "72.3 µm."
+    ) in repeatability_in_words(stated)
+    columns = {f"u_{axis}_mm": 0.02 for axis in "xyz"}
+    by_columns = repeats_of(sino6, measured(sino6, 6, **columns))
+    assert by_columns.rp_of_references == pytest.approx(stated.rp_of_references)
+    number = np.r_[np.arange(POSTURES * CYCLES) % POSTURES, POSTURES + np.arange(OTHERS)]
+    touched = measured(sino6, 6, seat=[f"S{k}" for k in number], **columns)
+    _, first = np.unique(number, return_index=True)
+    seated = repeats_of(sino6, replace(touched, reference=touched.reference[first][number]))
+    assert np.isnan(seated.rp_of_references)
 
 
 def test_drift_is_that_of_the_robot(sino6):
