@@ -7,6 +7,7 @@ from .example_robots import EXAMPLE_ROBOTS
 from .file import (
     COVERAGE_FACTOR,
     MOST_BYTES,
+    UR_FILES,
     ArmFile,
     Covariance,
     DiscrepancyEntry,
@@ -24,7 +25,7 @@ from .limits import AT_LIMIT, inside_part, into_limits, outside_limits, whole_tu
 from .parameter import Parameter, Scope, wide_half_width_notes
 from .poses import Poses
 from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds, spread_postures
-from .ur_kinematics import UR_FILES, UR_ROBOTS, UrKinematics
+from .ur_kinematics import UR_ROBOTS, UrKinematics
 from .urdf_to_dh import dh_file
 
 __all__ = [

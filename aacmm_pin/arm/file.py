@@ -68,6 +68,8 @@ COVERAGE_FACTOR = 2.0
 
 MOST_BYTES = 32_000_000
 """Size of a file: one with a covariance of a thousand parameters has half of it."""
+UR_FILES = (".yaml", ".yml", ".conf")
+"""Ends of the names of kinematics files of Universal Robots."""
 DECIMAL_COMMA = re.compile(r"=\s*([+-]?[0-9]{1,9},[0-9]{1,17})")
 """A value with a decimal comma, which is none in TOML."""
 TABLE = re.compile(
@@ -655,6 +657,7 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
             )
         return ArmFileError(path, "", message)
 
+    refuse_ur_file(path)
     if TABLE.match(content):
         raise ArmFileError(
             path, "", "this is a table (CSV); expected an arm file (TOML); state ARM before DATA"
@@ -665,6 +668,17 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
     file = validated(UrdfArmFile, data, path)
     absolute = os.path.abspath(Path(os.path.realpath(path)).parent / file.urdf.file)
     return file.model_copy(update={"urdf": file.urdf.model_copy(update={"file": absolute})})
+
+
+def refuse_ur_file(path: str) -> None:
+    """Raises ArmFileError if the file is named like a kinematics file of Universal Robots."""
+    if path.lower().endswith(UR_FILES):
+        raise ArmFileError(
+            path,
+            "",
+            "the name is that of a kinematics file of Universal Robots; expected an arm file "
+            f"(*.toml) or a URDF; to write its URDF, run aacmm-pin urdf {path} -o robot.urdf",
+        )
 
 
 def validated(kind: type[Kind], data: dict[str, Any], path: str) -> Kind:

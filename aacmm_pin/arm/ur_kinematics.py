@@ -21,6 +21,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import screws, skew
 from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw, roll_pitch_yaw
 from aacmm_pin.arm.dh_to_urdf import fixed_link, moving_link
+from aacmm_pin.arm.pinocchio_model import built_model
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
@@ -43,8 +44,6 @@ UR_ROBOTS = {
 }
 """Lengths a of rows 2 and 3, and d of rows 1, 4, 5 and 6, by the maker's table [m]; all other
 lengths are zero."""
-UR_FILES = (".yaml", ".yml", ".conf")
-"""Ends of the names of such files."""
 FAR_FROM_TABLE = 0.05
 """A link farther than this from where the maker's table has it is not calibrated, but wrong [m]."""
 LONGEST_LINK = 3.0
@@ -124,6 +123,10 @@ class UrKinematics:
         fixed_link(root, link, "tool0", *_xyz_rpy(self.placements[-1]))
         ET.indent(root)
         return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+    def arm(self) -> Arm:
+        """Return the arm with its tip at ``tool0``."""
+        return Arm.from_model(built_model(self.urdf(), self.name), "tool0")
 
     def text(self) -> str:
         """Return the kinematics file of the ROS description, without the placement of the tool."""

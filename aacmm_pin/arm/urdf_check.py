@@ -23,6 +23,7 @@ from aacmm_pin._support.plausible import (
     MOST_RATIO,
     like_degrees,
 )
+from aacmm_pin.arm.file import refuse_ur_file
 from aacmm_pin.arm.pinocchio_model import built_model
 from aacmm_pin.errors import ArmFileError
 
@@ -73,6 +74,7 @@ def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
     content = content_of(
         path, MAX_URDF_BYTES, "a URDF", lambda message: ArmFileError(str(path), "", message)
     )
+    refuse_ur_file(str(path))
     robot = parsed_urdf(content, str(path))
     links = len(robot.findall("link"))
     if links > MAX_LINKS:

@@ -19,11 +19,12 @@ from aacmm_pin.calibration.least_squares import (
 from aacmm_pin.calibration.linearisation import SeatElimination, seat_columns
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import ParameterVector, geometric_parameters
-from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.predicted_residuals import predicted_rms
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.repeatability import FEWEST_CYCLES, Repeatability, repeatability_of
 from aacmm_pin.calibration.result import (
+    UNCHANGED,
     BasePlacement,
     Calibration,
     base_is_open,
@@ -37,10 +38,12 @@ from aacmm_pin.calibration.solver import MISFIT
 from aacmm_pin.calibration.variance_components import information_of_seats
 
 __all__ = [
+    "ASSEMBLED",
     "FEWEST_CYCLES",
     "FEWEST_OF_A_FRAME",
     "MISFIT",
     "NO_SCATTER",
+    "UNCHANGED",
     "BasePlacement",
     "Calibration",
     "Comparison",

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 import typer
 
 from aacmm_pin._support.text_escaping import encodable
+from aacmm_pin._support.units import MM
 from aacmm_pin.arm import (
     UR_FILES,
     UR_ROBOTS,
+    Arm,
     ArmFile,
     UrKinematics,
     arm_text,
     dh_file,
+    spread_postures,
     urdf_text,
 )
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
+from aacmm_pin.calibration import ASSEMBLED, UNCHANGED, is_of_setup, rms
 from aacmm_pin.cli.arm_options import AnyArm
 from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import Output, Replacing, Results, note
-from aacmm_pin.effects import ErrorModel, StylusOffset
+from aacmm_pin.cli.common import Output, Replacing, Results, note, warn
+from aacmm_pin.effects import Effect, ErrorModel, StylusOffset
+from aacmm_pin.errors import MissingConditionError, UnsupportedArmError
+
+POSTURES = 300
+"""Postures over which the displacement by causes is the RMS: its standard deviation is a few per
+cent.
+"""
 
 
 @command(
@@ -61,24 +72,28 @@ def run(
     with Results(files, output) as results:
         if to_dh and to_ur:
             raise typer.BadParameter("--to-dh cannot be combined with --to-ur")
+        robot = None
         if arm.arm is not None and arm.arm.lower().endswith(UR_FILES):
             robot = UrKinematics.read(arm.arm, ur_robot)
-            results.text(_kinematics_of(robot) if to_ur else robot.urdf(), output)
-            return
-        model = arm.model()
+        model = ErrorModel(robot.arm()) if robot else arm.model()
         if to_ur:
-            if model.effects:
-                names = ", ".join(effect.label for effect in model.effects)
-                note(f"the kinematics file does not contain the causes of error {names}")
-            results.text(_kinematics_of(UrKinematics.of(model.arm)), output)
+            kinematics = robot or UrKinematics.of(model.arm)
+            _note_of_causes(model, "kinematics file")
+            if undetermined := _undetermined_tool(model.arm):
+                warn(
+                    f"the calibration did not determine {', '.join(undetermined)}, so that the "
+                    "placement of the tool is uncertain; measure targets at known places of the "
+                    "flange, or orientations with --target frame"
+                )
+            results.text(_kinematics_of(kinematics), output)
         elif to_dh:
             table = arm_text(dh_file(model.arm))
-            if model.effects:
-                names = ", ".join(effect.label for effect in model.effects)
-                note(f"the DH table does not contain the causes of error {names}")
+            _note_of_causes(model, "DH table")
             if np.diag(model.covariance()).any():
                 note("the DH table does not contain the uncertainties of the arm")
             results.text(table, output)
+        elif robot:
+            results.text(robot.urdf(), output)
         else:
             results.file(output or "-").write_bytes(urdf_of(model))
 
@@ -91,12 +106,54 @@ def _kinematics_of(robot: UrKinematics) -> str:
     return robot.text()
 
 
+def _undetermined_tool(arm: Arm) -> list[str]:
+    """Parameters along and about the last axis that a calibration left as they were stated."""
+    if arm.covariance is None:
+        return []
+    u = {parameter.name: parameter.u for parameter in arm.parameters}
+    stated = {p.name: p.u or ASSEMBLED[p.unit] for p in arm.uncorrected.parameters}
+    names = [f"{kind}{arm.nq}" for kind in ("z", "rz")]
+    return [
+        name
+        for name in names
+        if name not in arm.covariance.parameters or u[name] > UNCHANGED * stated[name]
+    ]
+
+
+def _note_of_causes(model: ErrorModel, form: str, kept: Sequence[Effect] = ()) -> None:
+    """Say which causes a file of this form does not contain, and how far they move the tip."""
+    acting = [effect for effect in model.effects if not is_of_setup(effect)]
+    lost = [effect.label for effect in acting if effect not in kept]
+    if lost:
+        size = _displacement_in_words(model.restricted(tuple(acting)), kept)
+        note(
+            f"the {form} does not contain the causes of error {', '.join(lost)}{size}. "
+            "For the most accurate geometry alone, export an arm that calibrate estimated "
+            "without these causes"
+        )
+
+
+def _displacement_in_words(model: ErrorModel, kept: Sequence[Effect]) -> str:
+    """How far the causes that are not ``kept`` move the tip; "" if that depends on conditions or
+    unknown masses.
+    """
+    arm = model.arm
+    q = spread_postures(arm, POSTURES, np.zeros((1, arm.nq)))
+    q = q[model.known_at(q).all(axis=1)]
+    if not len(q):
+        return ""
+    try:
+        moved = model.predict(q) - model.restricted(tuple(kept)).predict(q)
+    except (MissingConditionError, UnsupportedArmError):
+        return ""
+    size = rms(np.linalg.norm(moved, axis=1)) / MM
+    return f", which displace the tip by {size:.2g} mm (RMS over the ranges of the joints)"
+
+
 def urdf_of(model: ErrorModel) -> bytes:
     """The URDF of an arm, with a note on causes that a URDF cannot state."""
     offsets = [e for e in model.effects if isinstance(e, StylusOffset) and e.marker is None]
-    lost = [effect.label for effect in model.effects if effect not in offsets]
-    if lost:
-        note(f"the URDF does not contain the causes {', '.join(lost)}, which no URDF can state")
+    _note_of_causes(model, "URDF", offsets)
     file = model.file()
     if isinstance(file, ArmFile):
         return encodable(urdf_text(file, with_stylus_offset=True)).encode()

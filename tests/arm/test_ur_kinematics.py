@@ -4,13 +4,17 @@ of the controller's Denavit–Hartenberg table has it.
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import UR_ROBOTS, Arm, UrKinematics
+from aacmm_pin.arm import UR_ROBOTS, Arm, Covariance, UrKinematics, axis
+from aacmm_pin.effects import ErrorModel, JointPeriodicError, StylusOffset
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 from tests.cli import shell
 
@@ -182,3 +186,74 @@ def test_what_cannot_be_written_is_refused_or_stated(controller, tmp_path):
     path.write_text(text.replace("roll: 1.57", "roll: 91.57"))
     with pytest.raises(ArmFileError, match="2π rad"):
         UrKinematics.read(path)
+
+
+def test_a_file_of_the_maker_becomes_a_dh_table(controller, tmp_path):
+    """Of both files, as by way of their URDF; other commands name the command that reads them."""
+    urdf, kinematics = tmp_path / "ur5.urdf", tmp_path / "ur5.yaml"
+    shell.done(f"urdf {controller} --ur-robot ur5 -o {urdf}")
+    shell.done(f"urdf {controller} --ur-robot ur5 --to-ur -o {kinematics}")
+    postures = np.random.default_rng(3).uniform(-np.pi, np.pi, (20, 6))
+    for number, words in enumerate((f"{controller} --ur-robot ur5", kinematics)):
+        table = tmp_path / f"{number}.toml"
+        shell.done(f"urdf {words} --to-dh -o {table}")
+        poses = Arm.load(table).poses(postures).placement
+        by_matrices = np.array([tool(q) for q in postures])
+        np.testing.assert_allclose(poses, by_matrices, rtol=0, atol=1e-11)
+    for words in (
+        f"accuracy {kinematics} --point 400 100 300",
+        f"accuracy --urdf {kinematics} --frame tool0 --point 400 100 300",
+        f"accuracy {controller} --point 400 100 300",
+    ):
+        shell.refused(words, said=["of Universal Robots", "aacmm-pin urdf"])
+
+
+def calibrated(urdf: Path, u: dict[str, float]) -> Path:
+    """An arm file of a calibration that found these standard uncertainties [m, rad]."""
+    arm = Arm.from_urdf(urdf, "tool0", translation_half_width=3e-4, rotation_half_width=1e-3)
+    known = Covariance(
+        parameters=tuple(u),
+        standard_uncertainty_si=tuple(u.values()),
+        correlation=tuple((0.0,) * k for k in range(len(u))),
+    )
+    path = urdf.with_suffix(".toml")
+    cause = JointPeriodicError(2, order=2, values=(1e-4, 0.0))
+    target = StylusOffset("A", values=(0.1, 0.0, 0.0))
+    moved = arm.with_placements(np.zeros((6, 6)), known)
+    ErrorModel(moved, (cause, target)).save(path, force=True)
+    return path
+
+
+def test_what_a_kinematics_file_lacks_of_an_arm_is_stated(controller, tmp_path):
+    urdf, out = tmp_path / "ur5.urdf", tmp_path / "out.yaml"
+    shell.done(f"urdf {controller} --ur-robot ur5 -o {urdf}")
+    _, of_urdf = shell.done(f"urdf --urdf {urdf} --frame tool0 --to-ur -o {out}")
+    assert "did not determine" not in of_urdf
+    for u, undetermined in (
+        ({"x6": 1e-5}, "z6, rz6"),
+        ({"z6": 1e-5, "rz6": 1e-3 / 3**0.5}, "rz6"),
+        ({"z6": 1e-5, "rz6": 2e-5}, ""),
+    ):
+        arm = calibrated(urdf, u)
+        _, said = shell.done(f"urdf {arm} --to-ur -o {out} --force")
+        assert ("warning: the calibration did not determine" in said) == bool(undetermined)
+        assert f"determine {undetermined}," in said or not undetermined
+
+
+def test_the_size_of_causes_that_an_export_drops(controller, tmp_path):
+    """By the distances of the tip from the axis of joint 2 in random postures."""
+    urdf = tmp_path / "ur5.urdf"
+    shell.done(f"urdf {controller} --ur-robot ur5 -o {urdf}")
+    arm = Arm.from_urdf(urdf, "tool0")
+    q = np.random.default_rng(4).uniform(-2 * np.pi, 2 * np.pi, (20_000, 6))
+    rotation, origin = (part[axis(2)] for part in arm.chain.walk(q))
+    lever = np.cross(arm.positions(q) - origin, rotation[:, :, 2])
+    turn = 1e-4 * np.cos(2 * q[:, 1])
+    expected = np.sqrt(np.mean(np.square(turn[:, None] * lever).sum(axis=1))) * 1e3
+    file = calibrated(urdf, {"z6": 1e-5, "rz6": 2e-5})
+    for option in ("", "--to-dh", "--to-ur"):
+        _, said = shell.done(f"urdf {file} {option} -o {tmp_path / 'out'} --force")
+        size = re.search(r"joint_periodic_error:2.*displace the tip by (\S+) mm", said)
+        assert size is not None
+        assert float(size[1]) == pytest.approx(expected, rel=0.1)
+        assert "calibrate estimated without these causes" in said
