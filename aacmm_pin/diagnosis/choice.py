@@ -22,6 +22,7 @@ from aacmm_pin.diagnosis.linear_model import Conditional
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 
 
@@ -120,10 +121,13 @@ class Choice:
     @property
     def log_posterior(self) -> float:
         """Log posterior of the most probable set with the noise, up to a constant of these
-        records.
+        records; the prior odds of an error that postures share are those of all covariates.
         """
         space = self.posterior.space
-        of_noise = self.noise.postures.log_density(space.likelihood.dof)
+        postures = self.noise.postures
+        of_noise = postures.log_density(space.likelihood.dof)
+        if postures.relative:
+            of_noise += float(np.log(1.0 - THRESHOLDS.library))
         return space.marginal(self.posterior.top).log_posterior + of_noise
 
     @property

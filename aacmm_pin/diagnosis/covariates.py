@@ -214,7 +214,9 @@ def _covariate(
     column = column or Column(name)
     numbers = as_numbers(values)
     if numbers is None:
-        return _covariate_of_labels(name, pd.Series(values).astype(str), carriers, column)
+        moved = ["frame"] if "lengths" in carriers else []
+        labels = pd.Series(values).astype(str)
+        return _covariate_of_labels(name, labels, [*carriers, *moved], column)
     slow, quick = (Cosines.over(name, numbers, count) for count in SMOOTH)
     variants = [_carried(slow, numbers, carrier, state) for carrier in carriers]
     if carriers[0] == "room" and len(numbers) > 3 * SMOOTH[1]:

@@ -143,7 +143,8 @@ def _standing(
     median model.
 
     Each refit looks for gross errors anew, or is of the records ``used``; the last one then of
-    those that fit with all that was found, where covariates are a part of it.
+    those that fit with all that was found, where covariates are a part of it. Else it looks for
+    gross errors too; if some of the records ``used`` are, the search begins again without them.
     """
     at = first
     effects = list[Effect]()
@@ -183,10 +184,15 @@ def _standing(
     if used is not None and choice.covariates:
         used = used & ~_doubtful(choice, choice.design.fit)
         first = fit(problem_of([]), used=used)
-    elif used is not None:  # gross errors are looked for with all causes
-        used = None
-        choice = replace(choice, fit=first)
-    return _extended(problem_of, choice, first, used)
+        return _extended(problem_of, choice, first, used)
+    if used is None:
+        return _extended(problem_of, choice, first)
+    extended = _extended(problem_of, replace(choice, fit=first), first)
+    good = used & extended.fit.used
+    if good.sum() == used.sum():
+        return extended
+    without = fit(problem_of([]), used=good)
+    return _standing(problem_of, without, library, others, parts, progress, good)
 
 
 def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
@@ -230,7 +236,9 @@ class _Before:
         )
 
 
-def _extended(problem_of: ProblemOf, choice: Choice, first: Fit, used: Mask | None) -> Choice:
+def _extended(
+    problem_of: ProblemOf, choice: Choice, first: Fit, used: Mask | None = None
+) -> Choice:
     """The refit at the median probability model; its u includes the uncertainty of nonlinear
     parameters.
 
@@ -331,9 +339,8 @@ def _climbed(
     """The posterior where a fit with some causes ended, with the noise that the round before found.
 
     What records of one posture share is either noise or what causes do there. So it is tried with
-    what is shared beside the round before, and with what that round reckoned with, which at first
-    is nothing. The more probable of these two is taken, each with what its most probable set
-    leaves.
+    what is shared beside the round before, with what that round reckoned with, and with nothing.
+    The most probable of these is taken, each with what its most probable set leaves.
     """
     held = [effect for effect in at.problem.model.effects if effect.free_form]
     design = design_of(at, library, others, at.problem.candidates, held)
@@ -344,8 +351,10 @@ def _climbed(
     if not climb.groups.repeat:
         return climb.with_noise(climb.groups)
     beside = climb.shared(left.tips, left.dof)
-    as_before = climb.groups.with_error(left.shared)
-    starts = [beside] if beside.is_about(as_before) else [beside, as_before]
+    starts = [beside]
+    for other in (climb.groups.with_error(left.shared), climb.groups):
+        if not any(other.is_about(start) for start in starts):
+            starts.append(other)
     return max(map(climb.settled, starts), key=lambda found: found.log_posterior)
 
 

@@ -60,6 +60,7 @@ class Candidates:
         free: whether each candidate can be every function of its place (candidates,).
         follows: the candidate without which each is not in a set, -1 for none (candidates,).
         values: nonlinear parameter of each block, nan for none (blocks,).
+        changes: block of the change of each known cause.
     """
 
     design: Design
@@ -68,6 +69,7 @@ class Candidates:
     free: Mask
     follows: Index
     values: Array
+    changes: Blocks = ()
 
     @staticmethod
     def of(design: Design, library: Sequence[Variants]) -> Candidates:
@@ -93,12 +95,16 @@ class Candidates:
         first = [f"{variants[0].follows}:{variants[0].place}" for variants in library]
         follows = [number.get(label, -1) for label in first] + (len(keys) - len(library)) * [-1]
         values = np.full(len(design.blocks), np.nan)
+        changes = []
         for k, block in enumerate(design.blocks):
             if block.candidate < len(library):
                 effect = library[block.candidate][block.variant]
                 values[k] = effect.nonlinear.value(effect) if effect.nonlinear.field else np.nan
+                changes += [k] * is_change(effect)
         alone = np.array(free, dtype=bool)
-        return Candidates(design, log_odds, places, alone, np.array(follows), values)
+        return Candidates(
+            design, log_odds, places, alone, np.array(follows), values, tuple(changes)
+        )
 
     @property
     def blocks(self) -> tuple[Block, ...]:

@@ -25,11 +25,12 @@ LEAST_ASCENT = 1e-6
 def explore(space: ModelSpace, start: Blocks = ()) -> Posterior:
     """The sets that hold the posterior's mass.
 
-    One walk begins where an ascent from the empty set and one from ``start`` end; the other where
-    that from every place at its freest form ends. If they disagree, the search goes on from all
-    sets that either found.
+    One walk begins where ascents from the empty set, from ``start``, and from a change of every
+    known cause end; the other where that from every place at its freest form ends. If they
+    disagree, the search goes on from all sets that either found.
     """
-    walk = Walk(space, [(), ascended(space, ()), ascended(space, start)])
+    starts = ((), start, space.candidates.changes)
+    walk = Walk(space, [(), *(ascended(space, blocks) for blocks in starts)])
     walk.run()
     freest = ascended(space, every_place(space))
     if freest in walk.expanded:

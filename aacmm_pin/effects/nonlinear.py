@@ -19,6 +19,8 @@ WARM_UP_TIMES = (600.0, 1800.0, 5400.0)
 """Time constants of a warm-up to try [s]."""
 TIME_CONSTANTS = 15
 """Time constants to refine a found one."""
+KNOWN_TO = 3.0
+"""A time constant is known beforehand to a factor of about this."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +123,18 @@ class TimeConstant(Nonlinear[E]):
 
     def refine(self, effect: E, records: Records) -> list[E]:
         """Return the effect with time constants from a third to three times its own."""
-        constants = self.value(effect) * np.geomspace(1 / 3, 3, TIME_CONSTANTS)
+        constants = self.value(effect) * np.geomspace(1 / KNOWN_TO, KNOWN_TO, TIME_CONSTANTS)
         return [self.at(effect, constant) for constant in constants.tolist()]
 
     def prior_sd(self, effect: E) -> float:
         """Return twice the value, because the time constant is known to a factor of about three."""
         return 2.0 * self.value(effect)
+
+    def prior_probability(self, effect: E, records: Records) -> float:
+        """Return the prior probability of the time constant: log-normal, with a factor of three,
+        outside the range of usual time constants.
+        """
+        value = self.value(effect)
+        usual = np.clip(value, WARM_UP_TIMES[0], WARM_UP_TIMES[-1])
+        factors = np.log(value / usual) / np.log(KNOWN_TO)
+        return float(np.exp(-0.5 * factors**2))

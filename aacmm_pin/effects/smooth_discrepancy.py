@@ -280,11 +280,12 @@ def _row_of(joint: str) -> int:
 
 
 OF_ROW = r"(before|angle|slide|tube) [1-9]\d{0,2}"
-CARRIERS = re.compile(f"room|target|lengths|tubes|{OF_ROW}")
+CARRIERS = re.compile(f"room|frame|target|lengths|tubes|{OF_ROW}")
 """Names of :class:`Carrier`."""
 DIRECTION_DIGITS = 7
 """Significant digits of a direction in a file: 1e-7 of a displacement is far below the noise."""
 OF_TIP = dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
+TURNS = dict.fromkeys(("turn_x_urad", "turn_y_urad", "turn_z_urad"), 1e-6)
 GROWTH = {"growth_um_per_m": 1e-6}
 
 
@@ -306,6 +307,7 @@ class Kind(NamedTuple):
 
 CARRIER_KINDS = {
     "room": Kind("tip_shifts_in_room", OF_TIP, "m", 2e-5),
+    "frame": Kind("frame_moves", OF_TIP | TURNS, "m", 2e-5),
     "target": Kind("target_elsewhere", OF_TIP, "m", 1e-3),
     "before": Kind("tip_shifts_before_joint", OF_TIP, "m", 2e-5),
     "angle": Kind("joint_angle_off", {"delta{row}_urad": 1e-6}, "rad", 4e-5),
@@ -327,6 +329,8 @@ class Carrier:
     The names are:
 
     - ``room``: translation of the tip along the axes of the base.
+    - ``frame``: translation of the tip along the axes of the base, and rotation about them; for a
+      rotation, a coefficient in m counts as rad.
     - ``target``: translation of the tip along the axes of the last body.
     - ``before j``: translation of the tip along the axes of the body before row j.
     - ``angle j``, ``slide j``: angle or position of joint j.
@@ -339,8 +343,8 @@ class Carrier:
     def __post_init__(self) -> None:
         if not CARRIERS.fullmatch(self.name):
             raise AacmmError(
-                f"acts_on is {self.name!r}; expected room, target, lengths, tubes, or one of "
-                "before, angle, slide, tube with the number of a row"
+                f"acts_on is {self.name!r}; expected room, frame, target, lengths, tubes, or one "
+                "of before, angle, slide, tube with the number of a row"
             )
 
     @property
@@ -386,6 +390,8 @@ class Carrier:
             return [moved for row in rows for moved in growth_of_body(state, row, shifts[:, 0])]
         if self.what == "lengths":
             shifts = state.position[:, :, None] * shifts
+        if self.what == "frame":
+            return [Displacement(BASE, shifts)]
         return [Displacement(self._place(state), twist(shifts))]
 
     def _place(self, state: State) -> int:

@@ -130,8 +130,11 @@ def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6):
 
 
 @pytest.mark.long
-def test_a_seat_that_only_the_recalibrated_arm_excludes_is_in_the_headline(sino6):
-    """Moved midway by 60 µm: what is added to the noise for it hides that."""
+@pytest.mark.parametrize("timed", [True, False])
+def test_a_seat_that_only_the_recalibrated_arm_excludes_is_in_the_headline(sino6, timed):
+    """Moved midway by 60 µm: what is added to the noise for it hides that. Only with times it has a
+    name.
+    """
     noise = {"encoder_noise": 8e-6, "probe_noise": 5e-6, "reference_noise": 5e-6}
     records = simulate_measurements(sino6, "seats", 200, rng=np.random.default_rng(3), **noise)
     seats = records.conditions.require("seat", "test")
@@ -140,8 +143,17 @@ def test_a_seat_that_only_the_recalibrated_arm_excludes_is_in_the_headline(sino6
     late = own[len(own) // 2 :]
     jacobian = sino6.jacobian(moved[late])
     moved[late] += (np.linalg.pinv(jacobian) @ np.array([6e-5, 0.0, 0.0])[:, None])[:, :, 0]
-    found = diagnose(sino6, replace(records, q=moved), hold_out=False, **noise)
+    conditions = records.conditions if timed else replace(records.conditions, time=None)
+    records = replace(records, q=moved, conditions=conditions)
+    found = diagnose(sino6, records, hold_out=False, **noise)
+    assert f"seat {seats[0]}" in verdict_in_words(found)
+    if timed:
+        (finding,) = found.findings
+        assert (found.verdict, finding.label) == ("explained", f"seat_shift:{seats[0]}")
+        off = np.abs(np.array(finding.effect.values) - [6e-5, 0.0, 0.0])
+        assert (off < 3.3 * np.array(finding.effect.u)).all()
+        return
+    assert not found.findings
     assert found.verdict not in ("no-discrepancy", "explained") or any(
         str(seats[0]) in label for label in found.otherwise
     )
-    assert f"seat {seats[0]}" in verdict_in_words(found)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import tomli_w
+from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
@@ -78,7 +79,7 @@ def by_hand(functions: tuple[Smooth, ...], tip: Array, q: Array, time: Array) ->
     return np.stack([f * g for f in own for g in (np.cos(q[:, 3]), np.sin(q[:, 3]))], axis=1)
 
 
-@pytest.mark.parametrize("carrier", ["room", "target", "lengths", "before 4", "angle 4"])
+@pytest.mark.parametrize("carrier", ["room", "frame", "target", "lengths", "before 4", "angle 4"])
 @pytest.mark.parametrize("functions", [(TIME,), (PLACES,), WAVES], ids=["time", "place", "waves"])
 def test_moves_the_tip_as_pinocchio_says(sino6, rng, carrier, functions):
     q, conditions = records(sino6, rng)
@@ -92,6 +93,9 @@ def test_moves_the_tip_as_pinocchio_says(sino6, rng, carrier, functions):
         turned = q.copy()
         turned[:, 3] += sizes[:, 0]
         wanted = sino6.poses(turned).position
+    elif carrier == "frame":
+        shift, turn = sizes[:, :3], sizes[:, 3:]
+        wanted = Rotation.from_rotvec(turn).apply(tip) + shift + 0.5 * np.cross(turn, shift)
     else:
         axes = {"target": frames[:, -1, :3, :3], "before 4": frames[:, 3, :3, :3]}.get(
             carrier, np.eye(3)
