@@ -24,7 +24,7 @@ from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit, mistakes_of
 from aacmm_pin.calibration.noise_model import BAR_NOISE, contradictions, reference_u
-from aacmm_pin.calibration.odd_relations import odd_relation
+from aacmm_pin.calibration.odd_relations import deviations_of_relations
 from aacmm_pin.calibration.parameters import (
     ASSEMBLED,
     ParameterSet,
@@ -345,7 +345,8 @@ def _of_relations(after: Fit) -> list[Note]:
     observations = after.observations
     if len(observations.ends) < 2:
         return []
-    worst, deviations = odd_relation(after.system)
+    each = deviations_of_relations(after.system)
+    worst, deviations = int(each.argmax()), float(each.max())
     if deviations < ODD_RELATION:
         return []
     kind = observations.relation[worst]

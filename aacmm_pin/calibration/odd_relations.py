@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.linearisation import Linearisation
@@ -13,7 +14,7 @@ from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.solver import solution_at
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import DISTANCE
+from aacmm_pin.measurements import DISTANCE, OF_BAR
 
 REDUNDANCY = 1e-3
 """Of a relation of which all else says less than this share, nobody can say how far it is off."""
@@ -27,9 +28,9 @@ faces of one body.
 """
 
 
-def odd_relation(system: Linearisation) -> tuple[int, float]:
-    """The relation that is farthest off what all else says, and by how many standard deviations: by
-    its deletion residual (Belsley, Kuh, Welsch 1980, eq. 2.27), one Gauss–Newton step away.
+def deviations_of_relations(system: Linearisation) -> Array:
+    """How many standard deviations each relation is off what all else says (b,): deletion residuals
+    (Belsley, Kuh, Welsch 1980, eq. 2.27), one Gauss–Newton step away.
 
     The rows of relations that share a seat are those of what they are off by without them, over
     ``(1 + H Hᵀ)^½``; so divided again, they are what the relations are off by with them.
@@ -40,8 +41,7 @@ def odd_relation(system: Linearisation) -> tuple[int, float]:
     residual = inverse.T @ (system.residual[rows] - steps @ system.solution.along)
     variance = np.diag(inverse.T @ (np.eye(len(inverse)) - steps @ steps.T) @ inverse)
     least = REDUNDANCY * np.square(inverse).sum(axis=0)
-    deviations = np.abs(residual) / np.sqrt(np.maximum(variance, least))
-    return int(deviations.argmax()), float(deviations.max())
+    return np.asarray(np.abs(residual) / np.sqrt(np.maximum(variance, least)))
 
 
 def require_possible_relations(problem: Problem) -> None:
@@ -51,29 +51,30 @@ def require_possible_relations(problem: Problem) -> None:
         AacmmError: one is off by far more than an arm can be; see :func:`fit`.
     """
     records = problem.measurements
-    if not records.relations:
+    stated = observations_of(records, problem.setup)
+    of_planes = stated.relation != OF_BAR
+    if not of_planes.any():
         return
     free = fit(problem.of(replace(records, relations=())))
-    stated = observations_of(records, problem.setup)
     names = ("ends", "relation", "value", "value_u")
     at = replace(free.observations, **{name: getattr(stated, name) for name in names})
     noise = replace(free.noise, observations=at)
     system = solution_at(problem, noise, free.point, free.used.astype(np.float64)).system
-    worst, deviations = odd_relation(system)
+    deviations = np.where(of_planes, deviations_of_relations(system), 0.0)
+    worst = deviations.argmax()
     excess = float(at.of_relations(free.point.seats)[0][worst] * at.value_u[worst])
-    kind = at.relation[worst]
-    of_distance = GROSS_DISTANCE + GROSS_SCALE * float(at.value[worst])
-    if deviations < IMPOSSIBLE or abs(excess) < (of_distance if kind == DISTANCE else GROSS_ANGLE):
+    if at.relation[worst] == DISTANCE:
+        gross = GROSS_DISTANCE + GROSS_SCALE * float(at.value[worst])
+        what = f"distance by {excess / MM:+.3g} mm"
+    else:
+        gross = GROSS_ANGLE
+        what = f"angle by {excess / DEG:+.3g}°"
+    if deviations[worst] < IMPOSSIBLE or abs(excess) < gross:
         return
-    what = (
-        f"distance by {excess / MM:+.3g} mm"
-        if kind == DISTANCE
-        else f"angle by {excess / DEG:+.3g}°"
-    )
     one, other = (at.labels[end] for end in at.ends[worst])
     raise AacmmError(
         f"{records.source}: the contacts of planes {one!r} and {other!r} contradict the stated "
-        f"{what} ({deviations:.0f} standard deviations); expected a value that agrees with the "
-        "contacts; check the distance, the angle (0: same side, 180: opposite sides), "
+        f"{what} ({deviations[worst]:.0f} standard deviations); expected a value that agrees with "
+        "the contacts; check the distance, the angle (0: same side, 180: opposite sides), "
         "probe_diameter_mm and the labels of the contacts"
     )

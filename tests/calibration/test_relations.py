@@ -221,6 +221,12 @@ def test_a_value_that_all_else_contradicts_is_named(sino6, rng, row, column, off
         calibrated(sino6, read(q, face, stated))
 
 
+def test_relations_without_contacts_are_left_out(sino6, rng):
+    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
+    few = read(q, face, of_cubes()).take(face % 5 == 0)
+    assert not len(calibrated(sino6, few).fit.observations.ends)
+
+
 def test_a_cause_is_found_by_cubes_alone(sino6, rng):
     machine = Machine(sino6, np.zeros(len(sino6.parameters)))
     q, face = on_cube(machine, rng, 4)
