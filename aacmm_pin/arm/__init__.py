@@ -1,6 +1,4 @@
-"""An arm: its DH table or URDF, its kinematics, what its file states, and its poses by
-Pinocchio.
-"""
+"""Arms: DH table or URDF, arm file, kinematics, and poses by Pinocchio."""
 
 import lazy_loader
 

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from aacmm_pin.arm.poses import Poses
 
 MOST_UNEXPLAINED = 1000
-"""Characters of what was left unexplained: groups of records may be many, and have long labels."""
+"""Characters of the text on unexplained structure, which may list many groups of records."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,17 +101,15 @@ class Arm(Shown):
 
     @property
     def without_uncertainty(self) -> tuple[str, ...]:
-        """The names of the geometric parameters without a stated uncertainty, which count
-        as exact.
+        """The names of the geometric parameters without stated uncertainty, which count as
+        exact.
         """
         exact = (p for p in self.parameters if p.half_width is None and p.u == 0)
         return tuple(parameter.name for parameter in exact)
 
     @property
     def unexplained(self) -> str:
-        """The structure that the last calibration or diagnosis did not explain, as text; "" if
-        none.
-        """
+        """The structure that the last calibration or diagnosis did not explain, as text."""
         return "" if self.file is None else self.file.unexplained
 
     @property
@@ -127,9 +125,9 @@ class Arm(Shown):
         arm file by path.
 
         Raises:
-            UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.read_arm_file` and
-                :meth:`from_file`.
-            AacmmError: see :func:`aacmm_pin.arm.example_robots.urdf_of_robot`.
+            UnknownNameError: the name is unknown.
+            ArmFileError: the file is invalid; see also :meth:`from_file`.
+            AacmmError: the package of example robots is missing.
         """
         name = str(name_or_path)
         if name in EXAMPLE_ROBOTS:
@@ -138,11 +136,7 @@ class Arm(Shown):
 
     @staticmethod
     def from_file(arm: ArmFile | UrdfArmFile, path: str = "") -> Arm:
-        """Build the arm of a validated arm file.
-
-        Args:
-            arm: content of the file.
-            path: file name for error messages.
+        """Build the arm of a validated arm file; ``path`` is its name in error messages.
 
         Raises:
             ArmFileError: the URDF of the arm file is missing, has changed, or has other joints.
@@ -183,13 +177,11 @@ class Arm(Shown):
             path: URDF file (meshes are not needed), or the name of a robot in
                 :data:`aacmm_pin.arm.example_robots.EXAMPLE_ROBOTS`.
             frame: name of the link or frame whose origin is the tip; example robots have a default.
-            translation_half_width: half-width of each translation of a placement [m]; 0 states no
-                uncertainty.
-            rotation_half_width: half-width of each rotation of a placement [rad]; 0 states no
-                uncertainty.
+            translation_half_width, rotation_half_width: half-width of each translation [m] and
+                rotation [rad] of a placement; 0 states no uncertainty.
 
         Raises:
-            ArmFileError: see :func:`aacmm_pin.arm.urdf_check.read_urdf`.
+            ArmFileError: the file cannot be read, is no URDF, or is implausible.
             UnsupportedArmError: a joint has more than one coordinate (planar, floating), or mimics
                 a joint that does not move ``frame``.
             UnknownNameError: the frame is unknown; the message lists all frames.
@@ -221,13 +213,7 @@ class Arm(Shown):
         translation_half_width: float = 0.0,
         rotation_half_width: float = 0.0,
     ) -> Arm:
-        """Build an arm from a Pinocchio model; joints after ``frame`` stay at zero.
-
-        The arguments are like those of :meth:`from_urdf`.
-
-        Raises:
-            UnsupportedArmError, UnknownNameError: see :meth:`from_urdf`.
-        """
+        """Build an arm from a Pinocchio model; see :meth:`from_urdf` for arguments and errors."""
         plausible.SHIFT_HALF_WIDTH.check(translation_half_width, "translation_half_width")
         plausible.TURN_HALF_WIDTH.check(rotation_half_width, "rotation_half_width")
         model, _ = serial_part(model, frame)
@@ -250,9 +236,7 @@ class Arm(Shown):
 
     @property
     def urdf_file(self) -> UrdfArmFile:
-        """The arm file of an arm from a URDF.
-
-        The path in the arm file is empty if the arm comes from a Pinocchio model or through a pipe.
+        """The arm file of an arm from a URDF; its path is empty for a Pinocchio model or a pipe.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
@@ -277,9 +261,7 @@ class Arm(Shown):
     def with_placements(
         self, steps: Array, covariance: Covariance | None, *, exact: bool = False
     ) -> Arm:
-        """Return the arm with every joint placement moved by a twist in the axes of the placement.
-
-        The arm must be from a URDF.
+        """Return the arm, from a URDF, with every joint placement moved by a twist in its own axes.
 
         Args:
             steps: translations, then rotations ``(nq, 6)`` [m, rad].
@@ -303,10 +285,8 @@ class Arm(Shown):
         return _corrected(self.nominal, file, self.mimics)
 
     def with_joint_axis(self, joint: int, axis: Array) -> Arm:
-        """Return the arm with another axis of a joint, by the placements of this joint and the
-        next.
-
-        The arm must be from a URDF.
+        """Return the arm, from a URDF, with another axis of a joint, by the placements of this
+        joint and the next.
 
         Args:
             joint: number of the joint, from 1; not the last one.
@@ -321,10 +301,8 @@ class Arm(Shown):
         return self.with_placements(steps, None)
 
     def with_encoder_noise(self, noise: Array) -> Arm:
-        """Return the arm with a standard uncertainty of one reading for each joint, ``(nq,)``
-        [rad].
-
-        The content of the arm file changes too.
+        """Return the arm, and its file, with a standard uncertainty of one reading for each joint,
+        ``(nq,)`` [rad].
         """
         if self.file is None:
             return replace(self, encoder_noise=noise)
@@ -342,12 +320,11 @@ class Arm(Shown):
 
         A joint angle is the sum of ratios times readings. The own reading of a joint has the ratio
         1, unless a coupling with ``of = joint`` states another ratio. For example, ``(3, 2, -1.0)``
-        states that the angle of joint 3 is reading 3 minus reading 2. The content of the arm file
-        changes too.
+        states that the angle of joint 3 is reading 3 minus reading 2. The arm file changes too.
 
         Args:
-            couplings: ``joint``, ``of`` and ``ratio`` of each coupling, with row numbers from 1.
-                The new couplings replace all couplings of the arm.
+            couplings: ``joint``, ``of`` and ``ratio`` of each coupling, with row numbers from 1;
+                they replace all couplings of the arm.
 
         Raises:
             AacmmError: a coupling is invalid, or the readings do not determine all joint angles.
@@ -373,9 +350,7 @@ class Arm(Shown):
 
     @cached_property
     def coupling_matrix(self) -> Array:
-        """The derivative of the joint angles by the readings, ``(nq, nq)``; the identity without
-        couplings.
-        """
+        """The derivative of the joint angles by the readings, ``(nq, nq)``."""
         return coupling_matrix(self.couplings, self.chain.moving_rows())
 
     def joint_angles(self, readings: Array) -> Array:
@@ -389,8 +364,8 @@ class Arm(Shown):
         return readings @ self.coupling_matrix.T if self.couplings else readings
 
     def readings(self, q: Array) -> Array:
-        """Compute the readings at joint angles ``q`` ``(n, nq)``: ``(n, nq)`` [rad; m for a
-        prismatic joint].
+        """Compute the readings at joint angles ``(n, nq)``: ``(n, nq)`` [rad; m for a prismatic
+        joint].
         """
         if not self.couplings:
             return q
@@ -401,8 +376,8 @@ class Arm(Shown):
         return by_angles @ self.coupling_matrix if self.couplings else by_angles
 
     def with_unexplained(self, text: str) -> Arm:
-        """Return the arm whose file states the structure that no cause explained, shortened to the
-        limit of the file.
+        """Return the arm whose file states the structure that no cause explained, perhaps
+        shortened.
         """
         short = textwrap.shorten(text, MOST_UNEXPLAINED, placeholder=" …")
         return replace(
@@ -475,8 +450,8 @@ class Arm(Shown):
 
     @cached_property
     def masses(self) -> Array | None:
-        """The mass of the body after each ``axis`` of the chain, ``(rows,)`` [kg]; None if all
-        masses are zero.
+        """The mass of the body after each ``axis`` of the chain, ``(rows,)`` [kg]; None without
+        masses.
         """
         masses = np.array([inertia.mass for inertia in self.model.inertias.tolist()[1:]])
         return self._over_rows(masses) if masses.any() else None
@@ -484,9 +459,7 @@ class Arm(Shown):
     @cached_property
     def centres_of_mass(self) -> Array:
         """The centre of mass of the body after each ``axis``, in the axes of that place, ``(rows,
-        3)`` [m].
-
-        The centre is zero for a body without mass.
+        3)`` [m]; zero for a body without mass.
         """
         centres = np.zeros((len(self.chain.slides), 3))
         for joint, body in enumerate(self.model.inertias.tolist()[1:]):
@@ -521,8 +494,8 @@ class Arm(Shown):
         return dh.place(self._known_row(at))
 
     def poses(self, q: Array, at: str | None = None) -> Poses:
-        """Compute placements and Jacobians of frame ``at`` for postures ``q`` ``(n, nq)`` [rad]
-        with Pinocchio; default the tip.
+        """Compute placements and Jacobians of frame ``at`` (default the tip) at ``q`` ``(n, nq)``
+        [rad] with Pinocchio.
 
         Raises:
             ShapeError: ``q`` is not a finite ``(n, nq)`` array.
@@ -534,36 +507,36 @@ class Arm(Shown):
         return Poses(self.model, angles, frame_number(self.model, at or self.tip))
 
     def positions(self, q: Array, at: str | None = None) -> Array:
-        """Compute the origin of frame ``at`` (default the tip) for postures ``q`` ``(n, nq)``
-        [rad]: ``(n, 3)`` [m].
+        """Compute the origin of frame ``at`` (default the tip) at ``q`` ``(n, nq)`` [rad]: ``(n,
+        3)`` [m].
         """
         chain_to = self._chain_to(at)
         return chain_to.positions(batch(q, self.nq, "q", "rad"))
 
     def sensitivity(self, q: Array, at: str | None = None) -> Array:
-        """Compute ∂(origin of frame ``at``)/∂parameters for postures ``q`` ``(n, nq)`` [rad]: ``(n,
-        3, p)`` [m/unit].
+        """Compute ∂(origin of frame ``at``)/∂parameters at ``q`` ``(n, nq)`` [rad]: ``(n, 3, p)``
+        [m/unit].
 
-        The p columns are in the order of :attr:`parameters`. The formulas are in closed form; see
-        :mod:`aacmm_pin.arm.chain`.
+        The p columns are in the order of :attr:`parameters`; see :mod:`aacmm_pin.arm.chain` for the
+        formulas.
         """
         chain_to = self._chain_of_parameters(at)
         return chain_to.position_and_sensitivity(batch(q, self.nq, "q", "rad"))[1]
 
     def jacobian(self, q: Array, at: str | None = None) -> Array:
-        """Compute ∂(origin of frame ``at``)/∂q for postures ``q`` ``(n, nq)`` [rad]: ``(n, 3, nq)``
+        """Compute ∂(origin of frame ``at``)/∂q at ``q`` ``(n, nq)`` [rad]: ``(n, 3, nq)``
         [m/rad].
         """
         chain_to = self._chain_to(at)
         return chain_to.position_and_jacobian(batch(q, self.nq, "q", "rad"))[1]
 
     def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
-        """Compute the exact positions for many draws of parameter errors, without linearisation.
+        """Compute the exact positions for parameter errors, without linearisation.
 
         Errors of a joint placement form a twist, like the corrections in an arm file.
 
         Args:
-            q: one posture ``(1, nq)``, or one posture for each draw ``(m, nq)`` [rad].
+            q: one posture ``(1, nq)``, or one for each row of errors ``(m, nq)`` [rad].
             errors: errors to add to the parameters ``(m, len(parameters))`` [their units].
             at: frame; default the tip.
 
@@ -578,7 +551,6 @@ class Arm(Shown):
         return self._chain_of_parameters(at).positions(q, errors)
 
     def _chain_to(self, at: str | None) -> Chain:
-        """The chain up to the origin of frame ``at`` (default: the tip)."""
         if at is None or at == self.tip:
             return self.chain
         if self.dh_row(at) is not None:
@@ -592,14 +564,14 @@ class Arm(Shown):
         )
 
     def _chain_of_parameters(self, at: str | None) -> Chain:
-        """The same; of an arm with a DH table that ends in a frame of the table."""
+        """The chain to frame ``at``, which must be in the table if there is one."""
         if self.dh is not None:
             self._known_row(at)
         return self._chain_to(at)
 
     def _on_axis(self, joint: int, point: Array) -> Array:
-        """A point (3,) [m] in the frame of Pinocchio's ``joint``, from 0, in the axes of
-        its place.
+        """A point (3,) [m] of the frame of Pinocchio's ``joint``, from 0, in the axes of its
+        place.
         """
         turned = onto_z(self.joint_axes[joint]).T @ point
         if self.dh is not None and not self.dh.standard:
@@ -616,8 +588,7 @@ class Arm(Shown):
         return row
 
     def dh_row(self, at: str | None = None) -> int | None:
-        """Return the number of the DH row whose frame is ``at`` (default the tip); None for a frame
-        outside the table.
+        """Return the DH row whose frame is ``at`` (default the tip), or None.
 
         Raises:
             UnknownNameError: the frame is unknown.
@@ -632,7 +603,6 @@ class Arm(Shown):
 
 
 def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
-    """The arm of a file that names a URDF; ``path`` is what errors call the file."""
     from aacmm_pin.arm.urdf_check import read_urdf  # which loads lxml
 
     urdf = file.urdf
@@ -673,7 +643,7 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
 
 
 def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) -> Arm:
-    """The arm of a file, with its placements moved from where ``nominal`` has them."""
+    """The arm of a file, with its placements relative to those of ``nominal``."""
     drive = Drive.of(nominal.nq, mimics)
     noise = file.encoder_noise
     model = nominal.copy()
@@ -702,7 +672,7 @@ def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) 
 
 
 def _of_file(file: ArmFile | UrdfArmFile, **fields: Any) -> Arm:
-    """The arm with what every file states, and these ``fields`` besides."""
+    """The arm with the content of every file, and ``fields``."""
     axis = None
     if file.stylus is not None:
         axis = unit_vector(file.stylus.axis, "the axis of the stylus")
@@ -731,11 +701,11 @@ GivenArm = Arm | str | Path
 
 
 def as_arm(given: object, name: str = "arm") -> Arm:
-    """An arm itself, or that of a name or path by :meth:`Arm.load`.
+    """An arm itself, or that of a name or path.
 
     Raises:
         UnknownNameError, ArmFileError: see :meth:`Arm.load`.
-        AacmmError: it is something else; ``name`` is what the error calls it.
+        AacmmError: another type; ``name`` is the argument in the message.
     """
     if isinstance(given, Arm):
         return given

@@ -1,22 +1,18 @@
-"""The kinematics: an arm as a chain of places at which something may be displaced, and the walk
-along it.
+"""The kinematics: an arm as a chain of places that may be displaced.
 
 The places, from the base to the tip, with i from 1 to the number of rows:
 
 - ``base``: the base frame;
-- ``end 0``: where the base ends and joint 1 begins, not yet turned;
-- ``axis i``: on the axis of row i, turned with it, z along the axis: what sits here moves with
-  body i. In standard DH its origin is that of frame i-1, in modified DH that of frame i;
+- ``end 0``: where the base ends and joint 1 begins, not yet rotated;
+- ``axis i``: on the axis of row i, z along it, moving with body i. In standard DH its origin is
+that of frame i-1, in modified DH that of frame i;
 - ``end i``: where body i ends and the next begins;
-- ``tip``: the origin of the last frame once more, so that a stylus can be shifted apart from the
-  last body.
+- ``tip``: the origin of the last frame again, so that a stylus can move relative to the last body.
 
-Each place is a constant transform behind the one before, followed at an ``axis`` by the joint's
-own motion. A displacement is a twist ξ = (v, ω) in the axes of its place, and acts as ``exp(ξ)``
-behind it; nothing is linearised.
-
-Its derivative is in closed form. A unit shift along an axis of its place moves the tip p along that
-axis, a unit turn about it by ``axis × (p - o)``, o the origin of the place.
+Each place is a constant transform after the place before, followed at an ``axis`` by the motion of
+the joint. A displacement is a twist ξ = (v, ω) in the axes of its place, and acts exactly as
+``exp(ξ)`` after it. Its derivative: a unit translation along an axis moves the tip p along this
+axis, a unit rotation moves it by ``axis × (p - o)``, with the origin o of the place.
 """
 
 from __future__ import annotations
@@ -37,31 +33,32 @@ from aacmm_pin._support.plausible import REACH_POSTURES, out_of_reach
 from aacmm_pin.arm.couplings import Drive, Mimic
 
 OF_A_POSE = 6
-"""Joints with which an arm can take a whole pose; one with fewer brings only its point."""
+"""Joints that a whole pose needs; with fewer, only the point is reached."""
 BASE = 0
 V_X, V_Y, V_Z, OMEGA_X, OMEGA_Y, OMEGA_Z = range(6)
 """Components of a twist."""
 Z = 2
-"""Number of the axis along or about which joints move."""
+"""Number of the axis of joints."""
 ALONG_Z = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 NO_PLACE = -1
 """Place of a parameter or joint that does not move the tip."""
 LARGE_BATCH = 14_000
-"""Configurations from which on the compiled loop is used: NumPy takes 6 ms for these, the
-loop 3 ms, and half a second once to be loaded. It differs from NumPy in the last digits."""
+"""Postures from which the compiled loop is used: NumPy takes 6 ms, the loop 3 ms, and once half a
+second to load. The loop differs in the last digits.
+"""
 LANES = 128
-"""Configurations side by side in the processor's wide registers."""
+"""Postures side by side in wide registers."""
 SMALL_ANGLE_SQUARED = 1e-6
-"""Below it the coefficients of :func:`exp` are those of their series [rad²]."""
+"""Below it :func:`exp` uses series [rad²]."""
 
 
 def axis(row: int) -> int:
-    """Return the place on the axis of ``row`` (from 1)."""
+    """The place on the axis of ``row`` (from 1)."""
     return 2 * row
 
 
 def end(row: int) -> int:
-    """Place where body ``row`` (0 is the base) ends."""
+    """The place where body ``row`` (0: the base) ends."""
     return 2 * row + 1
 
 
@@ -70,13 +67,13 @@ class Chain:
     """Constant transforms and joints of a serial arm.
 
     Attributes:
-        constant: constant transform of each place behind the one before (places, 4, 4) [m].
-        moved: number of the joint of a place, counted from 0 along the chain, those that follow
-            others too; -1 where none (places,).
-        slides: (m,) True where a joint slides along z instead of turning about it.
-        parameters: place of each geometric parameter, and component of the twist that an error in
-            it is (p, 2); place -1 where the tip does not depend on it.
-        drive: how the m joints move with the nq that follow none.
+        constant: transform of each place relative to the place before (places, 4, 4) [m].
+        moved: joint of each place, from 0 along the chain, with joints that follow others; -1 for
+            none (places,).
+        slides: True for prismatic joints (m,).
+        parameters: place and twist component of each geometric parameter (p, 2); place -1 if it
+            does not move the tip.
+        drive: motion of the m joints by the nq independent ones.
     """
 
     constant: Array
@@ -94,11 +91,11 @@ class Chain:
         parameters: list[tuple[int, int]],
         mimics: Sequence[Mimic] = (),
     ) -> Chain:
-        """The chain with these constant transforms before ``axis`` 1 … and before ``end`` 0 ….
+        """The chain with transforms before ``axis`` 1 … and before ``end`` 0 ….
 
         Args:
             axes, ends: transforms (4, 4) [m], one more of the ends.
-            joints: number of the joint of each axis, -1 where it is rigid.
+            joints: joint of each axis, -1 if rigid.
             slides, parameters: see :class:`Chain`.
             mimics: joints that follow others.
         """
@@ -130,42 +127,39 @@ class Chain:
 
     @property
     def nq(self) -> int:
-        """Number of joints that follow no other."""
+        """Number of independent joints."""
         return len(self.drive.own)
 
     @property
     def prismatic(self) -> Mask:
-        """(nq,) True where such a joint slides."""
+        """True for independent joints that are prismatic (nq,)."""
         return np.asarray(self.slides[self.drive.own])
 
     @cached_property
     def joint(self) -> NDArray[np.intp]:
-        """Number of such a joint that moves a place, counted from 0; -1 where none (places,)."""
+        """The independent joint of each place, from 0; -1 for none (places,)."""
         numbers = np.full(len(self.slides) + 1, -1)
         numbers[self.drive.own] = np.arange(self.nq)
         return numbers[self.moved]
 
     def moving_axes(self) -> list[int]:
-        """The places that joints move, in the order of the joints, those that follow others too."""
+        """The places that joints move, with joints that follow others, in order."""
         return [int(place) for place in np.flatnonzero(self.moved >= 0)]
 
     def joint_rows(self) -> list[int]:
-        """The rows (from 1) that have a joint, in the order of the joints, those that follow others
-        too.
-        """
+        """The rows (from 1) with a joint, also one that follows another, in order."""
         return [place // 2 for place in self.moving_axes()]
 
     def moving_rows(self) -> list[int]:
-        """The rows (from 1) that have a joint that follows no other, in the order of the joints."""
+        """The rows (from 1) with an independent joint, in order."""
         places = np.flatnonzero(self.joint >= 0)
         return [int(place) // 2 for place in places]
 
     def links(self) -> Array:
-        """Constant transforms L of ``L_0 Rz(q_1) L_1 … Rz(q_m) L_m`` (Tz where a joint slides):
-        (m + 1, 4, 4) [m].
+        """Constant transforms L of ``L_0 Rz(q_1) L_1 … Rz(q_m) L_m`` (Tz for prismatic joints): (m
+        + 1, 4, 4) [m].
 
-        A constant before a joint that is a screw about its axis commutes with it, and is put behind
-        it.
+        A screw about a joint axis before it commutes with the joint, and is put after it.
         """
         links = [np.eye(4)]
         for constant, joint in zip(self.constant, self.moved, strict=True):
@@ -178,9 +172,8 @@ class Chain:
         return np.stack(links)
 
     def cut(self, place: int, offset: Array | None = None) -> Chain:
-        """The chain whose tip is at ``place``, shifted by ``offset`` (3,) [m] in the axes there.
-
-        It has the same joints and parameters; those beyond do not move its tip.
+        """The chain to ``place``, shifted by ``offset`` (3,) [m] in its axes, with all joints and
+        parameters.
         """
         tip = np.eye(4)
         if offset is not None:
@@ -192,11 +185,8 @@ class Chain:
         return replace(self, constant=constant, moved=moved, parameters=parameters)
 
     def positions(self, q: Array, errors: Array | None = None) -> Array:
-        """Position of the tip for already checked ``q`` (n, nq) [rad, m]: (n, 3) [m].
-
-        Args:
-            q: configurations (n, nq).
-            errors: added to the parameters (n, p) [m, rad]; nothing is linearised.
+        """Tip (n, 3) [m] at checked ``q`` (n, nq), with exact ``errors`` of the parameters (n, p)
+        [m, rad].
         """
         if errors is None:
             return self._differentiated(q, np.empty((0, 2), dtype=np.intp))[0]
@@ -206,10 +196,7 @@ class Chain:
         return position
 
     def position_and_jacobian(self, q: Array) -> tuple[Array, Array]:
-        """Position (n, 3) [m], and its derivative by the joints (n, 3, nq) [m/rad; 1 for a slide].
-
-        ``q`` (n, nq) is already checked.
-        """
+        """Tip (n, 3) [m] at checked ``q`` (n, nq), and its derivative by the joints (n, 3, nq)."""
         joints = np.full((len(self.slides), 2), NO_PLACE)
         moving = self.moving_axes()
         joints[: len(moving), 0] = moving
@@ -218,14 +205,13 @@ class Chain:
         return position, np.ascontiguousarray(self.drive.by_own(columns))
 
     def position_and_sensitivity(self, q: Array) -> tuple[Array, Array]:
-        """Position (n, 3) [m], and its derivative by the parameters (n, 3, p) [m/m, m/rad].
-
-        ``q`` (n, nq) is already checked.
+        """Tip (n, 3) [m] at checked ``q`` (n, nq), and its derivative by the parameters (n, 3,
+        p).
         """
         return self._differentiated(q, self.parameters)
 
     def _differentiated(self, q: Array, twists: Index) -> tuple[Array, Array]:
-        """Position (n, 3), and its derivative by components of twists, place and number (k, 2)."""
+        """Tip (n, 3), and its derivative by twist components, as place and number (k, 2)."""
         n = len(q)
         position = np.empty((n, 3))
         columns = np.zeros((3, len(twists), n))
@@ -242,20 +228,15 @@ class Chain:
         return position, columns.transpose(2, 0, 1)
 
     def beyond_reach(self) -> str:
-        """That the tip is farther from the base than any arm reaches, in words; "" where it is not.
-
-        Looked at with all joints at zero, and spread over a turn with slides at zero.
-        """
+        """That the tip is implausibly far from the base at some postures, in words; else ""."""
         spread = spread_angles(REACH_POSTURES, self.nq) * ~self.prismatic
         return out_of_reach(self.positions(np.vstack([np.zeros(self.nq), spread])))
 
     def jacobian(self, rotation: Array, origin: Array, point: Array) -> tuple[Array, Array]:
-        """Motion of a point (n, 3) [m] of the last body by the joints, from the frames of a
-        :meth:`walk`.
+        """Motion of a point (n, 3) [m] of the last body by the joints, from frames of :meth:`walk`.
 
         Returns:
-            shifts of the point (n, 3, nq) [m/rad; 1 where a joint slides] and turns of the body
-            (n, 3, nq) [1].
+            translations of the point (n, 3, nq) [m/rad, m/m] and rotations of the body (n, 3, nq).
         """
         places = self.moving_axes()
         z = rotation[places, :, :, 2]
@@ -265,12 +246,12 @@ class Chain:
         return np.ascontiguousarray(self.drive.by_own(shifts)), self.drive.by_own(turns)
 
     def walk(self, q: Array, twists: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
-        """Frames of all places for already checked ``q`` (n, nq), each behind its displacement.
+        """Frames of all places at checked ``q`` (n, nq), each after its displacement.
 
         Args:
             q: joint values (n, nq) [rad, m].
-            twists: displacement of some places: (n, 6) or (1, 6), v then ω in the axes of the
-                place [m, rad].
+            twists: displacement of some places: (n, 6) or (1, 6), v then ω in the axes of the place
+                [m, rad].
 
         Returns:
             rotation (places, n, 3, 3) and origin (places, n, 3) [m], in the base.
@@ -279,9 +260,8 @@ class Chain:
         return frames[..., :3], frames[..., 3]
 
     def _frames(self, q: Array, twists: Mapping[int, Array]) -> Array:
-        """The same as x, y, z and origin, their components, and the records last (places, 4, 3, n).
-
-        Whole-array arithmetic on such rows is several times faster than stacks of 3×3 products.
+        """Frames as x, y, z and origin; components; records last (places, 4, 3, n): several times
+        faster than stacks of 3×3 products.
         """
         n = len(q)
         frames = np.empty((self.places, 4, 3, n))
@@ -306,8 +286,8 @@ class Chain:
     def _with_joints(
         self, values: Array, twists: Mapping[int, Array]
     ) -> tuple[Array, Mapping[int, Array]]:
-        """Joint values (m, n) with the turns that displacements make about a joint's axis, and the
-        other twists.
+        """Joint values (m, n) with the rotations of displacements about joint axes, and the other
+        twists.
         """
         others = dict(twists)
         for place, twist in twists.items():
@@ -329,10 +309,9 @@ class Chain:
         return twists
 
     def _with_constant(self, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
-        """The constant transforms with those displacements that are the same in every record, and
-        the others.
+        """Constant transforms with the displacements common to all records, and the other twists.
 
-        Behind a joint only a screw about its own z can change places with the joint's motion.
+        After a joint, only a screw about its own z commutes with the joint.
         """
         steady = [place for place, twist in twists.items() if len(twist) == 1]
         if not steady:
@@ -347,8 +326,8 @@ class Chain:
 
 
 def _derivative(frames: Array, place: int, component: int) -> Array:
-    """Derivative of the last origin by a component of the twist of a place (3, n); frames (places,
-    4, 3, n).
+    """Derivative of the last origin by a twist component of a place (3, n); frames (places, 4, 3,
+    n).
     """
     along = np.asarray(frames[place, component % 3])
     if component < OMEGA_X:
@@ -357,9 +336,7 @@ def _derivative(frames: Array, place: int, component: int) -> Array:
 
 
 def _screw_axis(twists: Array) -> int | None:
-    """The own axis along and about which all of the twists (n, 6) go; None where there is
-    no such.
-    """
+    """The own axis of all twists (n, 6), or None."""
     acting = np.flatnonzero(twists.any(axis=0)) % 3
     if acting.size == 0:
         return Z
@@ -367,7 +344,7 @@ def _screw_axis(twists: Array) -> int | None:
 
 
 def _turn(frames: Array, about: int, cosine: Array, sine: Array) -> None:
-    """Turn frames (x, y, z …; components; n) in place about their own axis ``about``."""
+    """Rotate frames (x, y, z …; components; n) in place about their own axis ``about``."""
     u = frames[(about + 1) % 3]
     v = frames[(about + 2) % 3]
     turned = cosine * u
@@ -400,10 +377,8 @@ def _differentiate(
     position: Array,
     columns: Array,
 ) -> None:  # pragma: no cover, for numba compiles it
-    """What :meth:`Chain._differentiated` does in NumPy, in loops.
-
-    ``angles`` are those of all joints (n, m); the results go into ``position`` (n, 3) and
-    ``columns`` (3, k, n).
+    """:meth:`Chain._differentiated` in loops; ``angles`` of all joints (n, m), results in
+    ``position`` (n, 3) and ``columns`` (3, k, n).
     """
     places = len(constant)
     n = len(angles)
@@ -489,11 +464,11 @@ LOOP = Loop(
 
 
 def exp(twist: Array) -> Array:
-    """Rigid motions (n, 4, 4) [m] of twists (n, 6), v then ω [m, rad], by Rodrigues' formula.
+    """Rigid motions (n, 4, 4) [m] of twists (n, 6), v then ω [m, rad].
 
-    ``I + A M + B M²`` with M = [[ω], v; 0, 0], and ``C ω (ω · v)`` added to its shift; A = sin φ/φ,
-    B = (1 - cos φ)/φ², C = (φ - sin φ)/φ³, φ = |ω| (Murray, Li, Sastry 1994, eqs. 2.14, 2.36, with
-    [ω]² = ω ωᵀ - φ² I).
+    Rodrigues' formula ``I + A M + B M²`` with M = [[ω], v; 0, 0], and ``C ω (ω · v)`` added to its
+    translation; A = sin φ/φ, B = (1 - cos φ)/φ², C = (φ - sin φ)/φ³, φ = |ω| (Murray, Li, Sastry
+    1994, eqs. 2.14, 2.36, with [ω]² = ω ωᵀ - φ² I).
     """
     v = twist[:, :3]
     w = twist[:, 3:]
@@ -522,8 +497,8 @@ def skew(w: Array) -> Array:
 
 
 def rigid_motions(points: Array) -> Array:
-    """How the points (n, 3) [m] move with a body that they are on, by its translation and rotation
-    about the origin: (n, 3, 6) [m/m, m/rad].
+    """Motion of points (n, 3) [m] by translation and rotation of their body about the origin: (n,
+    3, 6).
     """
     rotations = -skew(points)
     translations = np.broadcast_to(np.eye(3), rotations.shape)
@@ -531,7 +506,7 @@ def rigid_motions(points: Array) -> Array:
 
 
 def screws(angle: Array | float, length: Array | float, axis: int) -> Array:
-    """Screw motions about and along the x (0) or z (2) axis [rad, m]: (n, 4, 4)."""
+    """Screw motions about and along x (0) or z (2) [rad, m]: (n, 4, 4)."""
     angle, length = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), length)
     twists = np.zeros((len(angle), 6))
     twists[:, axis], twists[:, 3 + axis] = length, angle

@@ -1,6 +1,4 @@
-"""A URDF file with the placements of its joints as a calibration found them; comments and all else
-stay.
-"""
+"""A URDF file with calibrated placements of its joints; all else stays."""
 
 from __future__ import annotations
 
@@ -19,20 +17,19 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 
 def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
-    """The URDF file that an arm came from, with the joint placements that the arm has now.
+    """The URDF file of an arm with its present joint placements.
 
-    Pinocchio gathers fixed joints into the placement of the next moving one. A correction acts
-    behind that placement, so it goes into the origin of the moving joint alone:
-    ``origin_new = origin (placement_before⁻¹ placement_after)``.
+    Pinocchio gathers fixed joints into the placement of the next moving joint. A correction acts
+    after this placement, so it changes the origin of the moving joint: ``origin (placement_before⁻¹
+    placement_after)``.
 
     Args:
         arm: the arm.
-        tip_shift: of the tip in its own axes (3,) [m]; None where it stays.
+        tip_shift: translation of the tip in its own axes (3,) [m], or None.
 
     Raises:
-        AacmmError: the file cannot be read, or was changed since the arm was made from it.
-        UnsupportedArmError: the arm did not come as a URDF file; or the tip is to be shifted, but
-            its link has no fixed joint of its own.
+        AacmmError: the file cannot be read, or has changed.
+        UnsupportedArmError: the arm has no URDF file, or no fixed joint can shift the tip.
     """
     urdf = arm.urdf_file.urdf
     if not urdf.file:
@@ -91,12 +88,10 @@ def _move(joint: Element, motion: Any) -> None:
 
 
 def from_roll_pitch_yaw(angles: Array) -> Array:
-    """``Rz(yaw) Ry(pitch) Rx(roll)`` of URDF's roll, pitch, yaw (3,) [rad], turns about fixed axes:
-    (3, 3).
-    """
+    """``Rz(yaw) Ry(pitch) Rx(roll)`` of roll, pitch, yaw of URDF (3,) [rad]: (3, 3)."""
     return np.asarray(pin.rpy.rpyToMatrix(angles))
 
 
 def roll_pitch_yaw(rotation: Array) -> Array:
-    """URDF's roll, pitch, yaw of a rotation (3, 3): (3,) [rad]."""
+    """Roll, pitch, yaw of URDF (3,) [rad] of a rotation (3, 3)."""
     return np.asarray(pin.rpy.matrixToRpy(rotation))

@@ -1,4 +1,4 @@
-"""Couplings: which joint angles readings of encoders make, and which joints follow others."""
+"""Couplings of readings and joint angles, and joints that follow others."""
 
 from __future__ import annotations
 
@@ -15,19 +15,17 @@ from aacmm_pin._support.plausible import MOST_RATIO
 from aacmm_pin.errors import UnsupportedArmError
 
 SINGULAR = 1e-6
-"""Least singular value of a map, its columns of unit length, from which angles follow."""
+"""Least singular value of an invertible map with unit columns."""
 
 
 class Coupling(BaseModel):
-    """A part of a joint angle: ``ratio`` times the reading of one encoder.
-
-    A joint angle is the sum of its parts. The reading of the joint's own encoder counts with ratio
-    1, unless a coupling with ``of = joint`` states another, such as that of a gear.
+    """A part of a joint angle: ``ratio`` times the reading of one encoder; see
+    :meth:`Arm.with_couplings`.
 
     Attributes:
-        joint: number of the row whose joint angle it is a part of.
-        of: number of the row whose encoder is read.
-        ratio: joint angle per reading [rad/rad; with m where a joint slides].
+        joint: row of the joint.
+        of: row of the encoder.
+        ratio: joint angle per reading [rad/rad; with m for prismatic joints].
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -41,8 +39,8 @@ def coupling_matrix(couplings: Sequence[Coupling], rows: Sequence[int]) -> Array
     """∂(joint angles)/∂(readings) (nq, nq), for joints in these rows.
 
     Raises:
-        ValueError: a row without joint, a pair that is stated twice, a ratio that no arm has, or
-            readings from which no joint angles follow.
+        ValueError: a row without joint, a repeated pair, an implausible ratio, or a singular
+            matrix.
     """
     matrix = np.eye(len(rows))
     stated = set()
@@ -78,14 +76,13 @@ def coupling_matrix(couplings: Sequence[Coupling], rows: Sequence[int]) -> Array
 
 
 class Mimic(NamedTuple):
-    """A joint that follows another: its angle is ``ratio`` times that of the other, plus
-    ``offset``.
+    """A joint that follows another: ``ratio`` times its angle, plus ``offset``.
 
     Attributes:
-        joint, of: numbers of both joints, from 1; the other follows none. They are the same for
-            the first joint that follows an encoder of no joint of the arm.
-        ratio: [rad/rad; with m where a joint slides].
-        offset: [rad; m where the joint slides].
+        joint, of: numbers of both joints, from 1; equal for the first joint that follows an encoder
+            beside the arm.
+        ratio: [rad/rad; with m for prismatic joints].
+        offset: [rad, m].
     """
 
     joint: int
@@ -96,12 +93,12 @@ class Mimic(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Angles of all m joints by those of the nq that follow none: ``matrix q + offset``.
+    """Angles of all m joints by those of the nq independent ones: ``matrix q + offset``.
 
     Attributes:
         matrix: (m, nq).
         offset: (m,) [rad, m].
-        own: which of the m follow none (nq,).
+        own: numbers of the independent joints (nq,).
     """
 
     matrix: Array
@@ -110,7 +107,7 @@ class Drive:
 
     @staticmethod
     def of(joints: int, mimics: Sequence[Mimic] = ()) -> Drive:
-        """That of so many joints, of which some follow others."""
+        """The drive of so many joints, some of which follow others."""
         matrix, offset = np.eye(joints), np.zeros(joints)
         for mimic in mimics:
             matrix[mimic.joint - 1] = mimic.ratio * np.eye(joints)[mimic.of - 1]
@@ -126,25 +123,25 @@ class Drive:
 
     @property
     def leader(self) -> Index:
-        """Which of the nq moves each of the m (m,)."""
+        """The independent joint that moves each joint (m,)."""
         return np.asarray(np.abs(self.matrix).argmax(axis=1))
 
     def angles(self, q: Array) -> Array:
-        """Of all joints (n, m), by ``q`` (n, nq)."""
+        """Angles of all joints (n, m) by ``q`` (n, nq)."""
         if self.is_identity:
             return q
         return q @ self.matrix.T + self.offset
 
     def by_own(self, by_all: Array) -> Array:
-        """The derivative by the nq, from one by the m (…, m)."""
+        """The derivative by the nq independent joints from that by all m (…, m)."""
         return by_all if self.is_identity else by_all @ self.matrix
 
     def limits(self, of_all: Array) -> Array:
-        """Limits (nq, 2) within which all m joints are inside theirs (m, 2); limits of a turn to
-        both sides, as of a continuous joint, leave the joint before as it is.
+        """Limits (nq, 2) within which all m joints are within theirs (m, 2); limits of ±2π count as
+        none.
 
         Raises:
-            UnsupportedArmError: there are none.
+            UnsupportedArmError: there are no such limits.
         """
         scale = self.matrix[self.own, np.arange(len(self.own))][:, None]
         limits = np.sort((of_all[self.own] - self.offset[self.own, None]) / scale, axis=1)

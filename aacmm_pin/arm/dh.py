@@ -5,11 +5,10 @@ A row is a transform from frame i-1 to frame i:
 - ``standard-dh``: ``T_i = Rz(θ_i + θ0_i) Tz(d_i) Tx(a_i) Rx(α_i)``
 - ``modified-dh`` (Craig): ``T_i = Rx(α_i) Tx(a_i) Rz(θ_i + θ0_i) Tz(d_i)``
 
-A prismatic joint (``slides[i] = True``) has its reading in d_i + q_i, and θ_i = 0. A row that does
-not move (``moving[i] = False``: a stylus) has θ_i = 0. As a chain, standard DH puts
-(d, θ) of row i at ``axis i`` and (a, α) at ``end i``; modified DH puts (a, α) at ``end i-1``. Two
-screws about one axis commute, so displacing a place by (δa, δα) is exactly the arm with a + δa,
-α + δα.
+A prismatic joint (``slides[i]``) has its reading in d_i + q_i, and θ_i = 0. A fixed row
+(``moving[i] = False``: a stylus) has θ_i = 0. As a chain, standard DH puts (d, θ) of row i at
+``axis i`` and (a, α) at ``end i``; modified DH puts (a, α) at ``end i-1``. Two screws about one
+axis commute: a displacement by (δa, δα) is exactly a + δa, α + δα.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from aacmm_pin.errors import ShapeError, UnknownNameError
 
 Convention = Literal["standard-dh", "modified-dh"]
 KINDS = ("a", "d", "alpha", "theta_offset")
-"""The four values of a row, in the order in which sensitivities list them."""
+"""The four values of a row, in order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +38,8 @@ class DHTable(Shown):
         d: joint distances, (rows,) [m].
         alpha: link twists, (rows,) [rad].
         theta_offset: joint zero offsets, (rows,) [rad].
-        moving: (rows,) True where the row has a joint.
-        slides: (rows,) True where this joint is prismatic.
+        moving: True for rows with a joint, (rows,).
+        slides: True for prismatic joints, (rows,).
         convention: ``standard-dh`` or ``modified-dh``.
     """
 
@@ -68,15 +67,14 @@ class DHTable(Shown):
         return self.convention == "standard-dh"
 
     def values(self) -> Array:
-        """All values as (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad]."""
+        """All values (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad]."""
         columns = self.a, self.d, self.alpha, self.theta_offset
         return np.stack(columns, axis=1)
 
     @cached_property
     def chain(self) -> Chain:
-        """Its kinematics; the parameters are the values row by row.
-
-        Fixed rows have an ``axis`` that does not move.
+        """The kinematics; parameters are the values row by row, and fixed rows have a fixed
+        ``axis``.
         """
         turns = screws(self.theta_offset, 0.0, 2)
         slides = screws(0.0, self.d, 2)
@@ -99,7 +97,7 @@ class DHTable(Shown):
         return Chain.of_pieces(axes, ends, numbers, self.slides[self.moving], parameters)
 
     def place(self, frame: int) -> int:
-        """Place of the chain that has the origin of ``frame``, 0 the base."""
+        """Place of the chain at the origin of ``frame``; 0 is the base."""
         if frame == 0:
             return end(0)
         return end(frame) if self.standard else axis(frame)

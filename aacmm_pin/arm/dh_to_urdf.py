@@ -1,16 +1,13 @@
 """URDF of an arm file.
 
-Every DH row becomes one moving link and one frame link behind it, so that no rotation matrix has to
-be turned into roll, pitch and yaw and every number of the table appears in the text as it is
-(``%.17g``): standard DH puts ``Rz(θ0)`` into the joint's origin and ``Tz(d) Tx(a) Rx(α)`` into the
-frame's; modified DH puts ``Rx(α) Tx(a)`` into an extra fixed joint before. Frames are named
-``frame1`` ... ``frameN``; ``tip`` is the last. Joints are ``revolute`` (a ``continuous`` joint
-would give Pinocchio two numbers for one angle).
+Every DH row becomes one moving link and one frame link, so that every number of the table appears
+unchanged in the text (``%.17g``), without conversion of rotations: standard DH puts ``Rz(θ0)`` into
+the origin of the joint and ``Tz(d) Tx(a) Rx(α)`` into that of the frame; modified DH puts ``Rx(α)
+Tx(a)`` into an extra fixed joint. Frames are ``frame1`` ... ``frameN`` and ``tip``. Joints are
+``revolute``: Pinocchio has two numbers for the angle of a ``continuous`` joint.
 
-A URDF holds geometry. Of the causes of error that an arm file may add, a ``stylus_offset`` without
-marker can go in: it shifts ``tip`` in the axes of the last frame. That is for other programs; here
-the tip stays where the table has it, because :class:`aacmm_pin.effects.error_model.ErrorModel` adds
-the offset itself.
+For other programs, a ``stylus_offset`` without marker may shift ``tip`` in the axes of the last
+frame. In this package, :class:`aacmm_pin.effects.error_model.ErrorModel` adds this offset.
 """
 
 from __future__ import annotations
@@ -24,13 +21,11 @@ from aacmm_pin.arm.file import ArmFile, Row
 
 TUBE_RADIUS = 0.018
 STYLUS_RADIUS = 0.004
-"""Radii at which links are drawn [m]."""
+"""Radii of drawn links [m]."""
 SHORTEST_DRAWN = 0.005
-"""Lengths below this are calibration residues, not tubes, and are not drawn [m]."""
+"""Shorter lengths are residues of a calibration, and are not drawn [m]."""
 BODY_RADIUS = 0.03
-"""Radius of the solid sphere whose inertia stands for a body: statics needs mass and centre only
-[m].
-"""
+"""Radius of the solid sphere whose inertia a body has; statics needs only mass and centre [m]."""
 
 Triple = tuple[float, ...]
 _ZERO: Triple = (0.0, 0.0, 0.0)
@@ -44,18 +39,17 @@ _COLORS = {
 
 
 def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
-    """URDF of ``arm``: joints with limits, primitive visuals, inertials from the stated masses.
-
-    Lengths in metres, angles in radians. The text depends on ``arm`` alone, so it can be compared
-    with a stored one.
+    """URDF of ``arm`` [m, rad]: joints with limits, simple visuals, inertials from the stated
+    masses.
 
     Args:
-        arm: the arm file; its other effects have no part.
-        with_stylus_offset: shift ``tip`` by the arm's ``stylus_offset``, if it has one of the tip
-            itself.
+        arm: the arm file; its other effects do not matter.
+        with_stylus_offset: shift ``tip`` by the ``stylus_offset`` of the arm.
     """
     robot = ET.Element("robot", name=_printable(arm.name))
-    robot.append(ET.Comment(f" made by aacmm-pin urdf from: {_comment(arm.source or arm.name)} "))
+    source = _printable(arm.source or arm.name)
+    source = source.replace("--", "- -").replace("--", "- -")  # which no comment can hold
+    robot.append(ET.Comment(f" made by aacmm-pin urdf from: {source} "))
     for name, rgba in _COLORS.items():
         ET.SubElement(ET.SubElement(robot, "material", name=name), "color", rgba=rgba)
     link = ET.SubElement(robot, "link", name="base_link")
@@ -74,7 +68,7 @@ def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
 
 
 def _stylus_offset(arm: ArmFile) -> Triple:
-    """Where the tip is in the last frame [m]."""
+    """The tip in the last frame [m]."""
     offset = _ZERO
     for effect in arm.effects:
         if effect.cause == "stylus_offset" and effect.structure.get("marker") is None:
@@ -85,7 +79,7 @@ def _stylus_offset(arm: ArmFile) -> Triple:
 def _add_row(
     robot: ET.Element, parent: ET.Element, number: int, row: Row, standard: bool, last: bool
 ) -> ET.Element:
-    """Append the links and joints of one row behind the link ``parent``; return its frame link."""
+    """Append links and joints of one row after the link ``parent``; return its frame link."""
     a = row.a_mm * MM
     d = row.d_mm * MM
     tilt = (row.alpha_rad, 0.0, 0.0)
@@ -130,7 +124,7 @@ def moving_link(
     xyz: Sequence[float],
     rpy: Sequence[float],
 ) -> ET.Element:
-    """Append a link that turns about, or slides along, z of ``parent`` [rad, m]."""
+    """Append a link that rotates about, or slides along, z of ``parent`` [rad, m]."""
     link = ET.SubElement(robot, "link", name=name)
     moving = _joint(robot, joint, kind, parent, link, xyz, rpy)
     ET.SubElement(moving, "axis", xyz="0 0 1")
@@ -174,7 +168,6 @@ def _draw(
     xyz: Triple = _ZERO,
     rpy: Triple = _ZERO,
 ) -> None:
-    """A cylinder of this length, or a sphere."""
     visual = ET.SubElement(link, "visual")
     _origin(visual, xyz, rpy)
     geometry = ET.SubElement(visual, "geometry")
@@ -194,11 +187,6 @@ def _text(*values: float) -> str:
     return " ".join(f"{value:.17g}" for value in values)
 
 
-def _comment(text: str) -> str:
-    """``text`` without what an XML comment cannot hold: a double hyphen, control characters."""
-    return _printable(text).replace("--", "- -").replace("--", "- -")
-
-
 def _printable(text: str) -> str:
-    """``text`` with spaces for control characters, which XML cannot hold."""
+    """``text`` with spaces for control characters, which XML cannot contain."""
     return "".join(c if c.isprintable() else " " for c in text)

@@ -1,4 +1,4 @@
-"""Arms among the robots of example-robot-data, by name: their URDF, and the frame of their tip."""
+"""Arms of example-robot-data by name: URDF, and frame of the tip."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EXAMPLE_ROBOTS = {
     "xarm7": ("xarm7.urdf", "link_eef"),
     "z1": ("z1.urdf", "link06"),
 }
-"""Name of the URDF, and the frame whose origin is the tip unless another is asked for."""
+"""Name of the URDF, and default frame of the tip."""
 
 
 def urdf_of_robot(name: str) -> Path:

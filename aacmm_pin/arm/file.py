@@ -1,8 +1,7 @@
-"""Arm files (TOML): the DH table of an arm with its uncertainties, limits and masses; or its URDF
-with what is known better.
+"""Arm files (TOML): a DH table with uncertainties, limits and masses; or a URDF with corrections.
 
-The file speaks millimetres and radians (degrees where a key ends in ``_deg``); the properties of
-:class:`ArmFile` speak SI.
+Files have millimetres and radians (degrees in keys ``…_deg``); properties of :class:`ArmFile` are
+in SI.
 """
 
 from __future__ import annotations
@@ -64,35 +63,33 @@ from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.errors import AacmmError, ArmFileError, UnknownNameError
 
 COVERAGE_FACTOR = 2.0
-"""A calibrated parameter counts as within ± U, U = k u with this k (JCGM 100:2008, 6.2)."""
+"""A calibrated parameter counts as within ± U, U = k u (JCGM 100:2008, 6.2)."""
 
 MOST_BYTES = 32_000_000
-"""Size of a file: one with a covariance of a thousand parameters has half of it."""
+"""Size of a file; one with a covariance of a thousand parameters has half of it."""
 UR_FILES = (".yaml", ".yml", ".conf")
-"""Ends of the names of kinematics files of Universal Robots."""
+"""Suffixes of kinematics files of Universal Robots."""
 DECIMAL_COMMA = re.compile(r"=\s*([+-]?[0-9]{1,9},[0-9]{1,17})")
-"""A value with a decimal comma, which is none in TOML."""
+"""A value with a decimal comma, which TOML does not have."""
 TABLE = re.compile(
     rb"(?:[ \t\r]*(?:#[^\n]*)?\n)*+"  # comments
     rb"(?=[^=\n]*(?:\n|$))[^,;\t\n]*[,;\t]"
 )
-"""A file whose first line has several cells, as that of a CSV file."""
+"""A file whose first line has several cells, as a CSV file."""
 
 MOST_EFFECTS = 1000
-"""Causes of error that a file may add; `diagnose` finds a handful."""
+"""Causes of error in a file; `diagnose` finds a handful."""
 
 MOST_DISCREPANCIES = 100
-"""Entries of what no cause explains; `diagnose` writes one for each covariate that structure
-depends on, and one more.
-"""
+"""Discrepancies in a file; `diagnose` writes one for each covariate, and one more."""
 MOST_COEFFICIENTS = 10_000
-"""Numbers of one of these; those of all covariates together are about a thousand."""
+"""Coefficients of a discrepancy; all covariates have about a thousand."""
 
 MOST_FACTORS = 4
-"""Functions of so many kinds are multiplied; those of two joints are two."""
+"""Factors of a product of functions; of two joints there are two."""
 
 LARGEST_DEG = 1e6
-"""Whole numbers of TOML may be larger than any float; no angle is."""
+"""Bound of angles: whole numbers of TOML may be larger than any float."""
 
 # TOML has arrays only; strict validation would refuse them where a tuple is meant.
 _FROM_ARRAY = Field(strict=False)
@@ -105,7 +102,7 @@ class _Part(BaseModel):
 
 
 class _WithAngles(_Part):
-    """A table whose keys ``…_rad`` may be written as ``…_deg``, in degrees."""
+    """A table whose keys ``…_rad`` may be ``…_deg``, in degrees."""
 
     @model_validator(mode="before")
     @classmethod
@@ -135,7 +132,7 @@ class _WithAngles(_Part):
 
 
 class Uncertainty(_WithAngles):
-    """Half-widths of the calibration of one row: each value lies within ± the half-width."""
+    """Half-widths of the values of one row."""
 
     a_mm: NonNegative
     d_mm: NonNegative
@@ -144,7 +141,7 @@ class Uncertainty(_WithAngles):
 
 
 JOINT_KEYS = ("limits_rad", "encoder_noise_rad", "limits_mm", "encoder_noise_mm")
-"""Keys of a row that only a joint has, each in the unit of its readings."""
+"""Keys of rows with a joint, each in the unit of its readings."""
 
 
 class Row(_WithAngles):
@@ -197,12 +194,11 @@ class Row(_WithAngles):
 
     @property
     def unit(self) -> str:
-        """In which the file states readings of the joint."""
+        """Unit of readings of the joint in the file."""
         return "mm" if self.slides else "rad"
 
     @property
     def _scale(self) -> float:
-        """SI unit per unit of readings."""
         return MM if self.slides else 1.0
 
     @property
@@ -211,7 +207,7 @@ class Row(_WithAngles):
 
     @property
     def limits(self) -> Pair | None:
-        """Of the reading [rad; m for a prismatic joint]; None of a fixed row."""
+        """Limits of the reading [rad; m for a prismatic joint]; None for a fixed row."""
         if self._limits is None:
             return None
         lower, upper = self._limits
@@ -224,7 +220,7 @@ class Row(_WithAngles):
         return None if noise is None else noise * self._scale
 
     def with_encoder_noise(self, noise: float) -> Row:
-        """The row with this standard uncertainty of one reading [rad; m for a prismatic joint]."""
+        """The row with this standard uncertainty of a reading [rad; m for a prismatic joint]."""
         return self.model_copy(update={f"encoder_noise_{self.unit}": noise / self._scale})
 
 
@@ -241,11 +237,9 @@ class Stylus(_Part):
 
 
 class EffectEntry(_Part):
-    """A cause of error in the file: its name, which one it is (``joint``, ``order``, …), its
-    parameters and their u.
+    """A cause of error in the file, with its fields (``joint``, ``order``, …), parameters and u.
 
-    Which fields and parameters a cause has is known to :mod:`aacmm_pin.effects`, which is above
-    this module.
+    :mod:`aacmm_pin.effects` checks fields and parameters.
     """
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
@@ -256,7 +250,7 @@ class EffectEntry(_Part):
 
     @property
     def structure(self) -> dict[str, Any]:
-        """Everything but the cause, its parameters and their uncertainty."""
+        """The fields of the cause."""
         structure = dict(self.model_extra or {})
         for key, value in structure.items():
             if isinstance(value, list):
@@ -270,10 +264,10 @@ _Coefficients = Annotated[
 
 
 class DiscrepancyPart(_Part):
-    """Smooth functions of a discrepancy, and what they act on; see
-    :mod:`aacmm_pin.effects.smooth_discrepancy`, above this module.
+    """Smooth functions of a discrepancy, and their carrier; see
+    :mod:`aacmm_pin.effects.smooth_discrepancy`.
 
-    Each row of ``directions`` is of one coefficient, with a number for each of the entry's values.
+    A row of ``directions`` is for one coefficient, with a number for each value of the entry.
     """
 
     acts_on: Name
@@ -286,7 +280,7 @@ class DiscrepancyPart(_Part):
 
 
 class DiscrepancyEntry(_Part):
-    """What no cause explains, as smooth functions of what was recorded."""
+    """Structure that no cause explains, as smooth functions of recorded quantities."""
 
     depends_on: Name
     parts: Annotated[list[DiscrepancyPart], Field(min_length=1, max_length=MOST_EFFECTS)]
@@ -295,11 +289,10 @@ class DiscrepancyEntry(_Part):
 
 
 class Covariance(_Part):
-    """What a calibration knows of parameters together; it overrides the half-widths of the
-    parameters that it names.
+    """The covariance of parameters from a calibration, which replaces their half-widths.
 
-    ``records`` are fingerprints of the records that it is known from, with blanks between them, so
-    that none counts twice.
+    ``records`` are fingerprints of the records of the calibration, separated by blanks, so that
+    none counts twice.
     """
 
     parameters: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
@@ -328,9 +321,7 @@ class Covariance(_Part):
         return self
 
     def restricted(self, names: Iterable[str]) -> Covariance | None:
-        """The part about those of the parameters that are among ``names``; None where there is
-        none.
-        """
+        """The part for parameters in ``names``, or None."""
         among = set(names)
         keep = [i for i, name in enumerate(self.parameters) if name in among]
         if not keep:
@@ -344,7 +335,7 @@ class Covariance(_Part):
         )
 
     def matrix_of_correlation(self) -> Array:
-        """The whole matrix (p, p)."""
+        """The full matrix (p, p)."""
         matrix = np.eye(len(self.parameters))
         for i, row in enumerate(self.correlation):
             matrix[i, :i] = matrix[:i, i] = row
@@ -357,7 +348,7 @@ class Covariance(_Part):
 
 
 class AnyArmFile(_Part):
-    """What every arm file has."""
+    """The content of every arm file."""
 
     schema_: Literal["aacmm-pin/arm/1"] = Field(alias="schema")
     name: Name
@@ -387,12 +378,10 @@ Kind = TypeVar("Kind", bound=AnyArmFile)
 
 
 class Urdf(_WithAngles):
-    """Which URDF, which frame of it has its origin at the tip, and within what its joint placements
-    are known.
+    """The URDF, the frame at the tip, and half-widths of the joint placements.
 
-    The numbers of the file hold for that URDF alone, to the byte: its SHA-256 is beside its path,
-    so that one that was changed is refused. The path is relative to the folder where the arm file
-    really is, links followed (here, in memory, absolute), so that both can move together.
+    A changed URDF is refused by its SHA-256. The path is relative to the real folder of the arm
+    file (in memory, absolute), so that both can move together.
     """
 
     file: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(without_nul)]
@@ -405,9 +394,7 @@ class Urdf(_WithAngles):
 
 
 class UrdfJoint(_WithAngles):
-    """A joint of the URDF: the twist of its placement in its own axes, behind what the URDF says,
-    and its encoder.
-    """
+    """A joint of the URDF: the twist of its placement, in its own axes, and its encoder."""
 
     name: Name
     shift_mm: Annotated[tuple[LengthMm, LengthMm, LengthMm], _FROM_ARRAY] = (0.0, 0.0, 0.0)
@@ -426,7 +413,7 @@ class UrdfJoint(_WithAngles):
 
 
 class UrdfArmFile(AnyArmFile):
-    """A validated file of an arm that came as URDF."""
+    """A validated arm file with a URDF."""
 
     urdf: Urdf
     joints: Annotated[list[UrdfJoint], Field(max_length=MOST_JOINTS)] = Field(default_factory=list)
@@ -443,7 +430,7 @@ class UrdfArmFile(AnyArmFile):
 
     @property
     def corrections(self) -> Array:
-        """Twist of every placement, shifts then turns (nq, 6) [m, rad]."""
+        """Twist of every placement, translations then rotations (nq, 6) [m, rad]."""
         twists = np.array([joint.shift_mm + joint.turn_rad for joint in self.joints])
         twists = twists.reshape(-1, 6)
         twists[:, :3] *= MM
@@ -511,13 +498,13 @@ class ArmFile(AnyArmFile):
 
     @property
     def moving_numbers(self) -> list[int]:
-        """Numbers of the rows that have a joint, from 1."""
+        """Numbers of the rows with a joint, from 1."""
         numbered = enumerate(self.joints, start=1)
         return [number for number, row in numbered if not row.fixed]
 
     @property
     def moving_rows(self) -> list[Row]:
-        """The rows that have a joint, in order."""
+        """The rows with a joint, in order."""
         return [row for row in self.joints if not row.fixed]
 
     @property
@@ -527,14 +514,14 @@ class ArmFile(AnyArmFile):
 
     @property
     def encoder_noise(self) -> Array | None:
-        """Standard uncertainty of one reading, (nq,) [rad; m for a prismatic joint]; None where the
-        file states it for no joint.
+        """Standard uncertainty of one reading, (nq,) [rad; m for a prismatic joint]; None if not
+        stated.
         """
         return _noise(self.moving_rows)
 
     def dh_parameters(self) -> tuple[Parameter, ...]:
-        """The four values of every row in the order of :attr:`DHTable.chain`; rows without
-        uncertainty have u = 0.
+        """The four values of every row in the order of :attr:`DHTable.chain`; u = 0 if not
+        stated.
         """
         parameters = []
         for number, row in enumerate(self.joints, start=1):
@@ -554,7 +541,7 @@ def _noise(joints: Iterable[Row | UrdfJoint]) -> Array | None:
 
 
 def _check_noise(numbered: Iterable[tuple[int, Row | UrdfJoint]]) -> None:
-    """Refuse joints of which only some state the noise of their encoder."""
+    """Refuse a file in which only some joints state the noise of their encoder."""
     keys = {f"joints[{number}].encoder_noise_{joint.unit}": joint for number, joint in numbered}
     missing = [key for key, joint in keys.items() if joint.encoder_noise is None]
     if 0 < len(missing) < len(keys):
@@ -564,9 +551,7 @@ def _check_noise(numbered: Iterable[tuple[int, Row | UrdfJoint]]) -> None:
 def calibrated(
     parameters: Iterable[Parameter], covariance: Covariance | None
 ) -> tuple[Parameter, ...]:
-    """The parameters, those that ``covariance`` names with its standard uncertainty u and ± k u as
-    their bound.
-    """
+    """The parameters, with u and the bound ± k u of those in the ``covariance``."""
     if covariance is None:
         return tuple(parameters)
     u = dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
@@ -580,13 +565,13 @@ def calibrated(
 
 
 def bundled_arms() -> list[str]:
-    """Names of the arms that come with the package."""
+    """Names of the bundled arms."""
     folder = importlib.resources.files("aacmm_pin.arm") / "bundled"
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
 def load_arm_file(name_or_path: str | Path) -> ArmFile:
-    """The same of an arm with a DH table; one that names a URDF is an ArmFileError."""
+    """Read an arm file with a DH table; one with a URDF is an ArmFileError."""
     file = read_arm_file(name_or_path)
     if isinstance(file, UrdfArmFile):
         raise ArmFileError(
@@ -600,8 +585,7 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
 
     Raises:
         UnknownNameError: neither a bundled name nor a file; lists the names.
-        ArmFileError: the file is not TOML, or a key is unknown, missing, of the wrong type or out
-            of range.
+        ArmFileError: the file is not TOML, or a key is unknown, missing, or invalid.
     """
     name = str(name_or_path)
     if name in bundled_arms():
@@ -621,7 +605,7 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
     """The table of a TOML file.
 
     Raises:
-        AacmmError: it is none, as ``refused`` makes it of the message.
+        AacmmError: the error that ``refused`` makes of the message.
     """
     try:
         text = content.decode("utf-8-sig")
@@ -643,8 +627,8 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
-    """Validate the content of an arm file; ``path`` is for messages, and a URDF is looked for from
-    its folder.
+    """Validate the content of an arm file at ``path``, to whose folder the path of a URDF is
+    relative.
     """
 
     def refused(message: str) -> ArmFileError:
@@ -685,7 +669,7 @@ def validated(kind: type[Kind], data: dict[str, Any], path: str) -> Kind:
     """The arm file of ``data``.
 
     Raises:
-        ArmFileError: it is none; one line for each problem.
+        ArmFileError: the data are invalid; one line for each problem.
     """
     try:
         return kind.model_validate(data)
@@ -724,14 +708,12 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
 
 
 def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | None = None) -> str:
-    """TOML of ``arm``, with ``comment`` in front; numbers are written so that they come back to the
-    last bit.
+    """TOML of ``arm`` with exact numbers.
 
     Args:
         arm: the file.
-        comment: lines of text.
-        path: where the text will be, from which the path to a URDF is told; None is beside the
-            URDF.
+        comment: lines at the beginning.
+        path: path of the file, for the relative path of a URDF; None is beside the URDF.
     """
     content = {"schema": arm.schema_} | arm.model_dump(
         by_alias=True, exclude_none=True, exclude_defaults=True

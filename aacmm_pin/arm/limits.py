@@ -9,22 +9,19 @@ from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.notes import Note
 
 AT_LIMIT = 1e-9
-"""Angles beyond a limit by no more than this count as inside [rad]."""
+"""Tolerance of limits [rad]."""
 STOP_TOLERANCE = 0.02
-"""How far beyond its limits an angle may read, for stops yield and zeros are offset [rad]."""
+"""Angles beyond a limit that elastic stops and zero offsets explain [rad]."""
 STANDSTILL = 1e-15
-"""A joint that moves less is taken to move by this, so that nothing is divided by 0 [rad]."""
+"""Least motion of a joint, against division by 0 [rad]."""
 
 
 def into_limits(q: Array, limits: Array) -> Array:
-    """Configurations with each angle turned by whole turns to where it is inside its limits or
-    least outside.
+    """Angles ``q`` (n, nq) [rad] moved by whole turns inside their limits (nq, 2), or least
+    outside.
 
-    Of several places inside, which limits wider than a turn have, the one nearest to their middle.
-
-    Args:
-        q: (n, nq) [rad].
-        limits: (nq, 2) [rad]; a joint without finite limits is put within half a turn of zero.
+    Of several places inside, the nearest to the middle; a joint without finite limits within half a
+    turn of zero.
     """
     turn = 2 * np.pi
     finite = np.isfinite(limits).all(axis=1)
@@ -41,17 +38,15 @@ def into_limits(q: Array, limits: Array) -> Array:
 
 
 def outside_limits(q: Array, limits: Array) -> Mask:
-    """Which angles of ``q`` (n, nq) [rad], as they stand, are outside ``limits`` (nq, 2):
-    (n, nq).
-    """
+    """Angles ``q`` (n, nq) [rad] outside ``limits`` (nq, 2): (n, nq)."""
     below = q < limits[:, 0] - AT_LIMIT
     above = q > limits[:, 1] + AT_LIMIT
     return below | above
 
 
 def whole_turn_notes(q: Array, limits: Array, slides: Mask) -> list[Note]:
-    """A note where angles ``q`` (n, nq) [rad] of revolute joints are outside their limits (nq, 2)
-    by whole turns; none otherwise.
+    """A note if angles ``q`` (n, nq) [rad] of revolute joints are outside limits (nq, 2) by whole
+    turns.
     """
     nearest_turn = into_limits(q, limits)
     tolerant_limits = limits + STOP_TOLERANCE * np.array([-1.0, 1.0])
@@ -67,14 +62,14 @@ def whole_turn_notes(q: Array, limits: Array, slides: Mask) -> list[Note]:
 
 
 def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
-    """Which part of the way from ``start`` to ``end``, along a straight line, is inside the limits.
+    """The part of straight ways from ``start`` to ``end`` inside the limits.
 
     Args:
-        start, end: (n, nq) [rad], any turns; less than half a turn apart.
-        limits: (nq, 2) [rad]; joints that can make a full turn have no limit that matters here.
+        start, end: (n, nq) [rad], any turns, less than half a turn apart.
+        limits: (nq, 2) [rad]; limits of a full turn do not count.
 
     Returns:
-        first, last: (n,) in [0, 1]; nothing is inside where last <= first.
+        first, last: (n,) in [0, 1]; nothing is inside if last <= first.
     """
     half_range = 0.5 * (limits[:, 1] - limits[:, 0])
     bounded = half_range < np.pi - AT_LIMIT

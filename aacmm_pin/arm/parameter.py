@@ -1,4 +1,4 @@
-"""One parameter of an arm's model, with what is known of its error."""
+"""A parameter of the model of an arm."""
 
 from __future__ import annotations
 
@@ -43,19 +43,16 @@ class Parameter(Shown):
     def bounded(
         name: str, kind: str, joint: int, unit: str, value: float, half_width: float | None
     ) -> Parameter:
-        """Return a parameter that is within ± half_width, with u = half_width/√3.
+        """Return a parameter within ± half_width, with u = half_width/√3 (0 for None).
 
-        Source: rectangular distribution, JCGM 100:2008, 4.3.7. If the half-width is None, the value
-        is exact (u = 0).
+        Source: rectangular distribution, JCGM 100:2008, 4.3.7.
         """
         u = (half_width or 0.0) / math.sqrt(3.0)
         return Parameter(name, kind, joint, unit, value, half_width, u)
 
 
 def wide_half_width_notes(parameters: Sequence[Parameter]) -> list[Note]:
-    """A note for lengths, and one for angles, whose half-widths are larger than those of an arm as
-    assembled; none otherwise.
-    """
+    """Notes on half-widths of lengths or angles larger than those of an arm as assembled."""
     notes = []
     for code, unit in (("length_half_widths_large", "m"), ("angle_half_widths_large", "rad")):
         stated = {p.name: p.half_width or 0.0 for p in parameters if p.unit == unit}

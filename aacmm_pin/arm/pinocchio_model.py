@@ -1,6 +1,4 @@
-"""What a Pinocchio model says of a serial arm: its frames, the joints that move one of them, their
-axes, its chain.
-"""
+"""The serial arm in a Pinocchio model: frames, joints, axes, chain."""
 
 from __future__ import annotations
 
@@ -29,10 +27,10 @@ STDERR = threading.Lock()
 
 
 def built_model(text: str, path: str) -> Any:
-    """The model that Pinocchio builds of a URDF; ``path`` is what errors call it.
+    """The Pinocchio model of a URDF; ``path`` is its name in errors.
 
     Raises:
-        ArmFileError: Pinocchio refuses it; what it says on the standard error is the message.
+        ArmFileError: Pinocchio refuses the URDF, with its message on stderr.
     """
     with STDERR, tempfile.TemporaryFile() as said:
         stderr = os.dup(2)
@@ -53,8 +51,8 @@ def built_model(text: str, path: str) -> Any:
 
 
 def frame_number(model: Any, name: str) -> int:
-    """Number of a frame; of a link and a joint with the same name, which URDF allows, the link
-    (getFrameId would raise).
+    """Number of a frame; of a link and a joint with the same name, the link (getFrameId would
+    raise).
 
     Raises:
         UnknownNameError: no such frame; lists the frames.
@@ -69,12 +67,12 @@ def frame_number(model: Any, name: str) -> int:
 def serial_part(
     model: Any, frame: str, followers: Mapping[str, Follower] = MappingProxyType({})
 ) -> tuple[Any, tuple[Mimic, ...]]:
-    """The chain from the base to ``frame``, and which of its joints follow others; joints beside
-    it (a gripper's fingers) are locked at their neutral place.
+    """The chain from the base to ``frame``, and its joints that follow others; other joints (of a
+    gripper) are locked.
 
     Raises:
         UnknownNameError: no such frame.
-        UnsupportedArmError: the chain is none of an arm, or a joint of it follows one beside it.
+        UnsupportedArmError: the chain is no arm, or one of its joints follows a joint beside it.
     """
     chain = model.supports[model.frames[frame_number(model, frame)].parentJoint].tolist()[1:]
     if len(chain) > MOST_JOINTS:
@@ -112,9 +110,9 @@ def serial_part(
 def _mimics(
     names: list[str], joints: Collection[str], followers: Mapping[str, Follower]
 ) -> tuple[Mimic, ...]:
-    """Those of the named joints of a chain that follow others, counted along it.
+    """The joints of a chain that follow others, counted along it.
 
-    A joint beside the chain that some follow has the encoder: the first of these has its reading.
+    If several follow a joint beside the chain, the first has the reading of its encoder.
     """
     mimics = []
     first_of: dict[str, int] = {}
@@ -133,8 +131,8 @@ def _mimics(
 
 
 def _rename(model: Any, joints: list[int]) -> None:
-    """Give fixed joints, and these, another name where a link has theirs: Pinocchio looks for
-    frames by name alone.
+    """Rename fixed joints, and ``joints``, with the name of a link: Pinocchio looks for frames by
+    name alone.
     """
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
     for frame in model.frames:
@@ -148,10 +146,8 @@ def _rename(model: Any, joints: list[int]) -> None:
 
 
 def chain_of(model: Any, tip: str, mimics: Sequence[Mimic] = ()) -> Chain:
-    """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their
-    own axes.
-
-    The parameters are the twists of the placements in their own axes.
+    """The chain of a Pinocchio model, with joint axes along z; parameters are the twists of the
+    placements in their own axes.
     """
     turns = [pin.SE3(onto_z(axis), np.zeros(3)) for axis in joint_axes(model)]
     axes = [turn.homogeneous for turn in turns]
@@ -166,7 +162,7 @@ def chain_of(model: Any, tip: str, mimics: Sequence[Mimic] = ()) -> Chain:
 
 
 def _motions(model: Any) -> Array:
-    """Twist of every joint per unit of its number, in its own axes (nq, 6)."""
+    """Twist of every joint per unit, in its own axes (nq, 6)."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     motions = np.empty((model.nv, 6))
@@ -177,7 +173,7 @@ def _motions(model: Any) -> Array:
 
 
 def joint_axes(model: Any) -> Array:
-    """Axis of each joint in the axes of its own placement (nq, 3)."""
+    """Axis of each joint in the axes of its placement (nq, 3)."""
     motions = _motions(model)
     turns = motions[:, 3:].any(axis=1, keepdims=True)
     return np.where(turns, motions[:, 3:], motions[:, :3])

@@ -15,9 +15,7 @@ from aacmm_pin._support.display import Shown
 
 @dataclass(frozen=True, eq=False)
 class Poses(Shown):
-    """The placements and Jacobians of one frame of an arm in many postures.
-
-    Pinocchio computes the arrays at the first use. The arrays are copies.
+    """The placements and Jacobians of one frame of an arm, by Pinocchio at the first use.
 
     Attributes:
         model: Pinocchio model.
@@ -48,8 +46,8 @@ class Poses(Shown):
 
     @cached_property
     def jacobian(self) -> Array:
-        """The Jacobian of the frame in ``LOCAL_WORLD_ALIGNED``, linear part first, ``(n, 6, nq)``
-        [m/rad, rad/rad].
+        """The Jacobian of the frame in ``LOCAL_WORLD_ALIGNED``, linear part first, ``(n, 6,
+        nq)``.
         """
         model = self.model
         data = self.model.createData()
@@ -62,9 +60,8 @@ class Poses(Shown):
 
     @cached_property
     def placement_sensitivity(self) -> Array:
-        """The derivative of the position by all joint placements, ``(n, 3, 6 nq)`` [m/m, m/rad].
-
-        Each placement has three translations and three rotations in its own axes.
+        """The derivative of the position by the twists of all joint placements, ``(n, 3, 6 nq)``
+        [m/m, m/rad].
         """
         model = self.model
         data = self.model.createData()

@@ -1,4 +1,4 @@
-"""Where an arm may measure: between the limits of its joints, beside its stand, above a table."""
+"""Random postures: between the limits of the joints, beside the stand, above a table."""
 
 from __future__ import annotations
 
@@ -14,22 +14,19 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 MARGIN = 1e-3
-"""Postures keep this far from the limits, so that noise and small errors leave them inside [rad,
-m].
-"""
+"""Distance of postures from the limits, for noise and small errors [rad, m]."""
 CLEAR = 0.1
-"""Tips keep this far from the axis of the first joint, where the stand is [m]."""
+"""Distance of tips from joint axis 1, where the stand is [m]."""
 MOST_DRAWS = 20
-"""Times that as many postures are drawn as are wanted."""
+"""Rounds of random postures, at most."""
 
 
 def joint_bounds(arm: Arm) -> Array:
-    """Between which values postures are drawn: the limits less :data:`MARGIN`, (nq, 2) [rad, m].
-
-    A turning joint with limits beyond some turns is used within half a turn either way of zero.
+    """Bounds of random postures: the limits less :data:`MARGIN`, (nq, 2) [rad, m]; ±π for wider
+    limits.
 
     Raises:
-        UnsupportedArmError: a sliding joint without limits.
+        UnsupportedArmError: a prismatic joint without limits.
     """
     limits = arm.limits.copy()
     slides = arm.chain.prismatic
@@ -46,17 +43,15 @@ def joint_bounds(arm: Arm) -> Array:
 
 
 def random_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
-    """Postures drawn uniformly between the bounds of the joints: (count, nq) [rad, m]."""
+    """Postures uniform between the bounds of the joints: (count, nq) [rad, m]."""
     bounds = joint_bounds(arm)
     return rng.uniform(bounds[:, 0], bounds[:, 1], size=(count, arm.nq))
 
 
 def spread_postures(arm: Arm, count: int, q: Array) -> Array:
-    """Postures spread evenly between the limits of the joints, the same at every call: (count, nq)
-    [rad, m].
+    """Deterministic postures spread evenly between the limits: (count, nq) [rad, m].
 
-    A revolute joint without limits makes one turn; a prismatic one goes as far as in ``q`` (n, nq)
-    [rad, m].
+    A revolute joint without limits makes one turn; a prismatic one has the range of ``q`` (n, nq).
     """
     slides = arm.chain.prismatic
     endless = _endless(arm)
@@ -68,7 +63,7 @@ def spread_postures(arm: Arm, count: int, q: Array) -> Array:
 
 
 def _endless(arm: Arm) -> Mask:
-    """Joints without limits, and revolute joints whose limits are some turns apart: (nq,)."""
+    """Joints without limits, and revolute joints with limits several turns apart: (nq,)."""
     unlimited = ~np.isfinite(arm.limits).all(axis=1)
     farthest = np.abs(arm.limits).max(axis=1)
     many_turns = farthest > plausible.MOST_TURNS * 2 * np.pi
@@ -78,15 +73,13 @@ def _endless(arm: Arm) -> Mask:
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """Where a part can stand beside an arm.
+    """The places for a part beside an arm: :data:`CLEAR` of joint axis 1, not below ``above``.
 
-    A tip is of use when it is :data:`CLEAR` of the axis of the first joint and not lower than
-    ``above``. Whether the arm meets itself, or its elbow the table, is not looked at.
+    Collisions of the arm with itself or the table do not count.
 
     Attributes:
         arm: the arm.
-        above: height of the table over the base origin, along gravity [m]; None where there is no
-            table.
+        above: height of the table over the base origin, against gravity [m], or None.
     """
 
     arm: Arm
@@ -97,7 +90,7 @@ class Room:
             plausible.COORDINATE.check(self.above, "above")
 
     def admits(self, tips: Array) -> Mask:
-        """Which of the ``tips`` (n, 3) [m] are of use: (n,)."""
+        """Which of the ``tips`` (n, 3) [m] are in the room: (n,)."""
         rotation, origin = self.arm.chain.walk(np.zeros((1, self.arm.nq)))
         first = self.arm.chain.moving_axes()[0]
         axis = rotation[first, 0, :, 2]
@@ -108,11 +101,11 @@ class Room:
         return clear
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Random postures (count, nq) [rad], uniform in the joints, and their tips (count, 3) [m],
-        which are of use.
+        """Random postures (count, nq) [rad], uniform in the joints, with tips (count, 3) [m] in the
+        room.
 
         Raises:
-            AacmmError: hardly any posture is of use.
+            AacmmError: there are too few.
         """
         kept = []
         tips = []

@@ -1,5 +1,5 @@
-"""Kinematics of one robot of Universal Robots, as its maker calibrated it: the file of the ROS
-description, and the Denavit–Hartenberg table of the controller.
+"""Calibrated kinematics of robots of Universal Robots: file of the ROS description, DH table of the
+controller.
 """
 
 from __future__ import annotations
@@ -7,7 +7,6 @@ from __future__ import annotations
 import configparser
 import itertools
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UR_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 UR_BASES = ("base_link_inertia", "base")
-"""Frames that the file's first link is placed in, by their names in a URDF."""
+"""Frames of the first link in a URDF."""
 UR_LIMITS = (-2.0 * np.pi, 2.0 * np.pi)
 UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 UR_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
@@ -42,10 +41,11 @@ UR_ROBOTS = {
     "ur20": ((-0.862, -0.7287), (0.2363, 0.201, 0.1593, 0.1543)),
     "ur30": ((-0.637, -0.5037), (0.2363, 0.201, 0.1593, 0.1543)),
 }
-"""Lengths a of rows 2 and 3, and d of rows 1, 4, 5 and 6, by the maker's table [m]; all other
-lengths are zero."""
+"""Lengths a of rows 2 and 3, and d of rows 1, 4, 5 and 6, of the maker's table [m]; others are
+zero.
+"""
 FAR_FROM_TABLE = 0.05
-"""A link farther than this from where the maker's table has it is not calibrated, but wrong [m]."""
+"""A link farther from the maker's table is wrong, not calibrated [m]."""
 LONGEST_LINK = 3.0
 """Longest distance between two joints [m]."""
 
@@ -56,8 +56,8 @@ class UrKinematics:
 
     Attributes:
         name: hash of the calibration, or name of the robot.
-        placements: of each joint, whose axis is z, in the link before it, and of the tool in the
-            last link (7, 4, 4) [m].
+        placements: of each joint (axis z) in the link before, and of the tool in the last link (7,
+            4, 4) [m].
     """
 
     name: str
@@ -66,14 +66,15 @@ class UrKinematics:
     @staticmethod
     def read(path: str | Path, robot: str = "") -> UrKinematics:
         """Read a kinematics file of the ROS description (``.yaml``), or ``calibration.conf`` of the
-        controller, whose ``delta_…`` are added to the maker's table.
+        controller.
 
         Args:
             path: the file.
-            robot: name in :data:`UR_ROBOTS`, such as ``ur5e``; only ``calibration.conf`` needs it.
+            robot: name in :data:`UR_ROBOTS`, such as ``ur5e``, to whose table ``calibration.conf``
+                adds.
 
         Raises:
-            ArmFileError: the file cannot be read, lacks a value, or has a value that cannot be.
+            ArmFileError: the file cannot be read, or a value is missing or invalid.
             UnknownNameError: no such robot.
         """
         place = str(path)
@@ -87,10 +88,10 @@ class UrKinematics:
 
     @staticmethod
     def of(arm: Arm) -> UrKinematics:
-        """Return the kinematics of an arm whose URDF has the links of a robot of Universal Robots.
+        """The kinematics of an arm whose URDF has the links of a robot of Universal Robots.
 
         Raises:
-            UnsupportedArmError: it has other joints, or joints about other axes than z.
+            UnsupportedArmError: it has other joints, or joint axes other than z.
         """
         expected = [f"{joint}_joint" for joint in UR_JOINTS]
         if list(arm.joint_names) != expected:
@@ -110,11 +111,11 @@ class UrKinematics:
 
     @property
     def tool_moved(self) -> bool:
-        """Whether the tool is not in the last link's frame, as the file of ROS has it."""
+        """Whether the tool is not at the last link, unlike in the ROS file."""
         return not np.allclose(self.placements[-1], np.eye(4), rtol=0.0, atol=1e-9)
 
     def urdf(self) -> str:
-        """Return the URDF from ``base`` to ``tool0``."""
+        """The URDF from ``base`` to ``tool0``."""
         root = ET.Element("robot", name=self.name)
         link = ET.SubElement(root, "link", name="base")
         for joint, child, placement in zip(UR_JOINTS, UR_LINKS, self.placements, strict=False):
@@ -129,7 +130,7 @@ class UrKinematics:
         return Arm.from_model(built_model(self.urdf(), self.name), "tool0")
 
     def text(self) -> str:
-        """Return the kinematics file of the ROS description, without the placement of the tool."""
+        """The kinematics file of the ROS description, without the tool."""
         kinematics: dict[str, Any] = {}
         for link, placement in zip(UR_LINKS, self.placements, strict=False):
             xyz, rpy = _xyz_rpy(placement)
@@ -139,15 +140,12 @@ class UrKinematics:
 
 
 def placements_of_dh(table: Array) -> list[Array]:
-    """Placement of each joint in the link before it, and of the tool in the last (7 of (4, 4)) [m].
+    """Placement of each joint in the link before, and of the tool in the last (7 of (4, 4)) [m].
 
-    The axes of joints 2 to 4 are nearly parallel, and the controller's d of these rows may be
-    hundreds of metres. Frames of joints 2 and 3 may stand anywhere along their axes and have any
-    angle about it: joint 2 where row 1 ends, joint 3 in the plane through it perpendicular to axis
-    2, turned no more than the axis is. The tip stays at every posture.
-
-    Args:
-        table: theta, d, a, alpha of standard Denavit–Hartenberg rows (4, 6) [rad, m].
+    ``table`` (4, 6) [rad, m] has theta, d, a, alpha of standard DH rows. Axes 2 to 4 are nearly
+    parallel, and d of the controller may be hundreds of metres. Frames 2 and 3 may be anywhere
+    along their axes: joint 2 is put where row 1 ends, joint 3 in the plane through it perpendicular
+    to axis 2. The tip stays in every posture.
     """
     theta, d, a, alpha = table
     frames = []
@@ -166,26 +164,17 @@ def placements_of_dh(table: Array) -> list[Array]:
 
 
 def _smallest_rotation(one: Array, other: Array) -> Array:
-    """That turns one unit vector into another, nearly parallel one (3, 3): Rodrigues' formula."""
+    """The rotation (3, 3) of a unit vector into a nearly parallel one, by Rodrigues' formula."""
     across = skew(np.cross(one, other)[None])[0]
     return np.asarray(np.eye(3) + across + across @ across / (1.0 + one @ other))
 
 
-def _placement(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
-    """By the numbers of a URDF (4, 4)."""
-    placement = np.eye(4)
-    placement[:3, :3] = from_roll_pitch_yaw(np.array(rpy))
-    placement[:3, 3] = xyz
-    return placement
-
-
 def _xyz_rpy(placement: Array) -> tuple[list[float], list[float]]:
-    """The numbers of a URDF for a placement (4, 4)."""
+    """Translation and roll, pitch, yaw of a placement (4, 4)."""
     return placement[:3, 3].tolist(), roll_pitch_yaw(placement[:3, :3]).tolist()
 
 
 def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
-    """By differences from the maker's table."""
     if robot not in UR_ROBOTS:
         hint = f"state the robot of {place} with --ur-robot"
         raise UnknownNameError("robot", robot, list(UR_ROBOTS), hint)
@@ -221,7 +210,6 @@ def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
 
 
 def _list_of(stated: dict[str, str], place: str, key: str) -> Array:
-    """Six numbers of a list in text."""
     if key not in stated:
         raise ArmFileError(place, key, "missing; expected six numbers")
     try:
@@ -255,12 +243,15 @@ def _of_yaml(text: str, place: str) -> UrKinematics:
                 f"{numbers.tolist()}; expected x, y, z below {LONGEST_LINK:g} m, and angles below "
                 "2π rad",
             )
-        placements.append(_placement(numbers[:3].tolist(), numbers[3:].tolist()))
+        placement = np.eye(4)
+        placement[:3, :3] = from_roll_pitch_yaw(numbers[3:])
+        placement[:3, 3] = numbers[:3]
+        placements.append(placement)
     return UrKinematics(str(kinematics.get("hash") or "robot"), [*placements, np.eye(4)])
 
 
 def _numbers(values: object, place: str, key: str) -> Array:
-    """Six finite numbers; YAML has some of them as text, such as 1e-05."""
+    """Six finite numbers; YAML reads some as text, such as 1e-05."""
     numbers = values if isinstance(values, list) else []
     try:
         parsed = np.array([float(v) for v in numbers if not isinstance(v, bool)])

@@ -1,8 +1,7 @@
-"""A URDF file as a Pinocchio model: what Pinocchio refuses is refused in its words, and what it
-takes in silence although no arm has it is refused here.
+"""A URDF file as a Pinocchio model; what Pinocchio would misread is refused.
 
-Joints that are ``continuous`` become ``revolute`` with limits of ±2π: Pinocchio would give them two
-numbers, cosine and sine, which no encoder shows.
+``continuous`` joints become ``revolute`` with limits of ±2π: Pinocchio would give them two numbers,
+cosine and sine.
 """
 
 from __future__ import annotations
@@ -28,24 +27,24 @@ from aacmm_pin.arm.pinocchio_model import built_model
 from aacmm_pin.errors import ArmFileError
 
 FULL_TURN = 2 * math.pi
-"""Limit, to both sides, of a joint that URDF calls continuous [rad]."""
+"""Limit on both sides of a continuous joint [rad]."""
 MAX_URDF_BYTES = 20_000_000
 """Size of a file; a humanoid has a quarter of a megabyte."""
 MAX_LINKS = 1000
-"""More would be a body in pieces; Pinocchio and its parser go along the chain by recursion."""
+"""Largest number of links; Pinocchio and its parser use recursion along the chain."""
 IGNORED = (
     *("visual", "collision", "material", "transmission", "gazebo"),
     *("dynamics", "safety_controller", "calibration"),
 )
-"""Elements of which nothing here depends, and whose faults would be refused."""
+"""Elements without effect here."""
 ATTRIBUTES = {"origin": ("xyz", "rpy"), "axis": ("xyz",)}
-"""All that may be in these elements: what is not understood might place a body elsewhere."""
+"""All attributes of these elements; unknown ones might move a body."""
 SHORTEST_AXIS = 1e-3
-"""Largest component of an axis, at least."""
+"""Least size of the largest component of an axis."""
 CHECKED_PLACES = ("joint/origin", "joint/axis", "link/inertial/origin")
-"""Those of these elements that Pinocchio reads."""
+"""Elements of these kinds that Pinocchio reads."""
 MAX_INERTIA = 1e9
-"""Of a mass [kg] or a moment [kg m²]."""
+"""Largest mass [kg] or moment [kg m²]."""
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 Element = Any
@@ -53,8 +52,8 @@ Element = Any
 
 
 class Follower(NamedTuple):
-    """What ``<mimic>`` states: ``ratio`` times the value of ``leader``, which follows no other,
-    plus ``offset``; and words for where that is stated.
+    """The content of ``<mimic>``: ``ratio`` times the value of the independent joint ``leader``,
+    plus ``offset``; and its place in words.
     """
 
     leader: str
@@ -64,12 +63,12 @@ class Follower(NamedTuple):
 
 
 def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
-    """The Pinocchio model of a URDF file, the SHA-256 of the file, and by name the joints that
-    mimic others, which are joints of their own in the model.
+    """The Pinocchio model of a URDF file, the SHA-256 of the file, and its mimicking joints by
+    name.
 
     Raises:
-        ArmFileError: the file cannot be read, is no URDF, or states what no arm has; names the
-            link or joint.
+        ArmFileError: the file cannot be read, is no URDF, or is implausible; names the link or
+            joint.
     """
     content = content_of(
         path, MAX_URDF_BYTES, "a URDF", lambda message: ArmFileError(str(path), "", message)
@@ -101,10 +100,10 @@ def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
 
 
 def parsed_urdf(content: bytes, path: str) -> Element:
-    """The root of the file, comments and blanks in it; ``path`` is what errors call it.
+    """The root element; ``path`` is its name in errors.
 
     Raises:
-        ArmFileError: it is no well-formed XML, or is to be made by xacro.
+        ArmFileError: it is no well-formed XML, or needs xacro.
     """
     parser = etree.XMLParser(resolve_entities=False, no_network=True, recover=True)
     # As the parser of Pinocchio, pass over what is blank before the XML declaration.
@@ -128,7 +127,6 @@ def parsed_urdf(content: bytes, path: str) -> Element:
 
 
 def _refused(element: Element, message: str) -> ArmFileError:
-    """The error that says where and what."""
     names = []
     for outer in (*[*element.iterancestors()][-2::-1], element):
         name = outer.get("name")
@@ -137,7 +135,7 @@ def _refused(element: Element, message: str) -> ArmFileError:
 
 
 def _numbers(element: Element, name: str, default: str, largest: float) -> list[float]:
-    """The numbers of an attribute, as many as ``default`` has, which holds where it is absent."""
+    """The numbers of an attribute, as many as its ``default`` has."""
     text = element.get(name, default)
     count = len(default.split())
     try:
@@ -159,7 +157,6 @@ def _numbers(element: Element, name: str, default: str, largest: float) -> list[
 
 
 def _check_place(element: Element) -> None:
-    """Refuse an origin or an axis that Pinocchio would misread."""
     if element.tag == "axis" and element.getparent().get("type") in ("fixed", "floating"):
         return
     allowed = ATTRIBUTES[element.tag]
@@ -188,7 +185,7 @@ def _check_inertial(inertial: Element) -> None:
 
 
 def _check_limits(joint: Element) -> None:
-    """Refuse limits in the wrong order or in degrees; a continuous joint becomes revolute."""
+    """Refuse limits in wrong order or in degrees; make a continuous joint revolute."""
     limit = joint.find("limit")
     if joint.get("type") == "continuous":
         joint.set("type", "revolute")
@@ -213,7 +210,7 @@ def _check_limits(joint: Element) -> None:
 
 
 def _followers(joints: dict[str, Element]) -> dict[str, Follower]:
-    """See :func:`read_urdf`; of a joint that follows one that follows, the first of all leads."""
+    """Mimicking joints; in a row of them, the first independent joint leads."""
     followers = {}
     for name, joint in joints.items():
         passed = {name}

@@ -1,18 +1,13 @@
-"""The DH table of an arm that came as URDF, the same arm exactly: joint axes, base and tip as they
-are.
+"""The DH table of an arm from a URDF, exactly the same arm.
 
-A row of standard DH, ``Rz(θ) Tz(d) Tx(a) Rx(α)``, leads from a frame whose z is one axis to a frame
-whose z is the next, with x along the common normal of both: four numbers, because where a frame
-sits along its axis, and how it is turned about it, is free (Denavit, Hartenberg 1955). So the rows
-are found one by one, each from the frame that the last one left:
+A row of standard DH, ``Rz(θ) Tz(d) Tx(a) Rx(α)``, leads from a frame with z along one axis to a
+frame with z along the next, and x along the common normal (Denavit, Hartenberg 1955). The rows are:
 
-- from z of the base to the first joint axis: a fixed row, left out where they are one line;
-- from each joint axis to the next: the row of the joint. Parallel axes have a common normal
-  everywhere; that through the origin of the frame is taken (d = 0). Axes that are parallel but for
-  a small angle have one that is far away, where rounding is multiplied: between them comes a fixed
-  row, by an axis across both;
-- from the last joint axis to z of the tip, and a fixed row ``Rz(θ) Tz(d)`` onto the tip itself,
-  where it is needed.
+- from z of the base to the first joint axis: a fixed row, if they are not one line;
+- from each joint axis to the next: the row of the joint. For parallel axes, the common normal
+through the origin of the frame (d = 0). The common normal of nearly parallel axes is far away and
+amplifies rounding: a fixed row, by an axis across both, is inserted;
+- from the last joint axis to z of the tip, and perhaps a fixed row ``Rz(θ) Tz(d)`` to the tip.
 """
 
 from __future__ import annotations
@@ -31,13 +26,9 @@ from aacmm_pin.arm.file import ArmFile, UrdfArmFile, validated
 from aacmm_pin.errors import UnsupportedArmError
 
 PARALLEL = 1e-13
-"""Axes with a smaller angle between them are parallel: it is that of rounding, and no arm is long
-enough to see it [rad].
-"""
+"""Axes with a smaller angle are parallel: rounding [rad]."""
 NEARLY_PARALLEL = 1e-2
-"""Of axes with a smaller angle the common normal is not used: its place is off by rounding divided
-by the angle [rad].
-"""
+"""With a smaller angle, the place of the common normal is rounding divided by the angle [rad]."""
 SAME = 1e-14
 """Lengths and angles below this are rounding [m, rad]."""
 
@@ -52,12 +43,12 @@ class Row(NamedTuple):
 
 
 def dh_file(arm: Arm) -> ArmFile:
-    """The arm file, by standard DH, of an arm that came as URDF; masses and limits go along,
-    half-widths cannot.
+    """The arm file, by standard DH, of an arm from a URDF, with masses and limits, without
+    half-widths.
 
     Raises:
         UnsupportedArmError: a joint follows another, or the arm has a DH table.
-        ArmFileError: what the URDF states cannot stand in an arm file, such as equal limits.
+        ArmFileError: the URDF has values that no arm file has, such as equal limits.
     """
     file = arm.urdf_file
     chain = arm.chain
@@ -96,9 +87,7 @@ def dh_file(arm: Arm) -> ArmFile:
 def _file(
     arm: Arm, file: UrdfArmFile, rows: list[tuple[Row, int | None]], frames: list[Array]
 ) -> ArmFile:
-    """The arm file of these rows, whose frames (4, 4) stand like this where all joints are
-    at zero.
-    """
+    """The arm file of these rows, with frames (4, 4) at zero joint values."""
     axes = [axis(number) for number in arm.chain.moving_rows()]
     rotation, origin = (part[axes, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
     joints = []
@@ -136,8 +125,8 @@ def _file(
 
 
 def _onto_axis(frame: Array, z: Array, point: Array) -> Iterator[Row]:
-    """The rows, one or two, from a frame (4, 4) to one on the axis with direction z (3,) through a
-    point (3,) [m].
+    """One or two rows from a frame (4, 4) to the axis with direction z (3,) through a point (3,)
+    [m].
     """
     z, point = _seen_from(frame, z, point)
     angle = math.hypot(z[0], z[1])
@@ -158,8 +147,8 @@ def _seen_from(frame: Array, z: Array, point: Array) -> tuple[Array, Array]:
 
 
 def _row(z: Array, point: Array) -> Row:
-    """The row onto the axis with direction z (3,) through a point (3,) [m], both in the frame that
-    it starts from.
+    """The row to the axis with direction z (3,) through a point (3,) [m], both in its first
+    frame.
     """
     sine = math.hypot(z[0], z[1])
     if sine < PARALLEL:
