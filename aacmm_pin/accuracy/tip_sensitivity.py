@@ -210,7 +210,7 @@ class ErrorSources(Shown):
         if noisy.size:  # a noisy reading is a noisy zero
             rows = arm.chain.joint_rows()
             zeros = [sensitivity(JointZeroOffset(joint=row), state) for row in rows]
-            by_angles = arm.chain.drive.by_own(np.concatenate(zeros, axis=2))
+            by_angles = arm.chain.drive.by_independent(np.concatenate(zeros, axis=2))
             blocks.append(arm.by_readings(by_angles)[:, :, noisy])
         return np.concatenate(blocks, axis=2)
 

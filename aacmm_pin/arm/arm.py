@@ -635,7 +635,7 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
             f"{stated}; expected the joints that move {urdf.frame!r}, which are {', '.join(names)}",
         )
     try:
-        coupling_matrix(file.couplings, (Drive.of(nominal.nq, mimics).own + 1).tolist())
+        coupling_matrix(file.couplings, (Drive.of(nominal.nq, mimics).independent + 1).tolist())
     except ValueError as error:
         raise ArmFileError(path, "couplings", str(error)) from None
     file = _with_urdf(file.model_copy(update={"joints": joints}), sha256=sha256)
@@ -665,7 +665,7 @@ def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) 
         tip=file.urdf.frame,
         limits=drive.limits(limits),
         parameters=calibrated(parameters, file.covariance),
-        encoder_noise=None if noise is None else noise[drive.own],
+        encoder_noise=None if noise is None else noise[drive.independent],
         nominal=nominal,
         mimics=mimics,
     )

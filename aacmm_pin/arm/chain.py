@@ -128,18 +128,18 @@ class Chain:
     @property
     def nq(self) -> int:
         """Number of independent joints."""
-        return len(self.drive.own)
+        return len(self.drive.independent)
 
     @property
     def prismatic(self) -> Mask:
         """True for independent joints that are prismatic (nq,)."""
-        return np.asarray(self.slides[self.drive.own])
+        return np.asarray(self.slides[self.drive.independent])
 
     @cached_property
     def joint(self) -> NDArray[np.intp]:
         """The independent joint of each place, from 0; -1 for none (places,)."""
         numbers = np.full(len(self.slides) + 1, -1)
-        numbers[self.drive.own] = np.arange(self.nq)
+        numbers[self.drive.independent] = np.arange(self.nq)
         return numbers[self.moved]
 
     def moving_axes(self) -> list[int]:
@@ -202,7 +202,7 @@ class Chain:
         joints[: len(moving), 0] = moving
         joints[:, 1] = np.where(self.slides, V_Z, OMEGA_Z)
         position, columns = self._differentiated(q, joints)
-        return position, np.ascontiguousarray(self.drive.by_own(columns))
+        return position, np.ascontiguousarray(self.drive.by_independent(columns))
 
     def position_and_sensitivity(self, q: Array) -> tuple[Array, Array]:
         """Tip (n, 3) [m] at checked ``q`` (n, nq), and its derivative by the parameters (n, 3,
@@ -243,7 +243,9 @@ class Chain:
         slides = self.slides[:, None, None]
         shifts = np.where(slides, z, np.cross(z, point - origin[places])).transpose(1, 2, 0)
         turns = np.where(slides, 0.0, z).transpose(1, 2, 0)
-        return np.ascontiguousarray(self.drive.by_own(shifts)), self.drive.by_own(turns)
+        return np.ascontiguousarray(self.drive.by_independent(shifts)), self.drive.by_independent(
+            turns
+        )
 
     def walk(self, q: Array, twists: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
         """Frames of all places at checked ``q`` (n, nq), each after its displacement.

@@ -98,12 +98,12 @@ class Drive:
     Attributes:
         matrix: (m, nq).
         offset: (m,) [rad, m].
-        own: numbers of the independent joints (nq,).
+        independent: numbers of the independent joints (nq,).
     """
 
     matrix: Array
     offset: Array
-    own: Index
+    independent: Index
 
     @staticmethod
     def of(joints: int, mimics: Sequence[Mimic] = ()) -> Drive:
@@ -132,7 +132,7 @@ class Drive:
             return q
         return q @ self.matrix.T + self.offset
 
-    def by_own(self, by_all: Array) -> Array:
+    def by_independent(self, by_all: Array) -> Array:
         """The derivative by the nq independent joints from that by all m (…, m)."""
         return by_all if self.is_identity else by_all @ self.matrix
 
@@ -143,8 +143,10 @@ class Drive:
         Raises:
             UnsupportedArmError: there are no such limits.
         """
-        scale = self.matrix[self.own, np.arange(len(self.own))][:, None]
-        limits = np.sort((of_all[self.own] - self.offset[self.own, None]) / scale, axis=1)
+        scale = self.matrix[self.independent, np.arange(len(self.independent))][:, None]
+        limits = np.sort(
+            (of_all[self.independent] - self.offset[self.independent, None]) / scale, axis=1
+        )
         for joint, leader in enumerate(self.leader):
             ratio = self.matrix[joint, leader]
             if ratio and np.ptp(of_all[joint]) < 4.0 * np.pi:

@@ -96,7 +96,7 @@ def _joints(arm: Arm) -> pd.DataFrame:
             "axis": [*map(vector, arm.joint_axes)],
         }
     )
-    limits = _add_limits_and_noise(table, arm, arm.chain.drive.own, "")
+    limits = _add_limits_and_noise(table, arm, arm.chain.drive.independent, "")
     for mimic in arm.mimics:
         leader = "reading" if mimic.of == mimic.joint else f"joint {mimic.of}"
         table.loc[mimic.joint - 1, limits] = f"{mimic.ratio:.5g} × {leader}"
