@@ -192,10 +192,21 @@ def reaching_postures(
     q = into_limits(q, arm.limits)
     swivel = _swivel(arm, q, conditions.point)
     broken = outside_limits(q, arm.limits)
-    at = (arm, conditions.point, arm.tip)
-    complete = not (notes or outcome.ended)
-    those = (*at, q, component + 1, swivel, broken, conditions, curves, outcome)
-    return ReachingPostures(*those, reason=reason, notes=tuple(notes), complete=complete)
+    return ReachingPostures(
+        arm,
+        conditions.point,
+        arm.tip,
+        q,
+        component + 1,
+        swivel,
+        broken,
+        conditions,
+        curves,
+        outcome,
+        reason=reason,
+        notes=tuple(notes),
+        complete=not (notes or outcome.ended),
+    )
 
 
 def _conditions(

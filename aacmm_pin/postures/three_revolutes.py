@@ -169,16 +169,15 @@ def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
     """Angles φ2 from the better conditioned linear equation: a line meets a circle in two
     points.
     """
-    size = np.linalg.norm(rows, axis=2)
-    weight = np.linalg.norm(rows[:, :, :2], axis=2) / np.maximum(size, 1e-300)
-    weight[:, 0] *= 0.999  # the z equation where both are as good
-    pick = np.argmax(weight, axis=1)
-    rows_of_u = np.arange(len(u))
-    normal = rows[rows_of_u, pick, :2]
-    value = h[rows_of_u, pick]
+    length = np.linalg.norm(rows, axis=2)
+    in_plane = np.linalg.norm(rows[:, :, :2], axis=2) / np.maximum(length, 1e-300)
+    in_plane[:, 0] *= 0.999  # the z equation where both are as good
+    better = np.argmax(in_plane, axis=1)
+    number = np.arange(len(u))
+    normal = rows[number, better, :2]
+    value = h[number, better]
     x, y, _ = u.T
-    size = np.linalg.norm(normal, axis=1) * np.hypot(x, y)
-    cosine = value / np.maximum(size, 1e-300)
-    half = np.arccos(np.clip(cosine, -1.0, 1.0))
+    largest = np.linalg.norm(normal, axis=1) * np.hypot(x, y)
+    half = np.arccos(np.clip(value / np.maximum(largest, 1e-300), -1.0, 1.0))
     middle = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(y, x)
-    return np.concatenate([middle + half, middle - half]), np.concatenate([rows_of_u, rows_of_u])
+    return np.concatenate([middle + half, middle - half]), np.concatenate([number, number])

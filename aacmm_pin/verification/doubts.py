@@ -70,12 +70,12 @@ def doubts(
     source: str, probed_points: pd.DataFrame, measuring_range: float | None = None
 ) -> Iterator[Note]:
     """Notes on the probed points of one set of coordinates; ``measuring_range`` in m."""
-    at = probed_points[["x", "y", "z"]]
-    nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)[
-        0
-    ][:, 1]  # inf where farther
-    if alike := int(np.isfinite(nearest).sum()):
-        yield Note("touches_copied", {"copies": alike, "touches": len(at)}).with_place(source)
+    at = coordinates_of(probed_points)
+    tree = scipy.spatial.KDTree(at)
+    distances, _ = tree.query(at, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)
+    copies = int(np.isfinite(distances[:, 1]).sum())  # the first is the distance from itself
+    if copies:
+        yield Note("touches_copied", {"copies": copies, "touches": len(at)}).with_place(source)
     for test, of_test in probed_points.groupby("test", sort=False):
         extent = float(np.ptp(of_test[["x", "y", "z"]].to_numpy(), axis=0).max())
         several = of_test["position"].nunique() > 1
@@ -121,7 +121,7 @@ def _outliers(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note
     """Notes on outliers, and on spheres of five or six points with a large form."""
     forms = np.array([sphere.form for _, sphere in spheres])
     for k, (group, sphere) in enumerate(spheres):
-        point, distance = _farthest(group, sphere)
+        point, distance = _outlier(group, sphere)
         if point is not None:
             yield Note("touch_off_sphere", {"distance": distance}).with_place(str(Place.of(point)))
         elif len(spheres) > 2 and sphere.form > max(
@@ -130,7 +130,7 @@ def _outliers(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note
             yield Note("touches_off_sphere", {"form": sphere.form}).with_place(str(Place.of(group)))
 
 
-def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
+def _outlier(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
     """The point farther from the sphere of the others than chance explains, and its distance
     [m].
     """
@@ -138,21 +138,21 @@ def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame |
     free = np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
     studentised = np.zeros(len(free))
     np.divide(np.abs(sphere.residuals), free, where=free > 0, out=studentised)
-    k = int(studentised.argmax())
+    suspect = int(studentised.argmax())
     dof = len(group) - 5
     try:
-        others = fitted_sphere(np.delete(points, k, axis=0)) if dof > 0 else None
+        others = fitted_sphere(np.delete(points, suspect, axis=0)) if dof > 0 else None
     except AacmmError:  # the others lie in a plane
         others = None
     if others is None:
         return None, 0.0
-    radius = float(np.linalg.norm(points[k] - others.center))
+    radius = float(np.linalg.norm(points[suspect] - others.center))
     distance = abs(radius - others.diameter / 2)
     variance = others.residuals @ others.residuals / dof
     scatter = max(float(np.sqrt(variance)), 1e-12)
-    chance = 2 * len(group) * stdtr(dof, -distance * free[k] / scatter)
+    chance = 2 * len(group) * stdtr(dof, -distance * free[suspect] / scatter)
     far = distance > LEAST_DISTANCE_FROM_SPHERE and chance < CHANCE
-    return (group.iloc[[k]] if far else None), distance
+    return (group.iloc[[suspect]] if far else None), distance
 
 
 def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:

@@ -388,20 +388,13 @@ class _Layout:
             directions = aim + np.arange(TRIED)[:, None] / TRIED * self.rng.normal(size=(TRIED, 3))
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
             for direction in directions:  # the wanted one first, then others, farther from it
-                good = self.pool.tips[self.rng.permutation(len(self.pool.tips))[:CANDIDATES]]
-                for length in (*lengths[::-1], 0.0):  # the far end is least often in reach
-                    ends = good + length * direction
-                    good = good[
-                        self.pool.room.admits(ends) & np.isfinite(self.pool.thinness(ends, reached))
-                    ]
-                middles = good + lengths[-1] / 2 * direction
-                before = np.array([start + lengths[-1] / 2 * way for start, way in placed])
-                order = spread_out(
-                    np.vstack([before, middles]) if placed else middles, len(placed) + 5, 0.0
-                )
-                tried = [good[k - len(placed)] for k in order if k >= len(placed)]
+                starts = self._bar_starts(direction, lengths, reached)
+                middles = starts + lengths[-1] / 2 * direction
+                middles_before = [start + lengths[-1] / 2 * way for start, way in placed]
+                order = spread_out(np.array([*middles_before, *middles]), len(placed) + 5, 0.0)
+                new = order[order >= len(placed)] - len(placed)
                 marks = np.array([0.0, *lengths])[:, None] * direction
-                candidates = np.array(tried).reshape(-1, 1, 3) + marks
+                candidates = starts[new][:, None] + marks
                 with suppress(AacmmError):  # then another direction is tried
                     (place,) = self.pool.places(candidates, 1, 1, "bars")
                     placed.append((place.points[0], direction))
@@ -412,6 +405,18 @@ class _Layout:
                 f"places; expected {PLACES}; reduce --measuring-range-mm or --length-mm"
             )
         return placed
+
+    def _bar_starts(self, direction: Array, lengths: Array, reached: float) -> Array:
+        """Tips (n, 3) [m] where a bar in this direction may begin, so that all of its points are in
+        the room, and closer than ``reached`` to the tips of many postures.
+        """
+        pool = self.pool
+        starts = pool.tips[self.rng.permutation(len(pool.tips))[:CANDIDATES]]
+        for length in (*lengths[::-1], 0.0):  # the far end is least often in reach
+            points = starts + length * direction
+            is_dense = np.isfinite(pool.thinness(points, reached))
+            starts = starts[pool.room.admits(points) & is_dense]
+        return starts
 
     def ball_bars(self, *lengths: float) -> None:
         """Add ball bars of two lengths in ten places each."""

@@ -118,19 +118,19 @@ def plot_residual_vectors(
         UnknownNameError: the model or the plane is unknown.
     """
     fits = models(result)
-    name, judge = model or [*fits][-1], [*fits.values()][-1]
+    name, last_fit = model or [*fits][-1], [*fits.values()][-1]
     fit = model_named(result, name)
     if plane not in get_args(Plane):
         raise UnknownNameError("plane", plane, list(get_args(Plane)))
     axes, ax = ["xyz".index(axis) for axis in plane], axes_of(ax, (6.0, 5.6))
     deviation = deviations_of(result, fit)
     place = fit.point.prediction.tips - deviation
-    factor = factor or magnification_of(place[judge.used], deviation[judge.used])
+    factor = factor or magnification_of(place[last_fit.used], deviation[last_fit.used])
     style: dict[str, Any] = {"lw": 3, "ms": 4, "alpha": 0.5, "solid_capstyle": "round"}
-    for posture in postures_of(judge):
+    for posture in postures_of(last_fit):
         ax.plot(*posture[:, axes].T / MM, "o-", color=GREY, zorder=1, **style)
-    used, excluded = some_of(np.flatnonzero(judge.used), MOST_VECTORS), judge.excluded
-    number = judge.used.sum()
+    used, excluded = some_of(np.flatnonzero(last_fit.used), MOST_VECTORS), last_fit.excluded
+    number = last_fit.used.sum()
     some = f"\n{len(used)} of {number} records are drawn" if len(used) < number else ""
     if excluded.any():
         label = f"{excluded.sum()} excluded"
