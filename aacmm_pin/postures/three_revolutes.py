@@ -132,37 +132,36 @@ def _roots(form: Array) -> tuple[Array, Index]:
     # |form|' step/2.
     half = 0.5 * step * np.sign(value) * slope
     bend = np.hypot(terms[1], terms[2]) + 4 * np.hypot(terms[3], terms[4])  # at most
-    # More than half: comes to zero in half a step.
-    low = 0.125 * step**2 * bend[:, None] - np.abs(value)
+    # Where half is below this, the form may come to zero within half a step.
+    margin = 0.125 * step**2 * bend[:, None] - np.abs(value)
     passes = (value[:, :-1] < 0) != (value[:, 1:] < 0)
-    turns_behind = ~passes & (half < low)[:, :-1]
-    turns_before = ~passes & (-half < low)[:, 1:]
-    which, who, left = np.nonzero(np.stack([passes, turns_behind, turns_before]))
-    begin = value[who, left]
-    end = value[who, left + 1]
-    mine = terms[:, who]
-    between = begin / np.where(which == 0, begin - end, 1.0)
-    ahead = np.where(which == 0, between, which - 1)
-    phi = grid[left] + step * ahead
-    sense = np.where((begin < 0) == (which < 2), 1.0, -1.0)
+    may_turn_after = ~passes & (half < margin)[:, :-1]
+    may_turn_before = ~passes & (-half < margin)[:, 1:]
+    kind, row, interval = np.nonzero(np.stack([passes, may_turn_after, may_turn_before]))
+    begin = value[row, interval]
+    end = value[row, interval + 1]
+    terms = terms[:, row]
+    part = begin / np.where(kind == 0, begin - end, 1.0)
+    phi = grid[interval] + step * np.where(kind == 0, part, kind - 1)
+    sense = np.where((begin < 0) == (kind < 2), 1.0, -1.0)
     for _ in range(STEPS):
         c = np.cos(phi)
         s = np.sin(phi)
         c2 = 2 * c**2 - 1
         s2 = 2 * c * s
-        first = mine[1] * c + mine[2] * s
-        second = mine[3] * c2 + mine[4] * s2
-        f = mine[0] + first + second
-        slope = mine[2] * c - mine[1] * s + 2 * (mine[4] * c2 - mine[3] * s2)
+        first = terms[1] * c + terms[2] * s
+        second = terms[3] * c2 + terms[4] * s2
+        f = terms[0] + first + second
+        slope = terms[2] * c - terms[1] * s + 2 * (terms[4] * c2 - terms[3] * s2)
         bend = -first - 4 * second
         square = slope**2 - 2 * f * bend
         with np.errstate(divide="ignore", invalid="ignore"):
             change = -2 * f / (slope + sense * np.sqrt(np.maximum(square, 0.0)))
             change = np.where(square < 0, -slope / bend, change)
         phi = phi + np.clip(np.nan_to_num(change), -step, step)
-    from_middle = np.abs(phi - grid[left] - 0.5 * step)
+    from_middle = np.abs(phi - grid[interval] - 0.5 * step)
     good = (square > -((NEARLY * bend) ** 2)) & (from_middle < 0.5 * step + 1e-6)
-    return phi[good], who[good]
+    return phi[good], row[good]
 
 
 def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
