@@ -1,4 +1,4 @@
-"""Records of an arm: read from a file or simulated, and what they say of where the tip was."""
+"""Records of an arm, from a file or simulated, and their reference data."""
 
 import lazy_loader
 

@@ -1,5 +1,5 @@
-"""The columns of measurement and acceptance files: an entry says all by which a column is read,
-checked, written and compared with residuals.
+"""The columns of measurement and acceptance files: how each is read, checked, written and
+compared.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from aacmm_pin.effects import CONDITION_ENTRIES, Covariate
 AngleUnit = Literal["deg", "rad"]
 
 SI_OF_UNIT = {"mm": MM, "°": DEG}
-"""Units of files that are not SI."""
+"""Units of files other than SI."""
 NUMBER_IN_NAME = "(0|[1-9][0-9]*)"
-"""What # stands for in a name."""
+"""Numbers in place of #."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """The columns of a file that hold one quantity, or one label.
+    """The columns of a file for one quantity or label.
 
     Attributes:
-        field: attribute of measurements, conditions or probed points that has the values; "" if
-            they stay in :attr:`aacmm_pin.Measurements.extra` as they came.
-        names: one for each component; # stands for the numbers 1, 2, … of as many columns: of the
-            joint, or of the DH row for temperatures.
-        covariate: what residuals are compared with it for: ``anywhere``, it may shift the tip, turn
-            joints and change lengths; ``joints``, all but lengths; ``groups``, records with one
-            label may be excluded together; ``none``, nothing. Excluded records are compared with
-            all but ``none``.
-        unit: of the numbers in the file; "" of labels.
-        range: what the numbers can be, in SI; None: any.
+        field: attribute of measurements, conditions or probed points with the values; "" if they
+            stay unchanged in :attr:`aacmm_pin.Measurements.extra`.
+        names: one for each component; # stands for the numbers 1, 2, … of joints, or of DH rows for
+            temperatures.
+        covariate: effects to compare residuals with: ``anywhere``: translations of the tip,
+            rotations of joints, changes of lengths; ``joints``: all but lengths; ``groups``:
+            records with one label may be excluded together; ``none``. Excluded records are compared
+            with all but ``none``.
+        unit: unit of the numbers in the file; "" for labels.
+        range: possible numbers in SI; None for any.
         may_be_empty: whether a row may state no number; a label may always be missing.
-        above_zero: whether zero is no value, as of a standard uncertainty.
-        of_reference: whether it says where the tip should be, and so has no part in where the
-            readings put it.
+        above_zero: whether zero is invalid, as for a standard uncertainty.
+        of_reference: whether it describes the reference, which does not change where the readings
+            put the tip.
     """
 
     field: str
@@ -61,12 +61,12 @@ class Column:
 
     @property
     def is_numbered(self) -> bool:
-        """Whether there are as many columns as joints or rows."""
+        """Whether each joint or row has a column."""
         return "#" in self.names[0]
 
     @property
     def is_direction(self) -> bool:
-        """Whether its components are those of a unit vector, or of a unit quaternion."""
+        """Whether its components form a unit vector or quaternion."""
         return self.unit == "1" and len(self.names) > 1
 
     @property
@@ -94,7 +94,9 @@ class Column:
         return [name for name in self.names if name in names]
 
     def quantity(self, name: str) -> str:
-        """What its column ``name`` states, such as ``torque 2``; the name if in no attribute."""
+        """The quantity of its column ``name``, such as ``torque 2``; the name if it has no
+        attribute.
+        """
         if not self.field:
             return name
         number = number_in(name, self.names[0]) if self.is_numbered else None
@@ -102,7 +104,6 @@ class Column:
 
 
 def _condition(field: str) -> Column:
-    """The column of a condition, see :class:`aacmm_pin.effects.conditions.Conditions`."""
     column = CONDITION_ENTRIES[field]
     return Column(
         field,
@@ -132,11 +133,9 @@ ROTATION_ORDERS: dict[tuple[str, ...], str] = {
     ROLL_PITCH_YAW: "xyz",
     **dict(zip(EULER_ANGLES, map(str.upper, EULER_ORDERS), strict=True)),
 }
-"""Axes of the angles of a form as SciPy has them: fixed ones in lower case, rotated ones in upper
-case.
-"""
+"""Axes of the angles of a form for SciPy: fixed ones in lower case, rotated ones in upper case."""
 ORIENTATIONS = (ORIENTATION, ROTATION_VECTOR, *ROTATION_ORDERS)
-"""Ways to state an orientation, of which a file has one; quaternions are written."""
+"""Ways to state an orientation; a file has one, and quaternions are written."""
 ORIENTATION_U = "u_rot_rad"
 PROBE_DIRECTION = CONDITION_ENTRIES["probe_direction"].names
 BAR = ("bar", "bar_end", "bar_length_mm")
@@ -149,7 +148,7 @@ DIAMETERS = ("feature_diameter_mm", "probe_diameter_mm")
 (LINK_TEMPERATURE,) = CONDITION_ENTRIES["link_temperature"].names
 
 AT_FRONT = ("seat", "marker")
-"""Conditions whose columns stand beside the coordinates."""
+"""Conditions with columns beside the coordinates."""
 _TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
 _NO_DEGREES = "degrees, in columns theta1_deg …"
 _LENGTH = (plausible.BAR_LENGTH, True)
@@ -190,10 +189,9 @@ RECORD_COLUMNS = (
     Column("operator", ("operator",), "joints"),
     Column("record", ("record",), "none"),
 )
-"""The columns of a measurement file beside the angles, in the order in which they are written.
+"""The columns of a measurement file besides the angles, in the order of writing.
 
-A column that has no entry is unknown: it is kept as it came, and is a covariate that may act
-anywhere.
+A column without entry is kept unchanged, as a covariate that may act anywhere.
 """
 PROBED_POINT_COLUMNS = (
     Column("feature", (FEATURE,), "none"),
@@ -207,7 +205,7 @@ PROBED_POINT_COLUMNS = (
     Column("u_length", ("u_length_mm",), "none", "mm", plausible.LENGTH_NOISE, True),
     _PROBE_DIAMETER,
 )
-"""The columns that an acceptance file has beside them."""
+"""Further columns of an acceptance file."""
 RELATION_COLUMNS = (
     Column("a", ("feature_a",), "none"),
     Column("b", ("feature_b",), "none"),
@@ -220,12 +218,11 @@ RELATION_COLUMNS = (
 LABELS = tuple(
     column.names[0] for column in RECORD_COLUMNS if column.is_label and column.covariate != "none"
 )
-"""Labels that records may be wrong by."""
+"""Labels on which errors of records may depend."""
 UNKNOWN_COLUMN = Column("", ("",), "anywhere")
-"""What stands for the entry of a column without one."""
+"""The entry of a column without entry."""
 PLANNED = "planned_"
-"""Begins the columns in which a procedure says where the arm was to be: no conditions of a record.
-"""
+"""Begins columns of values that a procedure planned, which are no conditions of a record."""
 
 MEASUREMENT_FILE = (*READING_COLUMNS, *RECORD_COLUMNS, *_ORIENTATION_COLUMNS)
 ACCEPTANCE_FILE = (*MEASUREMENT_FILE, *PROBED_POINT_COLUMNS)
@@ -237,7 +234,7 @@ def columns_of_file(header: Iterable[object]) -> tuple[Column, ...]:
 
 
 def single_names(columns: Iterable[Column]) -> tuple[str, ...]:
-    """The names without numbers."""
+    """Names without #."""
     names: list[str] = []
     for column in columns:
         if not column.is_numbered:
@@ -246,12 +243,12 @@ def single_names(columns: Iterable[Column]) -> tuple[str, ...]:
 
 
 def numbered_forms(columns: Iterable[Column]) -> tuple[str, ...]:
-    """The names with numbers."""
+    """Names with #."""
     return tuple(column.names[0] for column in columns if column.is_numbered)
 
 
 def column_of(name: object, columns: Iterable[Column] = MEASUREMENT_FILE) -> Column:
-    """The entry of a name; :data:`UNKNOWN_COLUMN` of one without."""
+    """The entry of a name, or :data:`UNKNOWN_COLUMN`."""
     return next((column for column in columns if column.has(str(name))), UNKNOWN_COLUMN)
 
 
@@ -267,7 +264,7 @@ def named(form: str, count: int) -> list[str]:
 
 
 def number_in(name: str, form: str) -> str | None:
-    """The number of a column of this form, as text: Python reads none of thousands of digits."""
+    """The number in a name of this form, as text: Python refuses thousands of digits."""
     match = re.fullmatch(form.replace("#", NUMBER_IN_NAME), name)
     return match[1] if match else None
 

@@ -1,6 +1,4 @@
-"""The first line of a measurement or acceptance file: which columns there are, and which names must
-be mistakes.
-"""
+"""The header of a measurement or acceptance file: its columns, and mistakes in their names."""
 
 from __future__ import annotations
 
@@ -35,24 +33,20 @@ from aacmm_pin.measurements.csv_columns import (
 )
 
 SPELLING_SIMILARITY = 0.9
-"""Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter
-wrong in ten.
-"""
+"""Similarity (difflib) from which a name is a misspelt one: one wrong letter in ten."""
 OF_ANGLES = ("deg", "rad", "mrad", "gon", "arcsec")
 OTHER_UNITS = {*OF_ANGLES, "m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm"}
 SPELLED = {"°c": "c", "°": "deg", "θ": "theta"}
-"""Signs in names, and the letters that our names have in their stead."""
+"""Signs in names, and our letters for them."""
 MOST_NAMES = 8
-"""So many columns are listed."""
+"""Columns to list, at most."""
 
 
 def check_header(names: Sequence[object], nq: int | None, problems: Problems) -> None:
-    """Whether the names of columns are those of a measurement file; ``nq`` is the number of joints,
-    None where any will do.
+    """Check the names of columns of a measurement file; ``nq`` joints, None for any number.
 
     Raises:
-        MeasurementFileError: a name is missing, there twice, almost a known one, or one that does
-            not stand alone.
+        MeasurementFileError: a name is missing, repeated, misspelt, or needs another column.
     """
     texts = checked_names(names, MEASUREMENT_FILE, problems)
     degrees, radians = (column.among(texts) for column in READING_COLUMNS)
@@ -115,11 +109,10 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
 def checked_names(
     names: Sequence[object], columns: Sequence[Column], problems: Problems
 ) -> list[str]:
-    """The names of a file with these columns, as text; known names in place of similar ones.
+    """The names of a file with these columns, as text, with known names in place of similar ones.
 
     Raises:
-        MeasurementFileError: too many are unknown; ``problems`` has names that are missing, there
-            twice, or almost a known one.
+        MeasurementFileError: too many are unknown; other mistakes go to ``problems``.
     """
     texts = [name if isinstance(name, str) else "" for name in names]
     for place, name in enumerate(names, start=1):
@@ -154,8 +147,8 @@ def checked_names(
 
 
 def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> str | None:
-    """The known name that was meant, or the form of such names, if one was: of the same letters, or
-    a missing one, similar or with another unit.
+    """The known name or form that was meant: with the same letters, or a missing one that is
+    similar or has another unit; else None.
     """
     with_unit = f"{name.lower()}_mm"
     if with_unit in REFERENCE and with_unit not in present:
@@ -180,9 +173,7 @@ def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> s
 
 
 def similar_labels(labels: Iterable[str]) -> list[str]:
-    """Pairs of labels that differ only in letter case, signs that are no letters or digits, leading
-    zeros, or ``.0``.
-    """
+    """Pairs of labels that differ only in case, other signs, leading zeros, or ``.0``."""
     spellings: dict[str, list[str]] = {}
     for label in filter(None, labels):
         key = re.sub(r"\.0$|[\W_]|(?<!\d)0+(?=\d)", "", label.casefold())
@@ -195,7 +186,7 @@ def _stem(name: str) -> str:
 
 
 def _letters(name: str) -> str:
-    """The letters and digits of a name, signs spelled out."""
+    """The letters and digits of a name, with signs spelled out."""
     text = name.casefold()
     for sign, letters in SPELLED.items():
         text = text.replace(sign, letters)
@@ -203,9 +194,7 @@ def _letters(name: str) -> str:
 
 
 def _renaming(names: Sequence[str], nq: int | None) -> str:
-    """How to name columns that may be the angles, for they are unknown and numbered, as many as
-    joints; "" where there are none.
-    """
+    """How to rename unknown numbered columns that may be the angles; else ""."""
     alike: dict[str, list[str]] = {}
     for name in names:
         form, numbers = re.subn("[0-9]+", "#", name)
@@ -214,20 +203,19 @@ def _renaming(names: Sequence[str], nq: int | None) -> str:
     joints = nq or max(map(len, alike.values()), default=0)
     angles = [same for same in alike.values() if len(same) == joints > 1]
     if not angles:
-        return f"; the first line has {listed(map(repr, names))}" if names else ""
+        return f"; the first line has {first_names(map(repr, names))}" if names else ""
     degrees, radians = (span(named(form, joints)) for form in THETA.values())
     came = " or ".join(f"{shortened(same[0])} … {shortened(same[-1])}" for same in angles)
     return f"; if {came} are the angles, rename them {degrees}, or in radians {radians}"
 
 
-def listed(names: Iterable[str]) -> str:
-    """The first names."""
-    texts = [*names]
+def first_names(names: Iterable[object]) -> str:
+    """The first :data:`MOST_NAMES` names as text."""
+    texts = [*map(str, names)]
     return ", ".join(texts[:MOST_NAMES]) + (", …" if len(texts) > MOST_NAMES else "")
 
 
 def _check_companions(there: set[str], problems: Problems) -> None:
-    """Names that need others."""
     groups = [column.names for column in MEASUREMENT_FILE if len(column.names) > 1]
     for group in (*groups, BAR):
         present = [name for name in group if name in there]

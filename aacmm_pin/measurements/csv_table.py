@@ -1,10 +1,8 @@
-"""The cells of a CSV file, or of an Excel workbook (``*.xlsx``, with openpyxl, the extra
-``excel``), as text, however the program that wrote it separates cells and writes
-numbers.
+"""The cells of a CSV file or an Excel workbook (``*.xlsx``, with openpyxl, the extra ``excel``), as
+text.
 
-pandas reads neither the lines of records nor rows that are too short so that a message could name
-them: it fills such rows up, and leaves blank lines and line ends in quotes out of its count.
-Python's reader states the line of each row.
+pandas fills short rows up, and does not count blank lines and line ends in quotes; Python's reader
+states the line of each row for error messages.
 """
 
 from __future__ import annotations
@@ -33,20 +31,20 @@ from aacmm_pin.measurements.csv_columns import (
     column_of,
     columns_of_file,
 )
-from aacmm_pin.measurements.csv_header import listed, near_miss
+from aacmm_pin.measurements.csv_header import first_names, near_miss
 
 MOST_UNPACKED = 500_000_000
-"""Bytes of an unpacked workbook that is read."""
+"""Bytes of an unpacked workbook, at most."""
 LARGEST_FILE = 100_000_000
-"""Bytes of a measurement file that is read, which are a quarter of a million records; its table
-takes ten times as much.
+"""Bytes of a measurement file, at most: a quarter of a million records, whose table takes ten times
+as much.
 """
 SEPARATORS = {";": "semicolons", "\t": "tabulators"}
-"""Separators of cells beside commas, and what they are called."""
+"""Separators of cells besides commas, and their names."""
 _NO_HEADER = re.compile(r"\s*#|sep=.?$", re.IGNORECASE)
 """A comment, or a first line such as sep=; of a spreadsheet."""
 LAST_HEADER = 30
-"""The header is looked for in so many lines, for a title may stand above it."""
+"""Lines in which the header is searched: a title may precede it."""
 _ARM_FILE = re.compile(r"^\s*schema\s*=\s*[\"']aacmm-pin/arm/", re.MULTILINE)
 _NUMBER = re.compile(r"\s*[+-]?(?=[.,]?[0-9])[0-9]*([.,]?)[0-9]*([eE][+-]?[0-9]+)?\s*")
 """A number as cells have it; its decimal sign is the first group."""
@@ -66,7 +64,7 @@ class Row(NamedTuple):
 
 
 class Dialect(NamedTuple):
-    """How a file separates cells, and the decimal sign of its numbers."""
+    """Separator of cells, and decimal sign."""
 
     separator: str = ","
     decimal_sign: str = "."
@@ -81,8 +79,8 @@ class Dialect(NamedTuple):
 
 
 class CsvTable(NamedTuple):
-    """What a file has: its cells as text, with decimal points; the line of each record (n,); how it
-    was read, where that is not as it usually is; and how it is written.
+    """The content of a file: cells as text, with decimal points; the line of each record (n,);
+    notes on unusual properties; and its dialect.
     """
 
     table: pd.DataFrame
@@ -92,12 +90,12 @@ class CsvTable(NamedTuple):
 
 
 def is_workbook(content: bytes) -> bool:
-    """Whether the content of a file is that of a workbook, or of another ZIP archive."""
+    """Whether the content is a workbook, or another ZIP archive."""
     return content.startswith(b"PK\x03\x04")
 
 
 def measurement_file(path: str) -> bytes:
-    """Its content.
+    """The content of a measurement file.
 
     Raises:
         MeasurementFileError: the file cannot be read.
@@ -109,15 +107,15 @@ def measurement_file(path: str) -> bytes:
 
 
 def read_table(path: str, content: bytes | None = None) -> CsvTable:
-    """Read the cells of a CSV file, or of the first sheet of an Excel workbook.
+    """Read the cells of a CSV file, or of the first sheet of an Excel workbook; ``content``
+    replaces reading.
 
-    Cells may be separated by commas, semicolons or tabulators, with spaces behind them; with the
-    latter two, numbers may have decimal commas. Lines that begin with #, and a first one such as
-    sep=; of spreadsheets, are left out where they can be no records, and so are rows of empty cells
-    at the end. Known names of columns may be in upper case. With ``content`` nothing is read.
+    Separators are commas, semicolons or tabulators, perhaps followed by spaces; with the latter
+    two, numbers may have decimal commas. Lines that begin with #, a first line such as sep=;, and
+    empty rows at the end are omitted, if they cannot be records. Known names may be in upper case.
 
     Raises:
-        MeasurementFileError: the file cannot be read, or is not such a table.
+        MeasurementFileError: the file cannot be read, or is no such table.
     """
     content = measurement_file(path) if content is None else content
     ways: list[str] = []
@@ -149,13 +147,12 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
 
 
 def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[Row]:
-    """The rows of the first sheet of a workbook that are not empty: numbers as Python writes them,
-    formulas as their last values; with the empty cells at the end of a record that the header has
-    names for.
+    """The rows of the first sheet that are not empty: numbers as Python writes them, formulas as
+    their values, with empty cells up to the last name of the header.
 
     Raises:
-        MeasurementFileError: openpyxl is not installed, or cannot read the file; the file is too
-            large, or the sheet empty.
+        MeasurementFileError: openpyxl is missing, or cannot read the file; the file is too large,
+            or empty.
     """
     try:
         import openpyxl  # optional
@@ -217,7 +214,7 @@ def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[Row]:
 
 
 def _separation(text: str) -> tuple[str, bool]:
-    """What separates the cells of the header, and whether there are spaces behind it."""
+    """The separator of the header, and whether spaces follow it."""
     lines = (line for line in text.splitlines() if line.strip() and not _NO_HEADER.match(line))
     first = list(islice(lines, LAST_HEADER)) or [""]
     headers = (line for line in first if _has_names(line.split(_separator(line))))
@@ -228,7 +225,6 @@ def _separation(text: str) -> tuple[str, bool]:
 
 
 def _separator(line: str) -> str:
-    """What separates the cells of a line."""
     for mark in (",", *SEPARATORS):
         if mark in line:
             return mark
@@ -236,7 +232,9 @@ def _separator(line: str) -> str:
 
 
 def _has_names(cells: Sequence[str]) -> bool:
-    """Whether one of the cells is the name of a known column, or two, or the only one, nearly."""
+    """Whether cells have the name of a known column, or nearly two names, or nearly the only
+    one.
+    """
     names = [cell.strip(' "') for cell in cells]
     if any(column_of(name.lower(), ACCEPTANCE_FILE) is not UNKNOWN_COLUMN for name in names):
         return True
@@ -248,7 +246,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
     """All lines that are not empty.
 
     Raises:
-        MeasurementFileError: quotes are not as in CSV.
+        MeasurementFileError: quotes are invalid.
     """
     end = 0
     lines = io.StringIO(text, newline="")
@@ -270,12 +268,11 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
 def _records(
     path: str, rows: Sequence[Row], ways: list[str]
 ) -> tuple[list[str], Index, list[list[str]]]:
-    """The header, and lines and cells of the records: of all rows but comments.
+    """The header, and lines and cells of the records.
 
     Raises:
-        MeasurementFileError: there are comments only, or rows above the header or of units below
-            it; a row has another number of cells than the header, or it begins with # as a label
-            may.
+        MeasurementFileError: there are only comments, or rows above the header or of units below
+            it; a row has another number of cells, or begins with # but may be a record.
     """
     stated = [row for row in rows if not row.is_comment]
     if not stated:
@@ -331,14 +328,14 @@ def _records(
                 path,
                 records[0].line,
                 "",
-                f"{listed(words)}; expected numbers of the first record; delete this row, or begin "
-                "the row with #",
+                f"{first_names(words)}; expected numbers of the first record; delete this row, or "
+                "begin the row with #",
             )
     return header, problems.lines, [row.cells for row in records]
 
 
 def _numeric(header: Sequence[str]) -> list[int]:
-    """The columns that may hold numbers: those of numbers, and unknown ones."""
+    """The columns that may hold numbers."""
     known = columns_of_file(header)
     entries = [column_of(name, known) for name in header]
     return [k for k, entry in enumerate(entries) if entry is UNKNOWN_COLUMN or entry.unit]
@@ -365,13 +362,13 @@ def _decimal_sign_of(
 
 
 def _decimal_sign(cell: object) -> str:
-    """The decimal sign of a number; "" where there is none."""
+    """The decimal sign of a number, or ""."""
     match = _NUMBER.fullmatch(str(cell))
     return match[1] if match else ""
 
 
 def _with_sign(cells: Iterable[Any], sign: str) -> list[Any]:
-    """The cells, in which numbers have this decimal sign."""
+    """The cells, with this decimal sign in numbers."""
     signs = [(cell, _decimal_sign(cell)) for cell in cells]
     return [str(cell).replace(stated, sign) if stated else cell for cell, stated in signs]
 
@@ -380,7 +377,7 @@ def _text(path: str, content: bytes) -> str:
     """The content as text.
 
     Raises:
-        MeasurementFileError: it is none, or empty.
+        MeasurementFileError: it is no text, or empty.
     """
     try:
         text = content.decode("utf-8-sig")
@@ -414,13 +411,12 @@ def _text(path: str, content: bytes) -> str:
 
 
 def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataFrame:
-    """The rows of the first file with the columns of the second.
-
-    Rows belong together by the column ``record`` if both files have it, else in their order.
+    """The rows of the first file with the columns of the second, by the column ``record`` or else
+    in order.
 
     Raises:
-        MeasurementFileError: both files have a column; a label is missing or repeated; or the files
-            have other numbers of rows.
+        MeasurementFileError: both files have a column, a label is missing or repeated, or the
+            numbers of rows differ.
     """
     one, two = first.table, second.table
     for name in one.columns.intersection(two.columns).drop("record", errors="ignore"):
@@ -443,11 +439,7 @@ def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataF
 
 
 def _check_labels(path: str, file: CsvTable, others: pd.Series, other: str) -> None:
-    """Each label of a file stands there once, and in the other file.
-
-    Raises:
-        MeasurementFileError: it does not.
-    """
+    """Refuse a label that is repeated, or missing in the other file."""
     problems = Problems(path, file.lines)
     labels = file.table["record"]
     cells = labels.to_numpy()

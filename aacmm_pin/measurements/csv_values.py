@@ -1,4 +1,4 @@
-"""The cells of a measurement or acceptance file: numbers in the units of the file, and labels."""
+"""The cells of a measurement or acceptance file: numbers in units of the file, and labels."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ Cells = NDArray[np.object_]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """What stands in the n rows of a table by the names of columns, each (n,): numbers in the units
-    of the file, labels, and text of unknown columns.
+    """The n rows of a table by the names of columns, each (n,): numbers in units of the file,
+    labels, and text.
     """
 
     n: int
     columns: dict[str, NDArray[Any]]
 
     def block(self, names: Sequence[str]) -> Array:
-        """The columns ``names`` side by side, (n, len(names)); NaN where one is not there."""
+        """The columns ``names`` side by side, (n, len(names)); NaN for a missing column."""
         missing = np.full(self.n, np.nan)
         return np.column_stack([self.columns.get(name, missing) for name in names])
 
     def label(self, name: str) -> Cells:
-        """The column ``name``; "" where it is not there."""
+        """The column ``name``; "" if missing."""
         return self.columns.get(name, np.full(self.n, "", dtype=object))
 
     def names(self, entry: Column) -> list[str]:
@@ -51,9 +51,8 @@ class Values:
         return entry.among(self.columns)
 
     def field(self, entry: Column) -> NDArray[Any] | None:
-        """What stands in the columns of an entry, in SI; None where there are none.
-
-        (n,) of a single column, (n, columns) of several or of numbered ones.
+        """The columns of an entry in SI, or None: (n,), or (n, columns) for several or numbered
+        ones.
         """
         names = self.names(entry)
         if not names:
@@ -65,9 +64,7 @@ class Values:
 
 
 def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Problems) -> Values:
-    """The cells of a table, text or numbers, of which ``columns`` are known; what is wrong with
-    them goes to ``problems``.
-    """
+    """The cells of a table with known ``columns``; mistakes go to ``problems``."""
     values = Values(len(table), {})
     for name in table.columns:
         entry = column_of(name, columns)
@@ -78,7 +75,7 @@ def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Proble
 
 
 def cells_of(column: pd.Series) -> Cells:
-    """Cells as text, exactly as they are; "" where there is nothing."""
+    """Cells as unchanged text; "" if empty."""
     cells = np.array(column, dtype=object)
     if set(map(type, cells)) <= {str}:
         return cells
@@ -88,7 +85,7 @@ def cells_of(column: pd.Series) -> Cells:
 
 
 def _numbers(name: str, cells: Cells, column: Column, problems: Problems) -> Array:
-    """Cells as numbers, NaN where there is nothing, infinite where there is none."""
+    """Cells as numbers, NaN if empty, infinite if invalid."""
     stripped = pd.Series(cells, dtype=object).str.strip()
     values = np.array(pd.to_numeric(stripped, errors="coerce"), dtype=np.float64)
     empty = (stripped == "").to_numpy()
@@ -101,7 +98,7 @@ def _numbers(name: str, cells: Cells, column: Column, problems: Problems) -> Arr
 
 
 def check_values(values: Values, columns: Sequence[Column], problems: Problems) -> None:
-    """Whether the numbers of a table can be those of its columns."""
+    """Check the numbers of a table against their columns."""
     for entry in columns:
         names = values.names(entry)
         if names and not entry.is_label:
@@ -115,9 +112,8 @@ def check_numbers(
     possible: Range | None,
     problems: Problems,
 ) -> None:
-    """Whether numbers (n, k) can be those of a column, see :class:`Column`.
-
-    The components are called ``places`` (k,); ``possible`` is the range in their unit.
+    """Check numbers (n, k), whose components are called ``places``, against a column and the
+    ``possible`` range in their unit.
     """
     stated = ~np.isnan(numbers)
     partly = stated.any(axis=1) & ~stated.all(axis=1)
@@ -159,10 +155,10 @@ def check_numbers(
 
 
 def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Values:
-    """The columns of a measurement file of an arm with ``nq`` joints; None: of any arm.
+    """The columns of a measurement file of an arm with ``nq`` joints, or of any arm.
 
     Raises:
-        MeasurementFileError: the header or a cell is not as expected, or there are no records.
+        MeasurementFileError: the header or a cell is invalid, or there are no records.
     """
     check_header(list(table.columns), nq, problems)
     if not len(table):

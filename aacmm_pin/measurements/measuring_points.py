@@ -1,6 +1,4 @@
-"""Where to measure in a virtual workshop: free postures, seats, and bars that the arm can reach in
-many postures.
-"""
+"""Places for simulated or planned measurements: free postures, seats and bars within reach."""
 
 from __future__ import annotations
 
@@ -19,23 +17,23 @@ from aacmm_pin.postures import StateOf, agile, brought_to, different_postures, s
 SEATS_APART = 0.05
 """Least distance of two seats [m]."""
 POOL = 20_000
-"""Random postures from which places and first guesses are taken."""
+"""Random postures for places and first guesses."""
 GUESSES = 4
-"""First guesses for each posture that is wanted, and at least :data:`LEAST_GUESSES`."""
+"""First guesses for each wanted posture, and at least :data:`LEAST_GUESSES`."""
 LEAST_GUESSES = 100
 CANDIDATES = 30
-"""Places looked at for each that is wanted."""
+"""Candidate places for each wanted one."""
 TRIES = 4
-"""Places tried in earnest for each that is wanted."""
+"""Places to try for each wanted one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Points that are touched together: one seat, or the two ends of a bar.
+    """Points touched together: one seat, or the two ends of a bar.
 
     Attributes:
         points: (k, 3) [m].
-        postures: of each point, (m, nq) [rad].
+        postures: postures of each point, (m, nq) [rad].
     """
 
     points: Array
@@ -44,15 +42,14 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Random postures of an arm that stand for all that it can do.
+    """Random postures of an arm.
 
     Attributes:
-        room: the arm and where its tip may be.
-        state_of: the arm with those of its errors that are there in every record, whatever its
-            conditions.
+        room: the arm and the room of its tip.
+        state_of: the arm with its errors that do not depend on conditions.
         q: postures (n, nq) [rad].
         tips: (n, 3) [m].
-        tree: of the tips.
+        tree: search tree of the tips.
     """
 
     room: Room
@@ -63,8 +60,7 @@ class Pool:
 
     @staticmethod
     def draw(model: ErrorModel, above: float | None, each: int, rng: np.random.Generator) -> Pool:
-        """A pool from which a point can be touched in ``each`` postures, over a table at ``above``
-        [m].
+        """A pool to touch a point in ``each`` postures, over a table at ``above`` [m].
 
         Raises:
             AacmmError: see :meth:`Room.postures`.
@@ -82,27 +78,23 @@ class Pool:
         return self.room.arm
 
     def thinness(self, points: Array, most: float = np.inf) -> Array:
-        """Radius about each point (n, 3) that holds the nearest tips of the pool; large where few
-        postures reach [m].
+        """Radius about each point (n, 3) with the nearest tips of the pool: large if few postures
+        reach it [m].
 
-        Infinite from ``most`` on: looking so far takes long.
+        Infinite from ``most`` on, to save time.
         """
         distances, _ = self.tree.query(points, k=LEAST_GUESSES, distance_upper_bound=most)
         return np.asarray(distances[:, -1])
 
     def dense(self, rng: np.random.Generator, count: int) -> Array:
-        """The better half of ``2 count`` random tips, those that many postures reach: (count, 3)
-        [m].
-        """
+        """The better half of ``2 count`` random tips, which many postures reach: (count, 3) [m]."""
         chosen = rng.permutation(len(self.tips))[: 2 * count]
         points = self.tips[chosen]
         order = np.argsort(self.thinness(points))
         return points[order[: len(points) // 2]]
 
     def touched(self, points: Array, each: int) -> list[Array]:
-        """Up to ``each`` different postures with the tip at each of the ``points`` (k, 3), from
-        guesses near it.
-        """
+        """Up to ``each`` different postures with the tip at each of the ``points`` (k, 3)."""
         guesses = max(LEAST_GUESSES, GUESSES * each)
         _, near = self.tree.query(points, k=guesses)
         bounds = joint_bounds(self.arm)
@@ -121,8 +113,8 @@ class Pool:
         return postures
 
     def places(self, candidates: Array, wanted: int, each: int, what: str) -> list[Place]:
-        """The first ``wanted`` of the ``candidates`` (c, k, 3) all of whose points can be touched
-        in ``each`` postures.
+        """The first ``wanted`` of the ``candidates`` (c, k, 3) whose points all have ``each``
+        postures.
 
         Raises:
             AacmmError: there are fewer.
@@ -150,10 +142,10 @@ class Pool:
 
 
 def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> list[Place]:
-    """Kinematic seats spread over where many postures reach, each with ``each`` postures.
+    """Seats spread over the dense workspace, each with ``each`` postures.
 
     Raises:
-        AacmmError: there is no room for so many, or they cannot be touched in so many postures.
+        AacmmError: there is no room for so many, or they have too few postures.
     """
     points = pool.dense(rng, CANDIDATES * wanted)
     order = spread_out(points, TRIES * wanted, SEATS_APART)
@@ -170,11 +162,11 @@ def bars_for(
 ) -> list[Place]:
     """Ball bars of ``length`` [m] in ``wanted`` places, each end with ``each`` postures.
 
-    One end is a random tip, the other lies on the way to another random tip, where postures are as
-    many as about seats.
+    One end is a random tip, the other lies towards another one, where postures are as dense as at
+    seats.
 
     Raises:
-        AacmmError: the arm does not reach both ends anywhere, or not in so many postures.
+        AacmmError: the arm does not reach both ends anywhere, or in too few postures.
     """
     a = pool.dense(rng, CANDIDATES * wanted)
     b = a.copy()
@@ -202,13 +194,13 @@ def bars_for(
 
 
 def visits(counts: Index, session: Index, rng: np.random.Generator) -> tuple[Index, Index]:
-    """In which order points are touched: point by point in each session, each session with its
-    share of every point.
+    """The order of records: point by point in each session, each session with its share of every
+    point.
 
     Args:
         counts: records of each point (k,).
         session: session of each record, ascending (n,), n the sum of the counts.
-        rng: draws the order of the points in a session, and of the postures at a point.
+        rng: draws the order of points in a session, and of postures at a point.
 
     Returns:
         point and number of its posture, of each record (n,).

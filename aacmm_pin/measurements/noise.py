@@ -1,4 +1,4 @@
-"""How noisy readings, references and contacts are."""
+"""Noise of readings, references and contacts."""
 
 from __future__ import annotations
 
@@ -12,26 +12,21 @@ from aacmm_pin._support.checks import Array, vector
 from aacmm_pin.errors import ShapeError
 
 ENCODER = 8e-6
-"""Standard uncertainty of one reading where nothing is stated [rad]: a good optical encoder, 1.6″.
-"""
+"""Default standard uncertainty of a reading [rad]: a good optical encoder, 1.6″."""
 REFERENCE_NOISE = 1.2e-5
-"""Standard uncertainty of a coordinate of a reference where nothing is stated [m]: a laser tracker
-at 2 m.
-"""
+"""Default standard uncertainty of a reference coordinate [m]: a laser tracker at 2 m."""
 PROBE = 0.0
-"""Standard uncertainty of a contact where nothing is stated [m]."""
+"""Default standard uncertainty of a contact [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Standard uncertainties of what is new in every record, or in every reference.
+    """Standard uncertainties that change in every record, or in every reference.
 
     Attributes:
-        encoder: of one reading of each encoder (nq,) [rad; m where a joint slides].
-        reference: of each coordinate of a stated reference [m]: drawn once for a seat, once a
-            record for free points.
-        probe: of each coordinate of one contact, how exactly the ball sits; new in every record
-            [m].
+        encoder: of one reading of each encoder (nq,) [rad; m for prismatic joints].
+        reference: of each coordinate of a reference, once for a seat, or once for a free point [m].
+        probe: of each coordinate of one contact, new in every record [m].
     """
 
     encoder: Array
@@ -58,11 +53,11 @@ class Noise:
         reference: float = REFERENCE_NOISE,
         probe: float = PROBE,
     ) -> Noise:
-        """Noise of an arm with ``nq`` joints; ``encoder`` is (nq,), or one number for all [rad].
+        """Noise of an arm with ``nq`` joints; ``encoder`` is (nq,), or one number [rad].
 
         Raises:
-            ShapeError: ``encoder`` has another number of entries than ``nq``, or is not finite.
-            AacmmError: a number is negative, not finite, or larger than any arm's.
+            ShapeError: ``encoder`` has another number of entries, or is not finite.
+            AacmmError: a number is negative, not finite, or implausible.
         """
         of_encoders = np.full(nq, encoder, dtype=float) if np.ndim(encoder) == 0 else encoder
         checked = vector(of_encoders, nq, "encoder noise", "rad")

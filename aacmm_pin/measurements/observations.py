@@ -17,17 +17,15 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.measurements.relations import of_planes
 
 NOTHING_KNOWN = 1e-4
-"""The smallest information for a known seat [1/m²]; a seat with less may be anywhere
-within 100 m.
+"""The smallest information for a known seat [1/m²]; a seat with less may be anywhere within 100
+m.
 """
 
 
 NOTHING_BESIDE = 1e-3
-"""The relative standard deviation that stands in for the part of a deviation that does
-not count.
-"""
+"""The relative standard deviation of the part of a deviation that does not count."""
 WILD_CONTACT = 1e-4
-"""The distance from a sphere [m] above which a contact has less weight in the first estimate of the
+"""Distance from a sphere [m] from which a contact has less weight in the first estimate of the
 centre.
 """
 LEAST_WIDTH = 1e-3
@@ -37,9 +35,9 @@ OF_BAR = "bar"
 
 
 def best_sphere(points: Array) -> tuple[Array, float]:
-    """Fit a sphere to points ``(m, 3)`` [m] and return its centre ``(3,)`` and radius [m].
+    """Fit a sphere to points ``(m, 3)`` [m] and return centre ``(3,)`` and radius [m].
 
-    The method is the linear least squares of ``|p|² = 2 c·p + k``.
+    Linear least squares of ``|p|² = 2 c·p + k``.
     """
     middle = points.mean(axis=0)
     about = points - middle
@@ -147,9 +145,8 @@ class Observations:
 
     @property
     def counts(self) -> Index:
-        """The number of coordinates that each record states, ``(n,)``.
-
-        A record without target states 0, a sphere or plane 1, a point 3, and an orientation 3 more.
+        """The number of coordinates that each record states, ``(n,)``: 0 without target, 1 for a
+        sphere or plane, 3 for a point, and 3 more for an orientation.
         """
         of_tip = np.where(self.on_surface, 1, 3)
         return np.asarray(self.has_target * of_tip + 3 * (self.has_target & self.oriented))
@@ -161,9 +158,8 @@ class Observations:
 
     @property
     def on_surface(self) -> Mask:
-        """True for records that touch a sphere or a plane, ``(n,)``.
-
-        Only the component of their deviation along the normal counts.
+        """True for records that touch a sphere or a plane, ``(n,)``; only their deviation along the
+        normal counts.
         """
         return self.on_sphere | self.on_plane
 
@@ -178,7 +174,6 @@ class Observations:
         return self._seats_of(self.on_plane)
 
     def _seats_of(self, records: Mask) -> Mask:
-        """Which seats some of the records (n,) touch (s,)."""
         number = np.arange(len(self.labels))
         return np.isin(number, self.seat[records])
 
@@ -188,11 +183,8 @@ class Observations:
         return self.spheres | self.planes
 
     def with_normals(self, tips: Array, points: Array) -> Observations:
-        """Return the observations with the normals of spheres and planes.
-
-        Args:
-            tips: positions of the tip ``(n, 3)`` [m].
-            points: coordinates of the seats ``(s, 3)`` [m].
+        """Return the observations with the normals of spheres and planes, for tips ``(n, 3)`` and
+        seats at ``points`` ``(s, 3)`` [m].
         """
         normal = np.zeros((len(tips), 3))
         touches = self.on_sphere
@@ -216,16 +208,13 @@ class Observations:
         return replace(placed, normal=normal, by_place=by_place)
 
     def _normals_of_planes(self, points: Array) -> Array:
-        """Of the planes that records touch, with the seats at ``points`` (s, 3) [m]."""
         seat = self.seat[self.on_plane]
         way = points[seat] - self.anchor[seat]
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def by_seats(self, whitening: Array) -> Array:
-        """Return the derivative of whitened deviations by the seats, ``(n, r, 3)``.
-
-        Args:
-            whitening: rows that whiten the deviations ``(n, r, 3 or 6)``.
+        """Return the derivative of whitened deviations by the seats, ``(n, r, 3)``, for
+        ``whitening`` rows ``(n, r, 3 or 6)``.
         """
         derivative = -whitening[:, :, :3]
         touches = self.on_plane
@@ -241,9 +230,7 @@ class Observations:
 
     def counting(self, covariance: Array) -> Array:
         """Return the covariance of the part of deviations that counts, ``(n, 3 or 6, 3 or 6)`` [m²,
-        rad²].
-
-        The rest of a deviation has a very small variance.
+        rad²]; the rest has a very small variance.
         """
         if not self.on_surface.any():
             return covariance
@@ -254,7 +241,7 @@ class Observations:
         return np.asarray(along + beside)
 
     def _projections(self, width: int) -> Array:
-        """Onto the part of deviations that counts (n, width, width)."""
+        """Projections onto the part of deviations that counts (n, width, width)."""
         projections = np.tile(np.eye(width), (len(self.normal), 1, 1))
         normal = self.normal[self.on_surface]
         projections[self.on_surface, :3, :3] = normal[:, :, None] * normal[:, None, :]
@@ -279,14 +266,11 @@ class Observations:
         return clusters_of(self.ends, len(self.labels))
 
     def start(self, tips: Array) -> Array:
-        """Return first estimates of the coordinates of the seats, ``(s, 3)`` [m].
+        """Return first estimates of the coordinates of the seats, ``(s, 3)`` [m], from tips ``(n,
+        3)`` [m].
 
-        For a point the estimate is the stated value, otherwise the median of its tips. For a sphere
-        without stated value the estimate is the fitted centre, and for a plane the mean of its
-        tips.
-
-        Args:
-            tips: positions of the tip ``(n, 3)`` [m].
+        The estimate is the stated value, else the median of the tips; of a sphere the fitted
+        centre, of a plane the mean of its tips.
         """
         touched = self.seat >= 0
         if not touched.any():
@@ -303,10 +287,8 @@ class Observations:
         return np.nan_to_num(places)
 
     def targets(self, points: Array) -> Array:
-        """Return the target of each tip, ``(n, 3)`` [m]; NaN for records without target.
-
-        Args:
-            points: coordinates of the seats ``(s, 3)`` [m].
+        """Return the target of each tip, ``(n, 3)`` [m], for seats at ``points`` ``(s, 3)``; NaN
+        for records without target.
         """
         touched = self.seat >= 0
         targets = self.reference.copy()
@@ -314,9 +296,8 @@ class Observations:
         return targets
 
     def deviations(self, poses: Array, points: Array) -> Array:
-        """Return the deviations of ``poses`` from the targets, ``(n, 3 or 6)`` [m, rad].
-
-        For a sphere or a plane, the deviation is along the normal.
+        """Return the deviations of ``poses`` from the targets, ``(n, 3 or 6)`` [m, rad]; along the
+        normal for a sphere or plane.
 
         Args:
             poses: positions of the tip, and rotations relative to the target if stated, ``(n, 3 or
@@ -364,8 +345,7 @@ class Observations:
             part: number of the part of each record ``(n,)``.
 
         Returns:
-            The observations; the old index of each new seat ``(s',)``; the part of each new seat
-            ``(s',)``.
+            The observations; the old index and the part of each new seat ``(s',)``.
         """
         touched = self.seat >= 0
         of_touches = np.stack([part[touched], self.seat[touched]], axis=1)

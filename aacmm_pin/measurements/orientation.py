@@ -1,6 +1,4 @@
-"""Turns between orientations: matrices of stated quaternions, rotation vectors and their
-derivative, a mean.
-"""
+"""Orientations: conversions, differences and mean."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from aacmm_pin.measurements.csv_columns import ORIENTATION, ROTATION_ORDERS, ROT
 
 
 def matrices(quaternions: Array) -> Array:
-    """Orientations (n, 3, 3) of unit quaternions (n, 4), scalar first; no turn where one is NaN."""
+    """Orientations (n, 3, 3) of unit quaternions (n, 4), scalar first; the identity for NaN."""
     filled = np.where(np.isfinite(quaternions), quaternions, [1.0, 0.0, 0.0, 0.0])
     scalar_last = np.roll(filled, -1, axis=1)
     rotations = scipy.spatial.transform.Rotation.from_quat(scalar_last)
@@ -21,11 +19,11 @@ def matrices(quaternions: Array) -> Array:
 
 
 def as_quaternions(form: tuple[str, ...], numbers: Array) -> Array:
-    """Quaternions (n, 4), scalar first, of what a file states in the columns of ``form``, one of
-    :data:`ORIENTATIONS`: numbers (n, 4) or (n, 3) in the units of the file; NaN where one is NaN.
+    """Quaternions (n, 4), scalar first, from columns of ``form``, one of :data:`ORIENTATIONS`, in
+    units of the file (n, 4) or (n, 3); NaN stays.
 
-    Angles are about the axes of :data:`ROTATION_ORDERS`; roll, pitch and yaw are those of URDF,
-    ``Rz(yaw) Ry(pitch) Rx(roll)``.
+    Angles are about the axes of :data:`ROTATION_ORDERS`; roll, pitch and yaw are ``Rz(yaw)
+    Ry(pitch) Rx(roll)``.
     """
     if form == ORIENTATION:
         return numbers
@@ -41,14 +39,14 @@ def as_quaternions(form: tuple[str, ...], numbers: Array) -> Array:
 
 
 def quaternions(orientations: Array) -> Array:
-    """The way back: unit quaternions (n, 4), scalar first, of orientations (n, 3, 3)."""
+    """Unit quaternions (n, 4), scalar first, of orientations (n, 3, 3)."""
     rotations = scipy.spatial.transform.Rotation.from_matrix(orientations)
     return np.roll(rotations.as_quat(), 1, axis=1)
 
 
 def turns(orientation: Array, start: Array) -> Array:
-    """Rotation vectors ``log(R Sᵀ)`` (n, 3) [rad] from ``start`` S to ``orientation`` R, in the
-    axes in which both are.
+    """Rotation vectors ``log(R Sᵀ)`` (n, 3) [rad] from ``start`` S to ``orientation`` R, in their
+    common axes.
     """
     way = orientation @ start.transpose(0, 2, 1)
     return np.asarray(scipy.spatial.transform.Rotation.from_matrix(way).as_rotvec())
@@ -69,9 +67,7 @@ def by_small_turn(turn: Array) -> Array:
 
 
 def mean(orientations: Array) -> Array:
-    """The mean (3, 3) of orientations (n, 3, 3), nearest to all in the Frobenius norm; no turn
-    where there are none.
-    """
+    """The mean (3, 3) of orientations (n, 3, 3) in the Frobenius norm; the identity of none."""
     if not len(orientations):
         return np.eye(3)
     return np.asarray(scipy.spatial.transform.Rotation.from_matrix(orientations).mean().as_matrix())

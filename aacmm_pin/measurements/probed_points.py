@@ -1,6 +1,4 @@
-"""Probed points of an acceptance test: what their file states of each, and the records that they
-amount to.
-"""
+"""Probed points of an acceptance test, and the records that they correspond to."""
 
 from __future__ import annotations
 
@@ -35,33 +33,30 @@ NEEDED = {
     "single-point": ("position",),
     "volumetric": ("feature", "position", "length_id", "length_mm"),
 }
-"""The tests, and the columns that must not be empty in their rows."""
+"""The tests, and the columns that their rows must fill in."""
 POINT_FIELDS = {column.names[0]: column.field for column in PROBED_POINT_COLUMNS}
-"""What each column states of a point."""
+"""Field of a point for each column."""
 LENGTH_TESTS = tuple(test for test, needed in NEEDED.items() if "length_mm" in needed)
 ONE_VALUE = {
     ("length_id", "position", "repeat"): ("length_mm", "probe_diameter_mm", "u_length_mm"),
     ("feature", "position"): ("feature_diameter_mm", "probe_diameter_mm", "u_length_mm"),
 }
-"""What distinguishes the lengths, and the spheres, of a test, and the columns in which all points
-of one state the same.
-"""
+"""Labels of the lengths and spheres of a test, and the columns with one value for each of them."""
 LEAST_LENGTH_U = 1e-9
-"""A length is not known better, even if its standard uncertainty is stated as zero [m]."""
+"""Least standard uncertainty of a length, even if stated as zero [m]."""
 PREDICTED_ACCURATE = "high"
-"""In the column ``part``: a point probed in a posture that was predicted to be accurate."""
+"""Value of ``part`` for a posture with predicted high accuracy."""
 
 
 def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
-    """What an acceptance file states of each probed point: a column for each field of
+    """The probed points of an acceptance file, with a column for each field of
     :data:`PROBED_POINT_COLUMNS`.
 
-    Labels are text, "" where there is none; lengths are in metres, NaN where none is stated;
-    ``row`` is the line in the file.
+    Labels are text, or ""; lengths are in metres, or NaN; ``row`` is the line in the file.
 
     Raises:
-        MeasurementFileError: a name of a column is a mistake, there is no column ``test``, or no
-            point; other ``problems`` are gathered.
+        MeasurementFileError: a name of a column is a mistake, or there is no column ``test`` or no
+            point; other mistakes go to ``problems``.
     """
     names = checked_names(list(table.columns), ACCEPTANCE_FILE, problems)
     if "test" not in names:
@@ -88,7 +83,6 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
 
 
 def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
-    """Known tests, each with the cells that it needs."""
     tests = points["test"].to_numpy()
     parts = points["part"].to_numpy()
     expected = f"expected {PREDICTED_ACCURATE} or an empty cell"
@@ -107,8 +101,8 @@ def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
 
 
 def _state_one_value(points: pd.DataFrame, problems: Problems) -> None:
-    """What is calibrated is the same for all points of a length, or sphere; one that states nothing
-    is given it.
+    """Require one calibrated value for all points of a length or sphere, and fill in empty
+    cells.
     """
     for labels, names in ONE_VALUE.items():
         tests = [test for test, needed in NEEDED.items() if names[0] in needed]
@@ -122,16 +116,14 @@ def _state_one_value(points: pd.DataFrame, problems: Problems) -> None:
 
 
 def has_probed_points(table: pd.DataFrame) -> bool:
-    """Whether a table states readings of probed points: a column ``test`` with a known test, and
-    angles.
-    """
+    """Whether a table has angles, and a column ``test`` with a known test."""
     if "test" not in table or not any(map(is_reading, table)):
         return False
     return bool(table["test"].astype(str).str.strip().isin(NEEDED).any())
 
 
 def with_features_as_seats(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
-    """The table of a measurement file with its labels of features in the column of seats."""
+    """The table of a measurement file with labels of features as seats."""
     feature = cells_of(table[FEATURE])
     seat = cells_of(table["seat"]) if "seat" in table else np.full_like(feature, "")
     both = (feature != "") & (seat != "")
@@ -142,14 +134,13 @@ def with_features_as_seats(table: pd.DataFrame, problems: Problems) -> pd.DataFr
 
 
 def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, tuple[Note, ...]]:
-    """The table of a measurement file that states what the probed points state, and how that was
-    made.
+    """The table of a measurement file from probed points, and notes.
 
-    A single point is a seat. So is each end of a length that is probed once a repeat, over all
-    repeats of its position; the length is a bar between them, longer by the probe's diameter where
-    it is probed from opposite sides. Points of a sphere whose diameter and probe are stated lie on
-    it; its centre is unknown, and the same in all repeats. Others are not used. If the table has
-    seats or bars of its own, these hold. Coordinates are those of the tested arm, and no reference.
+    A single point is a seat, and so is each end of a length that is probed once a repeat, over all
+    repeats of its position. The length is a bar between its ends, longer by the diameter of the
+    probe if probed from opposite sides. Points of a sphere with stated diameters lie on it. Other
+    points are not used. Seats or bars of the table itself have priority. Coordinates are those of
+    the tested arm, and no reference.
 
     Raises:
         MeasurementFileError: see :func:`read_probed_points`.
@@ -178,7 +169,7 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
 
 
 def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
-    """Seat, bar and sphere of each probed point, in the columns of a measurement file, and its
+    """Seat, bar and sphere of each probed point, in columns of a measurement file, and its
     ``kind``: ``point``, ``bar``, ``sphere`` or "".
     """
     test, feature, position = (points[name] for name in ("test", "feature", "position"))

@@ -1,6 +1,4 @@
-"""What the cells of a measurement file say together: units of angles, references, seats and bars
-that fit one another.
-"""
+"""Consistency of the cells of a measurement file: units of angles, references, seats and bars."""
 
 from __future__ import annotations
 
@@ -31,22 +29,22 @@ from aacmm_pin.measurements.csv_values import Values, check_values
 from aacmm_pin.measurements.repeats import WHOLE_TOLERANCE
 
 ENOUGH_RECORDS = 5
-"""So many records distinguish degrees from radians."""
+"""Records that distinguish degrees from radians."""
 ENOUGH_ANGLES = 10
-"""So many different angles of a joint show that they are rounded."""
+"""Different angles of a joint that show rounding."""
 COARSE_DECIMALS = 4
 """Rounding to more decimals adds less than the noise of an encoder."""
 LEAST_PART_IN_A_TURN = 0.75
-"""Part of the angles that are within ±2π where degrees may be radians."""
+"""Part of the angles within ±2π if degrees may be radians."""
 SIGNS = (-1.0, 0.0, 1.0)
 """Directions of approach."""
 BAR_ENDS = ("A", "B")
 FEWEST_CONTACTS = 4
-"""Three contacts determine a plane, or the centre of a sphere, and nothing else."""
+"""Least contacts of a surface: three determine a plane or a centre, and nothing else."""
 
 
 def check_records(values: Values, problems: Problems) -> None:
-    """Whether cells that can be read say together what records can say.
+    """Check that cells fit each other.
 
     Raises:
         MeasurementFileError: they do not.
@@ -65,11 +63,10 @@ def check_records(values: Values, problems: Problems) -> None:
 
 
 def looks_like_radians(degrees: Array) -> bool:
-    """Whether ``degrees`` (n, nq) are radians: at least 5 records, and the largest of all angles
-    between 1 and 2π.
+    """Whether ``degrees`` (n, nq) are radians: at least 5 records, and the largest angle between 1
+    and 2π.
 
-    Measurements turn several joints by tens of degrees. An arm that stays within ±1° of zero in all
-    joints, or fewer records than 5, get the benefit of the doubt.
+    Measurements rotate several joints by tens of degrees.
     """
     if len(degrees) < ENOUGH_RECORDS:
         return False
@@ -78,8 +75,8 @@ def looks_like_radians(degrees: Array) -> bool:
 
 
 def mostly_like_radians(degrees: Array) -> bool:
-    """Whether most of ``degrees`` (n, nq) would be less than a turn if they were radians: of few
-    records, or with an endless wrist.
+    """Whether most of ``degrees`` (n, nq) are below 2π, as radians of few records or of an endless
+    wrist.
     """
     sizes = np.abs(degrees[degrees != 0.0])
     if not sizes.size or sizes.max() <= 1.0:
@@ -88,9 +85,7 @@ def mostly_like_radians(degrees: Array) -> bool:
 
 
 def rounding_steps(angles: Array) -> Array:
-    """The power of ten that all angles (n, nq) of each joint are multiples of, in their unit (nq,);
-    0 where there is none, or a joint has fewer than :data:`ENOUGH_ANGLES` different ones.
-    """
+    """The power of ten to which the angles (n, nq) of each joint are rounded (nq,), or 0."""
     steps = np.zeros(angles.shape[1])
     for decimals in range(COARSE_DECIMALS, -1, -1):
         scaled = angles * 10.0**decimals
@@ -101,7 +96,6 @@ def rounding_steps(angles: Array) -> Array:
 
 
 def _check_degrees(theta: Sequence[str], degrees: Array, problems: Problems) -> None:
-    """Degrees that must be radians."""
     if looks_like_radians(degrees):
         largest = np.abs(degrees).max()
         in_radians = span(named(THETA["rad"], len(theta)))
@@ -114,9 +108,9 @@ def _check_degrees(theta: Sequence[str], degrees: Array, problems: Problems) -> 
 
 
 def _check_references(values: Values, problems: Problems) -> None:
-    """References that a program wrote for want of others, and seats and orientations without.
+    """Refuse placeholders for missing references, and incomplete seats and orientations.
 
-    No arm brings its tip to the origin in every record, but to one seat there.
+    No arm has its tip at the origin in every record, except for one seat there.
     """
     coordinates = values.block(REFERENCE)
     complete = np.isfinite(coordinates).all(axis=1)
@@ -150,9 +144,8 @@ def _check_references(values: Values, problems: Problems) -> None:
 
 
 def _check_features(values: Values, problems: Problems) -> None:
-    """Each record of a sphere or plane states its label and what it is, each has enough contacts,
-    and each sphere the same diameters in all of its records; a probe's diameter alone is that of a
-    contact with a direction.
+    """Require label and kind of each record of a sphere or plane, enough contacts, and one pair of
+    diameters of each sphere; a diameter of a probe alone needs a direction.
     """
     kind = values.label(FEATURE_KIND)
     is_kind = np.isin(kind, [PLANE, ""])
@@ -218,8 +211,8 @@ def _check_features(values: Values, problems: Problems) -> None:
 
 
 def _check_bars(values: Values, problems: Problems) -> None:
-    """Whether the rows of each bar state one length with its u, both ends, and another seat at
-    each; other rows none.
+    """Require one length with its u, both ends and different seats of each bar, and nothing in
+    other rows.
     """
     bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
     length, u = values.block(["bar_length_mm", BAR_U]).T

@@ -1,7 +1,6 @@
-"""Measurements of an arm: encoder indications, references where they are known, and conditions;
-their CSV file.
+"""Measurements of an arm: readings, references and conditions, and their CSV file.
 
-The file speaks millimetres and degrees (or radians); :class:`Measurements` speaks SI.
+The file has millimetres and degrees (or radians), :class:`Measurements` SI.
 """
 
 from __future__ import annotations
@@ -71,15 +70,13 @@ from aacmm_pin.measurements.relations import Relation, read_relations
 from aacmm_pin.measurements.repeats import posture_numbers
 
 LEAST_MOTION = 1e-3
-"""A joint whose angle changes by less than this from row to row was not moved [rad, m]."""
+"""Least change of a joint from row to row that counts as motion [rad, m]."""
 FIRST_RECORD = 2
 """Line of the first record in a file: the header is line 1."""
 
 
 class Bar(NamedTuple):
-    """Two seats at a known distance, and its standard uncertainty, NaN where it is not
-    stated [m].
-    """
+    """Two seats at a known distance, and its standard uncertainty [m], or NaN."""
 
     bar: str
     seat_a: str
@@ -92,9 +89,9 @@ class CovariateColumn(NamedTuple):
     """A column that residuals may depend on.
 
     Attributes:
-        name: in the file.
-        values: (n,), numbers in the unit of the file or labels; of an unknown column as they came.
-        entry: in the table of columns, which says what it may act on.
+        name: name in the file.
+        values: numbers in the unit of the file, or labels (n,); of an unknown column unchanged.
+        entry: its entry in the table of columns.
     """
 
     name: str
@@ -103,7 +100,7 @@ class CovariateColumn(NamedTuple):
 
     @property
     def quantity(self) -> str:
-        """What it is, such as ``torque 2``; the name of a column that no attribute has."""
+        """The quantity, such as ``torque 2``; the name of a column without attribute."""
         return self.entry.quantity(self.name)
 
 
@@ -307,8 +304,8 @@ class Measurements(Shown):
 
     @property
     def contact_radius(self) -> Array:
-        """The distance between the tip and the centre of the sphere that the record touches,
-        ``(n,)`` [m]; NaN for no sphere.
+        """The distance between tip and centre of the touched sphere, ``(n,)`` [m]; NaN for no
+        sphere.
         """
         if self.feature_diameter is None or self.probe_diameter is None:
             return np.full(self.n, np.nan)
@@ -339,9 +336,8 @@ class Measurements(Shown):
         return np.isfinite(self.orientation[:, 0])
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
-        """Return some of the records, by indices, a slice or a mask.
-
-        The method does not check whether the remaining seats and bars suffice for a calibration.
+        """Return some of the records, by indices, a slice or a mask; seats and bars of the result
+        may not suffice for a calibration.
         """
         index = np.arange(self.n)[rows]
         arrays: dict[str, Any] = {}
@@ -396,9 +392,8 @@ class Measurements(Shown):
 
     @cached_property
     def postures(self) -> Index:
-        """Return the number of the held posture of each record, ``(n,)``.
-
-        See :func:`aacmm_pin.measurements.repeats.posture_numbers`.
+        """Return the number of the held posture of each record, ``(n,)``; see
+        :func:`aacmm_pin.measurements.repeats.posture_numbers`.
         """
         return posture_numbers(self.q)
 
@@ -448,12 +443,8 @@ class Measurements(Shown):
         return [*((bar.length, bar.u) for bar in self.bars()), *stated]
 
     def bar_length_errors(self, tips: Array) -> Array:
-        """Compute the error of each bar length, ``(b,)`` [m].
-
-        The error is the distance between the mean tips at both ends, minus the stated length.
-
-        Args:
-            tips: positions of the tip ``(n, 3)`` [m].
+        """Compute the error of each bar length, ``(b,)`` [m]: distance of the mean tips at both
+        ends, from tips ``(n, 3)``, minus the stated length.
         """
         means = {label: tips[rows].mean(axis=0) for label, rows in self.seats().items()}
         errors = []
@@ -480,7 +471,7 @@ class Measurements(Shown):
         return pd.concat([pd.DataFrame(table), self.extra], axis=1)
 
     def _in_file(self, column: Column) -> dict[str, NDArray[Any]]:
-        """What is stated in the columns of an entry, in their unit; nothing where nothing is."""
+        """The columns of an entry in their unit, if stated."""
         values = getattr(
             self.conditions if column.field in CONDITION_ENTRIES else self, column.field
         )
@@ -493,10 +484,8 @@ class Measurements(Shown):
         return dict(zip(names, np.atleast_2d(values.T), strict=True))
 
     def covariate_columns(self) -> list[CovariateColumn]:
-        """Return the columns that residuals or excluded records may depend on.
-
-        Columns of the whole arm come first, then columns of joints and of groups, then columns of
-        :attr:`extra`.
+        """Return the columns that residuals or excluded records may depend on: of the whole arm, of
+        joints, of groups, then of :attr:`extra`.
         """
         kinds = get_args(Covariate)
         entries = [entry for entry in RECORD_COLUMNS if entry.field]
@@ -523,9 +512,7 @@ class Measurements(Shown):
         return csv_text(table, quoting)
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Save the records as a CSV file.
-
-        If the save fails, no incomplete file remains.
+        """Save the records, whole or not at all, as a CSV file.
 
         Raises:
             OutputError: ``path`` exists and ``force`` is False, or the file cannot be written.
@@ -551,7 +538,6 @@ class Measurements(Shown):
 
 
 def _records_by_label(labels: Labels | None) -> dict[str, Index]:
-    """The records of each label, in the order of their first records."""
     if labels is None:
         return {}
     records = pd.Series(np.arange(len(labels))).groupby(labels).indices
@@ -568,12 +554,11 @@ GivenRecords = Measurements | str | Path
 
 
 def as_measurements(given: object, arm: Arm) -> Measurements:
-    """Records themselves, or those of a file by :meth:`Measurements.read`, with the joint angles
-    of an arm.
+    """Records, or those of a file, with the joint angles of an arm.
 
     Raises:
         MeasurementFileError: see :meth:`Measurements.read`.
-        AacmmError: it is something else, or the arm has couplings and another number of joints.
+        AacmmError: another type, or the arm has couplings and another number of joints.
     """
     if isinstance(given, Measurements):
         return given.with_joint_angles(arm)
@@ -628,15 +613,13 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
 
 
 def _with_numbers(extra: pd.DataFrame, values: Values) -> pd.DataFrame:
-    """Unknown columns, with numbers in those that have a unit."""
+    """Unknown columns, with numbers if they have a unit."""
     numbers = {name: values.columns[name] for name in map(str, extra) if column_of(name).unit}
     return extra.assign(**numbers)
 
 
 def _measurements(q: Any, stated: dict[str, Any], **others: Any) -> Measurements:
-    """Records with what is ``stated``: unit quaternions without what rounding did to their norms,
-    and references of the tip.
-    """
+    """Records with what is ``stated``: normalised quaternions, and references of the tip."""
     for name in ("reference", "reference_u"):
         if stated[name] is None:
             stated[name] = np.full((len(q), 3), np.nan)
@@ -652,9 +635,9 @@ def _measurements(q: Any, stated: dict[str, Any], **others: Any) -> Measurements
 def at_centres(records: Measurements) -> Measurements:
     """The records with references of the tip, which is the centre of the probe's ball.
 
-    A record that states a probe's diameter and a direction, and neither feature nor seat, states
-    the coordinates of its contact: the centre is half the diameter before that, ``c = p - r d``. It
-    then has no diameter, and a note in ``read_as`` lists these records.
+    A record with a diameter of the probe and a direction, without feature or seat, states the
+    coordinates of its contact: the centre is ``c = p - r d``. The result has no diameter there, and
+    ``read_as`` has a note.
     """
     diameter = records.probe_diameter
     direction = records.conditions.probe_direction
@@ -677,9 +660,8 @@ def at_centres(records: Measurements) -> Measurements:
 
 
 def _notes(values: Values, angles: Column) -> tuple[Note, ...]:
-    """What may be in another unit, labels that may be mistyped, and angles that are rounded to a
-    step whose standard uncertainty, step/√12 (JCGM 100:2008, F.2.2.1), is larger than the usual
-    noise of an encoder.
+    """Notes on possible other units, misspelt labels, and angles rounded to a step whose u,
+    step/√12 (JCGM 100:2008, F.2.2.1), exceeds the usual noise.
     """
     notes = []
     turn_u = float(np.nan_to_num(values.block([ORIENTATION_U])).max())
@@ -707,25 +689,20 @@ def _notes(values: Values, angles: Column) -> tuple[Note, ...]:
 
 
 class _ArrayProblems(Problems):
-    """What is wrong with an array, whose columns are such as ``reference[#, 0]``."""
+    """Mistakes in arrays, with columns such as ``reference[#, 0]``."""
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
-        """Refuse the first of the rows ``bad``.
-
-        Raises:
-            ShapeError: there is one.
-        """
+        """Refuse the first of the rows ``bad``."""
         for row in np.flatnonzero(bad)[:1]:
             text = message.format(*(v[row] for v in values))
             raise ShapeError(f"{column.replace('#', str(row))}: {text}")
 
 
 def _checked(column: Column, values: ArrayLike, n: int) -> Any:
-    """What is given for the field of a column, as an array of its own; numbers that are not known
-    are NaN where they may be.
+    """The values for the field of a column as a new array, NaN if unknown.
 
     Raises:
-        ShapeError: another shape, or numbers or labels that cannot be.
+        ShapeError: another shape, or impossible numbers or labels.
     """
     name = column.field
     if column.is_label:

@@ -1,6 +1,4 @@
-"""Records that repeat others: copies of one record, readings of one contact, records of one
-posture.
-"""
+"""Repeated records: copies of one record, readings of one contact, records of one posture."""
 
 from __future__ import annotations
 
@@ -20,45 +18,39 @@ if TYPE_CHECKING:
     from aacmm_pin.measurements.records import Measurements
 
 SAME_POSTURE = 1e-3
-"""Postures whose readings differ by no more than this in any joint are one, repeated [rad; m where
-a joint slides].
+"""Largest difference of readings of one posture in any joint [rad; m for prismatic joints].
 
-A UR10 sent to one pose 255 times reads within 3e-4 rad, and its other poses are more than 0.03 rad
-apart; a Fanuc's repeats state the very same angles. A tip moves by about a millimetre over such a
-step, and what depends on posture hardly changes.
+A UR10 sent to one pose 255 times reads within 3e-4 rad, and its other poses differ by more than
+0.03 rad; repeats of a Fanuc have equal angles. The tip moves by about a millimetre over this step.
 """
 WHOLE_TOLERANCE = 1e-6
-"""What is nearer to a whole number, or half of one, is it: in micrometres, a double at 100 m has
-1e-8.
-"""
+"""Tolerance of whole and half numbers of steps: a double at 100 m has 1e-8 µm."""
 FINGERPRINT_STEP = 1e-9
-"""Numbers of a record that differ by less are the same [rad, m]."""
+"""Numbers of a record with a smaller difference are equal [rad, m]."""
 FINGERPRINT_DIGITS = 12
-"""Hexadecimal digits of a fingerprint: among 100 000 records two agree by chance in one file of
-50 000.
+"""Hexadecimal digits of a fingerprint: among 100 000 records two agree by chance in one of 50 000
+files.
 """
 UNKNOWN_IN_FINGERPRINT = -(2.0**62)
-"""Stands for coordinates that are not known."""
+"""Replaces unknown coordinates."""
 ANGLE_STEPS = (1e-3, 1e-4, 1e-5, 1e-6)
-"""What angles of another export may be rounded to, the coarsest first [degree] …"""
+"""Rounding of angles in another export, coarsest first [degree] …"""
 REFERENCE_STEPS = (10 * UM, UM, UM / 10, UM / 100)
-"""… and its references [m]."""
+"""… and of references [m]."""
 ANGLE_DECIMALS = 9
-"""Decimals of degrees to which whole turns are taken off."""
+"""Decimals of degrees after removal of whole turns."""
 MOST_VALUES = 12
-"""An unknown column with more values than this is of single records, such as their numbers."""
+"""An unknown column with more values describes single records, such as their numbers."""
 SHARED_BY_COPIES = (*REFERENCE, *ORIENTATION, "seat", "marker", "bar", "bar_end")
-"""Columns in which copies agree, beside the angles and the directions of approach."""
+"""Columns in which copies agree, besides angles and approach."""
 
 
 def originals(records: Measurements) -> Index:
-    """Number of the first record (n,) that each states the same as; its own where it is the first.
+    """Number of the first record (n,) of which each is a copy; its own if it is no copy.
 
-    Copies agree in the readings, but for whole turns, in the reference, the labels of what was
-    probed and the directions of approach, to the last digit, but for a reference that one of them
-    states rounded to 1e-2 to 1e-5 mm, angles that it states rounded to 1e-3 to 1e-6 degrees, or
-    both: no second measurement does, while a file that was appended to itself, or to another export
-    of the same measurement, does. All else may be rounded or named in any way.
+    Copies agree exactly in readings (but for whole turns), reference, labels and approach, except
+    that one may be rounded: references to 1e-2 to 1e-5 mm, angles to 1e-3 to 1e-6 degrees. They
+    come from a file appended to itself or to another export; no second measurement agrees so.
     """
     single = _nearest_difference(records.readings, 2.0 * SAME_POSTURE) > DEG * ANGLE_STEPS[0]
     if single.all():
@@ -90,17 +82,16 @@ def originals(records: Measurements) -> Index:
 
 
 def _group_numbers(table: pd.DataFrame) -> Index:
-    """A number (n,) that rows share which are equal."""
+    """A number (n,) for equal rows."""
     by = table.groupby(list(table.columns), sort=False, dropna=False)
     return np.asarray(by.ngroup(), dtype=np.intp)
 
 
 def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
-    """The groups (n,) where rows of ``values`` (n, k) have joined those of the whole numbers that
-    they are rounded to.
+    """The groups (n,) after rows of ``values`` (n, k) join those of their rounded numbers, among
+    rows that are ``equal_otherwise`` (n,).
 
-    Programs round a half up, to the even number, or down. Only rows with one number
-    ``equal_otherwise`` (n,) are compared.
+    Programs round a half up, to even, or down.
     """
     finite = np.isfinite(values).all(axis=1)
     is_whole = finite & (np.abs(values - np.rint(values)) < WHOLE_TOLERANCE).all(axis=1)
@@ -118,8 +109,8 @@ def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
 
 
 def _nearest_difference(q: Array, most: float) -> Array:
-    """Largest difference of each record's readings, but for whole turns, from the nearest's (n,),
-    infinite where that is more than ``most``.
+    """Largest difference of readings to the nearest record (n,), but for whole turns; infinite
+    above ``most``.
     """
     turn = 2 * np.pi
     # Of what is below zero by next to nothing the first gives 2π.
@@ -130,11 +121,9 @@ def _nearest_difference(q: Array, most: float) -> Array:
 
 
 def posture_numbers(q: Array, within: float = SAME_POSTURE) -> Index:
-    """Number of the posture of each record (n,), from 0 in the order of their first records; q is
-    (n, nq) [rad].
+    """Number of the posture of each record (n,), from 0 in order of appearance; q is (n, nq) [rad].
 
-    A record repeats a posture if no reading differs by more than ``within`` from those of the
-    posture's first record.
+    A record repeats a posture if no reading differs by more than ``within`` from its first record.
     """
     tree = scipy.spatial.KDTree(q)
     single = _nearest_difference(q, 2.0 * within) > within
@@ -152,12 +141,10 @@ def posture_numbers(q: Array, within: float = SAME_POSTURE) -> Index:
 
 
 def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
-    """One record of each contact, with the mean of its readings, for these share its error; and the
-    records that are one of several readings.
+    """One record of each contact, with mean readings; and which records have several readings.
 
-    Records that follow one another in one posture, with the same reference, labels and directions
-    of approach, and the same of what else has a few values, such as a load, are readings of one
-    contact, which was held. All but the angles is that of its first record.
+    Successive records in one posture with equal reference, labels, approach, and other few-valued
+    columns, such as a load, are readings of one held contact.
     """
     few = [name for name in records.extra if records.extra[name].nunique() <= MOST_VALUES]
     columns = [*SHARED_BY_COPIES, "session", "operator", *named(APPROACH, records.nq), *few]
@@ -176,18 +163,15 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
 
 
 def fingerprints(records: Measurements) -> tuple[str, ...]:
-    """A short text for each record by which it is known again, in whatever file: of its readings
-    and reference.
-
-    Readings are taken to 1e-9 rad and coordinates to a nanometre, so that a unit of angles makes no
-    other record of it.
+    """A short text that identifies each record in any file, from its readings to 1e-9 rad and
+    reference to 1 nm.
     """
     return _hashes(np.column_stack([records.readings, records.reference]))
 
 
 def fingerprints_of_standards(records: Measurements) -> tuple[str, ...]:
-    """The same of each seat's stated coordinates and of each bar's length with its u, in which
-    several records share.
+    """The fingerprints of the stated coordinates of each seat, and of the length and u of each
+    bar.
     """
     seat = records.conditions.seat
     at_seat = np.zeros(records.n, dtype=bool) if seat is None else seat != ""
@@ -198,7 +182,6 @@ def fingerprints_of_standards(records: Measurements) -> tuple[str, ...]:
 
 
 def _hashes(rows: Array) -> tuple[str, ...]:
-    """A short text for each row of numbers."""
     steps = np.rint(rows / FINGERPRINT_STEP)
     numbers = np.nan_to_num(steps, nan=UNKNOWN_IN_FINGERPRINT).astype("<i8")
     return tuple(hashlib.sha256(row.tobytes()).hexdigest()[:FINGERPRINT_DIGITS] for row in numbers)

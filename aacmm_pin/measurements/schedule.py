@@ -1,6 +1,4 @@
-"""When and how a virtual workshop measures: pauses, a room that warms up, joints that come from
-either side.
-"""
+"""The schedule of a virtual workshop: sessions, pauses, temperature, approach."""
 
 from __future__ import annotations
 
@@ -15,20 +13,20 @@ from aacmm_pin.errors import AacmmError
 MOST_IN_SESSION = 200
 """Records after which a session ends."""
 RECORD_INTERVAL = (20.0, 40.0)
-"""From one record to the next [s]."""
+"""Interval between records [s]."""
 PAUSE_LENGTH = (180.0, 900.0)
 """A pause [s]."""
 PAUSES = 1 / 40
-"""Pauses a record."""
+"""Pauses per record."""
 BREAK = (3600.0, 3 * 3600.0)
-"""Between two sessions [s]; the arm stays switched on."""
+"""Duration between sessions [s]; the arm stays on."""
 DAY = 24 * 3600.0
 OVERSHOOT = 0.2
-"""Share of joints that go too far and come back, so that their last motion is the other way."""
+"""Share of joints that overshoot, so that their last motion is reversed."""
 
 
 def sessions(records: int) -> Index:
-    """Session of each of ``records`` records, from 0, as many in each: (records,)."""
+    """Session of each record, from 0, with equal numbers of records: (records,)."""
     count = -(-records // MOST_IN_SESSION)
     return np.sort(np.arange(records) % count)
 
@@ -41,14 +39,13 @@ def workshop_conditions(
     temperature_range: float,
     rng: np.random.Generator,
 ) -> Conditions:
-    """Conditions of records in the order in which they are taken.
+    """Conditions of records in order.
 
-    Time runs from switching the arm on. The temperature stays within ± ``temperature_range`` of the
-    reference: a constant offset (4/10), a drift (3/10), the sine of the day (2/10) and noise
-    (1/10), each drawn. The approach is the sign of the way from the record before, turned round for
-    one joint in five, which overshot; the first record is approached from the mean of all postures.
-    ``session`` is the number of each record's session, ascending (n,); q is (n, nq) [rad].
-    Directions of probes are all round, if a cause of the ``model`` needs them.
+    Time counts from switching the arm on. The temperature stays within ± ``temperature_range`` of
+    the reference: a constant offset (4/10), a drift (3/10), the sine of the day (2/10) and noise
+    (1/10), all random. The approach is the sign of the motion from the record before (first: from
+    the mean posture), reversed for one joint in five. Probe directions are random, if the ``model``
+    needs them. ``session`` is ascending (n,); q is (n, nq) [rad].
 
     Raises:
         AacmmError: the range is negative or not finite.
@@ -86,6 +83,6 @@ def workshop_conditions(
 
 
 def probe_directions(n: int, rng: np.random.Generator) -> Array:
-    """Directions in which probes move when they touch, unit vectors all round (n, 3)."""
+    """Random unit vectors (n, 3), as directions of probing."""
     vectors = rng.normal(size=(n, 3))
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

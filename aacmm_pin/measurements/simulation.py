@@ -1,4 +1,4 @@
-"""Virtual measurements: what an arm with known errors would record, by exact physics."""
+"""Simulated measurements of an arm with known errors, by exact physics."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from aacmm_pin.postures import brought_to
 Scheme = Literal["free", "seats", "ball-bar", "single-point"]
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 SIMULATED_BAR = plausible.BAR_LENGTH._replace(least=SEATS_APART)
-"""Lengths of bars: their ends are seats, and these lie apart [m]."""
+"""Lengths of bars, whose ends are seats some distance apart [m]."""
 
 
 def simulate_measurements(
@@ -140,11 +140,9 @@ def simulate_measurements(
 def simulate_touches(
     model: ErrorModel, q: Array, points: Array, *, rng: np.random.Generator, noise: Noise
 ) -> Measurements:
-    """Records of touches in the order in which they are made, near the postures ``q`` (n, nq)
-    [rad].
+    """Records of touches in order, near the postures ``q`` (n, nq) [rad], without references.
 
-    The tip of the arm with all its errors is at ``points`` (n, 3) [m] plus the draw of the contact,
-    as in :func:`simulate_measurements`; no record has a reference.
+    The tip of the arm with all its errors is at ``points`` (n, 3) [m] plus noise of contacts.
 
     Raises:
         AacmmError: a point cannot be touched near its posture.
@@ -155,7 +153,7 @@ def simulate_touches(
 
 @dataclass(frozen=True, eq=False)
 class _Workshop:
-    """What is the same for all records of a simulation."""
+    """The common data of all records of a simulation."""
 
     model: ErrorModel
     noise: Noise
@@ -165,7 +163,7 @@ class _Workshop:
     orientation_noise: float | None = None
 
     def free(self, q: Array) -> Measurements:
-        """Records at the postures ``q`` (n, nq), each with its own reference."""
+        """Records at ``q`` (n, nq), each with its own reference."""
         conditions = self._conditions(sessions(len(q)), q, None)
         tips = self.model.predict(q, conditions, as_referenced=True)
         stated = (
@@ -176,8 +174,8 @@ class _Workshop:
     def touched(
         self, places: list[Place], counts: Index, stated: bool, length: float | None
     ) -> Measurements:
-        """Records at seats, with ``stated`` coordinates or without, or at both ends of bars;
-        ``counts`` (k,) at each.
+        """``counts`` (k,) records at seats, with ``stated`` coordinates or without, or at both ends
+        of bars.
         """
         points = np.concatenate([place.points for place in places])
         ends = [f"B{k}{end}" for k in range(1, len(places) + 1) for end in "AB"]
@@ -214,10 +212,10 @@ class _Workshop:
         return self._recorded(exact, conditions, None)
 
     def _exactly(self, q: Array, target: Array, conditions: Conditions) -> Array:
-        """Postures near ``q`` in which the tip, with every error, is at ``target`` (n, 3) [m].
+        """Postures near ``q`` with the tip, with all errors, at ``target`` (n, 3) [m].
 
         Raises:
-            AacmmError: a tip cannot be brought there.
+            AacmmError: a tip cannot reach its target.
         """
         arm = self.model.arm
         q, arrived = brought_to(
@@ -241,7 +239,7 @@ class _Workshop:
     def _recorded(
         self, q: Array, conditions: Conditions, reference: Array | None, **more: Any
     ) -> Measurements:
-        """The records, with noisy readings; exact references state no uncertainty."""
+        """The records with noisy readings; exact references state no uncertainty."""
         arm = self.model.arm
         readings = arm.readings(q) + self.noise.encoder * self.rng.normal(size=q.shape)
         u = self.noise.reference
@@ -266,11 +264,7 @@ def _seat_labels(count: int) -> list[str]:
 def _check_numbers(
     scheme: Scheme, records: int, points: int, stated: bool, bar_length: float | None
 ) -> None:
-    """Whether there are enough records for so many points, and a bar where one is needed.
-
-    Raises:
-        AacmmError: a number is of no use.
-    """
+    """Refuse too few records for so many points, or a missing bar length."""
     whole(records, 1, "records")
     if scheme != "free":
         whole(points, 1, "seats")
@@ -296,7 +290,7 @@ def _check_numbers(
 
 
 def seed_of(rng: np.random.Generator) -> int | None:
-    """The seed of a generator that nothing was drawn from yet; None where it does not say."""
+    """The seed of an unused generator, or None."""
     bits = rng.bit_generator
     seed = getattr(bits, "seed_seq", None)
     if (

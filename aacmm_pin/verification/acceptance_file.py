@@ -21,6 +21,7 @@ from aacmm_pin.measurements import (
     Measurements,
     check_values,
     column_of,
+    first_names,
     is_reading,
     read_probed_points,
     read_table,
@@ -37,8 +38,6 @@ CHECK_COLUMNS = (
     "length_mm",
 )
 """Columns that describe the whole check."""
-MOST_COLUMNS = 8
-"""Columns to list, at most."""
 AS_GIVEN = "coordinates of the file"
 """Name of the coordinates that the software of the arm computed."""
 OF_TEST = tuple(name for column in PROBED_POINT_COLUMNS for name in column.names)
@@ -91,7 +90,7 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
             None,
             "",
             "no coordinates; expected numbers in x_mm, y_mm, z_mm, or an arm and readings in "
-            f"theta1_deg … (other columns are {_listed(table)})",
+            f"theta1_deg … (other columns are {first_names(table)})",
         )
     sets = {
         name: points.assign(**dict(zip("xyz", at.T, strict=True)))
@@ -146,7 +145,7 @@ def _by_arms(
             None,
             "",
             f"no readings; expected columns theta1_deg … for the named arms (the file has "
-            f"{_listed(table)})",
+            f"{first_names(table)})",
         )
     of_arm = [name for name in table if name not in OF_TEST and not column_of(name).of_reference]
     tips: dict[str, Array] = {}
@@ -161,8 +160,3 @@ def _by_arms(
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
     return tips, [note.with_place(", ".join(names)) for note, names in notes.items()]
-
-
-def _listed(table: pd.DataFrame) -> str:
-    names = [str(name) for name in table]
-    return ", ".join(names[:MOST_COLUMNS]) + (", …" if len(names) > MOST_COLUMNS else "")
