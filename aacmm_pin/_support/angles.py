@@ -14,8 +14,8 @@ def wrapped(angles: Array) -> Array:
 
 
 def spread_angles(count: int, joints: int) -> Array:
-    """Evenly spread configurations (count, joints), each angle in [-π, π) [rad]; the same at every
-    call.
+    """Evenly spread configurations (count, joints), each angle in [-π, π) [rad], without
+    randomness.
 
     Additive recurrence with the powers of the root of x^(d+1) = x + 1 (M. Roberts, 2018).
     """

@@ -1,4 +1,4 @@
-"""Long batches in parts, and products of vectors whose batch is the last axis."""
+"""Long batches in parts, and products of vectors with the batch on the last axis."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 
 ROWS_PER_BATCH = 2048
-"""Rows handled at once: what is made of them stays in the processor's cache."""
+"""Rows at once, whose results fit the processor's cache."""
 
 
 def chunks(n: int, size: int = ROWS_PER_BATCH) -> list[slice]:
@@ -16,9 +16,8 @@ def chunks(n: int, size: int = ROWS_PER_BATCH) -> list[slice]:
 
 
 def cross(u: Array, v: Array) -> Array:
-    """u × v of components along the last axis but one (..., 3, n).
-
-    numpy.cross copies, and is several times slower here.
+    """u × v of components along the last axis but one (..., 3, n); numpy.cross copies, and is
+    several times slower.
     """
     product = np.empty(np.broadcast_shapes(u.shape, v.shape))
     for i in range(3):

@@ -1,4 +1,4 @@
-"""The one door for arrays: shape and finiteness, with messages that say what to do."""
+"""Checks of the shape and the numbers of arrays."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ RANGES = {
     "°C": plausible.TEMPERATURE,
     "N·m": plausible.TORQUE,
 }
-"""What numbers of a unit can be."""
+"""Possible numbers of each unit."""
 MOST_LENGTH_ERROR = 2e-3
-"""A unit vector, or a quaternion, whose length is off one by more than this is none: four numbers
-with three decimals give 1e-3 at most.
+"""Largest error of the length of a unit vector or quaternion: four numbers with three decimals give
+1e-3 at most.
 """
 
 
@@ -32,8 +32,7 @@ def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
     """Return ``values`` as a float array of shape (n, columns).
 
     Raises:
-        ShapeError: not two-dimensional, another number of columns, not numbers, not finite, or
-            larger than can be.
+        ShapeError: another shape, not numbers, not finite, or too large.
     """
     array = _floats(values, name)
     if array.ndim == 1 and array.size == columns:
@@ -51,7 +50,7 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
     """Return ``values`` as a float array of shape (length,).
 
     Raises:
-        ShapeError: another shape, not numbers, not finite, or larger than can be.
+        ShapeError: another shape, not numbers, not finite, or too large.
     """
     array = _floats(values, name)
     if array.shape != (length,):
@@ -61,7 +60,7 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
 
 
 def width_of(values: ArrayLike) -> int:
-    """Number of columns of ``values``, whatever they are."""
+    """Number of columns of any ``values``."""
     shape = (
         values.shape if isinstance(values, np.ndarray) else np.asarray(values, dtype=object).shape
     )
@@ -84,7 +83,7 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
 
 
 def is_no_unit(length: Array) -> Mask:
-    """Which lengths are of no unit vector, but for rounding; one that is not known may be."""
+    """Which lengths differ from 1 by more than rounding; NaN does not."""
     return np.asarray(np.abs(length - 1.0) > MOST_LENGTH_ERROR)
 
 
@@ -92,8 +91,8 @@ def whole(value: object, least: int, name: str) -> int:
     """Return ``value`` as an int.
 
     Raises:
-        AacmmError: it is no whole number, below ``least``, or more than
-            :data:`plausible.LARGEST_COUNTS` has for this name.
+        AacmmError: no whole number, below ``least``, or above :data:`plausible.LARGEST_COUNTS` of
+            this name.
     """
     argument = name.partition(" ")[0]
     try:
@@ -110,9 +109,7 @@ def whole(value: object, least: int, name: str) -> int:
 
 
 def _floats(values: ArrayLike, name: str) -> Array:
-    """A copy as floats; text, booleans, complex numbers and masks are refused rather than read as
-    numbers.
-    """
+    """A copy as floats; text, booleans, complex numbers and masks are refused."""
     try:
         array = np.array(values)
     except ValueError as error:

@@ -1,8 +1,7 @@
 """Loops that numba compiles, and the choice between such a loop and the same in NumPy.
 
-Loading numba and a compiled loop takes about half a second, compiling it for the first time one to
-five more. So a loop is chosen where the task is large enough; it gives the same numbers to the last
-bit.
+Loading numba and a compiled loop takes half a second, the first compilation one to five more. So a
+large task chooses the loop, which gives the same numbers to the last bit.
 """
 
 from __future__ import annotations
@@ -18,22 +17,20 @@ from aacmm_pin.errors import UnknownNameError
 
 VARIABLE, ALWAYS, NEVER, BY_SIZE = "AACMM_PIN_COMPILED", "always", "never", "auto"
 INLINED = ""
-"""Instead of the signature of a helper that has one caller: numba compiles it as part of that,
-which takes half the time."""
+"""Signature of a helper with one caller, which numba compiles with it in half the time."""
 Helpers = tuple[tuple[Callable[..., Any], str], ...]
 
 
 @dataclass(frozen=True)
 class Loop:
-    """A function of arrays, in what numba compiles.
+    """A function of arrays for numba.
 
     Attributes:
         loop: the function.
-        signature: types of its result and of its arguments, in numba's words.
-        helpers: functions of the same module that it calls, each behind those that it calls itself,
-            with their signatures: without these numba compiles a helper for each constant that it
-            is called with.
-        least: size of the task from which on the loop is chosen.
+        signature: numba's types of result and arguments.
+        helpers: the functions of the module that it calls, each after those that it calls itself,
+            with their signatures; without these numba compiles a helper for each constant argument.
+        least: least size of a task for the loop.
     """
 
     loop: Callable[..., Any]
@@ -42,8 +39,8 @@ class Loop:
     least: int = 0
 
     def chosen(self, size: int) -> Callable[..., Any] | None:
-        """The compiled loop for a task of at least the size ``least``, None for a smaller one; the
-        environment variable overrules.
+        """The compiled loop for a task of at least the size ``least``, else None; the environment
+        variable overrules.
 
         Raises:
             UnknownNameError: the variable is none of ``always``, ``never`` and ``auto``.
@@ -58,16 +55,13 @@ class Loop:
 
     @cached_property
     def compiled(self) -> Any:
-        """The compiled loop, kept beside its source for the next process where that can be
-        written.
-        """
+        """The compiled loop, cached beside its source if that is writable."""
         if not self.helpers:
             return _compiled(self.loop, self.signature)
         return _compiled(FunctionType(self.loop.__code__, _names(self.helpers)), self.signature)
 
 
 def _compiled(function: Callable[..., Any], signature: str, **options: bool) -> Any:
-    """``function`` compiled, kept beside its source where that can be written."""
     import numba
 
     compile_ = partial(numba.njit, signature, nogil=True, error_model="numpy", **options)
@@ -79,9 +73,7 @@ def _compiled(function: Callable[..., Any], signature: str, **options: bool) -> 
 
 @cache
 def _names(helpers: Helpers) -> dict[str, Any]:
-    """The names of the helpers' module, with the compiled helpers: once for all loops that call
-    them.
-    """
+    """The names of the helpers' module, with the helpers compiled once for all loops."""
     import numba
 
     names = dict(helpers[0][0].__globals__)

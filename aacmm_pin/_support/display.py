@@ -1,9 +1,7 @@
-"""How a result shows and draws itself, although words and pictures stand in a later room,
-:mod:`aacmm_pin.report`.
+"""The display and plots of results, although :mod:`aacmm_pin.report` is a later room.
 
-``found.plot()`` and the HTML that Jupyter shows of ``found`` belong to the result, which is where
-people look for them. The package itself, which may import every room, says at import how the report
-is found; it is loaded when it is first needed, so that ``import aacmm_pin`` loads no matplotlib.
+The package itself, which may import every room, states at import how to find the report; it is
+loaded when first needed, so that ``import aacmm_pin`` loads no matplotlib.
 """
 
 from __future__ import annotations
@@ -12,16 +10,16 @@ from collections.abc import Callable
 from typing import Any
 
 CONSOLE_LETTERS = 1000
-"""A line in a console is at most this long; a dataclass would print all its arrays."""
+"""Longest line in a console; a dataclass would print all its arrays."""
 _load: dict[str, Callable[[], Any]] = {}
 
 
 def reported_by(results: Callable[[], Any], sentence: Callable[[], Any]) -> None:
-    """State how parts of the report are found.
+    """State how to find parts of the report.
 
     Args:
-        results: gives the module that has ``plots`` and ``html_of``.
-        sentence: gives the function that makes the sentence of a note, without what draws.
+        results: returns the module with ``plots`` and ``html_of``.
+        sentence: returns the function for the sentence of a note, without drawing modules.
     """
     _load.update(results=results, sentence=sentence)
 
@@ -55,5 +53,5 @@ def _line(value: Shown, printer: Any, cycle: bool) -> None:
 
 
 def two_digits(value: float) -> str:
-    """A number with two significant digits and without an exponent: ``1.6``, ``37``, ``110``."""
+    """A number with two significant digits without exponent: ``1.6``, ``37``, ``110``."""
     return f"{float(f'{value:.2g}'):.15g}"

@@ -1,6 +1,4 @@
-"""χ², F and beta, by scipy.special: scipy.stats, which has them too, takes as long to import as all
-the rest of the package.
-"""
+"""χ², F and beta by scipy.special: importing scipy.stats takes as long as all the rest."""
 
 from __future__ import annotations
 
@@ -17,22 +15,22 @@ def chi2_cdf(value: ArrayLike, dof: ArrayLike) -> Array:
 
 
 def chi2_sf(value: ArrayLike, dof: ArrayLike) -> Array:
-    """Probability that it is more than ``value``."""
+    """Probability that χ² exceeds ``value``."""
     return np.asarray(chdtrc(dof, value))
 
 
 def chi2_isf(probability: ArrayLike, dof: ArrayLike) -> Array:
-    """The value that it exceeds with a probability."""
+    """The value that χ² exceeds with a probability."""
     return np.asarray(chdtri(dof, probability))
 
 
 def beta_sf(share: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
-    """Probability that a beta distributed share with these shape parameters is more."""
+    """Probability that a beta distributed share with these shape parameters is larger."""
     return np.asarray(betainc(second, first, 1.0 - np.asarray(share)))
 
 
 def f_sf(value: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:
-    """Probability that F, the ratio of two mean squares of so many degrees of freedom, is more than
+    """Probability that F, the ratio of mean squares with these degrees of freedom, exceeds
     ``value``.
     """
     d, o, x = np.asarray(dof), np.asarray(other), np.asarray(value)

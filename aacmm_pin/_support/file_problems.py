@@ -1,8 +1,8 @@
-"""What is wrong with a table, row by row, gathered so that one message states the first of it."""
+"""Mistakes in a table, collected for one message."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,27 +14,26 @@ from aacmm_pin._support.checks import Index, Mask
 from aacmm_pin.errors import MeasurementFileError
 
 MOST_PROBLEMS = 10
-"""Problems that a message states one by one."""
+"""Problems in a message."""
 MOST_ROWS_LISTED = 6
-"""Rows, or sequences of rows, that a message lists."""
+"""Rows, or runs of rows, in a message."""
+MOST_NAMES = 8
+"""Names in a message."""
 LONGEST_NAME = 100
-"""Characters of a column's name, or of a cell, that a message has."""
+"""Characters of a name or cell in a message."""
 
 
 def rows_in_words(rows: Sequence[int] | Index) -> str:
-    """Rows of a file in ascending order, those that follow one another by the first and the last:
-    ``row 7``, ``rows 3, 5 to 9, 12, …``.
-    """
+    """Ascending rows of a file as text: ``row 7``, ``rows 3, 5 to 9, 12, …``."""
     numbers = np.unique(rows)
     breaks = np.flatnonzero(np.diff(numbers) != 1) + 1
     runs = [_run(*run) for run in np.split(numbers, breaks)]
     word = "row" if len(numbers) == 1 else "rows"
-    more = ", …" if len(runs) > MOST_ROWS_LISTED else ""
-    return f"{word} {', '.join(runs[:MOST_ROWS_LISTED])}{more}"
+    return f"{word} {first_few(runs, MOST_ROWS_LISTED)}"
 
 
 def _run(first: int, *others: int) -> str:
-    """Rows that follow one another: ``3``, ``3, 4``, ``3 to 9``."""
+    """Successive rows: ``3``, ``3, 4``, ``3 to 9``."""
     if len(others) > 1:
         return f"{first} to {others[-1]}"
     return ", ".join(map(str, (first, *others)))
@@ -42,20 +41,19 @@ def _run(first: int, *others: int) -> str:
 
 @dataclass
 class Problems:
-    """What is wrong with a table from ``source``; ``lines`` (n,) are the numbers of its rows."""
+    """Mistakes in a table from ``source``, whose rows have the numbers ``lines`` (n,)."""
 
     source: str
     lines: Index
     found: list[tuple[int | None, str, str]] = field(default_factory=list)
 
     def add(self, column: str, message: str) -> None:
-        """A problem of a whole column, or of the whole table where ``column`` is ""."""
+        """Add a problem of a column, or of the table if ``column`` is ""."""
         self.found.append((None, shortened(column), message))
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
-        """A problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first.
-
-        The message lists which others share it.
+        """Add a problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first,
+        and the list of the others.
         """
         where = np.flatnonzero(bad)
         if not where.size:
@@ -74,9 +72,9 @@ class Problems:
         by: pd.Series,
         of: str,
     ) -> Index:
-        """The first row of each row's group ``by`` that states a value (n,); -1 where none does.
+        """The first row of each row's group ``by`` that states a value (n,), or -1.
 
-        Rows that state another value are a problem: expected is one for one ``of``.
+        Rows with another value than their group, for one ``of``, are a problem.
         """
         rows = pd.Series(np.arange(len(values))).where(stated)
         first = rows.groupby(by).transform("first").fillna(-1).to_numpy(dtype=np.intp)
@@ -86,7 +84,7 @@ class Problems:
         return first
 
     def stop(self) -> None:
-        """Raise MeasurementFileError with the first problems, one a line, if there are any."""
+        """Raise MeasurementFileError with the first problems, one a line, if any."""
         if not self.found:
             return
         row, column, message = self.found[0]
@@ -97,7 +95,13 @@ class Problems:
         raise MeasurementFileError(self.source, row, column, message)
 
 
+def first_few(items: Iterable[object], most: int = MOST_NAMES) -> str:
+    """The first items as text: ``a, b, …``."""
+    texts = [*map(str, items)]
+    return ", ".join(texts[:most]) + (", …" if len(texts) > most else "")
+
+
 def shortened(name: str) -> str:
-    """A name or a cell as messages have it: of a very long one the two ends."""
+    """A name or cell for messages; only the two ends of a very long one."""
     half = LONGEST_NAME // 2
     return name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}"

@@ -1,4 +1,4 @@
-"""Files that are read: regular ones, pipes, and devices, which may be without end."""
+"""Input files: regular ones, pipes, and devices, which may be endless."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OUTPUTS: ContextVar[tuple[Path, ...]] = ContextVar("outputs", default=())
 
 @contextmanager
 def outputs_refused(outputs: tuple[Path, ...]) -> Iterator[None]:
-    """Refuse to read any of ``outputs`` meanwhile, for a command replaces no file that it reads."""
+    """Meanwhile refuse to read any of ``outputs``: a command replaces no file that it reads."""
     token = _OUTPUTS.set(outputs)
     try:
         yield
@@ -24,7 +24,7 @@ def outputs_refused(outputs: tuple[Path, ...]) -> Iterator[None]:
 
 
 def are_same(path: str | Path, other: str | Path) -> bool:
-    """Whether both are names of one file that exists."""
+    """Whether both name one existing file."""
     try:
         return os.path.samefile(path, other)
     except OSError:
@@ -32,7 +32,7 @@ def are_same(path: str | Path, other: str | Path) -> bool:
 
 
 def is_input(path: str | Path) -> OutputError:
-    """The refusal to write a file that is read."""
+    """The refusal to write an input file."""
     return OutputError(
         f"{path}: this command reads this file and does not overwrite it; expected another name "
         "for the output"
@@ -42,12 +42,11 @@ def is_input(path: str | Path) -> OutputError:
 def content_of(
     path: str | Path, most: int, expected: str, refused: Callable[[str], AacmmError]
 ) -> bytes:
-    """The content of a file of at most ``most`` bytes; ``expected`` says in words what it should
-    be.
+    """The content of a file of at most ``most`` bytes; ``expected`` describes it.
 
     Raises:
-        AacmmError: it is not there, is a folder, is too large, or cannot be read: as ``refused``
-            makes it of the message.
+        AacmmError: it is missing, a folder, too large or unreadable; ``refused`` makes it of the
+            message.
         OutputError: it is an output of the command.
     """
     if "\0" in str(path):

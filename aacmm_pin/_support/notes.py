@@ -11,19 +11,19 @@ from aacmm_pin._support.display import sentence_of
 
 @dataclass(frozen=True, repr=False)
 class Note:
-    """An assumption, or what was found beside; ``str(note)`` is its sentence.
+    """An assumption or a finding beside the result; ``str(note)`` is its sentence.
 
     Attributes:
-        code: the kind of note; JSON lists it in ``note_codes``.
-        data: what the sentence states, by name: SI units, names, rows of the file; ``place``, if
-            there is one, stands in front of the sentence.
+        code: kind of note, which JSON lists in ``note_codes``.
+        data: contents of the sentence by name: SI units, names, rows of the file; ``place`` is put
+            in front of the sentence.
     """
 
     code: str
     data: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def with_place(self, place: str) -> Note:
-        """The same note of a file, an arm, a position."""
+        """The same note of a file, an arm or a position."""
         outer = self.data.get("place")
         return replace(self, data={**self.data, "place": f"{place}: {outer}" if outer else place})
 
@@ -35,6 +35,6 @@ class Note:
 
 
 def notes_in_json(notes: Iterable[Note]) -> dict[str, list[str]]:
-    """Notes as JSON has them: sentences, and the code of each."""
+    """Notes in JSON: their sentences and codes."""
     listed = [*notes]
     return {"notes": [str(note) for note in listed], "note_codes": [note.code for note in listed]}

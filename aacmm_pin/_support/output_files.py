@@ -1,8 +1,8 @@
-"""Files of results: each is written whole, a set is put in place together, and nothing else is
+"""Output files: each is written whole, a set is put in place together, and nothing else is
 replaced.
 
-Files are first written into a hidden folder beside their places, and renamed when all are complete.
-If a rename fails, what was there before is put back.
+Files are written into a hidden folder beside their places, and renamed when all are complete. If a
+rename fails, the former files are restored.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from aacmm_pin._support.text_escaping import encodable, stdout
 from aacmm_pin.errors import OutputError
 
 HIDDEN = ".aacmm-pin-"
-"""How the names of hidden folders begin."""
+"""Start of the names of hidden folders."""
 STDOUT = ("-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 
 
 def json_text(content: dict[str, Any]) -> str:
-    """Strict JSON of a result, as every command writes it."""
+    """Strict JSON of a result."""
     return encodable(json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n")
 
 
 class OutputFiles:
-    """The files that one piece of work writes: a context, at whose end they are put in place.
+    """A context for the output files of one task, which are put in place at its end.
 
-    Symbolic links are followed, and a replaced file keeps its mode. What is written for a pipe, a
-    terminal or ``-`` (standard output) is copied there when all files are in place.
+    Symbolic links are followed, and a replaced file keeps its mode. Output for a pipe, a terminal
+    or ``-`` (standard output) is copied there when all files are in place.
 
     Args:
-        force: replace files that exist.
-        inputs: files that the work reads, which are never replaced.
+        force: replace existing files.
+        inputs: files that the task reads, which are never replaced.
     """
 
     def __init__(self, force: bool = False, inputs: Iterable[str | Path] = ()) -> None:
@@ -58,9 +58,8 @@ class OutputFiles:
         """Check before long work that the files can be written.
 
         Raises:
-            OutputError: one exists and ``force`` is not given, is an input, is neither a regular
-                file nor a pipe, its folder does not exist or cannot be written to, or two are the
-                same.
+            OutputError: one exists without ``force``, is an input, is neither a regular file nor a
+                pipe, its folder is missing or not writable, or two are the same.
         """
         places = [self._place(Path(path)) for path in paths]
         for path, place in zip(paths, places, strict=True):
@@ -68,7 +67,7 @@ class OutputFiles:
                 raise _named_twice(path)
 
     def file(self, path: str | Path, update: bool = False) -> Path:
-        """The temporary file for ``path``; with ``update`` it replaces a file that was read.
+        """The temporary file for ``path``; with ``update`` it replaces an input.
 
         Raises:
             OutputError: see :meth:`check`; or ``path`` was given before.
@@ -89,11 +88,10 @@ class OutputFiles:
         return self._files[place]
 
     def folder(self, path: str | Path) -> Path:
-        """The temporary folder whose files are put into ``path``; files of other names there stay.
+        """The temporary folder for files of the folder ``path``, whose other files stay.
 
         Raises:
-            OutputError: it is a file, is not empty and ``force`` is not given, or cannot be written
-                to.
+            OutputError: it is a file, is not empty without ``force``, or is not writable.
         """
         path = Path(path)
         with _as_output_errors(path):
@@ -128,7 +126,7 @@ class OutputFiles:
                     raise _write_error(self._current, error) from None
 
     def _place(self, path: Path, update: bool = False) -> Path:
-        """The regular file that is meant, links followed; a pipe or device as it was named."""
+        """The regular file behind links; a pipe or device as named."""
         with _as_output_errors(path):
             if _is_stream(path):
                 return path
@@ -155,14 +153,14 @@ class OutputFiles:
             )
 
     def _hidden_in(self, folder: Path | None, path: Path) -> Path:
-        """A hidden folder in ``folder``, by default that of the system, for what ``path`` names."""
+        """A hidden folder for ``path``, in ``folder``, default that of the system."""
         self._current = path
         with _as_output_errors(path):
             hidden = tempfile.TemporaryDirectory(prefix=HIDDEN, dir=folder)
             return Path(self._stack.enter_context(hidden))
 
     def _put_in_place(self) -> None:
-        """Rename every file, then copy the streams; if one fails, all is as before."""
+        """Rename every file, then copy the streams; a failure restores everything."""
         with ExitStack() as undo:
             for place, folder in self._folders.items():
                 if not place.is_dir():
@@ -180,7 +178,7 @@ class OutputFiles:
             undo.pop_all()
 
     def _rename(self, temporary: Path, place: Path, undo: ExitStack) -> None:
-        """Put one file in its place; ``undo`` is told first how to go back."""
+        """Put one file in place, after telling ``undo`` how to restore."""
         if place not in self._updated:
             self._require_free(place)
         if place.exists():
@@ -195,7 +193,7 @@ class OutputFiles:
 
 @contextmanager
 def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """The temporary file for one ``path`` alone, see :class:`OutputFiles`."""
+    """The temporary file for a single ``path``, see :class:`OutputFiles`."""
     with OutputFiles(force) as files:
         yield files.file(path)
 
@@ -211,8 +209,8 @@ def _write_error(path: Path, error: OSError) -> OutputError:
 
 @contextmanager
 def _as_output_errors(path: Path) -> Iterator[None]:
-    """Errors of the system as :class:`OutputError`; the end of a reader of standard output
-    excepted.
+    """Raise system errors as :class:`OutputError`, but for the end of a reader of standard
+    output.
     """
     try:
         yield
@@ -223,7 +221,7 @@ def _as_output_errors(path: Path) -> Iterator[None]:
 
 
 def _is_stream(path: Path) -> bool:
-    """Standard output, a pipe, a terminal: written to, and never replaced."""
+    """Whether it is standard output, a pipe or a terminal, which are never replaced."""
     if str(path) in STDOUT:
         return True
     mode = path.stat().st_mode if path.exists() else 0

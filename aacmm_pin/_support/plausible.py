@@ -1,8 +1,6 @@
-"""What is plausible of each quantity: types that files, options and Python use alike to refuse what
-must be a mistake.
+"""Plausible numbers of each quantity, for files, options and Python.
 
-A number beyond these limits was stated in another unit, or is no number of an arm; inside them
-nothing overflows.
+A number beyond these limits is in another unit, or of no arm; within them nothing overflows.
 """
 
 from __future__ import annotations
@@ -19,51 +17,48 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.errors import AacmmError
 
 LONGEST_LENGTH = 100.0
-"""Largest length, to either side [m]."""
+"""Largest magnitude of a length [m]."""
 FARTHEST_PLACE = 1e6
-"""Largest place along an axis, to either side [m]: axes that are nearly parallel have their common
-normal far away, at 0.1 m over the angle. What the arm reaches is small all the same; at this
-distance rounding moves it by 0.1 nm.
+"""Largest magnitude of a place along an axis [m]: the common normal of nearly parallel axes is far
+away, at 0.1 m over the angle. At this distance rounding moves the tip by 0.1 nm.
 """
 REACH_POSTURES = 32
-"""So many spread postures show how far from the base a tip comes."""
+"""Number of spread postures to estimate the reach."""
 SMALLEST_ARM = 1e-6
-"""An arm whose lengths add up to less has none [m]."""
+"""Smallest sum of the lengths of an arm [m]."""
 LARGEST_ANGLE = 1e4 * 2.0 * math.pi
-"""Largest angle, to either side [rad]: an encoder counts a few turns, a wide limit stands for none.
+"""Largest magnitude of an angle [rad]: an encoder counts a few turns, a wide limit stands for
+none.
 """
 MOST_TURNS = 5
-"""Limits, and readings in files in radians, beyond so many turns are taken for degrees."""
+"""Limits and readings beyond so many turns are taken for degrees."""
 LARGEST_DEGREES = 720.0
-"""Numbers of an angle up to here may be degrees; wider limits of a joint in a URDF stand for none.
-"""
+"""Largest number of an angle that may be degrees; wider limits in a URDF stand for none."""
 MOST_TYPICAL = 1e3
-"""Parameters of causes are at most so many times as large as usual on a measuring arm: an encoder's
-gain within ±10 %.
+"""Largest parameter of a cause over its usual value on a measuring arm: gain of an encoder within
+±10 %.
 """
 LARGEST_U_RATIO = 1e5
-"""Their standard uncertainty is at most so many times that: a fit may hardly know one."""
+"""Largest standard uncertainty over the usual value: a fit may hardly know a parameter."""
 LATEST = 1e12
-"""Largest time, to either side [s]; in seconds since 1970 it is the year 33 000."""
+"""Largest magnitude of a time [s]; since 1970 it is the year 33 000."""
 COLDEST, HOTTEST = -100.0, 200.0
 """Temperatures [°C]."""
 MOST_ROWS = 200
-"""Rows of an arm, joints and rigid pieces together."""
+"""Rows of an arm, joints and rigid parts."""
 MOST_JOINTS = 64
 """Joints that move the tip."""
 MOST_COUPLINGS = 200
-"""Couplings of the joints of an arm; a joint has a few."""
+"""Couplings of an arm; a joint has a few."""
 MOST_RATIO = 1e4
-"""Joint angle per reading of one encoder, to either side; gears are a hundredth of that."""
+"""Largest magnitude of joint angle per reading; gears have a hundredth."""
 MOST_UNKNOWN = 100
-"""Columns of unknown names in a measurement file; `diagnose` looks into each of them for a
-twentieth of a second.
-"""
+"""Unknown columns of a measurement file; `diagnose` takes a twentieth of a second for each."""
 
 
 class Range(NamedTuple):
-    """What can be measured, or stated as noise, in ``unit``; ``perhaps`` says in which unit another
-    number may be.
+    """Possible values of a quantity or noise in ``unit``; ``perhaps`` names the unit of other
+    numbers.
     """
 
     least: float
@@ -72,27 +67,27 @@ class Range(NamedTuple):
     perhaps: str = ""
 
     def outside(self, values: ArrayLike) -> NDArray[np.bool_]:
-        """Which of ``values`` cannot be; what is not known (NaN) can."""
+        """Which of ``values`` are impossible; NaN, unknown, is possible."""
         array = np.asarray(values, dtype=np.float64)
         return (array < self.least) | (array > self.most)
 
     def of_unit(self, unit: str, factor: float) -> Range:
-        """The same range in another unit, which is ``factor`` of this one."""
+        """The same range in another unit of the size ``factor``."""
         least, most = self.least / factor, self.most / factor
         return Range(least, most, unit, self.perhaps)
 
     @property
     def expected(self) -> str:
-        """In words."""
+        """The range as text."""
         values = f"{self.least:.6g} to {self.most:.6g} {self.unit}"
         perhaps = f" (perhaps {self.perhaps})" if self.perhaps else ""
         return f"expected {values}; check the unit{perhaps}"
 
     def check(self, values: ArrayLike, name: str, error: type[AacmmError] = AacmmError) -> None:
-        """Refuse ``values`` of which one is outside, or NaN.
+        """Check that no value is outside or NaN.
 
         Raises:
-            AacmmError: of the class ``error``, with the first of them.
+            AacmmError: of the class ``error``, with the first such value.
         """
         array: NDArray[Any] = np.asarray(values, dtype=np.float64)
         if array.size and self.least <= array.min() and array.max() <= self.most:  # NaN is neither
@@ -107,7 +102,7 @@ READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad")
 COORDINATE = Range(-LONGEST_LENGTH, LONGEST_LENGTH, "m")
 BAR_LENGTH = Range(0.01, LONGEST_LENGTH, "m", "metres")
 DIAMETER = Range(1e-3, 1.0, "m")
-"""Of a sphere."""
+"""Diameter of a sphere."""
 PROBE_DIAMETER = Range(0.0, 0.1, "m")
 MPE = Range(1e-9, 1.0, "m")
 """Maximum permissible error of a length or a position."""
@@ -115,25 +110,25 @@ TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "kelvin or Fahrenheit")
 CLOCK = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
 ENCODER_NOISE = Range(0.0, 5e-3, "rad")
-"""Standard uncertainty of one reading; no encoder, and no robot's joint, has more [rad; m where a
-joint slides].
+"""Standard uncertainty of one reading, of any encoder or robot joint [rad; m for prismatic
+joints].
 """
 SHIFT_HALF_WIDTH = Range(0.0, 1.0, "m")
 TURN_HALF_WIDTH = Range(0.0, math.pi, "rad")
-"""Bounds of the placement of a joint; half a turn says that nothing is known."""
+"""Bounds of the placement of a joint; half a turn if unknown."""
 WIDEST_HALF_WIDTHS = {"m": 0.012, "rad": 0.12}
-"""Half-widths of geometry that are wider have perhaps another unit: what is assumed where nothing
-is stated, ±10 mm and ±0.1 rad, has U of 11.5 mm and 0.115 rad [m, rad].
+"""Wider half-widths of geometry may be in another unit: the default of unstated geometry, ±10 mm
+and ±0.1 rad, has U of 11.5 mm and 0.115 rad [m, rad].
 """
 LENGTH_NOISE = Range(0.0, 0.01, "m")
-"""Standard uncertainty of a reference, a contact, a length of a bar."""
+"""Standard uncertainty of a reference, a contact, or a length of a bar."""
 
 TURN_NOISE = Range(0.0, 0.1, "rad")
-"""Standard uncertainty of a stated orientation about each axis: a laser tracker has 5e-5, a camera
-1e-3.
+"""Standard uncertainty of a stated orientation about each axis: 5e-5 for a laser tracker, 1e-3 for
+a camera.
 """
 USUAL_TURN_NOISE = 5e-3
-"""From here on it is asked whether that is in degrees [rad]."""
+"""From here on a note asks whether it is in degrees [rad]."""
 
 LARGEST_COUNTS = {
     "cells": (4_000_000, "4 GB of memory"),
@@ -148,15 +143,14 @@ LARGEST_COUNTS = {
     "sectors": (2_500, "4 GB of memory"),
     "workers": (256, "40 GB of memory"),
 }
-"""Largest number of each thing that can be asked for, and the memory or time that so many take,
-measured with SINO6.
+"""Largest possible number of each thing, and the memory or time for so many, measured with SINO6.
 
-Plans alone are limited by time: each record takes a third of a second.
+Only time limits plans: a third of a second for each record.
 """
 
 
 def without_nul(value: str) -> str:
-    """The text, refused where it has a character NUL."""
+    """The text, refused with a character NUL."""
     if "\0" in value:
         raise ValueError(
             f"the character NUL at place {value.index(chr(0)) + 1}; expected text without NUL"
@@ -165,7 +159,7 @@ def without_nul(value: str) -> str:
 
 
 def in_one_line(value: str) -> str:
-    """The text, refused where it has a line end, which would forge a line of what is told of it."""
+    """The text, refused with a line end, which would forge a line of output."""
     if value.splitlines() != [value]:
         raise ValueError(f"{value!r}; expected one line of text")
     return value
@@ -184,11 +178,11 @@ EXPECTED = {
     "greater_than_equal": "{ge:g} or more",
     "less_than_equal": "{le:g} or less",
 }
-"""What a type takes, by the code of pydantic's problem."""
+"""Expected values by pydantic's code of the problem."""
 
 
 def expected_words(problem: Any) -> str:
-    """What was expected in place of what pydantic refused, ``problem``."""
+    """What was expected in place of a value that pydantic refused."""
     words = EXPECTED.get(problem["type"])
     if words is None:
         return re.sub(r"^\w+ should (be|have) ", "", problem["msg"])
@@ -199,8 +193,8 @@ NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
 
 
 def out_of_reach(tips: ArrayLike) -> str:
-    """That one of ``tips`` (n, 3) [m] is farther from the base than any arm reaches, in words; ""
-    where none is.
+    """A sentence if one of ``tips`` (n, 3) [m] is farther from the base than any arm reaches, else
+    "".
     """
     distance = float(np.linalg.norm(tips, axis=1).max())
     if distance <= LONGEST_LENGTH:
@@ -212,7 +206,7 @@ def out_of_reach(tips: ArrayLike) -> str:
 
 
 def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
-    """That a number in radians must be degrees, in words; "" where it is within so many turns."""
+    """A sentence if a number in radians must be degrees, beyond so many turns, else ""."""
     if abs(angle) <= turns * 2 * math.pi + 1e-9:
         return ""
     return (
@@ -223,8 +217,7 @@ def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
 
 def mostly_like_degrees(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which of ``angles`` (n, joints) [rad] are beyond :data:`MOST_TURNS`, if those of most joints
-    that are not at zero are;
-    else none: an endless joint may count many turns.
+    away from zero are; else none, since an endless joint may count many turns.
     """
     beyond = np.abs(angles) > MOST_TURNS * 2 * math.pi + 1e-9
     joints = np.count_nonzero(angles.any(axis=0))
@@ -238,15 +231,15 @@ PlaceMm = Annotated[FiniteFloat, Field(ge=-FARTHEST_PLACE / MM, le=FARTHEST_PLAC
 Angle = Annotated[FiniteFloat, Field(ge=-LARGEST_ANGLE, le=LARGEST_ANGLE)]
 """[rad]."""
 AngleHalfWidth = Annotated[FiniteFloat, Field(ge=0.0, le=TURN_HALF_WIDTH.most)]
-"""Bound of the error of an angle [rad]: half a turn says that nothing is known."""
+"""Bound of the error of an angle [rad]; half a turn if unknown."""
 EncoderNoise = Annotated[FiniteFloat, Field(ge=ENCODER_NOISE.least, le=ENCODER_NOISE.most)]
-"""Standard uncertainty of one reading [rad; m where a joint slides]."""
+"""Standard uncertainty of one reading [rad; m for prismatic joints]."""
 EncoderNoiseMm = Annotated[
     FiniteFloat, Field(ge=ENCODER_NOISE.least / MM, le=ENCODER_NOISE.most / MM)
 ]
 """Standard uncertainty of one reading of a prismatic joint [mm]."""
 StandardUncertainty = Annotated[FiniteFloat, Field(ge=0.0, le=1e100)]
-"""In SI, of whatever it is; a fit may hardly know a parameter, but its variance is a number."""
+"""Standard uncertainty in SI; its square must be a number, large for a poor fit."""
 Mass = Annotated[FiniteFloat, Field(ge=0.0, le=1e5)]
 """[kg]."""
 Acceleration = Annotated[FiniteFloat, Field(ge=-100.0, le=100.0)]
@@ -259,6 +252,6 @@ Name = Annotated[
     AfterValidator(without_nul),
     AfterValidator(in_one_line),
 ]
-"""Of an arm, a seat, a target or a cause."""
+"""Name of an arm, a seat, a target or a cause."""
 Text = Annotated[str, Field(max_length=10_000), AfterValidator(without_nul)]
-"""What stands in a file for people."""
+"""Text in a file for people."""

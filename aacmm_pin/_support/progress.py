@@ -1,6 +1,4 @@
-"""Bars for what takes longer than a moment: a widget in a notebook, a line on stderr at a terminal,
-nothing elsewhere.
-"""
+"""Progress bars of long work: a widget in a notebook, a line on stderr of a terminal, else none."""
 
 from __future__ import annotations
 
@@ -18,19 +16,15 @@ with warnings.catch_warnings():
 
 T = TypeVar("T")
 Progress = bool | Callable[[Iterable[Any]], Iterable[Any]] | None
-"""Whether to show bars; or a function such as ``tqdm`` that is given the steps of the longest part
-and returns them.
-"""
+"""Whether to show bars; or a function such as ``tqdm`` around the steps of the longest part."""
 
 DELAY = 0.5
-"""What is over before this shows no bar [s]."""
+"""Shorter work shows no bar [s]."""
 IN_NOTEBOOK = any(kind.__module__ == "tqdm.notebook" for kind in tqdm.__mro__)
 
 
 def bar(progress: Progress, what: str, unit: str, **named: Any) -> Any:
-    """A bar of tqdm, to be used as a context, so that it is gone before an error or an interrupt is
-    told.
-    """
+    """A context with a bar of tqdm, which disappears before an error is printed."""
     # A notebook's stderr is no terminal, and has a widget all the same.
     hidden = (False if IN_NOTEBOOK else None) if progress else True
     return tqdm(desc=what, unit=unit, leave=False, disable=hidden, delay=DELAY, **named)
@@ -38,13 +32,13 @@ def bar(progress: Progress, what: str, unit: str, **named: Any) -> Any:
 
 @contextmanager
 def watched(steps: Iterable[T], progress: Progress, what: str, unit: str) -> Iterator[Iterable[T]]:
-    """The steps, with a bar that moves as they are taken.
+    """A context with the steps, whose bar moves as they are taken.
 
     Args:
-        steps: to be taken inside the context.
+        steps: the steps.
         progress: see :data:`Progress`.
-        what: what is being done, in a word or two.
-        unit: of the steps.
+        what: the task in a word or two.
+        unit: name of a step.
     """
     if callable(progress):
         yield progress(steps)

@@ -1,4 +1,4 @@
-"""Text that came from files is text: no terminal acts on it, and no spreadsheet computes it."""
+"""Text from files, so that no terminal acts on it and no spreadsheet computes it."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
-"""How a cell begins that a spreadsheet would compute, perhaps quoted already."""
+"""Start of a cell that a spreadsheet would compute, perhaps already quoted."""
 _SEPARATED, _SEPARATED_QUOTED = (re.compile(rf"([;\t]){quote}(?='*[=+\-@])") for quote in ("", "'"))
 """The same within a cell."""
 
 _NOTHING = ("nan", "None", "<NA>", "NaT")
-"""What NumPy and pandas call a value that is not there."""
+"""Missing values of NumPy and pandas."""
 
 
 def printable(text: str) -> str:
-    """The text with control characters, and others that have no shape, as escapes; line ends and
-    tabulators stay.
+    """The text with control and shapeless characters as escapes, but for line ends and
+    tabulators.
     """
     if text.isprintable():
         return text
@@ -38,9 +38,7 @@ def _acts(character: str) -> bool:
 
 
 def encodable(text: str) -> str:
-    """The text with the bytes of names that are no UTF-8, which Python keeps as half characters, as
-    escapes.
-    """
+    """The text with surrogates, from names that are not UTF-8, as escapes."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -48,13 +46,13 @@ _of_results: list[TextIO] = []
 
 
 def stdout() -> TextIO:
-    """Where results go."""
+    """The stream of results."""
     return _of_results[-1] if _of_results else sys.stdout
 
 
 @contextmanager
 def results_alone_on_stdout() -> Iterator[None]:
-    """What anything else prints meanwhile, such as a cause of one's own, goes to stderr."""
+    """Meanwhile send all other output, such as of a user's cause, to stderr."""
     _of_results.append(sys.stdout)
     try:
         with redirect_stdout(sys.stderr):
@@ -64,22 +62,22 @@ def results_alone_on_stdout() -> Iterator[None]:
 
 
 def say(text: str) -> None:
-    """Tell what was found, on stdout."""
+    """Print a result on stdout."""
     print(printable(text), file=stdout(), flush=True)
 
 
 def warn(text: object) -> None:
-    """Tell on stderr what may make the result wrong."""
+    """Print on stderr what may make the result wrong."""
     print_error(f"warning: {text}")
 
 
 def note(text: object) -> None:
-    """Tell on stderr what was assumed."""
+    """Print an assumption on stderr."""
     status(f"note: {text}")
 
 
 def status(text: object) -> None:
-    """Tell on stderr what was done."""
+    """Print a completed step on stderr."""
     if not _quiet:
         print_error(text)
 
@@ -94,7 +92,7 @@ _quiet: list[bool] = []
 
 @contextmanager
 def without_notes() -> Iterator[None]:
-    """Neither notes nor status meanwhile."""
+    """Meanwhile suppress notes and status."""
     _quiet.append(True)
     try:
         yield
@@ -103,10 +101,10 @@ def without_notes() -> Iterator[None]:
 
 
 def csv_quoted(text: str) -> str:
-    """A cell of text as it stands in a CSV file: an apostrophe in front where a spreadsheet would
-    compute it.
+    """The text for a cell of a CSV file: with an apostrophe in front if a spreadsheet would compute
+    it.
 
-    Also behind a semicolon or tab, where one that separates at these has a cell of its own.
+    This includes text behind a semicolon or tab, which some programs separate.
     """
     text = _SEPARATED.sub(r"\1'", text)
     return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
@@ -123,8 +121,8 @@ def csv_text(
     quoting: Literal[0, 2] = csv.QUOTE_MINIMAL,
     separator: str = ",",
 ) -> str:
-    """A data frame, or columns by their names, as CSV: text is quoted, numbers are as they are, a
-    missing value is empty.
+    """A data frame, or columns by their names, as CSV: quoted text, unchanged numbers, empty
+    missing values.
     """
     columns = [
         getattr(column, "tolist", lambda column=column: column)() for _, column in table.items()
@@ -145,7 +143,7 @@ def _quoted(value: object) -> object:
 
 
 def _is_number(text: str) -> bool:
-    """Whether it is a number, with a decimal point or comma."""
+    """Whether it is a number with decimal point or comma."""
     try:
         float(text.replace(",", "."))
     except ValueError:

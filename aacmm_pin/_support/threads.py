@@ -1,5 +1,5 @@
-"""One thread of linear algebra: on small matrices threads that wait for one another cost up to
-forty times the work.
+"""One thread of linear algebra: on small matrices several threads take up to forty times the
+work.
 """
 
 from __future__ import annotations
@@ -14,5 +14,5 @@ R = TypeVar("R")
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, with the BLAS held to one thread while it runs."""
+    """The function with one BLAS thread."""
     return cast("Callable[P, R]", threadpool_limits.wrap(limits=1, user_api="blas")(function))

@@ -1,6 +1,4 @@
-"""Units where files and people state them: multiply on the way in, divide on the way out. Inside
-everything is SI.
-"""
+"""Units of files and people: multiply on input, divide on output. Inside everything is SI."""
 
 from __future__ import annotations
 
@@ -12,7 +10,7 @@ MM = 1e-3
 UM = 1e-6
 """One micrometre in metres."""
 LARGE_IN_MICRO = 1e4
-"""Changes and errors of so many µm or µrad stand in mm or mrad."""
+"""From so many µm or µrad, changes and errors are in mm or mrad."""
 MM3 = MM**3
 """One cubic millimetre in cubic metres."""
 DEG = math.pi / 180.0
@@ -30,7 +28,7 @@ ANGLES = {
     "arcmin": DEG / 60.0,
     "arcsec": ARCSEC,
 }
-"""Units that an angle may carry where people type it, in radians."""
+"""Units of typed angles, in radians."""
 PREFIXES = {
     "k": (1e3, "·10³"),
     "": (1.0, ""),
@@ -42,7 +40,7 @@ PREFIXES = {
 
 
 def in_radians(text: str) -> float:
-    """An angle as it is typed: ``8e-6``, ``8urad``, ``1.65arcsec``, ``0.5mdeg``.
+    """A typed angle: ``8e-6``, ``8urad``, ``1.65arcsec``, ``0.5mdeg``.
 
     Raises:
         ValueError: it is none.
@@ -55,8 +53,7 @@ def in_radians(text: str) -> float:
 
 
 def number(text: str) -> float:
-    """A number as it is typed, without the ``_`` between digits that Python passes over: ``0_06``
-    would be 6.
+    """A typed number; ``0_06``, which Python reads as 6, is none.
 
     Raises:
         ValueError: it is none.
@@ -65,8 +62,8 @@ def number(text: str) -> float:
 
 
 def prefixed(unit: str, size: float) -> tuple[str, float]:
-    """The unit with the prefix in which ``size`` is 1 to 1000, and one of it in SI: ``rad/m``, 1e-4
-    -> ``µrad/m``, 1e-6.
+    """The prefixed unit in which ``size`` is 1 to 1000, and its size in SI: ``rad/m``, 1e-4 ->
+    ``µrad/m``, 1e-6.
     """
     prefix = next((p for p, (factor, _) in PREFIXES.items() if 0.999 * factor <= abs(size)), "n")
     factor, power = PREFIXES[prefix]
@@ -77,7 +74,7 @@ def prefixed(unit: str, size: float) -> tuple[str, float]:
 
 
 def plain_mm(length: float) -> str:
-    """A length [m] in mm as a test report states it, to 0.1 µm: ``1200.027``."""
+    """A length [m] in mm to 0.1 µm, for a test report: ``1200.027``."""
     return f"{length / MM:z.4f}".rstrip("0").rstrip(".")
 
 

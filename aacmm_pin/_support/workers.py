@@ -1,6 +1,4 @@
-"""Independent pieces of work: in this process, in worker processes, or by an executor of
-the user.
-"""
+"""Independent jobs in this process, in worker processes, or by an executor of the user."""
 
 from __future__ import annotations
 
@@ -27,17 +25,17 @@ from aacmm_pin.errors import AacmmError
 J = TypeVar("J")
 R = TypeVar("R")
 Workers = int | Executor
-"""How many processes, or a ``concurrent.futures.Executor``, which is used and not shut down."""
+"""Number of processes, or a ``concurrent.futures.Executor``, which is not shut down."""
 TERMINAL_SIGNALS = (signal.SIGINT, signal.SIGHUP)
-"""Signals that a terminal sends to all processes, and that the parent answers."""
+"""Signals of a terminal to all processes, which the parent answers."""
 
 
 @contextmanager
 def results(
     work: Callable[[J], R], jobs: Iterable[J], workers: Workers
 ) -> Iterator[Iterator[tuple[int, R]]]:
-    """Numbers and results of all jobs, as they are done; jobs not begun when the context ends are
-    cancelled. An error or an interrupt in the context ends worker processes at once.
+    """Numbers and results of all jobs, as they are done. The end of the context cancels waiting
+    jobs; an error or interrupt in it ends worker processes at once.
 
     Args:
         work: a function of a module, for it is sent by its name.
@@ -92,9 +90,7 @@ def _submitted(
 
 @contextmanager
 def _blocked_signals() -> Iterator[None]:
-    """Block the signals of the terminal: processes that are started meanwhile never receive
-    them.
-    """
+    """Block the signals of the terminal, also for processes started meanwhile."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
     try:
         # Its start unblocks those that the tracker ignores, which SIGHUP is not.
@@ -106,8 +102,8 @@ def _blocked_signals() -> Iterator[None]:
 
 
 def _begin(stop: Event) -> None:
-    """Begin a worker process: what it prints is no result, and it ends with its parent, or when
-    ``stop`` is set.
+    """Begin a worker process: its output is no result, and it ends with its parent or when ``stop``
+    is set.
     """
     from tqdm import tqdm  # whoever imports this module needs no bars
 

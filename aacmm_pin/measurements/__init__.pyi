@@ -16,7 +16,6 @@ from .csv_columns import (
     is_reading,
     span,
 )
-from .csv_header import first_names
 from .csv_table import is_workbook, measurement_file, read_table
 from .csv_values import check_values, read_values
 from .measuring_points import Pool, bars_for, seats_for
@@ -93,7 +92,6 @@ __all__ = [
     "column_of",
     "fingerprints",
     "fingerprints_of_standards",
-    "first_names",
     "is_reading",
     "is_workbook",
     "means_of_contacts",

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.file_problems import Problems, shortened
+from aacmm_pin._support.file_problems import Problems, first_few, shortened
 from aacmm_pin._support.units import count
 from aacmm_pin.measurements.csv_columns import (
     BAR,
@@ -38,8 +38,6 @@ OF_ANGLES = ("deg", "rad", "mrad", "gon", "arcsec")
 OTHER_UNITS = {*OF_ANGLES, "m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm"}
 SPELLED = {"°c": "c", "°": "deg", "θ": "theta"}
 """Signs in names, and our letters for them."""
-MOST_NAMES = 8
-"""Columns to list, at most."""
 
 
 def check_header(names: Sequence[object], nq: int | None, problems: Problems) -> None:
@@ -203,16 +201,10 @@ def _renaming(names: Sequence[str], nq: int | None) -> str:
     joints = nq or max(map(len, alike.values()), default=0)
     angles = [same for same in alike.values() if len(same) == joints > 1]
     if not angles:
-        return f"; the first line has {first_names(map(repr, names))}" if names else ""
+        return f"; the first line has {first_few(map(repr, names))}" if names else ""
     degrees, radians = (span(named(form, joints)) for form in THETA.values())
     came = " or ".join(f"{shortened(same[0])} … {shortened(same[-1])}" for same in angles)
     return f"; if {came} are the angles, rename them {degrees}, or in radians {radians}"
-
-
-def first_names(names: Iterable[object]) -> str:
-    """The first :data:`MOST_NAMES` names as text."""
-    texts = [*map(str, names)]
-    return ", ".join(texts[:MOST_NAMES]) + (", …" if len(texts) > MOST_NAMES else "")
 
 
 def _check_companions(there: set[str], problems: Problems) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Index
-from aacmm_pin._support.file_problems import Problems, shortened
+from aacmm_pin._support.file_problems import Problems, first_few, shortened
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text, csv_unquoted
@@ -31,7 +31,7 @@ from aacmm_pin.measurements.csv_columns import (
     column_of,
     columns_of_file,
 )
-from aacmm_pin.measurements.csv_header import first_names, near_miss
+from aacmm_pin.measurements.csv_header import near_miss
 
 MOST_UNPACKED = 500_000_000
 """Bytes of an unpacked workbook, at most."""
@@ -328,7 +328,7 @@ def _records(
                 path,
                 records[0].line,
                 "",
-                f"{first_names(words)}; expected numbers of the first record; delete this row, or "
+                f"{first_few(words)}; expected numbers of the first record; delete this row, or "
                 "begin the row with #",
             )
     return header, problems.lines, [row.cells for row in records]

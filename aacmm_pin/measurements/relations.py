@@ -11,9 +11,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.file_problems import Problems
+from aacmm_pin._support.file_problems import Problems, first_few
 from aacmm_pin.measurements.csv_columns import DIAMETERS, RELATION_COLUMNS
-from aacmm_pin.measurements.csv_header import checked_names, first_names
+from aacmm_pin.measurements.csv_header import checked_names
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.csv_values import check_values, read_values
 
@@ -85,7 +85,7 @@ def read_relations(
         np.full(values.n, np.nan) if (stated := values.field(column)) is None else stated
         for column in RELATION_COLUMNS
     )
-    planes = first_names(map(repr, probes)) or "none"
+    planes = first_few(map(repr, probes)) or "none"
     for name, labels in (("feature_a", a), ("feature_b", b)):
         unknown = ~np.isin(labels, [*probes])
         problems.at(

@@ -11,6 +11,7 @@ from importlib.metadata import version
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.file_problems import first_few
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.measurements import is_workbook
@@ -226,5 +227,4 @@ def _listed(values: Sequence[object]) -> str:
     ]
     if len(values) > NUMBERS_LISTED and isinstance(values[0], float | int):
         return f"{texts[0]} to {texts[-1]}"
-    shown = ", ".join(texts[:NUMBERS_LISTED])
-    return shown + ", …" * (len(values) > NUMBERS_LISTED)
+    return first_few(texts, NUMBERS_LISTED)

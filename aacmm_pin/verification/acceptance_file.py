@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.file_problems import Problems
+from aacmm_pin._support.file_problems import Problems, first_few
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import ErrorModel
@@ -21,7 +21,6 @@ from aacmm_pin.measurements import (
     Measurements,
     check_values,
     column_of,
-    first_names,
     is_reading,
     read_probed_points,
     read_table,
@@ -90,7 +89,7 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
             None,
             "",
             "no coordinates; expected numbers in x_mm, y_mm, z_mm, or an arm and readings in "
-            f"theta1_deg … (other columns are {first_names(table)})",
+            f"theta1_deg … (other columns are {first_few(table)})",
         )
     sets = {
         name: points.assign(**dict(zip("xyz", at.T, strict=True)))
@@ -145,7 +144,7 @@ def _by_arms(
             None,
             "",
             f"no readings; expected columns theta1_deg … for the named arms (the file has "
-            f"{first_names(table)})",
+            f"{first_few(table)})",
         )
     of_arm = [name for name in table if name not in OF_TEST and not column_of(name).of_reference]
     tips: dict[str, Array] = {}

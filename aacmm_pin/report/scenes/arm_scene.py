@@ -1,4 +1,4 @@
-"""The arm in one posture, or moving through many."""
+"""The arm in one or many postures."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def arm_scene(model: GivenModel, q: ArrayLike, *, body_style: BodyStyle = "meshe
     Args:
         model: the arm.
         q: postures.
-        body_style: ``meshes`` draws the meshes of the arm's URDF, with their colours; ``sticks``
-            draws tubes and joints. An arm without meshes is drawn as sticks.
+        body_style: ``meshes`` draws the meshes of the arm's URDF, with their colours; ``sticks``,
+            also for an arm without meshes, draws tubes and joints.
 
     Raises:
         ShapeError: ``q`` is not a finite ``(n, nq)`` array, or has no row.

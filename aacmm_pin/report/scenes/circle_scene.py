@@ -37,17 +37,17 @@ from aacmm_pin.report.scenes.stage import (
 )
 
 ELLIPSOID = "#cc79a7"
-"""Colour of the accuracy at the point."""
+"""Colour of the ellipsoid."""
 SEEN = 0.14
-"""Half the length at which the longest ellipsoid is body_style at most, in sizes of the scene."""
+"""Largest half-length of a drawn ellipsoid, over the size of the scene."""
 THIN = 1e-4
-"""Thickness given to an ellipsoid that has none, in its lengths."""
+"""Least thickness of an ellipsoid over its length."""
 GHOSTS = 5
-"""Postures body_style thin behind the one that is shown."""
+"""Postures drawn thin behind the shown one."""
 MOST_CIRCLE_FRAMES = 360
-"""Postures on the slider; of more, every so-manieth."""
+"""Postures on the slider, evenly selected."""
 PATH_POINTS = 480
-"""Points of the body_style path; of more, every so-manieth."""
+"""Points of the drawn path, evenly selected."""
 
 
 def circle_scene(
@@ -56,11 +56,11 @@ def circle_scene(
     *,
     body_style: BodyStyle = "meshes",
 ) -> Scene:
-    """Make an animation of the arm through all postures within limits that reach a point.
+    """Make an animation of the arm through all postures within limits that reach a point, or all
+    postures if none is within limits.
 
-    If no posture is within limits, the animation shows all postures. The path of the elbow has the
-    colour of the accuracy volume within limits, and is grey outside. For an arm without elbow, the
-    scene shows the path of the joint that moves most. A magnified 95 % coverage ellipsoid of the
+    The path of the elbow, or without elbow of the joint that moves most, has the colour of the
+    accuracy volume within limits, and is grey outside. A magnified 95 % coverage ellipsoid of the
     posture is at the point.
 
     Args:
@@ -114,9 +114,8 @@ def circle_scene(
 
 
 def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
-    """The point of the arm whose path shows the circle, (n, 3) [m], and its name.
-
-    The elbow where the arm has one; else the origin of that joint that goes about most.
+    """The path that shows the circle, (n, 3) [m], and the name of its point: the elbow, else the
+    joint whose origin moves most.
     """
     if isinstance(circle, ConfigurationCircle):
         return circle.components.swivel.elbow(circle.q), "the elbow"
@@ -129,7 +128,7 @@ def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
 def _draw_path(
     scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
 ) -> None:
-    """The pieces of the path (n, 3) [m] within and outside limits; single postures have none."""
+    """Draw the pieces of the path (n, 3) [m] within and outside limits."""
     pairs = neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS))
     works = circle.within_limits[pairs].all(axis=1)
     within, outside = pairs[works], pairs[~works]
@@ -149,16 +148,16 @@ def _draw_path(
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:
-    """Placements (n, 4, 4) [m] that make a unit sphere the ellipsoid of each configuration in a
-    scene of ``size`` [m].
+    """Draw a unit sphere, and return the placements (n, 4, 4) [m] that make it the ellipsoid of
+    each configuration, in a scene of ``size`` [m].
     """
     variances, vectors = np.linalg.eigh(accuracy.covariance)
     half = ELLIPSOID_COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))
     factor = round_down(SEEN * size / max(float(half.max()), 1e-12))
     vectors[np.linalg.det(vectors) < 0, :, 0] *= -1.0
-    body_style = factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True))
+    drawn = factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True))
     placements = placed_at(np.tile(centre, (len(vectors), 1)))
-    placements[:, :3, :3] = vectors * body_style[:, None, :]
+    placements[:, :3, :3] = vectors * drawn[:, None, :]
     scene["accuracy"].set_object(Sphere(1.0), ahead(ELLIPSOID, 0.6))
     scene["accuracy"].set_transform(placements[0])
     scene.explain(ELLIPSOID, "uncertainty ellipsoid of the posture", "area")

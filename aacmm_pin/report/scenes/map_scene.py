@@ -1,4 +1,4 @@
-"""A map of the workspace, standing in its half-plane, with the arm reaching into its cells."""
+"""A map of the workspace in its half-plane, with the arm reaching into its cells."""
 
 from __future__ import annotations
 
@@ -27,17 +27,16 @@ from aacmm_pin.report.scenes.stage import (
 )
 
 MOST_MAP_FRAMES = 240
-"""Cells that the arm reaches for on the slider; of more, every so-manieth."""
+"""Cells on the slider, evenly selected."""
 PER_SECOND = 4.0
-"""Cells a second: the posture of one has nothing to do with that of the next."""
+"""Cells per second: postures of successive cells differ widely."""
 SIDE, HEIGHT = -55 * DEG, 14 * DEG
-"""The camera stands on the side of the half-plane on which x grows to the right."""
+"""Azimuth and elevation of the camera; x grows to the right."""
 
 
 def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
-    """Make a scene of the half-plane with cells coloured by comprehensive accuracy.
-
-    The wrist of the arm moves from cell to cell.
+    """Make a scene of the half-plane with cells coloured by comprehensive accuracy, in which the
+    wrist moves from cell to cell.
 
     Args:
         workspace_map: the map.
@@ -116,7 +115,7 @@ def _centres(map_: WorkspaceMap) -> Array:
 
 
 def _corners(map_: WorkspaceMap) -> Array:
-    """Corners of the cells, in turn round each (nx, nz, 4, 3) [m]."""
+    """Corners of the cells in order (nx, nz, 4, 3) [m]."""
     x0, x1, z0, z1 = map_.data.attrs["extent_mm"]
     x, z = map_.axes
     width = (x1 - x0) / x.size
@@ -127,7 +126,7 @@ def _corners(map_: WorkspaceMap) -> Array:
 
 
 def _draw_cells(scene: Scene, name: str, corners: Array, colours: Array) -> None:
-    """Cells by their corners (n, 4, 3) [m], each with its colour (n, 3)."""
+    """Draw cells with corners (n, 4, 3) [m] and colours (n, 3)."""
     first = 4 * np.arange(len(corners))
     faces = np.array([[0, 1, 2], [0, 2, 3]]) + first[:, None, None]
     painted = np.repeat(colours, 4, axis=0)

@@ -1,5 +1,5 @@
-"""Residuals where they are: lines from each target, or stated place, towards the tip, and the arm
-in its posture.
+"""Residuals as lines from each target, or stated place, towards the tip, and the arm in its
+posture.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from aacmm_pin.report.scenes.stage import (
 
 SIZE_COLOURS = "plasma"
 FOOT = 0.005
-"""Radius of the foot of a residual's spike, in sizes of the scene."""
+"""Radius of a spike's foot over the size of the scene."""
 PER_SECOND = 4.0
 
 
@@ -47,17 +47,15 @@ def residual_scene(
     body_style: BodyStyle = "meshes",
 ) -> Scene:
     """Make a scene of the magnified residuals of one model, with the arm in the postures of the
-    records.
+    records, from the largest residual to the smallest.
 
-    A line leads from each target towards the tip. For a diagnosis, a target is the stated place;
-    without a stated place, the target is the estimate from all records of the seat. The slider
-    shows the records from the largest residual to the smallest.
+    A line leads from each target towards the tip. For a diagnosis, a target is the stated place, or
+    without one the estimate from all records of the seat.
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` for a calibration; ``nominal`` (nominal arm),
-            ``recalibrated`` or ``extended`` for a diagnosis. The default is ``after`` or
-            ``extended``.
+        model: ``before`` or ``after`` for a calibration; ``nominal``, ``recalibrated`` or
+            ``extended`` for a diagnosis. The default is ``after`` or ``extended``.
         body_style: see :func:`arm_scene`.
 
     Raises:
@@ -73,7 +71,7 @@ def residual_scene(
     }
     chosen = some_of(np.flatnonzero(judge.used), MOST_VECTORS)
     chosen = chosen[np.argsort(-distances_mm[name][chosen], kind="stable")]
-    # In the base, where the arm is body_style.
+    # In the base, where the arm is drawn.
     frame, records = fit.point.frame, fit.problem.measurements
     deviation = deviations_of(result, fit)[chosen] @ frame.rotation
     target = frame.back(fit.point.prediction.tips[chosen]) - deviation

@@ -1,6 +1,4 @@
-"""The bodies that the URDF of an arm draws: its meshes, loaded by yourdfpy, with so few faces that
-a page stays small.
-"""
+"""The meshes of an arm's URDF, loaded by yourdfpy and simplified for small pages."""
 
 from __future__ import annotations
 
@@ -19,6 +17,7 @@ from matplotlib.colors import to_hex
 from meshcat.geometry import TriangularMeshGeometry
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.file_problems import first_few
 from aacmm_pin.arm import Arm
 from aacmm_pin.report.scenes.scene import Scene, Swatch
 from aacmm_pin.report.scenes.stage import Bodies, draw_tip, solid
@@ -28,19 +27,19 @@ if TYPE_CHECKING:
     import yourdfpy
 
 Meshes = dict[tuple[int, str], "trimesh.Trimesh"]
-"""By body and colour."""
+"""Meshes by body and colour."""
 BodyStyle = Literal["meshes", "sticks"]
-"""What is drawn of an arm: the meshes of its URDF if there are any, or tubes and joints."""
+"""Meshes of the URDF, if any, or tubes and joints."""
 OPAQUE, TRANSLUCENT = 1.0, 0.35
-"""Opacity of the meshes; translucent before what they would hide."""
+"""Opacity of the meshes; translucent in front of data."""
 MOST_MESH_ROWS = 130_000
-"""Vertices and faces of all meshes of a scene; each is 16 characters of the page."""
+"""Vertices and faces of a scene; each has 16 characters on the page."""
 FINEST, COARSER = 1e-3, 1.25
-"""Side of the cells in which vertices become one, in sizes of the robot, and how much longer it
-gets while there are too many rows.
+"""Side of the cells that merge vertices, over the size of the robot, and its growth while there
+are too many rows.
 """
 NAMED_MESHES = 3
-"""Missing files that a note names."""
+"""Missing files in a note."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +47,8 @@ class MeshBodies(Bodies):
     """The meshes of the URDF in place of tubes and joints.
 
     Attributes:
-        meshes: of each body and colour, in the axes of the body.
-        opacity: of the meshes.
+        meshes: meshes by body and colour, in the axes of the body.
+        opacity: opacity of the meshes.
     """
 
     meshes: Meshes = field(default_factory=dict)
@@ -62,7 +61,7 @@ class MeshBodies(Bodies):
 
     @property
     def notes(self) -> list[str]:
-        """What the scene says of them."""
+        """The sentences on the bodies."""
         return ["The bodies are the meshes of the URDF, simplified.", *self.remarks]
 
     def outline(self, q: Array) -> Array:
@@ -84,7 +83,7 @@ class MeshBodies(Bodies):
 
 
 def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodies:
-    """What a scene draws of an arm; sticks if its URDF is not at hand or has no mesh."""
+    """The bodies of an arm; sticks if its URDF is missing or has no mesh."""
     urdf = Path(arm.urdf_file.urdf.file) if arm.dh is None else Path()
     if style == "sticks" or not urdf.is_file():
         return Bodies(arm)
@@ -109,7 +108,7 @@ def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodie
         return Bodies(arm, (f"yourdfpy cannot read the mesh {last}: {error}.",))
     remarks: tuple[str, ...] = ()
     if missing:
-        names = ", ".join(missing[:NAMED_MESHES]) + (", …" if len(missing) > NAMED_MESHES else "")
+        names = first_few(missing, NAMED_MESHES)
         remarks = (f"{urdf.name} names meshes that do not exist: {names}.",)
     if len(missing) == len(named):
         return Bodies(arm, remarks)
@@ -118,7 +117,7 @@ def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodie
 
 @contextmanager
 def _silent(name: str) -> Iterator[None]:
-    """Warnings of a logger are not printed: missing meshes are noted in the scene."""
+    """Suppress warnings of a logger: the scene notes missing meshes."""
     logger = logging.getLogger(name)
     before = logger.level
     logger.setLevel(logging.ERROR)
@@ -129,7 +128,7 @@ def _silent(name: str) -> Iterator[None]:
 
 
 def _by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
-    """The meshes of one body and colour as one, in the axes of the body."""
+    """One mesh for each body and colour, in the axes of the body."""
     import trimesh
 
     number_of = {name: number for number, name in enumerate(arm.joint_names, start=1)}
@@ -166,13 +165,13 @@ def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
 
 
 def _colour(visual: Any) -> str:
-    """The main colour of what yourdfpy loaded, from the mesh or from the URDF."""
+    """The main colour of a mesh from yourdfpy."""
     rgba = visual.material.main_color if visual.kind == "texture" else visual.main_color
     return to_hex((np.asarray(rgba[:3]) / 255).tolist())
 
 
 def _simplified(meshes: Meshes) -> Meshes:
-    """Vertices in the same cell of a grid become one, with a grid that leaves few enough rows."""
+    """Merge vertices in one cell of a grid, which is coarse enough for few rows."""
     cell = FINEST * max(float(np.ptp(mesh.bounds, axis=0).max()) for mesh in meshes.values())
     simple = meshes
     while sum(len(mesh.vertices) + len(mesh.faces) for mesh in simple.values()) > MOST_MESH_ROWS:

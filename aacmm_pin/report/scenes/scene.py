@@ -1,9 +1,9 @@
-"""A scene: whatever is sent to meshcat is kept, and written as one page without a server, or shown
-live by meshcat's own server.
+"""A scene: meshcat's commands are kept, and written as one page without a server, or shown live by
+meshcat's own server.
 
-meshcat's viewer is one script of 0.85 MB. A whole page has it inside. A page with several scenes
-has it once, as text that does nothing (:func:`shared_script`); each scene is an inner frame that
-receives the text when it is scrolled into sight, or soon after the page has been read.
+meshcat's viewer is one script of 0.85 MB. A page with several scenes has it once, as inert text
+(:func:`shared_script`); each scene is an inner frame that receives the text when it is scrolled
+into sight, or soon after the page has been read.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from aacmm_pin.errors import ShapeError
 
 Mark = Literal["ball", "line", "area"]
 STOPS = 24
-"""Colours that a bar is made of on the page."""
+"""Colours of a bar on the page."""
 NOTEBOOK_HEIGHT = 560
 """Height of a scene in a notebook [px]."""
 MESHCAT_ID = re.compile(rb"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
-"""How meshcat writes the id of a geometry, a material or an object: with the time and the network
-address of the computer.
+"""meshcat's id of a geometry, material or object, which contains the time and the network
+address.
 """
 SIGHT_DIRECTIONS = np.array([*product(range(-2, 3), repeat=3)])
-"""Directions in which the points that have to be seen are looked for (125, 3)."""
+"""Directions in which to search for the outermost points (125, 3)."""
 POSTER = (
     '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">Scroll '
     "here to see the 3D scene.</p>"
 )
-"""Seen until the scene is drawn over it."""
+"""Shown until the scene is drawn over it."""
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,7 @@ class ColourBar:
 
     @staticmethod
     def of(label: str, values: Array, name: str) -> ColourBar:
-        """Make the colour scale of the finite ``values``; if all values are equal, the scale
-        extends slightly beyond them.
-        """
+        """Make the colour scale of the finite ``values``, slightly wider if all are equal."""
         finite = values[np.isfinite(values)]
         low, high = float(finite.min()), float(finite.max())
         room = 0.0 if high > low else max(abs(low), 1e-12) * 0.01
@@ -122,7 +120,7 @@ class Frames:
     Attributes:
         placements: placements of each moving path ``(n, 4, 4)`` [m]; rotations may contain a scale.
         texts: texts of each displayed number by its name, ``(n,)`` each.
-        colours: colour of each frame along the slider, as matplotlib has them ``(n,)``.
+        colours: matplotlib colour of each frame along the slider ``(n,)``.
         start: index of the first frame shown.
         per_second: number of frames per second.
     """
@@ -147,7 +145,7 @@ class Frames:
 
     @property
     def data(self) -> dict[str, Any]:
-        """What the page receives; of placements the three upper rows in single precision."""
+        """The data for the page; of placements the three upper rows in single precision."""
         rows = {path: each[:, :3].astype("<f4") for path, each in self.placements.items()}
         return {
             "count": len(self),
@@ -166,7 +164,7 @@ class View:
     distance.
 
     Attributes:
-        points: points that are all within the picture ``(n, 3)`` [m].
+        points: points within the picture ``(n, 3)`` [m].
         azimuth: azimuth of the camera, from +x towards +y [rad].
         elevation: elevation of the camera above the horizontal [rad].
         room: margin around the points, for thick bodies [m].
@@ -179,7 +177,7 @@ class View:
 
     @property
     def data(self) -> dict[str, Any]:
-        """What the page receives: the outermost points, and the unit vector towards the camera."""
+        """The data for the page: the outermost points, and the unit vector towards the camera."""
         level = np.cos(self.elevation)
         x, y = level * np.cos(self.azimuth), level * np.sin(self.azimuth)
         outermost = np.unique((SIGHT_DIRECTIONS @ self.points.T).argmax(axis=1))
@@ -239,14 +237,12 @@ class Scene:
         return f"{self.title}: {len(self.commands)} commands, {frames} frames"
 
     def explain(self, colour: str, text: str, mark: Mark = "ball") -> None:
-        """Put a colour and its meaning on top of the legend."""
+        """Put a colour and its meaning first in the legend."""
         self.swatches.insert(0, Swatch(colour, text, mark))
 
     @property
     def commands(self) -> list[bytes]:
-        """Return the meshcat commands that build the scene, packed with msgpack, with numbers as
-        ids.
-        """
+        """The meshcat commands that build the scene, packed with msgpack, with numbers as ids."""
         numbers: dict[bytes, bytes] = {}
 
         def number(match: re.Match[bytes]) -> bytes:
@@ -260,7 +256,7 @@ class Scene:
         return self._page(f"<script>{viewer_script()}</script>", plays=True)
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Save the scene as one HTML page that needs neither a network nor a server.
+        """Save :meth:`html` as a file.
 
         Raises:
             OutputError: the file exists and ``force`` is False, or the file cannot be written.
@@ -269,11 +265,8 @@ class Scene:
             temporary.write_text(encodable(self.html()), encoding="utf-8")
 
     def embedded(self, height: int = NOTEBOOK_HEIGHT) -> str:
-        """Return the scene as HTML for another page; that page must contain
-        :func:`aacmm_pin.report.scenes.shared_script` once.
-
-        Args:
-            height: height of the frame around the scene [px].
+        """Return the scene as HTML for another page, which must contain
+        :func:`aacmm_pin.report.scenes.shared_script` once, in a frame of this ``height`` [px].
         """
         page = htmlsafe_json_dumps(self._page("<!-- viewer -->", plays=False))
         frame = self._frame("class=aacmm-scene", height)
@@ -288,15 +281,15 @@ class Scene:
     def show(self, browser: bool = True) -> Visualizer:
         """Show the scene live with meshcat's own server, in the first posture.
 
-        The server ends with the process. The server listens on every network interface of the
-        computer. The legend, the readings and the slider are only on the page of :meth:`save`.
+        The server listens on every network interface until the process ends. Only the page of
+        :meth:`save` has legend, readings and slider.
 
         Args:
             browser: open the scene in the browser.
 
         Returns:
             meshcat's ``Visualizer``, whose changes the browser shows immediately. In Jupyter,
-                ``jupyter_cell()`` of the visualizer displays the scene.
+                its ``jupyter_cell()`` displays the scene.
         """
         live = Visualizer()
         for command in self._window.commands:
@@ -333,7 +326,7 @@ def shared_script() -> str:
 
 @cache
 def viewer_script() -> str:
-    """meshcat's viewer, the script that draws."""
+    """meshcat's viewer."""
     script = resources.files(meshcat) / "viewer" / "dist" / "main.min.js"
     return script.read_text(encoding="utf-8")
 

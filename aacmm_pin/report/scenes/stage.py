@@ -1,6 +1,5 @@
-"""What every scene shows: the arm as bodies (tubes along its lines, joints along their axes, a
-foot, a tip), the shapes and materials that things are made of, and around them ground, grid and
-axes.
+"""The common parts of scenes: the bodies of the arm (tubes, joints, foot, tip), shapes and
+materials, and ground, grid and axes.
 """
 
 from __future__ import annotations
@@ -30,21 +29,21 @@ from aacmm_pin.report.scenes.scene import Scene, Swatch, View
 
 TUBE, JOINT, STYLUS, TIP, BASE = "#8d99a6", "#22395c", "#b8bec6", "#a3123a", "#4a4a4f"
 GHOST = "#7f9cc0"
-"""The arm in postures other than the one that is shown."""
+"""Other postures than the shown one."""
 THICKNESS = 0.014
-"""Radius of a tube, in lengths of the arm."""
+"""Radius of a tube over the length of the arm."""
 DRAWN = 0.3
-"""Pieces shorter than this many radii are hidden in a joint and not drawn."""
+"""Shorter pieces, in radii, are hidden in a joint."""
 AXES_GRADIENT = "linear-gradient(to right, red 33%, lime 33% 66%, blue 66%)"
 TO_SCALE = "Lengths of the arm are to scale, but thicknesses of tubes and joints are not."
 ROOM_ROUND_ARM = 3.4
-"""So many radii of a tube are seen beyond the arm's lines: its joints, its foot."""
+"""Margin in radii of a tube around the arm's lines, for joints and foot."""
 ANGLED = 35 * DEG
-"""How far the camera stands beside the direction in which the arm reaches."""
+"""Angle of the camera beside the direction in which the arm reaches."""
 CELL, CELLS = 0.5, 40
-"""Side of a cell of meshcat's grid [m], and how many of them lie along each side of it."""
+"""Side of a cell of meshcat's grid [m], and cells along each side."""
 TUBE_SIDES = 6
-"""Corners of the section of a prism."""
+"""Corners of a prism's section."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,19 +51,19 @@ class Bodies(ArmLines):
     """The bodies of an arm along its lines.
 
     Attributes:
-        remarks: sentences on what is not drawn.
+        remarks: sentences on omitted parts.
     """
 
     remarks: tuple[str, ...] = ()
 
     @property
     def radius(self) -> float:
-        """Of the tubes [m]."""
+        """Radius of the tubes [m]."""
         return THICKNESS * self.length
 
     @property
     def swatches(self) -> list[Swatch]:
-        """What the legend says of the bodies."""
+        """The legend of the bodies."""
         return [
             Swatch(TUBE, "tubes", "line"),
             Swatch(JOINT, "joints (cylinders along their axes)", "area"),
@@ -73,20 +72,15 @@ class Bodies(ArmLines):
 
     @property
     def notes(self) -> list[str]:
-        """What the scene says of them."""
+        """The sentences on the bodies."""
         return [TO_SCALE, *self.remarks]
 
     def outline(self, q: Array) -> Array:
-        """Points that are all seen where the bodies are seen, for checked ``q`` (n, nq): (k, 3)
-        [m].
-        """
+        """Points (k, 3) [m] around the bodies at checked ``q`` (n, nq)."""
         return np.vstack([self.corners(q).reshape(-1, 3), self.foot])
 
     def draw(self, scene: Scene) -> None:
-        """Put the bodies into a scene; they are moved by a transform of ``arm/body i`` each.
-
-        Tubes lead along the lines and round corners; the last body gets thinner towards the tip.
-        """
+        """Put the bodies into a scene, each to be moved by the transform of ``arm/body i``."""
         moves, last = set(self.arm.chain.moving_axes()), len(self.lines) - 1
         for number, line in enumerate(self.lines):
             body, radius = scene[f"arm/body {number}"], self.radius
@@ -106,7 +100,7 @@ class Bodies(ArmLines):
         draw_tip(scene, self)
 
     def _draw_joint(self, node: Any, number: int) -> None:
-        """A short thick cylinder along the joint's axis; a square one for a joint that slides."""
+        """A short thick cylinder along the axis, or a square bar for a prismatic joint."""
         half, radius = (1.9, 1.45) if number < len(self.lines) - 1 else (1.4, 1.1)
         end = self.radius * np.array([0.0, 0.0, half])
         shape, placement = rod(-end, end, radius * self.radius)
@@ -116,11 +110,11 @@ class Bodies(ArmLines):
 
     @property
     def foot(self) -> Array:
-        """Two points: where the foot ends and the arm begins, and the middle of the flange below
-        (2, 3) [m].
+        """The upper end of the foot, where the arm begins, and the middle of the flange below (2,
+        3) [m].
 
-        The arm stands on the origin of the base where something leads from there to joint 1, else
-        on a short post.
+        The arm stands on the origin of the base if a line leads from there to joint 1, else on a
+        short post.
         """
         if self._shows(*self.lines[0][[0, -1]]):
             return np.zeros((2, 3))
@@ -143,7 +137,7 @@ class Bodies(ArmLines):
 
 
 def draw_tip(scene: Scene, bodies: Bodies) -> None:
-    """A ball at the tip, on the last body."""
+    """Put a ball at the tip of the last body."""
     path = f"arm/body {len(bodies.lines) - 1}/tip"
     _put(scene[path], Sphere(0.55 * bodies.radius), placed_at(bodies.lines[-1][-1]), solid(TIP))
 
@@ -159,8 +153,8 @@ def _put(node: Any, shape: Any, placement: Array, material: Any) -> None:
 def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Array) -> Scene:
     """A scene with the arm's bodies, and around ``points`` (n, 3) [m] background, grid and axes.
 
-    It is looked at past the ``targets`` (k, 3) [m] that the arm reaches for, a little from the
-    side, back to the base.
+    The camera looks past the ``targets`` (k, 3) [m] of the arm back to the base, a little from the
+    side.
     """
     scene = Scene(title, caption)
     bodies.draw(scene)
@@ -189,9 +183,7 @@ def _scale(node: Any, size: float) -> None:
 
 
 def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
-    """Placements of the bodies that move, by their paths; they are put where the first posture has
-    them.
-    """
+    """Placements of the moving bodies by path, after a move of the bodies to the first posture."""
     placed = {f"arm/body {k}": placements for k, placements in enumerate(bodies.placements(q))}
     for path, placements in placed.items():
         scene[path].set_transform(placements[0])
@@ -200,7 +192,7 @@ def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
 
 
 def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
-    """The arm in other postures, as thin lines through their corners (corners, 3) [m] each."""
+    """Draw other postures as thin lines through their corners (corners, 3) [m] each."""
     for number, corners in enumerate(postures, start=1):
         lines = prisms(corners[:-1], corners[1:], 0.3 * radius)
         scene[f"ghosts/{number}"].set_object(lines, solid(GHOST, 0.45))
@@ -208,20 +200,20 @@ def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
 
 
 def draw_ball(scene: Scene, path: str, what: str, radius: float, place: Array) -> None:
-    """A ball at ``place`` (3,) [m] that is seen whatever stands before it."""
+    """Draw a ball at ``place`` (3,) [m] that nothing hides."""
     _put(scene[path], Sphere(radius), placed_at(place), ahead(VERMILLION, 0.85))
     scene.explain(VERMILLION, what)
 
 
 def place_text(point: Array) -> str:
-    """Coordinates for the reader."""
+    """Coordinates as text."""
     x, y, z = point / MM
     return f"{x:.1f}, {y:.1f}, {z:.1f} mm"
 
 
 def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
-    """Values of the joints (n, nq), degrees or millimetres, and whether they are within limits, or
-    which are not.
+    """Values of the joints (n, nq) as text, and whether they are within limits, or which are
+    not.
     """
     texts, limits = {}, []
     for joint, (values, slides) in enumerate(zip(q.T, arm.chain.prismatic, strict=True), start=1):
@@ -234,7 +226,7 @@ def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
 
 
 def on_slider(frames: int, number: int, what: str) -> str:
-    """The sentence on how many of so many things are on the slider."""
+    """The sentence on how many of the things are on the slider."""
     some = "" if frames == number else f"{frames} of "
     return f"The slider shows {some}the {number} {what}."
 
@@ -243,7 +235,7 @@ def on_slider(frames: int, number: int, what: str) -> str:
 
 
 def colour_number(colour: str) -> int:
-    """A colour as three.js wants it."""
+    """A colour for three.js."""
     return int(to_hex(colour)[1:], 16)
 
 
@@ -255,14 +247,12 @@ def solid(colour: str, opacity: float = 1.0, *, flat: bool = False) -> Any:
 
 
 def flat(colour: str = "white", opacity: float = 1.0, *, by_vertex: bool = False) -> Any:
-    """Material of data: exactly the colour that the legend shows, whatever the light."""
+    """Material of data: exactly the colour of the legend, without light."""
     return MeshBasicMaterial(color=colour_number(colour), opacity=opacity, vertexColors=by_vertex)
 
 
 def ahead(colour: str, opacity: float) -> Any:
-    """Material of what has to be seen even where it is inside the arm: drawn last, whatever stands
-    before it.
-    """
+    """Material that nothing hides, drawn last."""
     return MeshPhongMaterial(
         color=colour_number(colour),
         opacity=opacity,
@@ -284,7 +274,7 @@ def placed_at(points: Array) -> Array:
 def rod(
     start: Array, end: Array, radius: float, end_radius: float | None = None
 ) -> tuple[Any, Array]:
-    """A cylinder from ``start`` to ``end`` (3,) [m], or a cone with another radius there, and its
+    """A cylinder from ``start`` to ``end`` (3,) [m], or a cone with another end radius, and its
     placement (4, 4).
     """
     length = float(np.linalg.norm(end - start))
@@ -296,17 +286,16 @@ def rod(
 def prisms(
     start: Array, end: Array, radius: float, *, point: bool = False, colours: Array | None = None
 ) -> Any:
-    """Thin prisms from ``start`` to ``end`` (n, 3) [m], or pyramids with their ``point`` there.
-
-    Six vertices about each start are followed by six about its end; ``colours`` (n, 2, 3) in [0, 1]
-    are those of both.
+    """Thin prisms from ``start`` to ``end`` (n, 3) [m], or pyramids with their ``point`` there;
+    ``colours`` (n, 2, 3) in [0, 1] of both ends.
     """
     corner = np.arange(TUBE_SIDES)
     turn = corner * (2 * np.pi / TUBE_SIDES)
     section = radius * np.column_stack([np.cos(turn), np.zeros(TUBE_SIDES), np.sin(turn)])
     rings = np.array([section @ _toward(way).T for way in end - start])
     end_rings = 0.0 * rings if point else rings
-    vertices = np.stack([start[:, None] + rings, end[:, None] + end_rings], axis=1)  # (n, 2, 6, 3)
+    # Six vertices about each start, then six about its end: (n, 2, 6, 3).
+    vertices = np.stack([start[:, None] + rings, end[:, None] + end_rings], axis=1)
     after = (corner + 1) % TUBE_SIDES
     lower = np.column_stack([corner, after, corner + TUBE_SIDES])
     upper = np.column_stack([after, after + TUBE_SIDES, corner + TUBE_SIDES])
@@ -317,7 +306,7 @@ def prisms(
 
 
 def _toward(direction: Array) -> Array:
-    """Rotation (3, 3) of y, along which three.js draws cylinders, to a direction (3,)."""
+    """Rotation (3, 3) of y, the axis of cylinders in three.js, to a direction (3,)."""
     if not direction.any():
         return np.eye(3)
     rotation, _ = Rotation.align_vectors(direction[None], np.eye(3)[[1]])
