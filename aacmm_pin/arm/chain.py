@@ -5,7 +5,7 @@ The places, from the base to the tip, with i from 1 to the number of rows:
 - ``base``: the base frame;
 - ``end 0``: where the base ends and joint 1 begins, not yet rotated;
 - ``axis i``: on the axis of row i, z along it, moving with body i. In standard DH its origin is
-that of frame i-1, in modified DH that of frame i;
+  that of frame i-1, in modified DH that of frame i;
 - ``end i``: where body i ends and the next begins;
 - ``tip``: the origin of the last frame again, so that a stylus can move relative to the last body.
 

@@ -5,8 +5,8 @@ frame with z along the next, and x along the common normal (Denavit, Hartenberg 
 
 - from z of the base to the first joint axis: a fixed row, if they are not one line;
 - from each joint axis to the next: the row of the joint. For parallel axes, the common normal
-through the origin of the frame (d = 0). The common normal of nearly parallel axes is far away and
-amplifies rounding: a fixed row, by an axis across both, is inserted;
+  through the origin of the frame (d = 0). The common normal of nearly parallel axes is far away
+  and amplifies rounding: a fixed row, by an axis across both, is inserted;
 - from the last joint axis to z of the tip, and perhaps a fixed row ``Rz(θ) Tz(d)`` to the tip.
 """
 

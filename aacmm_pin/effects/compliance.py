@@ -98,9 +98,9 @@ class GravityEffect(LoadedEffect):
     """The base class of causes that are proportional to a static moment.
 
     If the arm has masses, the only parameter is a compliance. If not, ``bodies`` names the rows
-    whose weight acts. The parameters are then compliance × first moment × |g|: three numbers for
-    each body, in its own axes. Weights farther out act at the ends of the bodies, so that records
-    determine some parameters only in combination.
+    whose weight acts. The parameters are then ``compliance × first moment × |g|``: three numbers
+    for each body, in its own axes. Weights farther out act at the ends of the bodies, so that
+    records determine some parameters only in combination.
 
     Attributes:
         bodies: rows of the bodies with unknown masses, from the row of the axis on; () for the
