@@ -71,8 +71,8 @@ def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
     side = np.round(angle / (np.pi / 2)).astype(int) % 4
     straight = np.linalg.norm(elbow, axis=1) < STRAIGHT_ELBOW * length[:, 0]
     return [
-        "arm straight" if none else f"elbow {SIDES[k]}"
-        for k, none in zip(side, straight, strict=True)
+        "arm straight" if is_straight else f"elbow {SIDES[k]}"
+        for k, is_straight in zip(side, straight, strict=True)
     ]
 
 

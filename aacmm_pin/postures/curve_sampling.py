@@ -97,12 +97,12 @@ class Components:
         start = np.concatenate([c.q for c in self.curves])
         problem = np.repeat([c.problem for c in self.curves], lengths)
         swivel = self.angle(start, problem)
-        ends = np.cumsum(lengths)[[not c.closed for c in self.curves]] - 1
-        keep = np.delete(np.arange(len(start)), ends)
-        behind = following(self.curves)[keep]
-        end = start[keep] + wrapped(start[behind] - start[keep])
+        last_of_open = np.cumsum(lengths)[[not c.closed for c in self.curves]] - 1
+        keep = np.delete(np.arange(len(start)), last_of_open)
+        after = following(self.curves)[keep]
+        end = start[keep] + wrapped(start[after] - start[keep])
         return _Segments(
-            start[keep], end, swivel[keep], wrapped(swivel[behind] - swivel[keep]), problem[keep]
+            start[keep], end, swivel[keep], wrapped(swivel[after] - swivel[keep]), problem[keep]
         )
 
     def inside(self, pieces: _Segments, limits: Array) -> tuple[Array, Array]:

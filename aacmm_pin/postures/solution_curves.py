@@ -110,9 +110,9 @@ def following(curves: list[Curve]) -> Index:
     """For vertices of curves in order, the number of the next vertex around the curve (n,)."""
     lengths = np.array([len(curve.q) for curve in curves])
     last = np.cumsum(lengths) - 1
-    behind = np.arange(1, lengths.sum() + 1)
-    behind[last] = last - lengths + 1
-    return behind
+    after = np.arange(1, lengths.sum() + 1)
+    after[last] = last - lengths + 1
+    return after
 
 
 def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate: bool) -> Curves:

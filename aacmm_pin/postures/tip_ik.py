@@ -44,12 +44,12 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
 def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:
     """Angles (n, 6) [rad] close to solutions, and the number of their point (n,)."""
     links = dh.chain.links()
-    behind = links[6]  # from joint 6 to the tip
-    stylus_in_6 = behind[:3, :3] @ stylus
+    to_tip = links[6]
+    stylus_in_6 = to_tip[:3, :3] @ stylus
     bodies = _bodies_about(axis, stylus_in_6)
     # The origin of frame 5 is that of the axes of joint 6, in modified DH but for the length of
     # row 6.
-    back = bodies @ behind[:3, 3]
+    back = bodies @ to_tip[:3, 3]
     wrist = Wrist.of(dh)
     places = (points[:, None, :] - back).reshape(-1, 3)
     curves = wrist_curves(wrist, places, FEW_PER_TURN).curves
@@ -72,12 +72,12 @@ def _bodies_about(axis: Array, stylus: Array) -> Array:
     return rotation @ rotation_between(stylus, axis)
 
 
-def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[Array, Index]:
+def _wrist_angles(q: Array, after: Index, body: Array, links: Array) -> tuple[Array, Index]:
     """Angles (m, 6) [rad] at vertices of wrist curves where joint 6 can carry ``body`` (n, 3, 3),
     and their numbers.
 
     In the axes of joint 5 the axis of joint 6 is ``Rz(θ5) L5 e_z``. Its z component does not depend
-    on θ5: a condition on joints 1 to 4. ``behind`` has the next vertex of each (n,).
+    on θ5: a condition on joints 1 to 4. ``after`` is the next vertex of each on its curve (n,).
     """
     before = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
     for joint in range(POSITIONING):
@@ -85,11 +85,11 @@ def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[A
     axis = np.einsum("nji,nj->ni", before, body[:, :, 2])
     wanted = links[5][:3, 2]
     gap = axis[:, 2] - wanted[2]
-    size = np.abs(gap)
-    ahead = np.abs(gap)[behind]
-    least = (size < 0.05) & (size <= ahead)
-    least[behind] &= ahead <= size
-    pick = np.flatnonzero((gap * gap[behind] <= 0) | least)
+    size, size_after = np.abs(gap), np.abs(gap[after])
+    # Between vertices the gap may touch zero without a change of sign.
+    almost_zero = (size < 0.05) & (size <= size_after)
+    almost_zero[after] &= size_after <= size
+    pick = np.flatnonzero((gap * gap[after] <= 0) | almost_zero)
     seeds = q[pick].copy()
     seeds[:, 4] = np.arctan2(axis[pick, 1], axis[pick, 0]) - np.arctan2(wanted[1], wanted[0])
     remaining = np.einsum(

@@ -94,18 +94,18 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     model, functions = choice.posterior.median_model, way.functions
     number, records = len(way.quantities), np.arange(len(functions))
     scales = design.scales[design.blocks[block].columns]
-    # Each function has one column for each quantity; the first function is the constant where there
-    # is one.
-    steps = model.estimate[model.places[block]] * scales
-    sizes = functions @ steps.reshape(-1, number)
+    # Each function has one coefficient for each quantity.
+    coefficients = (model.estimate[model.places[block]] * scales).reshape(-1, number)
+    correction = functions @ coefficients
     # Shift of the tip for one unit of each quantity (n, 3, quantities): a column is a function
     # times the shift, so divide by the strongest function.
     strongest = np.argmax(np.abs(functions), axis=1)
     columns = (design.columns(block)[:, :3] / scales).reshape(len(functions), 3, -1, number)
-    axes = columns[records, :, strongest] / functions[records, strongest][:, None, None]
+    shift = columns[records, :, strongest] / functions[records, strongest][:, None, None]
     deviation = design.deviations(choice.tips)[:, :3]
-    of_records = sizes - np.einsum("nij,ni->nj", axes, deviation) / np.square(axes).sum(axis=1)
+    along = np.einsum("nij,ni->nj", shift, deviation) / np.square(shift).sum(axis=1)
     table = covariate.values.copy()
     for k, (name, unit) in enumerate(way.quantities.items()):
-        table[name], table[f"{name}_of_record"] = sizes[:, k] / unit, of_records[:, k] / unit
+        table[name] = correction[:, k] / unit
+        table[f"{name}_of_record"] = (correction - along)[:, k] / unit
     return table[choice.fit.used].sort_values(list(covariate.values.columns), ignore_index=True)

@@ -450,9 +450,9 @@ def _half_sphere(count: int, pole: Array) -> Array:
     Kuijlaars.
     """
     number = np.arange(count)
-    along = 1 - number / max(count - 1, 1) * (1 - RIM)
+    height = 1 - number / max(count - 1, 1) * (1 - RIM)
     turn = number * np.pi * (3 - np.sqrt(5))
-    level = np.linalg.svd(pole[None])[2][1:]
-    around = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ level
-    radius = np.sqrt(1 - along**2)
-    return np.asarray(along[:, None] * pole + radius[:, None] * around)
+    perpendicular = np.linalg.svd(pole[None])[2][1:]  # two directions
+    around = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ perpendicular
+    radius = np.sqrt(1 - height**2)
+    return np.asarray(height[:, None] * pole + radius[:, None] * around)
