@@ -23,8 +23,6 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report import scenes
-from aacmm_pin.verification import Procedure
-from tests.oracle import close
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -53,11 +51,6 @@ def volumes(model: Any) -> Any:
     return aacmm_pin.accuracy_volume(model, np.zeros((1, 6))).covariance
 
 
-def of_circle(model: Any) -> Any:
-    circle = aacmm_pin.configuration_circle(Arm.load("sino6"), POINT, count=6)
-    return aacmm_pin.circle_accuracy(circle, model).u
-
-
 def between(model: Any) -> Any:
     ends = aacmm_pin.configuration_circles("sino6", [POINT, POINT + 0.1], count=6)
     return length_uncertainty_between(*ends, model).u
@@ -71,34 +64,13 @@ def planned(model: Any) -> Any:
     return aacmm_pin.plan_calibration(model, 10, postures=20).measurements.q
 
 
-def scene_of_map(model: Any) -> Any:
-    return (
-        len(
-            scenes.map_scene(aacmm_pin.map_workspace(Arm.load("sino6"), (2, 2)), model).embedded(
-                100
-            )
-        )
-        > 0
-    )
-
-
 OF_MODELS: list[Callable[[Any], Any]] = [
     volumes,
-    of_circle,
     between,
     simulated,
     planned,
-    scene_of_map,
-    lambda model: aacmm_pin.length_uncertainty(model, np.zeros((1, 6)), np.full((1, 6), 0.3)),
     lambda model: aacmm_pin.map_workspace(model, (2, 2)).data["comprehensive_mm3"].values,
-    lambda model: aacmm_pin.perturbed_model(model, np.random.default_rng(1)).arm.dh.values(),
-    lambda model: (
-        aacmm_pin.plan_measurements(
-            model, ("encoder_gain:2", "joint_compliance:2"), 3, postures=20, progress=False
-        ).measurements.q
-    ),
     lambda model: joint_commands(model, model, np.full((1, 6), 0.3))[0],
-    lambda model: ErrorModel.of(model).predict(np.zeros((1, 6))),
     lambda model: len(scenes.arm_scene(model, np.zeros((1, 6))).embedded(100)) > 0,
 ]
 OF_ARMS: list[Callable[[Any], Any]] = [
@@ -138,21 +110,6 @@ def test_a_path_stands_for_records(records):
     for call in calls:
         np.testing.assert_array_equal(call(records), call(read))
     np.testing.assert_array_equal(calls[0](str(records)), calls[0](read))
-
-
-@pytest.mark.long
-def test_the_file_of_a_procedure_is_filled_in_from_paths(tmp_path, extended):
-    procedure = aacmm_pin.acceptance_procedure("sino6", standard="asme-b89.4.22")
-    (tmp_path / "plan.csv").write_text(procedure.csv(), encoding="utf-8")
-    # Four decimals.
-    close(Procedure.read(tmp_path / "plan.csv", "sino6").q, procedure.q, 1e-6)
-    taken = Measurements.of(procedure.q)
-    taken.save(tmp_path / "taken.csv")
-    filled = procedure.filled(tmp_path / "taken.csv", extended)
-    close(filled["x_mm"], procedure.filled(taken, ErrorModel.load(extended))["x_mm"], 1e-6)
-    filled.to_csv(tmp_path / "filled.csv", index=False)
-    judged = aacmm_pin.accept(tmp_path / "filled.csv", {"it": "sino6"}).summary()
-    assert judged["figures"]
 
 
 def test_a_text_stands_for_a_cause(sino6, records):

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
@@ -22,25 +21,18 @@ from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import (
-    BaseCompliance,
-    BearingTilt,
     Conditions,
-    Counterbalance,
     Effect,
     EncoderEccentricity,
-    EncoderGain,
     EncoderSlip,
     ErrorModel,
     JointCompliance,
     JointHysteresis,
     JointPeriodicError,
     JointZeroOffset,
-    LinkBending,
     SeatError,
     StylusBending,
-    StylusOffset,
     ThermalExpansion,
-    TorsionalWindup,
     ZeroDrift,
 )
 from aacmm_pin.errors import AacmmError
@@ -53,12 +45,10 @@ from aacmm_pin.report.plots import (
     plot_held_out,
     plot_unexplained,
 )
-from aacmm_pin.report.plots.groups import MODELS, _draw_groups, held_out_parts
+from aacmm_pin.report.plots.groups import held_out_parts
 from aacmm_pin.report.plots.partial_residuals import (
     partial_residual,
-    unit_of_load,
 )
-from tests.again import again
 from tests.oracle import close
 
 ENCODER, REFERENCE = 8e-6, 12e-6
@@ -126,25 +116,11 @@ CASES: list[tuple[Effect, Callable[[Array], Array], str]] = [
         lambda x: 150 * np.cos(12 * x * DEG + 1.0),
         "joint 2, folded into one period of 30° [°]",
     ),
-    (EncoderGain(3, values=(1e-4,)), lambda x: 100 * x * DEG, "joint 3 [°]"),
     (
         JointCompliance(2, values=(2e-5,)),
         lambda x: 20 * x,
         "moment of the weight about the axis [N·m]",
     ),
-    (
-        BearingTilt(4, values=(2e-5,)),
-        lambda x: 20 * x,
-        "moment of the weight across the axis [N·m]",
-    ),
-    (BaseCompliance(values=(2e-5,)), lambda x: 20 * x, "moment of the weight about the base [N·m]"),
-    (LinkBending(3, values=(5e-5,)), lambda x: 50 * x, "bending load of the tube [N·m²]"),
-    (
-        TorsionalWindup(3, values=(3e-5,)),
-        lambda x: 30 * x,
-        "moment of the weight about the tube [N·m]",
-    ),
-    (Counterbalance(2, values=(-2e-4,)), lambda x: -200 * x, "horizontal part of the body [1]"),
     (StylusBending(values=(1e-4,)), lambda x: 100 * x, "horizontal part of the stylus [1]"),
     (ThermalExpansion(values=(2e-5,)), lambda x: 20 * (x - 20), "temperature [°C]"),
     (JointHysteresis(3, values=(1.5e-4,)), lambda x: 150 * x, "direction of the last motion [1]"),
@@ -157,13 +133,9 @@ CASES: list[tuple[Effect, Callable[[Array], Array], str]] = [
 ]
 
 
-SAME = (EncoderGain, BearingTilt, BaseCompliance, LinkBending, TorsionalWindup, Counterbalance)
-"""Causes that are drawn over what others of the list are drawn over."""
-
-
 @pytest.mark.parametrize(
     ("effect", "amount", "axis"),
-    [again(*case) if isinstance(case[0], SAME) else case for case in CASES],
+    CASES,
     ids=lambda v: v.label if isinstance(v, Effect) else "",
 )
 def test_records_say_what_the_cause_does(sound, sino6, effect, amount, axis):
@@ -199,12 +171,6 @@ def test_records_say_it_even_where_the_model_lacks_the_cause(sound, sino6, exter
     assert slope == pytest.approx(1.0, abs=0.15)
     assert middle == pytest.approx(0.0, abs=20.0)
     assert not lacking.fitted.any()
-
-
-def test_a_cause_that_depends_on_nothing_is_refused(sound, sino6):
-    result, finding = knowing(sound, sino6, StylusOffset(values=(1e-4, 0.0, 0.0)))
-    with pytest.raises(AacmmError, match="stylus_offset"):
-        partial_residual(result, finding.effect)
 
 
 def test_the_error_of_a_seat_stands_out(sound, sino6):
@@ -286,38 +252,3 @@ def test_geometry_stands_over_what_was_stated(sound, sino6):
     np.testing.assert_allclose(bar[:, 0], np.array([2.8e-4, 3.2e-4]) / stated)
     with pytest.raises(AacmmError, match="no geometric value"):
         plot_geometry(sound)
-
-
-def test_of_many_groups_the_worst_are_named(rng):
-    names = [f"S{k}" for k in range(50)]
-    table = pd.DataFrame(
-        rng.uniform(size=(50, 3)), columns=[f"{name}_mm" for name in MODELS]
-    ).assign(group=names)
-    ax = blank_axes(3.0, 2.0)
-    _draw_groups(ax, "seat", table, {})
-    (simulation, *_) = ax.lines
-    assert (np.diff(simulation.get_ydata()) <= 0).all()
-    worst = table.loc[table["nominal_mm"].nlargest(3).index, "group"]
-    assert ax.get_xlabel().split("\n")[1:] == [*worst]
-    assert not ax.get_xticklabels()
-
-
-def test_the_unit_of_what_a_cause_is_proportional_to():
-    cases = {
-        "rad/(N·m)": "N·m",
-        "rad/(N·m)²": "(N·m)²",
-        "rad/(N·m²)": "N·m²",
-        "rad/m": "m",
-        "rad/m/K": "m·K",
-        "rad": "1",
-    }
-    cases |= {
-        "1": "rad",
-        "1/K": "rad·K",
-        "1/(N·m)": "rad·(N·m)",
-        "rad·s": "rad/(rad·s)",
-        "rad/(m/s)": "m/s",
-    }
-    for unit, expected in cases.items():
-        assert unit_of_load(unit, "rad") == expected
-    assert unit_of_load("m/N", "m") == "N"

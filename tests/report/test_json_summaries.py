@@ -13,12 +13,9 @@ import pytest
 from aacmm_pin import (
     ConfigurationCircle,
     accuracy_volume,
-    circle_accuracy,
     comprehensive_accuracy,
     configuration_circle,
 )
-from aacmm_pin.arm import Arm
-from aacmm_pin.effects import BaseCompliance, EncoderGain, ErrorModel, ThermalExpansion
 from aacmm_pin.report.json_summaries import accuracy_summary
 
 pytestmark = pytest.mark.fast
@@ -60,25 +57,6 @@ def test_accuracy_numbers_agree_with_their_sources(circle, sino6):
     shares = [row["share"] for row in content["budget"]]
     assert sum(shares) == pytest.approx(1.0)
     assert shares == sorted(shares, reverse=True)
-
-
-@pytest.fixture(scope="module")
-def extended(sino6: Arm) -> ErrorModel:
-    effects = (BaseCompliance(values=(1e-5,), u=(2e-5,)), EncoderGain(joint=5, values=(1e-4,)))
-    return ErrorModel(sino6, (*effects, ThermalExpansion(values=(2e-5,), u=(4e-6,))))
-
-
-def test_an_extended_model(circle, extended):
-    content = through_json(accuracy_summary(circle, circle_accuracy(circle, extended), 12))
-    assert content["not_included"] == ["thermal_expansion"]
-    assert content["taken_as_exact"] == ["encoder_gain:5"]
-    joints = {row["parameter"]: row["joint"] for row in content["budget"]}
-    assert joints["base_compliance"] is None
-    assert joints["d3"] == 3
-    alone = summary(circle)
-    assert alone["not_included"] == []
-    assert all(isinstance(row["joint"], int) for row in alone["budget"])
-    assert content["volume_mm3"]["min"] > alone["volume_mm3"]["max"]
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report.parameter_tables import parameter_table
 from aacmm_pin.report.plots import (
     BLUE,
@@ -23,7 +20,6 @@ from aacmm_pin.report.plots import (
     plot_correlation,
     plot_parameter_changes,
     plot_residual_vectors,
-    plot_residual_views,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
@@ -130,31 +126,3 @@ def test_correlation_hides_what_is_not_told(of_robot, at_seats):
     whole = told.images[0].get_array()
     assert not np.ma.getmaskarray(whole).any()
     np.testing.assert_allclose(np.diag(whole), 1.0)
-
-
-def test_several_panels_take_the_place_of_axes(at_seats):
-    plt.close("all")
-    own = Figure(layout="constrained")
-    left, right = own.subplots(1, 2)
-    assert plot_residuals_over_joints(at_seats, ax=right) is own
-    own.canvas.draw()
-    assert right not in own.axes
-    panels = own.axes[1:]
-    assert len(panels) == 6
-    # In its place, and nowhere else.
-    assert min(ax.get_position().x0 for ax in panels) > left.get_position().x1
-    assert {ax.get_ylim() for ax in panels} == {panels[0].get_ylim()}  # one scale
-    with pytest.raises(AacmmError, match="not in a grid"):
-        plot_residual_views(at_seats, Figure().add_axes((0.1, 0.1, 0.8, 0.8)))
-    assert plt.get_fignums() == []
-
-
-def test_what_cannot_be_drawn_is_refused(at_seats, sound):
-    plane: Any = "zz"
-    for result in (at_seats, sound):
-        with pytest.raises(UnknownNameError, match=r"'zz'; expected one of xy, xz, yz"):
-            plot_residual_vectors(result, plane=plane)
-        with pytest.raises(UnknownNameError, match=r"unknown model 'later'"):
-            plot_residual_vectors(result, "later")
-    with pytest.raises(AacmmError, match=r"joint is 7; expected 1 to 6"):
-        plot_residuals_over_joint(at_seats, 7)
