@@ -12,7 +12,7 @@ import pytest
 
 from aacmm_pin.calibration import Setup, calibrate
 from aacmm_pin.calibration.calibrate import counted_once, held_postures
-from aacmm_pin.calibration.cross_validation import groups_of, left_out_in_turn, parts_of, together
+from aacmm_pin.calibration.cross_validation import groups_of, parts_of
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.measurements import Measurements, originals, simulate_measurements
@@ -135,26 +135,17 @@ def test_readings_of_one_contact_count_as_their_mean(sino6, rng):
     assert counted_once(Measurements.from_frame(loaded))[0].n == 120
 
 
-def test_labels_that_share_a_posture_are_one():
-    assert together(np.array([0, 1, 2, 2, 3]), np.array([0, 1, 1, 2, 3])).tolist() == [
-        0,
-        1,
-        1,
-        1,
-        2,
-    ]
-
-
-def test_only_used_records_are_left_out():
-    part, used = np.array([0, 0, 1, 1]), np.array([True, False, True, True])
-    found = left_out_in_turn(
-        part,
-        used,
-        lambda number, out: [np.full(out.sum(), 10.0 * number + out.sum())],
-        "records",
-        None,
-    )
-    np.testing.assert_array_equal(found, [[1.0, np.nan, 12.0, 12.0]])
+def test_held_out_residuals_against_an_explicit_refit(sino6, rng):
+    data = simulate_measurements(sino6, "free", 200, rng=rng)
+    result = calibrate(sino6, data, rng=np.random.default_rng(5))
+    kinds = {h.kind: h for h in result.held_out}
+    assert set(kinds) == {"records", "blocks"}
+    assert result.rms < kinds["records"].rms_after < 1.3 * result.rms
+    assert kinds["blocks"].rms_after >= 0.98 * kinds["records"].rms_after
+    left_out = np.random.default_rng(1).random(200) < 0.1
+    rest, out = calibrate(sino6, data.take(~left_out), hold_out=False), data.take(left_out)
+    distance = np.linalg.norm(rest.model.predict(out.q) - out.reference, axis=1)
+    assert np.sqrt(np.mean(distance**2)) == pytest.approx(kinds["records"].rms_after, rel=0.35)
 
 
 def test_one_posture_tells_nothing_of_others(sino6, rng):

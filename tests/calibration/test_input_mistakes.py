@@ -133,7 +133,6 @@ SETUPS = [
     ("sino6", "bars", 1),
 ]
 SETUPS += [
-    again("sino6", "seats", 1),
     again("zero6", "external", 6),
     again("ur5", "base", 9),
     again("ur5", "seats", 4),
@@ -174,7 +173,7 @@ def test_with_stated_noise_an_unknown_target_and_in_a_diagnosis(sino6, rng):
         assert caught.value.mistake.startswith("the angles of joint 4 have")
 
 
-@pytest.mark.parametrize("frame", ["base", again("external"), again("session")])
+@pytest.mark.parametrize("frame", ["base", "session", again("external")])
 def test_a_mistake_in_one_session_is_named_with_the_session(sino6, frame, rng):
     """The other session fits, whatever the references of the first are in."""
     data = simulate_measurements(sino6, "free", 40, rng=rng)
@@ -284,24 +283,6 @@ def test_a_tip_that_geometry_takes_up_is_no_mistake(seed):
     model = ErrorModel(assembled(ROBOT, rng), (StylusOffset(values=(0.003, 0.0, 0.014)),))
     data = simulate_measurements(model, "free", 90, rng=rng, reference_noise=5e-5)
     assert calibrate(ROBOT, data, hold_out=False).rms < 2e-4
-
-
-@pytest.mark.parametrize(("row", "wrong"), [(3, {"d_mm": -740.0}), again(4, {"alpha_rad": 1.8})])
-def test_a_wrong_value_of_the_arm_file_is_named_with_the_value_of_the_records(sino6, row, wrong):
-    rng = np.random.default_rng(5)
-    truth = perturbed_model(sino6, rng).arm
-    data = simulate_measurements(truth, "free", 60, rng=rng, reference_noise=5e-5)
-    given = changed(sino6.file, {row: wrong})
-    (key,) = wrong
-    name = f"{key.partition('_')[0]}{row}"
-    with pytest.raises(MistakenFileError) as caught:
-        calibrate(given, data, hold_out=False)
-    (true,) = (p.value for p in truth.parameters if p.name == name)
-    assert name in caught.value.mistake
-    assert (
-        f"{1e3 * true:.1f}" in caught.value.mistake
-        or f"{np.degrees(true):.1f}" in caught.value.mistake
-    )
 
 
 def shown_with(other: int, joint: int, sign: float) -> Change:

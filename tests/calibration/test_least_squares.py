@@ -8,7 +8,6 @@ import pytest
 from aacmm_pin.calibration.least_squares import (
     LinearModel,
     Prior,
-    Spectrum,
     bounded_step,
     inverse_of_factor,
     lower_factor,
@@ -132,13 +131,6 @@ def test_normal_equations_give_way(rng):
     for last in (rows[:, 0] + 1e-7 * rows[:, 3], 0.0 * residual):
         rows[:, 3] = last
         assert normal_solution(rows.T @ rows, rows.T @ residual) is None
-
-
-def test_singular_values_of_few_rows(rng):
-    spectrum = Spectrum.of(rng.normal(size=(2, 5)))
-    assert spectrum.directions.shape == (4, 4)
-    assert (spectrum.values > 1e-9).tolist() == [True, True, False, False]
-    assert spectrum.above(1e-9).solution.steps.shape == (4, 2)
 
 
 def test_schur_complement(rng):

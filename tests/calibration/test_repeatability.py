@@ -13,7 +13,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Repeatability
 from aacmm_pin.diagnosis import check_measurements
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.report import check_document, check_summary
+from aacmm_pin.report import check_summary
 from aacmm_pin.report.plots import plot_repeats
 from aacmm_pin.report.repeated_postures import repeatability_in_words
 
@@ -129,25 +129,17 @@ def test_other_targets_and_copies_are_no_repeats(sino6):
     check = check_measurements(sino6, twice)
     assert check.repeatability is None
     assert check_summary(check)["repeatability"] is None
-    texts = [str(getattr(block, "text", "")) for block in check_document(check).blocks]
-    assert "repeat" not in " ".join(texts)
 
 
 def test_what_is_said_and_drawn(sino6):
     check = check_measurements(sino6, measured(sino6, 4, drift=(3e-5, 0.0, 0.0)))
     repeats = check.repeatability
     assert repeats is not None
-    said = str(getattr(check_document(check).blocks[1], "text", ""))
-    assert said.startswith("300 records repeat 10 postures. ")
-    assert "drift over time: by" in said
     content = check_summary(check)["repeatability"]
     np.testing.assert_allclose(np.linalg.norm(content["sd_mm"]), content["rms_mm"])
     assert content["residual_mm"] == pytest.approx(check.calibrated_rms * 1e3)
     assert content["rms_mm"] < content["residual_mm"]
-    over, beside = plot_repeats(repeats).axes
-    assert over.get_xlabel() == "time [h]"
-    assert over.get_ylabel() == "tip minus target [mm]"
-    assert beside.get_xlabel() == "density [1/mm]"
+    over, _ = plot_repeats(repeats).axes
     dots = [line for line in over.lines if len(line.get_xdata()) == len(repeats.posture)]
     for axis, line in enumerate(dots):
         np.testing.assert_allclose(line.get_ydata(), repeats.deviations[:, axis] * 1e3)
