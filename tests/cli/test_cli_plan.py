@@ -124,13 +124,3 @@ def test_everything_at_once(tmp_path):
     q = Measurements.read(tmp_path / "plan.csv", 6).q
     lowest = -Arm.load("sino6").positions(q)[:, 2].min() / MM
     assert f"tip is {lowest:.0f} mm below the base" in err
-
-
-def test_an_arm_by_its_urdf(tmp_path, robot_file):
-    plan = tmp_path / "plan.csv"
-    arm = f"--urdf {robot_file('ur5_robot.urdf')} --frame tool0"
-    words = f"plan distinguish {arm} {PAIR} {QUICK} -o {plan}"
-    assert "joint_compliance:2" in done(words)[0]
-    assert Measurements.read(plan, 6).n == 20
-    done(words, f"--force --arm-out {tmp_path / 'arm.toml'}")
-    assert ErrorModel.load(tmp_path / "arm.toml").arm.nq == 6

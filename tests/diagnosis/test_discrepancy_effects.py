@@ -13,6 +13,7 @@ import pytest
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrate
+from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import Carried, covariates
 from aacmm_pin.diagnosis.discrepancy import (
     Described,
@@ -125,16 +126,16 @@ def test_new_readings_are_corrected_within_u(plant, tmp_path):
     )
 
 
-def test_estimated_beside_the_geometry(plant, tmp_path):
-    """A calibration estimates it as any effect, its covariance with the geometry included, and
-    holds it the next time.
+def test_the_arm_of_a_diagnosis_corrects_what_nothing_explains(plant, tmp_path):
+    """Beside the geometry, its covariance with that included; a calibration holds it the next
+    time.
     """
-    records = plant.measured(200)
-    way = coupling(plant.arm, records)
     noise = {"encoder_noise": 1e-9, "reference_noise": NOISE, "hold_out": False}
-    found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4)], **noise)
+    found = diagnose(plant.arm, plant.measured(150), with_discrepancy=True, **noise)
+    assert (found.verdict, found.findings) == ("unexplained", ())
     found.model.save(tmp_path / "extended.toml")
     model, (q, tip) = ErrorModel.load(tmp_path / "extended.toml"), plant.touched(200)
+    assert [effect.label for effect in model.effects] == [f"discrepancy:{COUPLING} on angle 4"]
     moves = model.sensitivity(q)
     u = np.sqrt(np.einsum("nip,pq,niq->n", moves, model.covariance(), moves))
     off = np.linalg.norm(model.correct(q) - tip, axis=1)
