@@ -18,7 +18,6 @@ from shell import NOISE, done, found, refused
 from aacmm_pin import accuracy_volume
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm
-from aacmm_pin.cli.common import Replacing, Results
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
@@ -26,7 +25,6 @@ from aacmm_pin.effects import (
     JointErrorCurve,
     StylusOffset,
 )
-from aacmm_pin.errors import ArmFileError
 from aacmm_pin.measurements import Measurements
 from tests.oracle import close
 
@@ -117,15 +115,6 @@ def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder, data
     once, twice = (ErrorModel.load(path) for path in (folder / "cal.toml", tmp_path / "again.toml"))
     for a, b in zip(once.parameters, twice.parameters, strict=True):
         assert b.value == pytest.approx(a.value, abs=1e-9 + a.u)
-
-
-def test_an_estimate_that_no_file_may_state_is_told(sino6, tmp_path, capsys):
-    path = tmp_path / "c.toml"
-    with Results(Replacing(), path) as results:
-        results.arm(ErrorModel(sino6, (EncoderGain(3, values=(9.0,)),)), path, "")
-    assert "encoder_gain:3" in capsys.readouterr().err
-    with pytest.raises(ArmFileError, match="encoder_gain:3"):
-        ErrorModel.load(path)
 
 
 def test_all_files_at_once(data, tmp_path):

@@ -210,28 +210,23 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot, tmp_path):
 
 
 @pytest.mark.parametrize("robot", ["ur5_robot.urdf tool0"], indirect=True)
-def test_a_calibrated_and_an_extended_robot_are_files(robot, tmp_path):
+def test_a_calibrated_robot_is_a_file(robot, tmp_path):
     truth, records, urdf = robot
     noise = "--encoder-noise 1e-6 --u-reference-mm 0.001"
     arm = f"--urdf {urdf} --frame {ErrorModel.load(truth).arm.tip}"
     words = f"{arm} {records} {HALF_WIDTHS} {noise} --no-cross-validation"
-    cal, ext = tmp_path / "cal.toml", tmp_path / "ext.toml"
+    cal = tmp_path / "cal.toml"
     done(f"calibrate {words} --cause joint_compliance:2 -o {cal}")
-    done(f"diagnose {words} --arm-out {ext}")
     places = pd.read_csv(records)[PLACES] * MM
     q = pd.read_csv(records).filter(like="theta").to_numpy() * DEG
-    for path in (cal, ext):
-        model = ErrorModel.load(path)
-        assert model.arm.covariance is not None
-        assert "joint_compliance:2" in [effect.key for effect in model.effects]
-        close(model.predict(q), places, 2e-5)
-        assert found(f"accuracy {path} {POSE} --samples 6")["u_mm"]["max"] < 0.05
-        assert (
-            "does not contain"
-            in done(f"urdf {path} --to-dh -o {tmp_path / f'{path.stem}.dh.toml'}")[1]
-        )
+    model = ErrorModel.load(cal)
+    assert model.arm.covariance is not None
+    assert "joint_compliance:2" in [effect.key for effect in model.effects]
+    close(model.predict(q), places, 2e-5)
+    assert found(f"accuracy {cal} {POSE} --samples 6")["u_mm"]["max"] < 0.05
+    assert "does not contain" in done(f"urdf {cal} --to-dh -o {tmp_path / 'dh.toml'}")[1]
     refused(
-        f"calibrate {ext} {records} --urdf-out {urdf} --force",
+        f"calibrate {cal} {records} --urdf-out {urdf} --force",
         said=["this command reads this file"],
     )
 
