@@ -312,18 +312,6 @@ def test_what_was_asked_for_is_hidden() -> None:
         draw(1, plan="outdoors")
 
 
-def test_nothing_hidden_is_the_twin() -> None:
-    causes = ("encoder_slip", "link_bending", "unexplained:frame_walk")
-    for plan, cause in zip(PLANS, causes, strict=True):
-        faulty, twin = (draw(8, cause, plan=plan, records=60, twin=twin) for twin in (False, True))
-        nothing = draw(8, cause, plan=plan, records=60, size=0.0)
-        assert nothing.csv_text == twin.csv_text != faulty.csv_text
-        assert [h.cause for h in faulty.hidden] == [cause.partition(":")[0]]
-        assert not twin.hidden
-        np.testing.assert_array_equal(faulty.geometry, twin.geometry)
-        close(faulty.read, twin.read, 3e-3)
-
-
 @pytest.mark.parametrize("seed", [2, *(again(k) for k in (0, 1))])
 def test_faults_have_the_size_of_workshops(seed: int) -> None:
     low, high = FELT_UM
@@ -364,18 +352,6 @@ def test_fresh_data_come_from_the_same_arm(plan: str, tmp_path: Path) -> None:
     assert all(0.1 < np.mean(run.conditions.time < slip) < 0.9 for run in (drawn, fresh))
     if plan != "free":
         assert set(map(tuple, fresh.noted)) == set(map(tuple, drawn.noted))
-
-
-def test_shifts_and_frames_go_into_the_file() -> None:
-    plain, shifted = draw(1, records=50), draw(1, records=50, shifts={(4, "theta_offset"): 9.0})
-    change = shifted.geometry - plain.geometry
-    assert change[3, 3] == pytest.approx(9.0 * 8.74044e-6 / np.sqrt(3.0))
-    assert np.count_nonzero(change) == 1
-    away = draw(1, records=50, external=True)
-    np.testing.assert_array_equal(away.read, plain.read)
-    lengths = [np.linalg.norm(np.diff(run.noted, axis=0), axis=1) for run in (away, plain)]
-    np.testing.assert_allclose(*lengths)
-    assert np.abs(away.noted - plain.noted).max() > 0.1
 
 
 def test_the_oracle_knows_what_nobody_can_tell_apart() -> None:
@@ -479,18 +455,6 @@ def test_held_postures_share_readings_and_one_error() -> None:
         )
         close(error, error[:, :1].repeat(held, axis=1), 1e-12)
         assert error[:, 0].std() == pytest.approx(file.posture_u, rel=0.1)
-
-
-def test_one_payload_a_session() -> None:
-    file = family_file("payload-sessions", 1)
-    pairs = set(zip(file.conditions.session, file.conditions.payload, strict=True))
-    assert (
-        len(pairs)
-        == len({session for session, _ in pairs})
-        == len({payload for _, payload in pairs})
-        == 3
-    )
-    assert "joint_compliance" in [h.cause for h in file.hidden]
 
 
 def test_an_error_common_to_a_posture_hides_more_than_noise_does() -> None:

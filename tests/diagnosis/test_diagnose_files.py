@@ -4,11 +4,9 @@ a file that cannot be used is a row.
 
 from __future__ import annotations
 
-import importlib
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -17,19 +15,11 @@ import pytest
 from aacmm_pin import ErrorModel, Measurements, diagnose, simulate_measurements
 from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import diagnose_files
-from aacmm_pin.effects import CAUSES
 from aacmm_pin.errors import AacmmError
 from tests.cli import shell
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 OPTIONS = "--encoder-noise 8e-6 --u-reference-mm 0.012"
-PLUGIN = """
-from aacmm_pin.effects import EncoderEccentricity, register
-
-@register
-class OwnCause(EncoderEccentricity):
-    cause = "own_cause"
-"""
 
 
 @pytest.fixture(scope="module")
@@ -91,19 +81,6 @@ def test_arms_and_records_need_no_files(folder):
     assert np.isnan(first.gain)
     assert "sino7" in second.error
     assert len(diagnose_files([])) == 0
-
-
-@pytest.mark.long
-def test_worker_processes_know_causes_of_a_plugin(folder, tmp_path, monkeypatch):
-    """A cause that does what another does takes half of its probability, in every process."""
-    (tmp_path / "own_cause_of_a_fleet.py").write_text(PLUGIN)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    pairs = [("sino6", folder / "bent.csv"), ("sino6", folder / "empty.csv")]
-    with patch.dict(CAUSES):
-        importlib.import_module("own_cause_of_a_fleet")
-        here, there = (diagnose_files(pairs, workers=n, hold_out=False, **NOISE) for n in (1, 2))
-    pd.testing.assert_frame_equal(here, there)
-    assert here["verdict"][0] == "ambiguous"
 
 
 def test_a_fleet_at_the_shell(folder, tmp_path):

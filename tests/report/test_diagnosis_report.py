@@ -12,20 +12,17 @@ import pytest
 from matplotlib import pyplot as plt
 
 from aacmm_pin import next_measurements
-from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
-from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, diagnose
+from aacmm_pin.diagnosis import Alias, Diagnosis, Finding
 from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     EncoderGain,
-    ErrorModel,
     JointCompliance,
     JointZeroOffset,
     StylusOffset,
     values_in_words,
 )
-from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report.diagnosis_page import (
     alias_table,
     alternatives,
@@ -104,20 +101,6 @@ def test_other_verdicts(sound, blind):
     assert any("operator" in picture for picture in pictures(unknown))
     columns = {"row", "session", "operator", "part", "held_out_extended_mm"}
     assert columns <= set(residuals_table(sound).columns)
-
-
-def test_a_robot_without_table_or_stated_uncertainties(robot_file):
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
-    steps = np.random.default_rng(3).normal(0.0, 2e-4, (6, 6))
-    made = ErrorModel(
-        arm.with_placements(steps, None), (EncoderEccentricity(2, values=(4e-4, 0.0)),)
-    )
-    data = simulate_measurements(made, "free", 80, rng=np.random.default_rng(4))
-    result = diagnose(arm, data, encoder_noise=8e-6, hold_out=False)
-    page = Page(written(result))
-    assert list(page.downloads()) == ["diagnosis.json", "residuals.csv", "extended.toml"]
-    assert b'file = "ur5_robot.urdf"' in page.downloads()["extended.toml"]
-    assert gain_in_words(result) in page.text
 
 
 def finding(effect: Effect, probability: float, *aliases: Alias) -> Finding:

@@ -57,7 +57,8 @@ mpl.use("Agg")
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 READINGS = 8e-6
-NASTY = "<script>alert('1 & 2')</script>"
+NASTY = r"<script>alert('1 & 2')</script> $\frac{1$ $x^2$"
+"""Markup, and what matplotlib would take for a formula."""
 
 
 @pytest.fixture(scope="module")
