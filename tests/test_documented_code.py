@@ -226,17 +226,6 @@ def test_what_is_left_out_is_run_by_ci():
         assert len(lines(command.text)) == 1
 
 
-def test_no_page_is_of_another_kind():
-    """Pages that are no Markdown would not be looked at."""
-    assert len(PAGES) > 5
-    kinds = {
-        path.suffix
-        for path in SITE.rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
-    }
-    assert kinds <= {".md", ".py", ".css"}
-
-
 PAGE = """
 ```python
 x = 0.25

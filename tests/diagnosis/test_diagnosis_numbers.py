@@ -53,9 +53,7 @@ from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
-from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.smooth_discrepancy import Cosines
 from aacmm_pin.measurements.records import Measurements
 from tests.again import again
 from tests.oracle import close
@@ -314,22 +312,13 @@ def test_inner_products(
     assert gram.free == len(rows) - design.nuisances
 
 
-def test_parts_add_up_to_the_whole(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where no seat is in two of them; without one, the others are left."""
+def test_without_a_part_the_others_are_left(case: Case) -> None:
+    """Where no seat is in two of them."""
     design, noise = case.design, case.noise
-    whole = gram_of(design, noise)
-    monkeypatch.setattr(gram_matrix, "ROWS_OF_A_GROUP", 33)
-    # What unknown seats take up wholly is zero but for rounding.
-    size = np.sqrt(np.maximum(np.diag(whole.matrix), 0.0)) + 1.0
-    scale = np.outer(size, size)
     assert not _torn(case.fit, case.parts)
-    numbers = np.unique(case.parts).tolist()
-    together = gram_of(design, noise, [case.parts == k for k in numbers])
-    close(together.matrix / scale, whole.matrix / scale, 1e-10)
-    each = [gram_of(design, noise, [case.parts == k]) for k in numbers]
-    assert together.free == whole.free == sum(part.free for part in each)
-    others = whole.without(each[1])
-    rows = dense(case, case.parts, [numbers[1]])
+    one, whole = np.unique(case.parts)[1], gram_of(design, noise)
+    others = whole.without(gram_of(design, noise, [case.parts == one]))
+    rows = dense(case, case.parts, [one])
     same_products(others.matrix, rows)
     assert others.free == len(rows) - design.nuisances
     assert others.directions is whole.directions
@@ -436,24 +425,7 @@ def test_prior_of_the_candidates(free_case: Case) -> None:
     usual = np.array([variants[0].prior_weight for variants in library])
     np.testing.assert_allclose(prior[:causes], 0.9 * usual / usual.sum(), rtol=1e-12)
     np.testing.assert_allclose(prior[causes:], 0.1 / len(free_case.others), rtol=1e-12)
-    # Causes of one joint that are functions of the same are forms of one place; beside a curve
-    # that can be all of these functions stands none of them.
-    words = {"joint_error_curve": "angle", "encoder_slip": "time", "zero_drift": "time"}
-    words |= dict.fromkeys(["encoder_eccentricity", "encoder_ellipticity", "encoder_gain"], "angle")
-    words |= {"joint_periodic_error": "angle", "counterbalance": "load"}
-    words |= {"second_periodic_error": "angle"}
-    words |= {"joint_compliance": "load", "bearing_tilt": "load"}
-    for one, owner in enumerate(library):
-        same = {
-            other
-            for other, variants in enumerate(library)
-            if words.get(variants[0].cause, variants[0].cause)
-            == words.get(owner[0].cause, owner[0].cause)
-            and getattr(variants[0], "joint", None) == getattr(owner[0], "joint", None)
-            and variants[0].place == owner[0].place
-        }
-        if owner[0].cause in words:
-            assert set(np.flatnonzero(of_blocks.places == of_blocks.places[one])) == same
+    # Beside a curve that can be all of these functions stands none of them.
     curve = free_case.block("joint_error_curve:3")
     wave = free_case.block("joint_periodic_error:3")
     other = free_case.block("joint_periodic_error:2")
@@ -463,54 +435,6 @@ def test_prior_of_the_candidates(free_case: Case) -> None:
     assert not barred[curve][other]
     assert barred[wave][[curve, wave, wave + 1]].all()
     assert not barred[wave][[gain_, other]].any()
-
-
-def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> None:
-    n, time = 80, np.sort(rng.uniform(0.0, 5e3, 80))
-    q, session = rng.uniform(-2.0, 2.0, (n, 6)), np.array(["a"] * 30 + ["b"] * 50, dtype=object)
-    records = Measurements.of(
-        q, sino6.positions(q), conditions=Conditions(n, time=time, session=session)
-    )
-    found = {covariate.name: covariate for covariate in covariates(sino6, records)}
-    angles = [f"angle {row}" for row in range(1, 7)]
-    others = [angle for angle in angles if angle != "angle 3"]
-    growing = ["lengths", "tubes", "tube 3", "tube 5", "tube 6"]
-    assert [way.carrier for way in found["joint 3"].variants] == ["before 3", *others * 3]
-    assert [way.carrier for way in found["time"].variants] == [
-        "room",
-        "target",
-        *angles,
-        *growing,
-        "room",
-        "room",
-    ]
-
-    def same(functions: Array, columns: Sequence[Array]) -> None:
-        wanted = np.stack(columns, axis=1)
-        np.testing.assert_allclose(
-            functions, wanted / np.sqrt(np.square(wanted).mean(axis=0)), rtol=1e-9, atol=1e-12
-        )
-
-    inside = [(session == name).astype(float) for name in ("a", "b")]
-    same(
-        found["time"].variants[-1].functions,
-        [s * (time - time @ s / s.sum()) ** k for k in range(3) for s in inside],
-    )
-    waves = [(np.ones(n), np.cos(q[:, joint]), np.sin(q[:, joint])) for joint in (1, 3)]
-    ways = found["joint 2 × joint 4"].variants
-    assert [way.carrier for way in ways] == [
-        f"angle {row}" for row in (2, 4, 2, 2, 2, 2, 4, 4, 4, 4)
-    ]
-    for way in ways[:2]:
-        same(way.functions, [one * other for one, other in itertools.product(*waves)])
-    gear = np.cos(3.0 * q[:, 1]), np.sin(3.0 * q[:, 1])
-    same(ways[3].functions, [one * other for one, other in itertools.product(gear, waves[1])])
-
-
-def test_smooth_functions_are_orthogonal_over_the_records(rng: np.random.Generator) -> None:
-    values = rng.permutation(40) ** 2.0
-    functions = Cosines.over("time", values, 6).of_values(values)
-    close(functions.T @ functions / 40.0, np.diag([1.0] + [0.5] * 6), 1e-12)
 
 
 # --- chances when nothing is there
