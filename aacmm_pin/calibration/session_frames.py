@@ -12,16 +12,13 @@ import scipy
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
-from aacmm_pin.calibration.calibrated_arm import calibrated_model
-from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.calibration.parameters import problem_of
-from aacmm_pin.calibration.problem import Frame
+from aacmm_pin.calibration.problem import Frame, registered
 from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import initial_point
 from aacmm_pin.effects import ErrorModel
-from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, orientation
 
 FEWEST_OF_A_FRAME = 8
@@ -127,32 +124,24 @@ def another_frame(after: Fit) -> Note | None:
     """A note if the excluded records fit the calibrated arm in a reference frame of their own; None
     if they do not, or are few.
     """
-    problem = after.problem
-    out = after.excluded & problem.measurements.placed
-    if out.sum() < FEWEST_OF_A_FRAME or problem.setup.frame_of_session:
+    records = after.problem.measurements
+    out = after.excluded & records.known
+    if out.sum() < FEWEST_OF_A_FRAME or after.problem.setup.frame_of_session:
         return None
-    records = problem.measurements.take(out)
-    setup = replace(problem.setup, reference_frame="external")
-    try:
-        alone = fit(problem_of(calibrated_model(after), records, [], setup))
-    except AacmmError:
+    here = after.point.frame
+    in_base = (after.point.prediction.tips[out] - here.shift) @ here.rotation
+    frame = registered(in_base, records.reference[out])
+    own = np.linalg.norm(frame.apply(in_base) - records.reference[out], axis=1)
+    distances = np.linalg.norm(after.system.deviation, axis=1)
+    others = np.nanquantile(distances[after.used], MOST_OF_THEM)
+    fits = np.quantile(own, MOST_OF_THEM) < AS_CLOSE * others
+    if not fits or np.median(own) > REMAINS * np.median(distances[out]):
         return None
-    alone_median, others, before = (
-        float(np.nanmedian(np.linalg.norm(deviation, axis=1)))
-        for deviation in (
-            alone.system.deviation[alone.used],
-            after.system.deviation[after.used],
-            after.system.deviation[out],
-        )
-    )
-    fits = alone.used.sum() >= MOST_OF_THEM * out.sum() and alone_median < AS_CLOSE * others
-    if not fits or alone_median > REMAINS * before:
-        return None
-    turn = alone.point.frame.rotation @ after.point.frame.rotation.T
-    centre = records.reference.mean(axis=0)
-    there = turn @ (centre - after.point.frame.shift) + alone.point.frame.shift
-    data = {"rows": records.row.tolist(), "shift": float(np.linalg.norm(there - centre))}
+    turn = frame.rotation @ here.rotation.T
+    centre = records.reference[out].mean(axis=0)
+    there = turn @ (centre - here.shift) + frame.shift
     angle = scipy.spatial.transform.Rotation.from_matrix(turn).magnitude()
+    data = {"rows": records.row[out].tolist(), "shift": float(np.linalg.norm(there - centre))}
     return Note("rows_in_another_frame", data | {"turn": float(angle)})
 
 

@@ -5,12 +5,11 @@ joint.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import scipy
 from scipy.special import gammaln
 
 from aacmm_pin._support.checks import Array, Index, Mask
@@ -22,21 +21,15 @@ from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
 from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements
 
 TOGETHER = 1e-3
-"""Chance, over all neighbours of their kind, below which excluded records that are neighbours are
-no gross errors.
+"""Chance, over all that is known of the records, below which excluded records that share something
+are no gross errors.
 """
 NEIGHBOURS = (4, 8, 16, 32)
 """So many records round an excluded one are looked at together."""
-FEWEST_EXCLUDED = 5
-"""Fewer excluded records than this share many things by chance."""
-SURELY = 1e-6
-"""Chance, over all that is known of the records, below which what the excluded ones share is no
-chance.
-"""
+MOST_CENTRES = 24
+"""Round so many excluded records at most others are looked for."""
 BEYOND_USED = 0.5
-"""Part of the range of the used records by which many excluded ones may be beyond it, and share
-that.
-"""
+"""Part of the range of the used records by which excluded ones may be beyond it, and share that."""
 MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
 NARROW = 0.5
@@ -171,35 +164,17 @@ def _narrowed(fit: Fit) -> Iterator[Narrowed]:
 
 
 def shared_by(fit: Fit) -> Shared | None:
-    """What the excluded records of a fit share that the used ones do not, by the smallest chance;
-    None if nothing.
+    """What the excluded records of a fit share that the used ones do not; None if nothing.
 
-    The stretch of time first, see :func:`clusters`. Then the other clusters, those of numbers known
-    of single records among them, and labels by the binomial chance of so many excluded ones with
-    one of them; Bonferroni's bound over all that were looked at.
+    A label says most, then the stretch of time, then what has the smallest chance.
     """
     arm = fit.problem.model.arm
-    records = fit.problem.measurements
-    excluded = fit.excluded
-    scales = [*_scales(arm, records)]
-    shared = [found.shared for found in _clusters(scales, records, excluded, fit.used)]
-    if shared and shared[0].name == "time":
-        return shared[0]
-    if excluded.sum() >= FEWEST_EXCLUDED:
-        tips = scales[-1].values
-        numbers, labels = _columns(records, tips)
-        beyond = _clusters([*scales, *numbers], records, excluded, fit.used, BEYOND_USED)
-        shared += [found.shared for found in beyond if found.shared.p_value < SURELY]
-        by_label = [_of_labels(name, labels[name], excluded, fit.used) for name in labels]
-        chances = [len(by_label) * found.p_value for found in by_label]
-        shared += [
-            replace(found, p_value=chance)
-            for found, chance in zip(by_label, chances, strict=True)
-            if chance < SURELY
-        ]
-    # These say more than the rows of a file that have one.
-    named = [found for found in shared if found.name in LABELS]
-    return min(named or shared, key=lambda found: found.p_value, default=None)
+    found = clusters(arm, fit.problem.measurements, fit.excluded, fit.used)
+
+    def order(shared: Shared) -> tuple[bool, bool, float]:
+        return shared.name not in LABELS, shared.name != "time", shared.p_value
+
+    return min((cluster.shared for cluster in found), key=order, default=None)
 
 
 class Cluster(NamedTuple):
@@ -212,130 +187,145 @@ class Cluster(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """Numbers of records by which neighbours are looked for.
+    """What is known of records, by which neighbours are looked for.
 
     Attributes:
-        name: of what they are.
-        words: what stands in front of a range of them.
-        values: (n, 1 or 3), in the unit of the words.
-        kinds: of how many like scales it is one.
+        name: of what it is.
+        words: what stands in front of its values.
+        values: (n, 1 or 3), in the unit of the words; of labels one column for each (n, labels).
+        labels: of the columns; None for numbers.
     """
 
     name: str
     words: str
     values: Array
-    kinds: int
+    labels: pd.Index | None = None
+
+    @property
+    def is_order(self) -> bool:
+        """Whether it is the order in which the records were taken."""
+        return self.name in ("time", "record")
+
+    def near(self, used: Mask) -> Mask:
+        """Records that are in the range of the used ones, or not far beyond it (n,): wrong
+        readings, and their tips, are far.
+        """
+        if self.is_order or self.labels is not None:
+            return np.ones(len(self.values), dtype=bool)
+        low = self.values[used].min(axis=0)
+        high = self.values[used].max(axis=0)
+        most = BEYOND_USED * (high - low)
+        return np.asarray(((self.values >= low - most) & (self.values <= high + most)).all(axis=1))
+
+    def extent(self, records: Index) -> str:
+        """Where some records are, in words."""
+        values = self.values[records]
+        if self.labels is not None:
+            return f"{self.words} {self.labels[int(values[0].argmax())]}"
+        low = values.min(axis=0)
+        high = values.max(axis=0)
+        if low.size == 1:
+            return f"{self.words} from {low[0]:.6g} to {high[0]:.6g}"
+        middle = ", ".join(f"{x:.0f}" for x in (low + high) / 2)
+        return f"{self.words} within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
 
 
 def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> list[Cluster]:
-    """The stretch of time, else of the file, that of each joint, and the ball in space in which the
-    ``excluded`` records (n,) are, and few of the ``used`` ones; those of which the chance of any
-    such is less than :data:`TOGETHER`.
+    """The neighbours by each scale among which the ``excluded`` records (n,) are, and few of the
+    ``used`` ones; those of which the chance of any such is less than :data:`TOGETHER`.
 
-    Where k of N are drawn at random, m of them are among w neighbours with a chance of no more than
-    ``C(w, m) C(N - m, k - m) / C(N, k)``; Bonferroni's bound over all stretches of time, half of it
-    for those that begin or end with the file, and over all stretches of joints and all balls. Of
-    the neighbours with m, the fewest are the least likely. Records of one posture share an error
-    and count once. Wrong readings, and their tips, are beyond the range of the used records.
+    Bonferroni's bound over the order of the records, and over all other scales. Records of one
+    posture share an error and count once.
     """
-    return _clusters(_scales(arm, records), records, excluded, used)
-
-
-def _clusters(
-    scales: Iterable[Scale], records: Measurements, excluded: Mask, used: Mask, margin: float = 0.0
-) -> list[Cluster]:
-    """Those of some scales; records may be beyond the used ones by a part of their range."""
     postures = records.postures
     single = np.zeros(records.n, dtype=bool)
     single[np.unique(np.stack([postures, excluded], axis=1), axis=0, return_index=True)[1]] = True
     counted = single & (excluded | used)
     if np.sum(counted & excluded) < FEWEST_TOGETHER or not used.any():
         return []
-    dense = []
-    for name, words, values, kinds in scales:
-        like = counted
-        if name not in ("time", "record"):
-            low = values[used].min(axis=0)
-            high = values[used].max(axis=0)
-            most = margin * (high - low)
-            like = counted & ((values >= low - most) & (values <= high + most)).all(axis=1)
-        neighbours = _ball if values.shape[1] > 1 else _stretch
-        window, chance = neighbours(values, np.flatnonzero(like), excluded)
-        if chance * kinds < TOGETHER:
+    scales = [*_scales(arm, records)]
+    found = []
+    for scale in scales:
+        window, chance = _neighbours(scale, np.flatnonzero(counted & scale.near(used)), excluded)
+        chance *= 1 if scale.is_order else len(scales) - 1
+        if chance < TOGETHER:
             inside = np.isin(postures, postures[window])
             mine, counting = (int((inside & some).sum()) for some in (excluded, excluded | used))
-            where = _extent(words, values[window])
-            count = int(excluded.sum())
-            dense.append(
-                Cluster(inside, Shared(name, chance * kinds, where, mine, counting, count))
-            )
-    return dense
+            where = scale.extent(window)
+            shared = Shared(scale.name, chance, where, mine, counting, int(excluded.sum()))
+            found.append(Cluster(inside, shared))
+    return found
 
 
 def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
+    """Order, joints, place of the tip, and the columns of the file."""
     time = records.conditions.time
-    chain = arm.chain
     if time is None:
-        yield Scale("record", "row numbers", records.row[:, None].astype(np.float64), 1)
+        yield Scale("record", "row numbers", records.row[:, None].astype(np.float64))
     else:
-        yield Scale("time", "time_s", time[:, None], 1)
-    kinds = records.q.shape[1] + 1
+        yield Scale("time", "time_s", time[:, None])
+    chain = arm.chain
     for j, row in enumerate(chain.moving_rows()):
         values = records.q[:, j : j + 1] / (MM if chain.prismatic[j] else DEG)
-        yield Scale(f"joint {row}", f"joint {row}", values, kinds)
-    yield Scale("place", "the tip", arm.positions(records.q) / MM, kinds)
+        yield Scale(f"joint {row}", f"joint {row}", values)
+    tips = arm.positions(records.q) / MM
+    yield Scale("place", "the tip", tips)
+    for axis, values in zip("xyz", tips.T, strict=True):
+        yield Scale(axis, f"tip_{axis}_mm", values[:, None])
+    yield Scale("scale", "distance_mm", np.linalg.norm(tips, axis=1, keepdims=True))
+    for column in records.covariate_columns():
+        known: pd.Series = pd.Series(column.values)
+        if column.entry is UNKNOWN_COLUMN:
+            numbers = as_numbers(known)
+            known = known.astype(str) if numbers is None else numbers
+        if not pd.api.types.is_numeric_dtype(known):
+            of_labels = pd.get_dummies(known.astype(str), dtype=float)
+            yield Scale(column.quantity, column.name, of_labels.to_numpy(), of_labels.columns)
+        elif column.quantity != "time" and not known.isna().any():
+            yield Scale(column.quantity, column.name, known.to_numpy(np.float64)[:, None])
 
 
-def _extent(words: str, values: Array) -> str:
-    """Where values (m, 1 or 3) are, in words."""
-    low = values.min(axis=0)
-    high = values.max(axis=0)
-    if low.size == 1:
-        return f"{words} from {low[0]:.6g} to {high[0]:.6g}"
-    middle = ", ".join(f"{x:.0f}" for x in (low + high) / 2)
-    return f"{words} within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
+def _neighbours(scale: Scale, like: Index, excluded: Mask) -> tuple[Index, float]:
+    """Of the records ``like``, those round an excluded one that are the least likely to have so
+    many excluded ones among them; and the chance of any such.
 
-
-def _stretch(values: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
-    """Of the records ``like``, the least likely ones that follow one another by ``values`` (n, 1);
-    and their chance.
+    Where k of N are drawn at random, and one of them is taken as the centre, m of them are among
+    its w - 1 nearest and itself with a chance of no more than ``C(w - 1, m - 1) C(N - m, k - m) /
+    C(N - 1, k - 1)``; Bonferroni's bound over the centres and over m. Numbers count by their ranks.
     """
-    order = like[np.argsort(values[like, 0], kind="stable")]
-    places = np.flatnonzero(excluded[order])
-    count = order.size
-    k = places.size
-    number: Index = np.arange(FEWEST_TOGETHER, k + 1)
-    if not number.size:
-        return like[:0], 1.0
-    lengths = [places[m - 1 :] - places[: k - m + 1] for m in number]
-    shortest = np.array([np.argmin(length) for length in lengths])
-    start = np.zeros_like(number)
-    end = np.full_like(number, count - 1)
-    low = np.concatenate([places[shortest], places[k - number], start])
-    high = np.concatenate([places[shortest + number - 1], end, places[number - 1]])
-    inner = np.arange(low.size) < number.size
-    tried = np.where(inner, count * (count + 1.0), 4.0 * count)
-    best, chance = _least_likely(high - low + 1, np.tile(number, 3), tried, count, k)
-    return order[low[best] : high[best] + 1], chance
-
-
-def _ball(places: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
-    """The same of those round an excluded one, by ``places`` (n, 3)."""
-    k = int(excluded[like].sum())
+    values = scale.values[like]
+    if values.shape[1] == 1:
+        ranks = np.unique(values, return_inverse=True)[1]
+        values = ranks.reshape(-1, 1).astype(np.float64)
+    out = excluded[like]
     count = like.size
-    number: Index = np.arange(FEWEST_TOGETHER, k + 1)
+    k = int(out.sum())
     least: tuple[Index, float] = like[:0], 1.0
-    for centre in like[excluded[like]] if number.size else ():
-        order = like[
-            np.argsort(np.linalg.norm(places[like] - places[centre], axis=1), kind="stable")
-        ]
-        among = np.flatnonzero(excluded[order])[number - 1] + 1
-        best, chance = _least_likely(
-            among, number, np.full(number.size, float(count) ** 2), count, k
-        )
+    if k < FEWEST_TOGETHER:
+        return least
+    some = np.linspace(0, k - 1, min(k, MOST_CENTRES)).round().astype(np.intp)
+    for centre in values[out][some]:
+        distance = np.linalg.norm(values - centre, axis=1)
+        radii = np.sort(distance[out])[FEWEST_TOGETHER - 1 :]
+        m = np.searchsorted(np.sort(distance[out]), radii, side="right")
+        w = np.searchsorted(np.sort(distance), radii, side="right")
+        ways = _log_binomial(w - 1, m - 1) + _log_binomial(count - m, k - m)
+        chances = ways - _log_binomial(count - 1, k - 1)
+        best = int(np.argmin(chances))
+        chance = k * radii.size * float(np.exp(min(chances[best], 0.0)))
         if chance < least[1]:
-            least = order[: among[best]], chance
+            ball = distance <= radii[best]
+            low, high = values[ball & out].min(axis=0), values[ball & out].max(axis=0)
+            between = ((values >= low) & (values <= high)).all(axis=1)
+            least = like[ball & between], chance
     return least
+
+
+def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
+    """``log C(n, k)``."""
+    others = np.subtract(n, k)
+    of_all, of_chosen, of_others = (gammaln(np.add(count, 1)) for count in (n, k, others))
+    return np.asarray(of_all - of_chosen - of_others)
 
 
 def round_excluded(found: Fit, off: Array) -> Shared | None:
@@ -352,6 +342,7 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
     size = np.where(out, np.sqrt(np.square(off).sum(axis=1) / 3.0), 1.0)
     off = off / size[:, None]
     tips = found.problem.model.arm.positions(found.problem.measurements.q) / MM
+    place = Scale("place", "the tip", tips)
     sizes: Index = np.array(
         [size for size in NEIGHBOURS if 2 * size <= has_target.sum()], dtype=np.intp
     )
@@ -364,27 +355,10 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
         k = int(np.argmin(chances))
         if chances[k] < (TOGETHER if best is None else best.p_value):
             inside = order[: sizes[k]]
-            where = f"{_extent('the tip', tips[inside])}, where used records deviate similarly"
+            where = f"{place.extent(inside)}, where used records deviate similarly"
             mine = int(out[inside].sum())
             best = Shared("place", float(chances[k]), where, mine, inside.size, int(out.sum()))
     return best
-
-
-def _least_likely(w: Index, m: Index, tried: Array, count: int, k: int) -> tuple[int, float]:
-    """Which m of k excluded ones of ``count`` are least likely among w neighbours, and the chance
-    of any of ``tried``.
-    """
-    ways = _log_binomial(w, m) + _log_binomial(count - m, k - m)
-    chances = np.log(tried) + ways - _log_binomial(count, k)
-    best = int(np.argmin(chances))
-    return best, float(np.exp(min(chances[best], 0.0)))
-
-
-def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
-    """``log C(n, k)``."""
-    others = np.subtract(n, k)
-    of_all, of_chosen, of_others = (gammaln(np.add(count, 1)) for count in (n, k, others))
-    return np.asarray(of_all - of_chosen - of_others)
 
 
 def as_numbers(values: Iterable[object]) -> pd.Series | None:
@@ -393,42 +367,3 @@ def as_numbers(values: Iterable[object]) -> pd.Series | None:
     """
     numbers = pd.to_numeric(pd.Series(values), errors="coerce")
     return numbers if numbers.notna().all() and numbers.nunique() > MOST_LABELS else None
-
-
-def _columns(records: Measurements, tips: Array) -> tuple[list[Scale], dict[str, pd.Series]]:
-    """What else is known of single records, with ``tips`` (n, 3) [mm]: numbers, and labels by the
-    name of what they are.
-    """
-    numbers = {axis: (f"tip_{axis}_mm", tips[:, k]) for k, axis in enumerate("xyz")}
-    numbers["scale"] = "distance_mm", np.linalg.norm(tips, axis=1)
-    labels = {}
-    for column in records.covariate_columns():
-        values = pd.Series(column.values, name=column.name)
-        if column.entry is UNKNOWN_COLUMN:
-            of_numbers = as_numbers(values)
-            values = values.astype(str) if of_numbers is None else of_numbers
-        if not pd.api.types.is_numeric_dtype(values):
-            labels[column.quantity] = values.astype(str)
-        elif not values.isna().any():
-            numbers[column.quantity] = column.name, values.to_numpy(dtype=np.float64)
-    kinds = len(numbers)
-    scales = [
-        Scale(name, words, values[:, None], kinds) for name, (words, values) in numbers.items()
-    ]
-    return scales, labels
-
-
-def _of_labels(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared:
-    """The label that excluded records share, by Bonferroni's bound over the labels; one that all
-    records have says nothing.
-    """
-    codes, labels = pd.factorize(values)
-    there = np.bincount(codes[excluded], minlength=len(labels))
-    mine = np.bincount(codes[excluded | used], minlength=len(labels))
-    count = int(excluded.sum())
-    total = mine.sum()
-    chances = len(labels) * scipy.special.bdtrc(there - 1.0, count, mine / total)
-    chances[(there == 0) | (mine == total) | (chances > 1.0)] = 1.0
-    best = int(np.argmin(chances))
-    where = f"{values.name} {labels[best]}"
-    return Shared(name, float(chances[best]), where, int(there[best]), int(mine[best]), count)

@@ -128,7 +128,8 @@ def test_excluded_records_that_are_neighbours(sino6, rng):
     apart, rows = np.linalg.norm(tips - tips[50], axis=1).argsort(), np.arange(100)
     for inside, name in (
         (rows[96:100], "record"),
-        (rows[40:44], ""),
+        (rows[[40, 43, 48, 60]], ""),
+        (rows[40:44], "record"),
         (rows[40:47], "record"),
         (data.q[:, 2].argsort()[20:30], "joint 3"),
         (apart[:8], "place"),
@@ -137,6 +138,25 @@ def test_excluded_records_that_are_neighbours(sino6, rng):
         found = clusters(sino6, data, excluded, ~excluded)
         assert [cluster.shared.name for cluster in found] == ([name] if name else [])
         assert not name or (found[0].records == excluded).all()
+
+
+@pytest.mark.parametrize("what", ["both ends of a joint", "temperature", "operator"])
+def test_what_excluded_records_share(sino6, what):
+    """A tenth of the records; those at both ends of a joint are beyond all used ones."""
+    rng = np.random.default_rng(7)
+    data = Measurements.of(random_postures(sino6, 120, rng))
+    temperature = 20.0 + 2.0 * rng.standard_normal(120)
+    operator = np.where(rng.random(120) < 0.1, "Bo", "Al").astype(object)
+    conditions = replace(data.conditions, temperature=temperature)
+    data = replace(data, conditions=conditions, extra={"operator": operator})
+    q = data.q[:, 2]
+    excluded, name = {
+        "both ends of a joint": (np.abs(q - np.median(q)).argsort().argsort() >= 108, "joint 3"),
+        "temperature": (temperature.argsort().argsort() >= 108, "temperature"),
+        "operator": (operator == "Bo", "operator"),
+    }[what]
+    found = clusters(sino6, data, excluded, ~excluded)
+    assert min((c.shared for c in found), key=lambda shared: shared.p_value).name == name
 
 
 def test_repeats_of_one_posture_are_one(sino6, rng):
