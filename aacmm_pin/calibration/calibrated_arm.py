@@ -16,6 +16,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
+from aacmm_pin.calibration.held_effects import HeldEffects
 from aacmm_pin.calibration.identifiability import NEGLIGIBLE_PART
 from aacmm_pin.effects import Effect, ErrorModel, ReferenceFrame, StylusOffset, entries_of
 from aacmm_pin.errors import AacmmError
@@ -34,7 +35,7 @@ UNDETERMINED_PART = 0.999
 """A parameter that is as good as all of an unknown combination is not told at all."""
 
 
-def calibrated_model(fit: Fit) -> ErrorModel:
+def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
     """The arm and effects with the estimated values; targets of single markers are part of the
     set-up.
 
@@ -44,6 +45,9 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     tell, and of what they do not tell where that moves the tip: there the width within which a
     parameter was looked for is its u. Scatter beyond the stated noise goes along as what is left
     unexplained.
+
+    With effects that the fit ``held``, whose uncertainty is in its covariance: with the response
+    ``R`` of the estimates and the covariance ``Σ`` of the held parameters, ``R Σ`` is that of both.
     """
     problem = fit.problem
     vector = problem.vector
@@ -77,8 +81,16 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     columns = [*range(vector.size), *range(problem.scales.size, len(fit.full_covariance))]
     matrix = fit.full_covariance[np.ix_(columns, columns)]
     matrix[: vector.size, : vector.size] += of_tip @ of_tip.T
+    others = problem.model.effects
+    if held is not None:
+        across = np.zeros((len(matrix), len(held.covariance)))
+        across[: vector.size] = held.response[: vector.size] @ held.covariance
+        matrix = np.block([[matrix, across], [across.T, held.covariance]])
+        names += held.names
+        with_u = {effect.key: effect for effect in held.effects}
+        others = tuple(with_u.get(effect.key, effect) for effect in others)
     joint = joined(arm, names, matrix, " ".join(records))
-    all_effects = (*problem.model.effects, *effects)
+    all_effects = (*others, *effects)
     code = "scatter_beyond_noise" if fit.stated else "scatter_of_unstated_noise"
     scatters = max(fit.noise.scatters.tip, fit.noise.scatters.turn) > NO_SCATTER
     unexplained = str(Note(code, {"scatter": fit.scatter_in_words})) if scatters else ""

@@ -204,6 +204,20 @@ class Fit(Solution):
         p = self.problem.scales.size
         return self.full_covariance[:p, :p]
 
+    def response(self, columns: Array) -> Array:
+        """Derivative of all estimates by what the fit held (p, q) [units]: ``-(JᵀJ)⁻¹ Jᵀ C``.
+
+        Args:
+            columns: displacement of the records by one unit of it (n, 3 or 6, q) [m, rad].
+        """
+        point = self.point
+        jacobian = np.concatenate([point.prediction.jacobian, columns], axis=2)
+        prediction = replace(point.prediction, jacobian=jacobian)
+        beside = linearise(prediction, self.system.prior, self.noise, point.seats, self.weights)
+        by_estimates, by_held = np.split(beside.jacobian, [self.problem.scales.size], axis=1)
+        steps = self.system.independent_steps
+        return -steps @ (steps.T @ (by_estimates.T @ by_held))
+
     @property
     def nonlinear_u_of(self) -> dict[tuple[str, str], float]:
         """Standard uncertainty of each nonlinear parameter, by the effect's key and the name of the

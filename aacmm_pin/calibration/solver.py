@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_isf, chi2_sf
 from aacmm_pin.calibration.first_placement import placed
 from aacmm_pin.calibration.least_squares import bounded_step
@@ -354,6 +354,20 @@ def solution_at(problem: Problem, noise: NoiseModel, point: Point, weights: Arra
     """The linear model at a point, as if the search ended there."""
     system = linearise(point.prediction, problem.prior(point.x), noise, point.seats, weights)
     return Solution(point, system, problem, noise, weights, 0, "")
+
+
+def chi2_of(solution: Solution, records: Mask) -> Chi2:
+    """χ² of some records (n,), prior included, when all is refitted to them alone, to first
+    order.
+    """
+    observations = solution.observations
+    seat = np.where(records, observations.seat, -1)
+    one_part = np.zeros(records.size, dtype=np.intp)
+    observations, old, _ = replace(observations, seat=seat).divided(one_part)
+    noise = replace(solution.noise, observations=observations)
+    point = replace(solution.point, seats=solution.point.seats[old])
+    there = solution_at(solution.problem, noise, point, records.astype(np.float64))
+    return Chi2(there.system.cost - there.system.solution.reduction, there.chi2.dof)
 
 
 def _robust_weights(distance: Array) -> Array:

@@ -84,7 +84,7 @@ def budget_of(
     parts = sorted(_displacing(choice, structure), key=lambda part: -part.mean_square)
     if shared is not None:
         of_posture = min(shared.rms**2, noise)
-        groups = max(choice.noise.postures.count.size, 1)
+        groups = max(choice.noise.count.size, 1)
         parts.append(BudgetPart(SHARED, of_posture, of_posture * math.sqrt(2.0 / groups)))
         noise -= of_posture
     relative_u = math.sqrt(2.0 / dof)

@@ -11,17 +11,16 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.calibration import Fit
+from aacmm_pin.calibration import Fit, HeldEffects
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
-from aacmm_pin.diagnosis.held_curves import HeldCurves
-from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.linear_model import Conditional
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
+from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 
@@ -50,7 +49,7 @@ class Choice:
     parts: Index
     scatter: ReadingScatter | None = None
     otherwise: tuple[str, ...] = ()
-    curves: HeldCurves | None = None
+    curves: HeldEffects | None = None
     kept_alone: Mask | None = None
 
     @property
@@ -124,9 +123,8 @@ class Choice:
         records; the prior odds of an error that postures share are those of all covariates.
         """
         space = self.posterior.space
-        postures = self.noise.postures
-        of_noise = postures.log_density(space.likelihood.dof)
-        if postures.relative:
+        of_noise = self.noise.log_density(space.likelihood.dof)
+        if self.noise.ratio:
             of_noise += float(np.log(1.0 - THRESHOLDS.library))
         return space.marginal(self.posterior.top).log_posterior + of_noise
 

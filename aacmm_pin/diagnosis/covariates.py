@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers
@@ -353,25 +353,52 @@ def _scale(state: State) -> Covariate:
     return Covariate("scale", ("scale",), (carried,), pd.DataFrame({"distance_mm": distance / MM}))
 
 
-def _groups(measurements: Measurements) -> Iterator[Covariate]:
-    """One group of records, a bar or else a seat of unknown place, in which the target sat
-    elsewhere on the arm.
+class LabelGroup(NamedTuple):
+    """Records (n,) of one label of a kind: bar, seat, session or marker."""
+
+    kind: str
+    label: str
+    records: Mask
+
+    @property
+    def name(self) -> str:
+        """Such as ``bar left``."""
+        return f"{self.kind} {self.label}"
+
+
+def label_groups(measurements: Measurements) -> list[LabelGroup]:
+    """The groups of records that may disagree with the others: bars, or else seats, of unknown
+    place; sessions; markers. There are enough of a kind, each with enough records.
     """
-    kind = "bar"
-    labels = measurements.bar
-    if labels is None:
-        kind = "seat"
-        labels = measurements.conditions.seat
-    if labels is None or measurements.known.any():
-        return
-    counts = {label: np.sum(labels == label) for label in dict.fromkeys(labels) if label}
-    large = [label for label, count in counts.items() if count > THRESHOLDS.fewest_records]
-    column = pd.DataFrame({kind: labels})
-    for label in large if len(large) >= THRESHOLDS.fewest_groups else []:
-        inside = (labels == label).astype(np.float64)[:, None]
-        name = f"{kind} {label}"
-        carried = Carried(_of_size_one(inside), "target")
-        yield Covariate(name, (name,), (carried,), column)
+    conditions = measurements.conditions
+    labels = {"session": conditions.session, "marker": conditions.marker}
+    if not measurements.known.any():
+        labels |= {"bar": measurements.bar}
+        labels |= {"seat": conditions.seat} if measurements.bar is None else {}
+    groups = []
+    for kind, of_record in labels.items():
+        if of_record is None:
+            continue
+        each = [LabelGroup(kind, label, of_record == label) for label in dict.fromkeys(of_record)]
+        large = [
+            group
+            for group in each
+            if group.label and group.records.sum() > THRESHOLDS.fewest_records
+        ]
+        groups += large if len(large) >= THRESHOLDS.fewest_groups else []
+    return groups
+
+
+def _groups(measurements: Measurements) -> Iterator[Covariate]:
+    """One bar, or else one seat of unknown place, in which the target sat elsewhere on the arm."""
+    for group in label_groups(measurements):
+        if group.kind in ("bar", "seat"):
+            inside = group.records.astype(np.float64)[:, None]
+            carried = Carried(_of_size_one(inside), "target")
+            conditions = measurements.conditions
+            labels = measurements.bar if group.kind == "bar" else conditions.seat
+            values = pd.DataFrame({group.kind: labels})
+            yield Covariate(group.name, (group.name,), (carried,), values)
 
 
 def _of_size_one(functions: Array) -> Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -189,28 +189,6 @@ class Design:
             families.append(Family(np.array(numbers), columns, stacked, positive))
         return tuple(families)
 
-    def of(self, numbers: Sequence[int]) -> Design:
-        """The same with some of the blocks alone, in this order."""
-        chosen = [self.blocks[number] for number in numbers]
-        starts = {block.columns.start for block in chosen}
-        sources = list[tuple[slice, Source]]()
-        scales = [self.scales[: self.nuisances]]
-        moved = dict[int, slice]()
-        first = self.nuisances
-        for columns, source in self.sources:
-            if columns.start in starts:
-                moved[columns.start] = slice(first, first := first + columns.stop - columns.start)
-                sources.append((moved[columns.start], source))
-                scales.append(self.scales[columns])
-        blocks = tuple(replace(block, columns=moved[block.columns.start]) for block in chosen)
-        return replace(self, blocks=blocks, sources=tuple(sources), scales=np.concatenate(scales))
-
-    def groups(self, records: Index) -> Iterator[Index]:
-        """Some of the records in turn, a limited number at once."""
-        most = ROWS_OF_A_GROUP // self.tips.shape[1]
-        for first in range(0, records.size, most):
-            yield records[first : first + most]
-
     def rows(self, records: Index) -> Array:
         """All columns in some records, scaled (n, 3 or 6, columns) [m, rad]."""
         rows = np.empty((records.size, self.tips.shape[1], self.width))
@@ -248,14 +226,14 @@ class Design:
         acting = [source for source in self.sources if in_units[source[0]].any()]
         displacements = np.empty((records.size, self.tips.shape[1], weights.shape[1]))
         of_set_up = self.fit.point.prediction.jacobian
-        done = 0
-        for group in self.groups(records):
+        most = ROWS_OF_A_GROUP // self.tips.shape[1]
+        for first in range(0, records.size, most):
+            group = records[first : first + most]
             part = of_set_up[group][:, :, self.kept] @ in_units[: self.nuisances]
             arm = _Calibrated(self.fit, group)
             for columns, source in acting:
                 part += arm.of(source) @ in_units[columns]
-            displacements[done : done + group.size] = part
-            done += group.size
+            displacements[first : first + group.size] = part
         return displacements
 
     def deviations(self, tips: Array) -> Array:
@@ -281,8 +259,15 @@ class Design:
         slides].
         """
         rows = self.fit.problem.model.arm.chain.moving_rows()
-        all_records = np.arange(len(self.tips))
-        return _Calibrated(self.fit, all_records).of(tuple(JointZeroOffset(row) for row in rows))
+        return displacements(self.fit, [JointZeroOffset(row) for row in rows])
+
+
+def displacements(fit: Fit, effects: Sequence[Effect]) -> Array:
+    """Displacement of all records by one unit of each parameter of effects (n, 3 or 6, q)
+    [m/unit].
+    """
+    all_records = np.arange(fit.problem.measurements.n)
+    return _Calibrated(fit, all_records).of(tuple(effects))
 
 
 def design_of(
@@ -349,17 +334,8 @@ def design_of(
         point.prediction.poses,
     )
     tips = design.tips - jacobian[:, :, stays:width] @ (point.x - problem.start)[stays:width]
-    return replace(design, tips=tips - _moved_by(design, held))
-
-
-def _moved_by(design: Design, held: Sequence[Effect]) -> Array | float:
-    """Displacement of all records by effects at their values (n, 3 or 6) [m, rad]."""
-    if not held:
-        return 0.0
-    values = np.concatenate([effect.values for effect in held])
-    groups = design.groups(np.arange(len(design.tips)))
-    moved = [_Calibrated(design.fit, group).of(tuple(held)) @ values for group in groups]
-    return np.concatenate(moved)
+    moved = sum(displacements(fit, [effect]) @ effect.values for effect in held)
+    return replace(design, tips=tips - moved)
 
 
 @lru_cache(maxsize=MOST_FORMS)

@@ -37,7 +37,7 @@ from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.budget import BEYOND, SHARED, STRUCTURE, budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.discrepancy import described_model, extended_model
+from aacmm_pin.diagnosis.discrepancy import described_model
 from aacmm_pin.diagnosis.findings import findings_of
 from aacmm_pin.diagnosis.held_out_gain import Gain, folds_of, gain_of
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
@@ -189,9 +189,12 @@ def diagnose(
         nameless=max(nameless, 0.0),
     )
     doubts = doubts_of(evidence)
-    extended = calibrated_model(recalibrated) if evidence.no_better else extended_model(choice)
-    if with_discrepancy and not evidence.no_better:
+    if evidence.no_better:
+        extended = calibrated_model(recalibrated)
+    elif with_discrepancy:
         extended = described_model(model, choice, problem, unexplained.has_background)
+    else:
+        extended = calibrated_model(choice.fit, choice.curves)
     return Diagnosis(
         verdict=verdict_of(evidence, doubts),
         findings=tuple(findings),

@@ -4,20 +4,18 @@ named.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import Arm, calibrated
-from aacmm_pin.calibration import Fit, calibrated_model
-from aacmm_pin.calibration.calibrated_arm import joined
+from aacmm_pin.calibration import calibrated_model
 from aacmm_pin.calibration.estimation import fit as fit_of
-from aacmm_pin.calibration.linearisation import linearise
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Carried
+from aacmm_pin.diagnosis.held_curves import held_effects
 from aacmm_pin.diagnosis.model_extension import ProblemOf
 from aacmm_pin.effects import Carrier, Discrepancy, ErrorModel, Part
 
@@ -65,31 +63,17 @@ def described_model(
     covariates = described_by(choice, choice.covariates)
     named = covariate_effects(covariates, _prior_u(choice), taken)
     taken |= {effect.label for effect in named}
-    held = [_background(choice, taken)] if background else []
+    curves = () if choice.curves is None else choice.curves.effects
+    held = [*curves, *([_background(choice, taken)] if background else [])]
     causes = choice.with_values(choice.effects)
     estimated = [effect for effect in causes if not effect.free_form]
-    curves = [effect for effect in causes if effect.free_form]
-    refit = fit_of(problem_of([*estimated, *named], [*curves, *held]), used=choice.fit.used)
-    return calibrated_beside(refit, held[0]) if held else calibrated_model(refit)
-
-
-def extended_model(choice: Choice) -> ErrorModel:
-    """The calibrated arm of the last refit, with the covariance of the curves that it held."""
-    curves = choice.curves
-    if curves is None:
-        return calibrated_model(choice.fit)
-    beside = choice.fit.added_covariance - curves.added_covariance
-    model = calibrated_model(replace(choice.fit, added_covariance=beside))
-    number = {effect.key: k for k, effect in enumerate(curves.effects)}
-    effects = [
-        curves.effects[number[effect.key]] if effect.key in number else effect
-        for effect in model.effects
-    ]
-    names = [parameter.name for effect in curves.effects for parameter in effect.parameters()]
-    answers = dict(zip(choice.fit.problem.names, curves.response, strict=True))
-    return _with_joint_covariance(
-        replace(model, effects=tuple(effects)), answers, names, curves.covariance
-    )
+    refit = fit_of(problem_of([*estimated, *named], held), used=choice.fit.used)
+    if not held:
+        return calibrated_model(refit)
+    blocks = [] if choice.curves is None else [choice.curves.covariance]
+    blocks += [np.diag(np.square(effect.u)) for effect in held[len(curves) :]]
+    beside = held_effects(refit, held, block_diag(*blocks))
+    return calibrated_model(replace(refit, added_covariance=beside.added_covariance), beside)
 
 
 def _prior_u(choice: Choice) -> Array:
@@ -176,87 +160,6 @@ def background_effect(
     u = np.ones(directions.shape[1])
     values[0], u[0] = 1.0, size_u
     return _new(EVERYTHING, tuple(parts), len(values), taken).at(values, u)
-
-
-def calibrated_beside(fit: Fit, held: Discrepancy) -> ErrorModel:
-    """The calibrated arm of a fit that held an effect, with what its uncertainty does to the
-    estimates.
-
-    The estimates answer to the coefficients by ``R = ∂x/∂β``: with the covariance ``K`` of the fit
-    and ``Σ`` of the coefficients, which are independent, that of both is ``[[K + R Σ Rᵀ, R Σ], [Σ
-    Rᵀ, Σ]]``. If they counted as independent of the estimates, what both can explain would be
-    uncertain twice.
-
-    Args:
-        fit: of a problem that has the effect among those that stay as they are.
-        held: the effect, with u.
-    """
-    model = calibrated_model(fit)
-    answers = dict(zip(fit.problem.vector.names, _answers(fit, held), strict=True))
-    names = [parameter.name for parameter in held.parameters()]
-    return _with_joint_covariance(model, answers, names, np.diag(np.square(held.u)))
-
-
-def _with_joint_covariance(
-    model: ErrorModel, answers: Mapping[str, Array], names: Sequence[str], own: Array
-) -> ErrorModel:
-    """The model with the covariance of held parameters beside that of the estimates.
-
-    Args:
-        model: with the covariance of the estimates.
-        answers: derivative of each estimate, by its name, by the held parameters (q,).
-        names: of the held parameters (q,).
-        own: their covariance (q, q).
-    """
-    estimates, covariance = _known_covariance(model.arm)
-    response = np.zeros((len(estimates), len(names)))
-    for row, name in zip(response, estimates, strict=True):
-        row += answers.get(name, 0.0)
-    across = response @ own
-    joint = np.block([[covariance + across @ response.T, across], [across.T, own]])
-    parameters = [*estimates, *names]
-    return ErrorModel(with_covariance(model.arm, parameters, joint), model.effects)
-
-
-def _known_covariance(arm: Arm) -> tuple[list[str], Array]:
-    """Names of the parameters of which the arm knows a common covariance, and that (p, p)."""
-    of_arm = arm.covariance
-    if of_arm is None:
-        return [], np.zeros((0, 0))
-    return list(of_arm.parameters), of_arm.matrix()
-
-
-def _answers(fit: Fit, held: Discrepancy) -> Array:
-    """How the estimates of a fit answer to one unit of each coefficient of an effect that it held
-    (p, q).
-    """
-    columns = [_answer(fit, held, k) for k in range(held.size)]
-    return np.column_stack(columns)
-
-
-def _answer(fit: Fit, held: Discrepancy, number: int) -> Array:
-    """How they answer to one of the coefficients (p,)."""
-    problem = fit.problem
-    point = fit.point
-    values = np.array(held.values)
-    values[number] += held.u[number]
-    others = [effect for effect in problem.model.effects if effect != held]
-    model = replace(problem.model, effects=(*others, held.at(values)))
-    poses = replace(problem, model=model).poses(point.x, point.frame)
-    prediction = replace(point.prediction, poses=poses)
-    moved = linearise(prediction, fit.system.prior, fit.noise, point.seats, fit.weights)
-    change = fit.system.jacobian.T @ (moved.residual - fit.system.residual)
-    steps = fit.system.independent_steps
-    answer = steps @ (steps.T @ change)
-    return -answer[: problem.vector.size] / held.u[number]
-
-
-def with_covariance(arm: Arm, names: list[str], covariance: Array) -> Arm:
-    """The arm that knows these parameters together, beside what it knows of others."""
-    records = "" if arm.covariance is None else arm.covariance.records
-    joint = joined(arm, names, covariance, records)
-    file = None if arm.file is None else arm.file.model_copy(update={"covariance": joint})
-    return replace(arm, parameters=calibrated(arm.parameters, joint), covariance=joint, file=file)
 
 
 def _factors(estimate: Array, covariance: Array) -> tuple[float, Array]:

@@ -19,7 +19,7 @@ from scipy.linalg.blas import dsyrk
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import SeatElimination
 from aacmm_pin.diagnosis.design_matrix import ROWS_OF_A_GROUP, Design
-from aacmm_pin.diagnosis.held_postures import RecordNoise
+from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 RANK = 150
@@ -151,16 +151,16 @@ def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask)
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.point.seats[old]
     whitening = noise.whitening * chosen[:, None, None]
-    by_seat = noise.postures.whitened(observations.by_seats(whitening))
+    by_seat = noise.decorrelated(observations.by_seats(whitening))
     elimination = SeatElimination(observations, points, by_seat)
-    whole_groups = noise.postures.with_all_of_a_group(chosen, used)
+    whole_groups = noise.with_all_of_a_group(chosen, used)
     deviations = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)
     along = np.zeros((len(observations.labels), 3, design.width + 1))
     most = max(ROWS_OF_A_GROUP // design.tips.shape[1], 1)
-    for group in noise.postures.divided(np.flatnonzero(whole_groups), most):
+    for group in noise.divided(np.flatnonzero(whole_groups), most):
         columns = np.concatenate([design.rows(group), deviations[group, :, None]], axis=2)
         inside = chosen[group]
-        rows = noise.postures.take(group).whitened(noise.whitening[group] @ columns)[inside]
+        rows = noise.take(group).whitened(columns)[inside]
         along += elimination.along(rows, group[inside])
         _add_squares(upper, rows, 1.0)
     seats = np.flatnonzero(of_seat == 0)

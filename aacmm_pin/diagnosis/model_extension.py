@@ -5,7 +5,7 @@ until the set stands.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,7 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.arm import COVERAGE_FACTOR
-from aacmm_pin.calibration import Fit, Problem
+from aacmm_pin.calibration import Fit, HeldEffects, Problem
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
@@ -24,8 +24,7 @@ from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
-from aacmm_pin.diagnosis.held_curves import HeldCurves
-from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise, SharedSizes
+from aacmm_pin.diagnosis.held_curves import held_curves
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.nonlinear_parameters import (
     evidences,
@@ -36,6 +35,7 @@ from aacmm_pin.diagnosis.nonlinear_parameters import (
     with_nonlinear_u,
 )
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
+from aacmm_pin.diagnosis.record_noise import NOTHING_SHARED, PostureError, RecordNoise
 from aacmm_pin.diagnosis.search import climb, explore
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
@@ -214,13 +214,13 @@ class _Before:
     tips: Array
     dof: float
     scatter: ReadingScatter | None = None
-    shared: SharedSizes = field(default_factory=SharedSizes)
+    shared: PostureError = NOTHING_SHARED
 
     @staticmethod
     def of(choice: Choice) -> _Before:
         model = choice.posterior.top_model
         scatter = None if noise_is_known(choice.design.fit) else choice.scatter_beside(model)
-        return _Before(model.all_tips, model.dof, scatter, choice.noise.postures.sizes)
+        return _Before(model.all_tips, model.dof, scatter, choice.noise.shared)
 
     def settled(self, choice: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
@@ -257,11 +257,11 @@ def _extended(
         at = refitted(problem_of, within, gone, used)
     at = with_nonlinear_u(at, choice.noise, effects)
     held = [effect for effect in within if effect.free_form]
-    curves = HeldCurves.of(choice, at, held) if held else None
+    curves = held_curves(choice, at, held) if held else None
     return replace(choice, fit=_with_shared_error(at, choice, curves), curves=curves)
 
 
-def _with_shared_error(at: Fit, choice: Choice, curves: HeldCurves | None = None) -> Fit:
+def _with_shared_error(at: Fit, choice: Choice, curves: HeldEffects | None = None) -> Fit:
     """The fit with what an error that records of one posture share, and curves at which it stays,
     add to its covariance.
     """
@@ -348,11 +348,11 @@ def _climbed(
     left = before or _Before(at.point.prediction.poses, at.dof)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
     climb = _Climb(candidates, start, library, others, parts, left.scatter)
-    if not climb.groups.repeat:
-        return climb.with_noise(climb.groups)
+    if not climb.noise.repeat:
+        return climb.with_noise(climb.noise)
     beside = climb.shared(left.tips, left.dof)
     starts = [beside]
-    for other in (climb.groups.with_error(left.shared), climb.groups):
+    for other in (climb.noise.with_error(left.shared), climb.noise):
         if not any(other.is_about(start) for start in starts):
             starts.append(other)
     return max(map(climb.settled, starts), key=lambda found: found.log_posterior)
@@ -376,39 +376,33 @@ class _Climb:
     scatter: ReadingScatter | None
 
     @cached_property
-    def groups(self) -> HeldPostures:
-        """Records of one posture, which share nothing."""
-        return HeldPostures.groups_of(self.candidates.design.fit, self.whitening)
+    def noise(self) -> RecordNoise:
+        """Of records of one posture that share nothing."""
+        at = self.candidates.design.fit
+        return RecordNoise.of_postures(at, (self.scatter or at.noise).whitening)
 
-    @cached_property
-    def whitening(self) -> Array:
-        """What gives each residual unit variance, see :class:`RecordNoise`."""
-        return (self.scatter or self.candidates.design.fit.noise).whitening
-
-    def shared(self, tips: Array, dof: float) -> HeldPostures:
-        """The error that records of one posture share beside some tips, which leave ``dof`` degrees
-        of freedom.
+    def shared(self, tips: Array, dof: float) -> RecordNoise:
+        """With the error that records of one posture share beside some tips, which leave ``dof``
+        degrees of freedom.
         """
-        deviations = self.candidates.design.deviations(tips)
-        return self.groups.likeliest(np.einsum("nij,nj->ni", self.whitening, deviations), dof)
+        return self.noise.likeliest(self.candidates.design.deviations(tips), dof)
 
-    def with_noise(self, postures: HeldPostures) -> Choice:
-        """The posterior if records of one posture share this error."""
+    def with_noise(self, noise: RecordNoise) -> Choice:
+        """The posterior with this noise."""
         at = self.candidates.design.fit
         scatter = self.scatter
         stated = noise_is_known(at) if scatter is None else scatter.as_stated
-        noise = RecordNoise.of(self.whitening, postures, stated)
-        space = ModelSpace(self.candidates, gram_of(self.candidates.design, noise), stated)
-        posterior = climb(space, self.start)
+        gram = gram_of(self.candidates.design, noise.scaled(stated))
+        posterior = climb(ModelSpace(self.candidates, gram, stated), self.start)
         return Choice(at, posterior, self.library, self.others, self.parts, scatter)
 
-    def settled(self, postures: HeldPostures) -> Choice:
+    def settled(self, noise: RecordNoise) -> Choice:
         """The posterior with the error that its most probable set leaves, from a first one."""
-        choice = self.with_noise(postures)
+        choice = self.with_noise(noise)
         for _ in range(MOST_EXPLORATIONS):
             model = choice.posterior.top_model
             again = self.shared(model.all_tips, model.dof)
-            if again.is_about(choice.noise.postures):
+            if again.is_about(choice.noise):
                 break
             choice = self.with_noise(again)
         return choice

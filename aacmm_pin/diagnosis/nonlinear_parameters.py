@@ -17,8 +17,8 @@ from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
-from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
+from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.search import without_block
 from aacmm_pin.effects import Effect
 

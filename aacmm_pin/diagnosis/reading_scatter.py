@@ -4,14 +4,14 @@ readings of each joint.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.calibration import Fit
+from aacmm_pin.calibration import Fit, rms
 from aacmm_pin.calibration.variance_components import LEAST_SCATTER
-from aacmm_pin.diagnosis.held_postures import RecordNoise
+from aacmm_pin.diagnosis.record_noise import RecordNoise, reading_units
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements import Observations
 
@@ -39,6 +39,8 @@ class ReadingScatter:
         log_ratios: log likelihood with the scatter of each joint over that without (nq,). All three
             are zero of joints of which it is less than the threshold.
         size: root mean square of a tip's residual by all of these [m].
+        larger: whether the readings of each joint scatter more than stated, or if nothing is stated
+            of them, more than those of the other joints (nq,).
         as_stated: whether the stated noise is all there is.
         observations: what the records state.
     """
@@ -48,6 +50,7 @@ class ReadingScatter:
     at_tips: Array
     log_ratios: Array
     size: float
+    larger: Mask
     as_stated: bool
     observations: Observations
 
@@ -84,19 +87,29 @@ class ReadingScatter:
         enlarged = np.where(np.isfinite(off), off, 0.0) / np.sqrt(left)
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
         stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
-        search = _Components(stated, groups, enlarged, counts)
+        squares = np.stack([group @ group.transpose(0, 2, 1) for group in groups])
+        search = _Components(stated[counts], squares[:, counts], enlarged[counts])
         tip = max(fit.noise.scatters.tip, np.sqrt(LEAST_VARIANCE))
         start = np.array(
             [tip**2, max(fit.noise.scatters.turn, np.sqrt(LEAST_VARIANCE)) ** 2][:alone]
         )
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
         first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_TIP_LEVER**2)
-        independent = noise.independent(enlarged)
-        apart = _Components(stated, groups, independent, counts)
+        apart = replace(search, off=noise.independent(enlarged)[counts])
         log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
-        variances = search.best(np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)]))
+        chosen = np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)])
+        variances = search.best(chosen)
         readings = np.sqrt(variances[alone:])
-        covariances = search.covariances(variances)
+        larger = log_ratios > 0.0
+        if fit.problem.setup.encoder_noise is None and larger.any():
+            units = reading_units(fit)
+            of_all = np.tensordot(np.square(units), squares[alone:, counts], 1)
+            alike = replace(apart, squares=np.append(search.squares[:alone], of_all[None], axis=0))
+            together = np.append(start, np.square(readings / units).mean())
+            gain = apart.largest(chosen) - alike.largest(together)
+            relative = readings / units
+            larger = (relative > rms(relative)) & (gain > THRESHOLDS.readings)
+        covariances = stated + np.tensordot(variances, squares, 1)
         size, stated_size = (
             np.sqrt(np.trace(covariance[counts, :3, :3], axis1=1, axis2=2).mean())
             for covariance in (covariances, stated)
@@ -108,6 +121,7 @@ class ReadingScatter:
             readings * np.sqrt(lever),
             log_ratios,
             float(size),
+            larger,
             as_stated,
             observations,
         )
@@ -119,32 +133,32 @@ class ReadingScatter:
         return self.observations.along_normals(whitening)
 
 
+@dataclass(frozen=True, eq=False)
 class _Components:
-    """``C = N + Σ v_c F_c F_cᵀ`` for the residuals of the records that count."""
+    """``C = N + Σ v_c F_c F_cᵀ`` for the residuals of some records.
 
-    def __init__(self, stated: Array, groups: list[Array], off: Array, counts: Mask) -> None:
-        self.stated = stated
-        self.squares = np.stack([group @ group.transpose(0, 2, 1) for group in groups])
-        self.off, self.of_stated = off[counts], stated[counts]
-        self.of_each = self.squares[:, counts]
+    Attributes:
+        stated: N (n, k, k).
+        squares: ``F_c F_cᵀ`` of each component (c, n, k, k).
+        off: residuals (n, k).
+    """
+
+    stated: Array
+    squares: Array
+    off: Array
 
     def covariances(self, variances: Array) -> Array:
         """Of each residual (n, k, k)."""
         scatter = np.tensordot(variances, self.squares, 1)
         return self.stated + scatter
 
-    def _of_those_that_count(self, variances: Array) -> Array:
-        """Covariances of the residuals that count (m, k, k)."""
-        scatter = np.tensordot(variances, self.of_each, 1)
-        return self.of_stated + scatter
-
     def best(self, variances: Array) -> Array:
         """The likeliest variances; those that are zero stay zero."""
         acting = np.flatnonzero(variances)
-        of_each = self.of_each[acting].reshape(len(acting), -1)
+        of_each = self.squares[acting].reshape(len(acting), -1)
         likeliest = variances.copy()
         for _ in range(STEPS):
-            inverse = np.linalg.inv(self._of_those_that_count(likeliest))
+            inverse = np.linalg.inv(self.covariances(likeliest))
             pulled = inverse @ self.off[:, :, None]
             pulls = pulled @ pulled.transpose(0, 2, 1)
             # Both are sums of squares; below zero they are rounded zeros.
@@ -152,6 +166,10 @@ class _Components:
             expected = of_each @ inverse.ravel()
             likeliest[acting] *= np.sqrt(squares / np.maximum(expected, LEAST_VARIANCE))
         return likeliest
+
+    def largest(self, start: Array) -> float:
+        """Log likelihood at the likeliest variances."""
+        return self.log_likelihood(self.best(start))
 
     def sure_ratios(self, start: Array, alone: int) -> Array:
         """Log likelihood with each variance from number ``alone`` on over that without it; 0 below
@@ -161,14 +179,14 @@ class _Components:
         """
         ratios = np.zeros(start.size)
         chosen = np.arange(start.size) >= alone
-        none = self.log_likelihood(self.best(np.where(chosen, 0.0, start)))
-        if self.log_likelihood(self.best(start)) - none < THRESHOLDS.readings:
+        none = self.largest(np.where(chosen, 0.0, start))
+        if self.largest(start) - none < THRESHOLDS.readings:
             return ratios[alone:]
         while chosen.any():
-            with_all = self.log_likelihood(self.best(start))
+            with_all = self.largest(start)
             number = np.flatnonzero(chosen)
-            without = (self.best(np.where(np.arange(start.size) == k, 0.0, start)) for k in number)
-            losses = np.array([with_all - self.log_likelihood(variances) for variances in without])
+            without = (np.where(np.arange(start.size) == k, 0.0, start) for k in number)
+            losses = np.array([with_all - self.largest(variances) for variances in without])
             least = int(np.argmin(losses))
             if losses[least] >= THRESHOLDS.readings:
                 ratios[number] = losses
@@ -179,7 +197,7 @@ class _Components:
 
     def log_likelihood(self, variances: Array) -> float:
         """Log likelihood, up to a constant."""
-        covariances = self._of_those_that_count(variances)
+        covariances = self.covariances(variances)
         residuals = self.off[:, :, None]
         squares = np.sum(residuals * np.linalg.solve(covariances, residuals))
         return float(-0.5 * (np.linalg.slogdet(covariances)[1].sum() + squares))

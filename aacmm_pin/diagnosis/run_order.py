@@ -87,8 +87,7 @@ def signed_residuals(choice: Choice) -> dict[int | None, Array]:
     order = records.order_in_time
     order = order[choice.fit.used[order] & at.observations.has_target[order]]
     whiten = choice.noise.whitening[order, :3, :3]
-    deviations = choice.noise.independent(choice.design.deviations(choice.tips))[order, :3]
-    residuals = np.einsum("nij,nj->ni", whiten, deviations)
+    residuals = choice.noise.whitened(choice.design.deviations(choice.tips))[order, :3]
     columns = whiten @ choice.design.of_angles[order, :3]
     of_joint: dict[int | None, Array] = {None: residuals}
     for number, row in enumerate(at.problem.model.arm.chain.moving_rows()):

@@ -27,6 +27,13 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 NAMED_QUANTITIES = 2
 """So many quantities that the residuals depend on are named in a sentence, the strongest first."""
+SCATTER_CODES = {
+    (False, True): "readings_scatter",
+    (False, False): "readings_scatter_most",
+    (True, True): "readings_of_slide_scatter",
+    (True, False): "readings_of_slide_scatter_most",
+}
+"""Codes of notes on readings that scatter, by whether the joint slides and the noise is stated."""
 BACKGROUND = "background"
 """Name of the part of the discrepancy that is too diffuse to be named."""
 
@@ -56,6 +63,8 @@ class ScatteredReadings(Shown):
         joint: row of the joint.
         scatter: standard deviation beyond the stated noise [rad; m where the joint slides].
         slides: whether the joint slides.
+        stated: whether the noise of readings is stated; if not, they scatter more than those of the
+            other joints.
         at_tips: root mean square displacement of the tips by this scatter [m].
         log_ratio: log likelihood ratio with this scatter and without.
         p_value: probability of as much scatter in any joint if none scatters more than stated.
@@ -64,15 +73,17 @@ class ScatteredReadings(Shown):
     joint: int
     scatter: float
     slides: bool
+    stated: bool
     at_tips: float
     log_ratio: float
     p_value: float
 
     @property
     def note(self) -> Note:
-        """Note that the readings of this joint scatter more than stated."""
-        code = "readings_of_slide_scatter" if self.slides else "readings_scatter"
-        return Note(code, {"joint": self.joint, "scatter": self.scatter})
+        """Note that the readings of this joint scatter more than stated, or than others."""
+        return Note(
+            SCATTER_CODES[self.slides, self.stated], {"joint": self.joint, "scatter": self.scatter}
+        )
 
     def __str__(self) -> str:
         return str(self.note)
@@ -235,11 +246,10 @@ def _shared_error(choice: Choice) -> SharedError | None:
     """
     noise = choice.noise
     fit = choice.design.fit
-    postures = noise.postures
-    if postures.p_value >= THRESHOLDS.left or postures.relative < THRESHOLDS.large:
+    if noise.p_value >= THRESHOLDS.left or noise.ratio < THRESHOLDS.large:
         return None
     size = np.sqrt(choice.posterior.median_model.variance) * noise.shared_size(fit)
-    return SharedError(float(size), postures.relative, postures.p_value)
+    return SharedError(float(size), noise.ratio, noise.p_value)
 
 
 def _whitened_deviations(choice: Choice) -> Array:
@@ -253,8 +263,9 @@ def _whitened_deviations(choice: Choice) -> Array:
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     """The joints whose readings scatter more than stated, the largest first."""
     fit = choice.design.fit
-    if noise_is_known(fit) or fit.problem.setup.encoder_noise is None:
+    if noise_is_known(fit):
         return ()
+    stated = fit.problem.setup.encoder_noise is not None
     scatter = choice.scatter_left
     chain = fit.problem.model.arm.chain
     noise = fit.distance_of(fit.stated_noise)
@@ -262,11 +273,12 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     for j, row in enumerate(chain.moving_rows()):
         at_tips = float(scatter.at_tips[j])
         log_ratio = float(scatter.log_ratios[j])
-        if at_tips > THRESHOLDS.large * noise:
+        if scatter.larger[j] and at_tips > THRESHOLDS.large * noise:
             chance = min(1.0, 0.5 * scatter.readings.size * float(chi2_sf(2.0 * log_ratio, 1)))
             size = float(scatter.readings[j])
             slides = bool(chain.prismatic[j])
-            scattered.append(ScatteredReadings(int(row), size, slides, at_tips, log_ratio, chance))
+            of_joint = int(row), size, slides, stated, at_tips, log_ratio, chance
+            scattered.append(ScatteredReadings(*of_joint))
     return tuple(sorted(scattered, key=lambda readings: -readings.at_tips))
 
 

@@ -42,7 +42,7 @@ def _first(result: Diagnosis) -> str:
     verdict, findings, unexplained = result.verdict, result.findings, result.unexplained
     with_structure, depends_on = verdict in WITH_STRUCTURE, unexplained.depends_on
     shown = "{} of {} causes of typical magnitude".format(*result.visible)
-    repeats = result.choice.noise.postures.repeat
+    repeats = result.choice.noise.repeat
     if too_good(result.extended):
         return (
             "check the value and unit of the stated noise, because noise of this size hides most "
@@ -215,7 +215,7 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
     problem, shared = result.extended.problem, result.unexplained.shared_by_postures
     records, setup = problem.measurements, problem.setup
     if shared is not None:
-        first = np.unique(result.choice.noise.postures.group, return_index=True)[1]
+        first = np.unique(result.choice.noise.group, return_index=True)[1]
         records = records.take(first)
     # Noise beyond what was stated: of references or of contacts at seats, and what postures share.
     of_postures = 0.0 if shared is None else shared.rms / np.sqrt(3.0)
@@ -271,6 +271,6 @@ def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:
         )
     elif {*ORDER} & {*depends_on}:
         steps.append("repeat some postures at another time, without any other change")
-    if not result.choice.noise.postures.repeat:
+    if not result.choice.noise.repeat:
         steps.append("also repeat some records without any change")
     return "; ".join(steps)

@@ -4,7 +4,7 @@ right at new records.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,9 @@ import pytest
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
+from aacmm_pin.arm.file import calibrated
 from aacmm_pin.calibration import calibrate
+from aacmm_pin.calibration.calibrated_arm import joined
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import Carried, covariates
 from aacmm_pin.diagnosis.discrepancy import (
@@ -21,7 +23,6 @@ from aacmm_pin.diagnosis.discrepancy import (
     coefficients_of_effect,
     covariate_effects,
     lost,
-    with_covariance,
 )
 from aacmm_pin.effects import Carrier, Conditions, Discrepancy, ErrorModel, State, sensitivity
 from aacmm_pin.measurements import Measurements
@@ -81,8 +82,14 @@ def prior(described: list[Described], width: float) -> list[Discrepancy]:
 
 def with_effect(model: ErrorModel, effect: Discrepancy, covariance: Array) -> ErrorModel:
     """The model with an effect too, whose parameters are known together."""
+    arm = model.arm
     names = [parameter.name for parameter in effect.parameters()]
-    return ErrorModel(with_covariance(model.arm, names, covariance), (*model.effects, effect))
+    records = "" if arm.covariance is None else arm.covariance.records
+    joint = joined(arm, names, covariance, records)
+    file = None if arm.file is None else arm.file.model_copy(update={"covariance": joint})
+    parameters = calibrated(arm.parameters, joint)
+    known = replace(arm, parameters=parameters, covariance=joint, file=file)
+    return ErrorModel(known, (*model.effects, effect))
 
 
 def least_squares(arm: Arm, records: Measurements, way: Carried) -> tuple[Array, Array]:

@@ -116,6 +116,23 @@ def test_hysteresis_without_the_approach_is_a_scatter_of_readings_that_asks_for_
     assert "--approach-from-order" in next_measurements(found)
 
 
+@pytest.mark.parametrize("hysteresis", [6e-5, 0.0])
+def test_hysteresis_without_stated_noise_is_the_joint_whose_readings_scatter_most(
+    sino6, hysteresis
+):
+    """An encoder noise that all joints have is none of a joint."""
+    noise = {"encoder_noise": 2e-5 if hysteresis else 1e-4, "reference_noise": 1e-5}
+    hidden = ErrorModel(sino6, (JointHysteresis(3, values=(hysteresis,)),))
+    stated = simulate_measurements(hidden, "seats", 200, rng=np.random.default_rng(7), **noise)
+    conditions = replace(stated.conditions, approach=None, time=None)
+    found = diagnose(sino6, replace(stated, conditions=conditions, record=None), hold_out=False)
+    assert [readings.joint for readings in found.unexplained.readings] == [3] * bool(hysteresis)
+    if hysteresis:
+        assert found.verdict in ("unexplained", "partly-explained")
+        assert "approach" in next_measurements(found)
+        assert "other joints" in str(found.unexplained.readings[0])
+
+
 def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6):
     records = simulated(ErrorModel(sino6), 120, np.random.default_rng(11))
     reference, seats = records.reference.copy(), records.conditions.seat

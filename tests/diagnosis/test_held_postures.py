@@ -14,7 +14,7 @@ from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise, SharedSizes
+from aacmm_pin.diagnosis.record_noise import PostureError, RecordNoise
 from aacmm_pin.effects import (
     Conditions,
     EncoderEccentricity,
@@ -43,8 +43,9 @@ def test_u_counts_an_error_that_records_share(sino6: Arm, stated: bool) -> None:
         error = ALONE * rng.standard_normal((240, 3)) + SHARED * rng.standard_normal((40, 3))[group]
         records = Measurements.of(q, sino6.positions(q) + error)
         found = fit(problem_of(model, records, [cause], setup))
-        postures = HeldPostures(group, np.full(40, 6.0), np.full(40, 3.0), SHARED / ALONE)
-        noise = RecordNoise(np.tile(np.eye(3) / ALONE, (240, 1, 1)), postures)
+        shared = PostureError(SHARED / ALONE)
+        whitening = np.tile(np.eye(3) / ALONE, (240, 1, 1))
+        noise = RecordNoise(whitening, group, np.full(40, 3.0), shared)
         more = noise.added_covariance(found, 1.0)
         step = (found.point.x - found.problem.start)[found.problem.vector.slices[-1]]
         own = found.problem.vector.slices[-1]
@@ -77,25 +78,31 @@ def _targets(arm: Arm, rng: np.random.Generator, turned: bool = False) -> Measur
     )
 
 
+@pytest.mark.parametrize("of_readings", [False, True])
 @pytest.mark.parametrize("turned", [False, True])
-def test_rows_are_whitened_as_by_the_covariance_of_all(sino6: Arm, turned: bool) -> None:
-    """Of stated readings that targets share, an error of the noise's shape and one of readings."""
+def test_rows_are_whitened_as_by_the_covariance_of_all(
+    sino6: Arm, turned: bool, of_readings: bool
+) -> None:
+    """Of stated readings that targets share, and an error of the noise's shape or one of
+    readings.
+    """
     rng = np.random.default_rng(41)
     records = _targets(sino6, rng, turned).take(np.arange(36))
     width = 6 if turned else 3
     setup = Setup.of(sino6, "base", "unknown", True, READING, ALONE, None, None)
     at = fit(problem_of(ErrorModel(sino6), records, "geometry", setup))
     weights = at.noise.whitening
-    groups = HeldPostures.groups_of(at, weights).with_error(SharedSizes(0.7, 3.0))
-    noise = RecordNoise(weights, groups)
+    ratio = 3.0 if of_readings else 0.7
+    noise = RecordNoise.of_postures(at, weights).with_error(PostureError(ratio, of_readings))
     by_reading = at.problem.reading_jacobian(at.point.x, at.point.frame)
     together = np.kron(np.eye(12), np.ones((3, 3)))[:, None, :, None]
     stated = np.einsum("nij,mkj->nimk", by_reading * READING, by_reading * READING)
-    beyond = by_reading * 3.0 * groups.readings
+    beyond = by_reading * ratio * of_readings * noise.readings
     covariance = stated + np.einsum("nij,mkj->nimk", beyond, beyond)
     own = np.diag(np.tile([ALONE**2] * 3 + [1e-10] * (width - 3), 36)).reshape(stated.shape)
     unwhitening = np.linalg.inv(weights)
-    like_noise = np.einsum("nij,mkj->nimk", 0.7 * unwhitening, 0.7 * unwhitening)
+    alike = ratio * (not of_readings) * unwhitening
+    like_noise = np.einsum("nij,mkj->nimk", alike, alike)
     rows = unwhitening @ rng.standard_normal((36, width, 4))
     of_all = ((covariance + like_noise) * together + own).reshape(36 * width, -1)
     whitened = noise.whitened(rows).reshape(36 * width, 4)
@@ -141,8 +148,9 @@ def test_the_shape_of_a_shared_error(of_readings: bool, together: bool) -> None:
     group = np.repeat(np.arange(60), 3)
     error = group if together else np.arange(180)
     by_reading = rng.standard_normal((180, 3, 4)) / np.sqrt(4.0)
-    groups = HeldPostures(group, np.full(60, 3.0), np.full(60, 3.0), by_reading=by_reading)
-    groups = replace(groups, readings=np.ones(4))
+    whitening = np.tile(np.eye(3), (180, 1, 1))
+    noise = RecordNoise(whitening, group, np.full(60, 3.0), by_reading=by_reading)
+    noise = replace(noise, readings=np.ones(4))
     sizes = []
     for _ in range(20):
         residual = rng.standard_normal((180, 3))
@@ -151,9 +159,9 @@ def test_the_shape_of_a_shared_error(of_readings: bool, together: bool) -> None:
             residual += np.einsum("nij,nj->ni", by_reading, moved)
         else:
             residual += 8.0 * rng.standard_normal((180, 3))[error]
-        found = groups.likeliest(residual, 540.0)
-        sizes.append([found.ratio, found.reading])
-    wanted = 8.0 * together * np.array([not of_readings, of_readings])
+        found = noise.likeliest(residual, 540.0)
+        sizes.append([found.ratio, found.ratio * found.shared.of_readings])
+    wanted = 8.0 * together * np.array([1.0, of_readings])
     np.testing.assert_allclose(np.median(sizes, axis=0), wanted, rtol=0.1, atol=0.3)
 
 
@@ -205,7 +213,7 @@ def test_a_hand_holds_no_posture_exactly(sino6: Arm, wobble: float) -> None:
     )
     assert not found.findings
     assert found.unexplained.shared_by_postures is not None
-    assert found.choice.noise.postures.ratio == pytest.approx(3.0, rel=0.2)
+    assert found.choice.noise.ratio == pytest.approx(3.0, rel=0.2)
 
 
 @pytest.mark.parametrize("seed", [3, again(1), again(9), again(12)])
@@ -218,5 +226,5 @@ def test_causes_that_others_imitate_are_no_shared_error(seed: int) -> None:
         ur5, records, encoder_noise=0.0, reference_noise=ALONE, hold_out=False, progress=False
     )
     assert found.unexplained.shared_by_postures is None
-    assert found.choice.noise.postures.ratio < 0.5
+    assert found.choice.noise.ratio < 0.5
     assert "joint_compliance:2" in [finding.label for finding in found.findings]

@@ -27,8 +27,8 @@ from aacmm_pin.diagnosis.candidates import Variants, candidates
 from aacmm_pin.diagnosis.covariates import Covariate, covariates
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
-from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, ModelState
+from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.search import explore
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements

@@ -1,0 +1,445 @@
+"""The noise of records: records of one posture at one target share an error, which has variance
+components of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from scipy.sparse import csr_array
+
+from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin.calibration import Correlation, Fit
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.measurements import posture_numbers
+
+RATIOS = (1e-3, 1e3)
+"""Standard deviation of the error of a posture over that of a record, at least and at most."""
+NEAR = 0.02
+"""Postures whose readings differ by no more than this in any joint may share an error: a hand holds
+an arm no better [rad; m where a joint slides]. Where nothing is shared, this costs nothing.
+"""
+LEFT_OUT = 1e-10
+"""Parts of a whitening that are smaller than this, beside the largest, are rounding."""
+NO_RESIDUAL = 1e-300
+"""χ² is at least this, of data that fit without any residual."""
+SAME_LOG_VARIANCE = 0.1
+"""Log variances of the means that differ by less are about the same."""
+
+
+class PostureError(NamedTuple):
+    """What records of one posture share.
+
+    Attributes:
+        ratio: its standard deviation over that of a record: root mean square, if the readings
+            cause it.
+        of_readings: whether the readings cause it; else it displaces all records of a posture
+            alike, in units of their noise.
+    """
+
+    ratio: float = 0.0
+    of_readings: bool = False
+
+
+NOTHING_SHARED = PostureError()
+
+
+@dataclass(frozen=True, eq=False)
+class RecordNoise:
+    """The noise of records: what gives each residual unit variance, and the error that records of
+    one posture and one seat, a group, share.
+
+    The whitened residuals of a group have the covariance ``R + ratio² U Uᵀ``: R is the correlation
+    of records of one reading, U the displacement by what is shared.
+
+    Attributes:
+        whitening: of each record (n, 3, 3) [1/m], with orientations (n, 6, 6).
+        group: number of the group of each record, -1 of those that do not count (n,).
+        numbers: how many numbers a record of each group states (groups,).
+        shared: the error.
+        log_ratio: log likelihood with the shared error over that without.
+        correlation: of records of one reading, whose stated noise they share.
+        by_reading: whitened displacement by the readings (n, k, nq), of one on the average.
+        readings: standard deviation of each reading that displaces so (nq,) [rad; m where it
+            slides].
+        record: standard deviation of a record beside what it shares, in units of its noise; 1 where
+            nothing is shared.
+    """
+
+    whitening: Array
+    group: Index
+    numbers: Array
+    shared: PostureError = NOTHING_SHARED
+    log_ratio: float = 0.0
+    correlation: Correlation = field(default_factory=Correlation)
+    by_reading: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    readings: Array = field(default_factory=lambda: np.zeros(0))
+    record: float = 1.0
+
+    @staticmethod
+    def alone(whitening: Array) -> RecordNoise:
+        """Of records that share nothing."""
+        return RecordNoise(whitening, np.arange(len(whitening)), np.ones(len(whitening)))
+
+    @cached_property
+    def count(self) -> Array:
+        """Records of each group (groups,)."""
+        return np.bincount(self.group[self.group >= 0]).astype(np.float64)
+
+    @property
+    def width(self) -> int:
+        """Numbers of a residual, 3 or 6."""
+        return int(self.whitening.shape[1])
+
+    @property
+    def ratio(self) -> float:
+        """Standard deviation of the shared error over that of a record."""
+        return self.shared.ratio
+
+    @property
+    def p_value(self) -> float:
+        """Chance of such a likelihood ratio if records of one posture share nothing (Self, Liang
+        1987, JASA 82).
+        """
+        if not self.ratio:
+            return 1.0
+        return 0.5 * float(chi2_sf(2.0 * self.log_ratio, 1))
+
+    @staticmethod
+    def of_postures(fit: Fit, whitening: Array) -> RecordNoise:
+        """Of the postures of a fit, whose records share nothing but what is stated of their
+        readings.
+
+        Args:
+            fit: the fit.
+            whitening: of each record (n, 3, 3) [1/m], or (n, 6, 6).
+        """
+        counts = fit.used & fit.observations.has_target
+        group = np.full(len(counts), -1, dtype=np.intp)
+        postures = posture_numbers(fit.problem.measurements.q, NEAR)
+        pairs = np.stack([postures, fit.observations.seat], axis=1)[counts]
+        _, first, number = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+        group[counts] = number.ravel()
+        numbers = fit.observations.counts[counts][first]
+        noise = RecordNoise(whitening, group, numbers.astype(np.float64))
+        return noise._with_readings(fit) if noise.repeat else noise
+
+    def _with_readings(self, fit: Fit) -> RecordNoise:
+        """The same with what the readings displace."""
+        inside = self.group >= 0
+        of_counted = self.whitening * inside[:, None, None]
+        correlation = fit.noise.correlation(of_counted)
+        readings = reading_units(fit)
+        by_reading = fit.problem.reading_jacobian(fit.point.x, fit.point.frame) * readings
+        by_reading = correlation.whitened(of_counted @ by_reading)
+        size = np.sqrt(np.square(by_reading).sum() / max(self.numbers @ self.count, 1.0))
+        if not size > 0.0:
+            return replace(self, correlation=correlation)
+        return replace(
+            self, correlation=correlation, by_reading=by_reading / size, readings=readings / size
+        )
+
+    @property
+    def repeat(self) -> bool:
+        """Whether any posture has several records."""
+        return bool(self.count.sum() > self.count.size)
+
+    def with_error(self, shared: PostureError) -> RecordNoise:
+        """The same groups with a shared error."""
+        return replace(self, shared=shared, log_ratio=0.0, record=1.0)
+
+    def likeliest(self, deviations: Array, dof: float) -> RecordNoise:
+        """The same groups, which share nothing here, with the likeliest shared error.
+
+        Its size is a restricted maximum likelihood estimate (Patterson, Thompson 1971, Biometrika
+        58) with all fitted parameters among what the groups share. An error of the readings is to
+        be clearly more probable than one of the noise's shape, and than readings that scatter from
+        record to record.
+
+        Args:
+            deviations: residuals (n, 3 or 6) [m, rad].
+            dof: degrees of freedom that are left.
+        """
+        residual = np.einsum("nij,nj->ni", self.whitening, deviations)
+        nothing, likeliest = _likeliest(self, residual, dof)
+        if self.by_reading.size:
+            by_readings = replace(self, shared=PostureError(of_readings=True))
+            _, of_readings = _likeliest(by_readings, residual, dof)
+            _, apart = _likeliest(by_readings.apart, residual, dof)
+            other = max(nothing, likeliest.log_ratio, apart.log_ratio)
+            if of_readings.log_ratio > other + THRESHOLDS.readings:
+                likeliest, nothing = of_readings, max(nothing, apart.log_ratio)
+        log_ratio = likeliest.log_ratio - nothing
+        return replace(likeliest, log_ratio=log_ratio) if log_ratio > 0.0 else self
+
+    @property
+    def apart(self) -> RecordNoise:
+        """Each record a group of its own."""
+        inside = self.group >= 0
+        group = np.where(inside, np.cumsum(inside) - 1, -1)
+        return replace(self, group=group, numbers=self.numbers[self.group[inside]])
+
+    def log_density(self, dof: float) -> float:
+        """What the shared error adds to the log likelihood beside χ², with ``dof`` degrees of
+        freedom left.
+        """
+        return self.restricted(self.log_volume, dof) - dof * float(np.log(self.record))
+
+    def restricted(self, log_volume: Array, dof: float) -> float:
+        """The same of a record's variance of one and log determinants (groups,), all fitted
+        parameters being among what groups share.
+        """
+        fitted = float(self.numbers @ self.count) - dof
+        part = max(self.directions - fitted, 1.0) / self.directions
+        return -0.5 * part * float(log_volume.sum())
+
+    @property
+    def directions(self) -> float:
+        """Number of directions of the residuals in which an error is shared."""
+        of_group = float(self.by_reading.shape[2]) if self.shared.of_readings else self.numbers
+        return float(np.minimum(of_group, self.numbers * self.count).sum())
+
+    @cached_property
+    def columns(self) -> Array:
+        """Whitened displacement by one unit of what is shared (n, k, columns)."""
+        if self.shared.of_readings:
+            return self.by_reading
+        return self.correlation.whitened(np.tile(np.eye(self.width), (len(self.group), 1, 1)))
+
+    def along(self, rows: Array) -> Array:
+        """Products of the columns with rows (n, k, c), group by group (groups, columns, c)."""
+        return self.sums(self.columns.transpose(0, 2, 1) @ rows)
+
+    @cached_property
+    def spectra(self) -> tuple[Array, Array]:
+        """Squares of the columns of each group, along these directions (groups, columns)."""
+        values, vectors = np.linalg.eigh(self.along(self.columns))
+        return np.maximum(values, 0.0), vectors
+
+    @cached_property
+    def log_volume(self) -> Array:
+        """Log determinant of the covariance of each group over that of independent records
+        (groups,).
+        """
+        return self.log_volume_of(self.ratio)
+
+    def log_volume_of(self, ratio: float) -> Array:
+        """The same with an error of another size; of the noise's shape by the numbers that a record
+        states.
+        """
+        if not ratio:
+            return np.zeros_like(self.numbers)
+        variance = ratio**2
+        of_all = np.log1p(variance * self.spectra[0]).sum(axis=1)
+        if self.shared.of_readings:
+            return np.asarray(of_all)
+        unstated = self.width - self.numbers
+        return np.asarray(of_all - unstated * np.log1p(variance * self.count))
+
+    def is_about(self, other: RecordNoise) -> bool:
+        """Whether the error of the same postures is about another one, or small beside that of a
+        record in both.
+        """
+        change = (self.log_volume - other.log_volume) / self.numbers
+        return bool(abs(change.mean()) < SAME_LOG_VARIANCE)
+
+    @cached_property
+    def _sum(self) -> csr_array:
+        inside = np.flatnonzero(self.group >= 0)
+        shape = (len(self.count), len(self.group))
+        return csr_array((np.ones(inside.size), (self.group[inside], inside)), shape=shape)
+
+    def sums(self, rows: Array) -> Array:
+        """Sum of the rows (n, …) of each group (groups, …)."""
+        flat = rows.reshape(len(rows), -1)
+        sums = np.asarray(self._sum @ flat)
+        return sums.reshape(len(self.count), *rows.shape[1:])
+
+    def with_all_of_a_group(self, chosen: Mask, used: Mask) -> Mask:
+        """Some records (n,) and all used ones that share an error with any of them."""
+        if not self.ratio:
+            return chosen
+        groups = np.unique(self.group[chosen & (self.group >= 0)])
+        return np.asarray(chosen | (used & np.isin(self.group, groups)))
+
+    def divided(self, records: Index, most: int) -> Iterator[Index]:
+        """Some of the records in turn, about ``most`` at once; those of one group together."""
+        order = records[np.argsort(self.group[records], kind="stable")]
+        group = self.group[order]
+        starts = np.flatnonzero((np.diff(group, prepend=-2) != 0) | (group < 0))
+        first = 0
+        while first < order.size:
+            behind = starts[starts >= first + most]
+            last = int(behind[0]) if behind.size else order.size
+            yield order[first:last]
+            first = last
+
+    def take(self, records: Index) -> RecordNoise:
+        """Of some of the records, whole groups of them."""
+        group = self.group[records]
+        inside = group >= 0
+        groups, local = np.unique(group[inside], return_inverse=True)
+        group = np.full(group.size, -1, dtype=np.intp)
+        group[inside] = local
+        return replace(
+            self,
+            whitening=self.whitening[records],
+            group=group,
+            numbers=self.numbers[groups],
+            correlation=self.correlation.take(records),
+            by_reading=self.by_reading[records] if self.by_reading.size else self.by_reading,
+        )
+
+    def whitened(self, deviations: Array) -> Array:
+        """Deviations (n, 3 or 6, …) [m, rad] in units of the noise, with what records share."""
+        flat = deviations.reshape(*deviations.shape[:2], -1)
+        return self.decorrelated(self.whitening @ flat).reshape(deviations.shape)
+
+    def decorrelated(self, rows: Array) -> Array:
+        """Rows (n, …), whitened record by record, with what records share whitened too:
+        ``(I + ratio² U Uᵀ)^-½``.
+
+        The mean of a group of m, for example, has ``1 + m ratio²`` times the variance of
+        independent records.
+        """
+        if not (self.ratio or self.correlation.records):
+            return rows
+        whitened = self.correlation.whitened(rows.copy())
+        if not self.ratio:
+            return whitened
+        flat = whitened.reshape(*rows.shape[:2], -1)
+        values, vectors = self.spectra
+        variance = self.ratio**2
+        deviations = np.sqrt(1.0 + variance * values)
+        parts = variance / (deviations * (1.0 + deviations))
+        along = parts[:, :, None] * (vectors.transpose(0, 2, 1) @ self.along(flat))
+        inside = self.group >= 0
+        flat[inside] -= self.columns[inside] @ (vectors @ along)[self.group[inside]]
+        return whitened
+
+    def independent(self, deviations: Array) -> Array:
+        """Deviations (n, 3 or 6) [m, rad] as those of records that share nothing are."""
+        whitened = self.whitened(deviations)
+        return np.asarray(np.einsum("nij,nj->ni", self._unwhitening, whitened))
+
+    def shared_size(self, fit: Fit) -> float:
+        """Root mean square displacement of tips by the shared error, for a variance of one [m]."""
+        if not self.shared.of_readings:
+            return fit.distance_of(self.ratio**2 * self.covariances)
+        readings = self.record * self.ratio * self.readings
+        point = fit.point
+        shifts = fit.problem.reading_jacobian(point.x, point.frame) * readings
+        return fit.distance_of(shifts @ shifts.transpose(0, 2, 1))
+
+    @property
+    def covariances(self) -> Array:
+        """Of each residual but for what it shares (n, 3, 3) [m²], or (n, 6, 6)."""
+        inverse = self._unwhitening
+        return inverse @ inverse.transpose(0, 2, 1)
+
+    @property
+    def _unwhitening(self) -> Array:
+        """What the whitening is undone by, where it does not leave out a part (n, k, k) [m]."""
+        inverse = np.linalg.pinv(self.whitening, rcond=LEFT_OUT)
+        return np.asarray(inverse, np.float64)
+
+    def added_covariance(self, fit: Fit, variance: float) -> Array:
+        """What the shared error adds to the covariance of a fit's parameters that took records as
+        independent (p, p) [units].
+
+        ``A⁻¹ Jᵀ W (V - W⁻¹) W J A⁻¹`` with the covariance V of the records and the fit's weights W
+        (Liang, Zeger 1986, Biometrika 73), where that is positive.
+
+        Args:
+            fit: the fit.
+            variance: factor on the variances of this noise.
+        """
+        if not self.ratio:
+            return np.zeros((fit.problem.scales.size,) * 2)
+        has_target = fit.observations.has_target
+        width = self.width
+        steps = fit.system.steps(fit.unknown)
+        rows = np.zeros((len(has_target), width, steps.shape[1]))
+        of_records = fit.system.jacobian[: width * has_target.sum()]
+        rows[has_target] = (of_records @ steps).reshape(-1, width, steps.shape[1])
+        weights = np.sqrt(fit.weights)[:, None, None]
+        weighed = fit.noise.correlation(fit.noise.whitening * weights).weighed(rows.copy())
+        root = fit.noise.whitening @ self._unwhitening
+        in_units = np.sqrt(variance) * root.transpose(0, 2, 1) @ weighed
+        in_units = self.correlation.weighed_back(in_units)
+        shared = self.ratio * self.along(in_units)
+        more = _squared(in_units) + _squared(shared) - _squared(rows)
+        values, vectors = np.linalg.eigh(more)
+        along = steps @ vectors
+        return np.asarray(along * np.maximum(values, 0.0) @ along.T)
+
+    def scaled(self, stated: bool) -> RecordNoise:
+        """Beside the shared error, records have the noise that the whitening states if it is
+        ``stated``, else as found.
+        """
+        record = 1.0 if stated else self.record
+        return replace(self, whitening=self.whitening / record, record=record)
+
+
+def reading_units(fit: Fit) -> Array:
+    """Standard deviation of each reading beside those of the others (nq,) [rad; m where it slides]:
+    as stated, else the same for all.
+
+    A joint that slides moves tips by as much as one that turns does on the average.
+    """
+    stated = fit.problem.setup.encoder_noise
+    if stated is not None and stated.any():
+        return stated
+    point = fit.point
+    slides = fit.problem.model.arm.chain.prismatic
+    shifts = fit.problem.reading_jacobian(point.x, point.frame)[fit.used, :3]
+    levers = np.sqrt(np.square(shifts).sum(axis=1).mean(axis=0))
+    turning = float(levers[~slides].mean()) if not slides.all() else 1.0
+    return np.where(slides, turning, 1.0)
+
+
+def _likeliest(held: RecordNoise, residual: Array, dof: float) -> tuple[float, RecordNoise]:
+    """Restricted log likelihood, the variance of a record at its best, of groups that share
+    nothing; and the groups with the likeliest shared error of their kind, with theirs as log ratio.
+    """
+    inside = (held.group >= 0)[:, None]
+    rows = held.correlation.whitened(np.where(inside, residual, 0.0))
+    values, vectors = held.spectra
+    along = vectors.transpose(0, 2, 1) @ held.along(rows[:, :, None])
+    squares = np.square(along[:, :, 0])
+    total = float(np.square(rows).sum())
+    # Degrees of freedom of all residuals, those inside groups at least.
+    of_all = max(dof, float(held.numbers @ held.count) - held.directions + 1.0)
+
+    def chi2(ratio: float) -> float:
+        taken = (squares * ratio**2 / (1.0 + ratio**2 * values)).sum()
+        return max(total - float(taken), NO_RESIDUAL)
+
+    def log_likelihood(ratio: float) -> float:
+        of_volume = held.restricted(held.log_volume_of(ratio), dof)
+        return of_volume - 0.5 * of_all * float(np.log(chi2(ratio)))
+
+    best = scipy.optimize.minimize_scalar(
+        lambda log_ratio: -log_likelihood(float(np.exp(log_ratio))),
+        bounds=np.log(RATIOS),
+        method="bounded",
+    )
+    ratio = float(np.exp(best.x))
+    return log_likelihood(0.0), replace(
+        held,
+        shared=held.shared._replace(ratio=ratio),
+        log_ratio=-float(best.fun),
+        record=float(np.sqrt(chi2(ratio) / of_all)),
+    )
+
+
+def _squared(rows: Array) -> Array:
+    """Sum of ``Rᵀ R`` over rows (n, k, c): (c, c)."""
+    stacked = rows.reshape(-1, rows.shape[-1])
+    return stacked.T @ stacked
