@@ -82,8 +82,12 @@ def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(change):
 
 def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6):
     (note,) = set(map_caveats(sino6, [0.3, 0.7, -1.3, 0.4])) - set(map_caveats(sino6))
-    sides = [side.split(" mm")[0] for side in note.data["sides"].split("), ")]
-    assert sides == ["x below 300", "x above 700", "z above 400"]
+    sides = [
+        "x below 300 mm (to 0 mm)",
+        "x above 700 mm (to 1211 mm)",
+        "z above 400 mm (to 1210 mm)",
+    ]
+    assert note.data["sides"].split(", ") == sides
     assert map_caveats(sino6, [0.0, 1.3, -1.3, 1.3]) == map_caveats(sino6)
     saved = map_workspace(sino6, (1, 1), 1, extent=BOX).data.attrs["caveats"]
     assert "--extent-mm" in saved

@@ -186,6 +186,7 @@ FILES: list[tuple[str | bytes, int | None, str]] = [
     (SMALL.splitlines()[0], None, "one row per record"),
     (SMALL.replace("z_mm", "z_mm,größe").encode("latin-1"), 1, "byte 39"),
     (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, "4 cells; expected 5"),
+    (SMALL.replace("11,", '11,"'), 3, "quotation"),
     (SMALL.replace("10,20", "10,5,20,5"), 2, "decimal points"),
     (
         SMALL.replace(",", ";").replace("10;20", "10,5;20.5"),
@@ -298,6 +299,7 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
         "",
         "theta1_deg, theta3_deg are in degrees",
     ),
+    ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
     ("theta1_deg,x_mm", None, "y_mm, z_mm", "expected all of x_mm, y_mm, z_mm"),
     ("theta1_deg,u_x_mm,u_y_mm,u_z_mm", None, "u_x_mm", "x_mm, y_mm, z_mm"),
     ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", "missing"),

@@ -566,11 +566,13 @@ def test_more_that_is_unknown_leaves_less_to_tell(sino6):
 
 def test_plans_carry_the_columns_of_existing_records_and_say_when_none_are_needed(sino6):
     q, tips = Room(sino6).postures(150, np.random.default_rng(1))
-    existing = Measurements.of(q, tips, np.full((150, 3), U_REFERENCE), operator=["x"] * 150)
+    clock, u = Conditions(150, time=60.0 * np.arange(150)), np.full((150, 3), U_REFERENCE)
+    existing = Measurements.of(q, tips, u, conditions=clock, operator=["x"] * 150)
     split = (JointCompliance(2, values=(4e-5,)), EncoderEccentricity(2, values=(4e-4, 0.0)))
     plan = planned(sino6, split, 5, existing=existing, postures=20)
     assert list(plan.records) == list(existing.to_frame())
     assert plan.records["u_x_mm"].tolist() == pytest.approx([U_REFERENCE * 1e3] * 5)
     assert plan.records["operator"].isna().all()
+    assert plan.records["time_s"].min() > 60.0 * 149
     assert not plan.needed
     assert "150" in str(plan)
