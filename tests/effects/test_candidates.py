@@ -22,6 +22,7 @@ from aacmm_pin.effects import (
     JointHysteresis,
     JointPeriodicError,
     SeatError,
+    SeatShift,
     ThermalExpansion,
     ZeroDrift,
 )
@@ -63,7 +64,7 @@ def test_places(sino6, zero6, robot_file, rng):
     approach = np.zeros((N, 6))
     approach[::2, [1, 4]] = 1.0
     approach[:, 2] = -1.0
-    seat = np.array([f"s{k % 6}" for k in range(N)], dtype=object)
+    seat, two = (np.array([f"s{k % n}" for k in range(N)], dtype=object) for n in (6, 2))
     some: list[tuple[type[Effect], Taken | None, list[object]]] = [
         (EncoderEccentricity, bare, without),
         (JointErrorCurve, bare, without),
@@ -77,6 +78,8 @@ def test_places(sino6, zero6, robot_file, rng):
         (ThermalExpansion, taken(rng, temperature=np.full(N, 20.0)), [None, 3, 5, 6]),
         (SeatError, bare, []),
         (SeatError, taken(rng, seat=seat), [f"s{k}" for k in range(6)]),
+        (SeatShift, taken(rng, seat=seat, time=np.arange(N) * 1.0), [f"s{k}" for k in range(6)]),
+        (SeatShift, taken(rng, seat=two, time=np.arange(N) * 1.0), []),
     ]
     for cause, records, wanted in some:
         assert places(cause, sino6, records) == wanted, (cause.cause, records)
@@ -114,6 +117,9 @@ def test_loads_hang_where_the_joint_carries_them(zero6):
     for joint in range(1, 7):
         carried = {e.load_at for e in JointCompliance(joint).load_variants(zero6)}
         assert carried == {row for row in ends if row >= joint}
+    # A measured torque has the load already; masses that nobody stated have none beside them.
+    for effect in (JointCompliance(2, torque="measured"), JointCompliance(2, bodies=(4, 5))):
+        assert effect.load_variants(zero6) == ()
 
 
 def refined(effect: Effect, records: Taken) -> list[Any]:
