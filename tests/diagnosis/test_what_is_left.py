@@ -77,7 +77,22 @@ def test_readings_that_scatter_have_a_chance(sino6):
     (readings,) = found.unexplained.readings
     assert (readings.joint, readings.scatter) == (4, pytest.approx(6e-5, rel=0.25))
     assert readings.p_value < 1e-6
+    # By the calibrated geometry: densities with the scatter and without; tips scatter too.
+    records = found.recalibrated.problem.measurements
+    off, jacobian = records.reference - found.model.predict(records.q), sino6.jacobian(records.q)
+    noise = READING**2 * jacobian @ jacobian.transpose(0, 2, 1) + REFERENCE**2 * np.eye(3)
+    lever = jacobian[:, :, 3, None] * jacobian[:, None, :, 3]
+
+    def log_density(scatter: float) -> float:
+        logs = []
+        for tip in np.linspace(0.0, 6e-5, 31):
+            covariances = noise + tip**2 * np.eye(3) + scatter**2 * lever
+            squares = np.einsum("ni,nij,nj->", off, np.linalg.inv(covariances), off)
+            logs.append(-0.5 * float(np.linalg.slogdet(covariances)[1].sum() + squares))
+        return max(logs)
+
+    ratio = max(map(log_density, np.linspace(4e-5, 8e-5, 21))) - log_density(0.0)
     said = found.summary()["unexplained"]["scattered_readings"][0]
-    assert said["log_likelihood_ratio"] > 10.0
+    assert said["log_likelihood_ratio"] == pytest.approx(ratio, rel=0.1)
     assert "p < 1e-16" in unexplained_in_words(found.unexplained)
     assert len(found.notes) <= 3
