@@ -36,6 +36,7 @@ def test_a_file_states_the_map_and_is_written_back(tmp_path):
         (SUM.replace("joint = 3", "joint = 9"), "couplings[1].joint is 9; expected a row with a"),
         (SUM + SUM, "couplings[2]: joint = 3, of = 2"),
         (SUM.replace("-1.0", "inf"), "couplings[1].ratio: inf; expected"),
+        (SUM.replace("-1.0", "1e6"), "couplings[1].ratio is 1e+06; expected"),
         (SUM.replace("of = 2", "of = 3").replace("-1.0", "0"), "couplings are singular"),
         (SUM + "[[couplings]]\njoint = 2\nof = 3\nratio = -1.0\n", "couplings are singular"),
         (SUM.replace("of =", "from ="), "joint, of, ratio"),

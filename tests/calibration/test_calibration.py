@@ -651,6 +651,7 @@ def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6):
     (told,) = data_of(alone.notes, "temperature_of_lengths")
     assert told == {"temperature": found.reference_temperature, "stated": 20.0}
     some = quick(sino6, data, "zero-offsets", reference_noise=5e-6)
+    assert some.model.arm.reference_temperature == 20.0  # angles alone
     assert [len(data_of(one.notes, "geometry_held")) for one in (alone, some)] == [0, 1]
     assert alone.model.input_warnings(q, warm) == []
     assert len(alone.model.input_warnings(q, cold)) == 1

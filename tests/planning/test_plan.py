@@ -505,6 +505,7 @@ def test_what_cannot_be_is_refused(sino6, zero6):
             {"postures": 5},
         ),
         (MissingConditionError, "temperature", warm, PAIR, {"existing": Measurements.of(q, tips)}),
+        (AacmmError, "5 joints; expected 6", sino6, PAIR, {"existing": Measurements.of(q[:, :5])}),
     ]
     for error, said, arm, split, options in cases:
         with pytest.raises(error, match=said):
