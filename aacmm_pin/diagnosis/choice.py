@@ -24,6 +24,9 @@ from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 
+LEAST_SIZE = 1e-9
+"""Directions whose whitening is smaller, relative to the largest, do not count."""
+
 
 @dataclass(frozen=True, eq=False)
 class Choice:
@@ -127,6 +130,22 @@ class Choice:
         if self.noise.ratio:
             of_noise += float(np.log(1.0 - THRESHOLDS.library))
         return space.marginal(self.posterior.top).log_posterior + of_noise
+
+    @property
+    def log_scatter(self) -> float:
+        """What the scatter of readings and tips adds to that beside χ²: the determinant of the
+        covariances, with all fitted parameters, and the prior odds of readings that scatter.
+        """
+        space = self.posterior.space
+        fit = self.design.fit
+        noise = fit.noise if self.scatter is None else self.scatter
+        used = fit.used & fit.observations.has_target
+        sizes = np.linalg.svd(noise.whitening[used], compute_uv=False)
+        counted = sizes[sizes > LEAST_SIZE * sizes.max()]
+        of_fitted = np.log(np.diag(space.base(0).factor)).sum()
+        log_density = space.gram.free * np.log(counted).mean() - of_fitted
+        scattered = 0 if self.scatter is None else np.count_nonzero(self.scatter.readings)
+        return float(log_density + scattered * np.log(1.0 - THRESHOLDS.library))
 
     @property
     def noise(self) -> RecordNoise:

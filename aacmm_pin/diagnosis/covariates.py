@@ -67,12 +67,14 @@ class Carried:
         smooth: these functions at any records, but for their ``size``; None for covariates that
             new records do not have.
         size: root mean square of each function at these records (m,).
+        decay: prior amplitudes of the functions, relative to one another (m,), or (1,).
     """
 
     functions: Array
     carrier: str
     smooth: tuple[Smooth, ...] | None = None
     size: Array = field(default_factory=lambda: np.ones(1))
+    decay: Array = field(default_factory=lambda: np.ones(1))
 
     @staticmethod
     def of(smooth: tuple[Smooth, ...], carrier: str, state: State) -> Carried:
@@ -237,10 +239,14 @@ def _covariate_of_labels(
 
 
 def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | None) -> Carried:
-    """Cosines on a carrier."""
+    """Cosines on a carrier; the amplitude of ``cos kπp`` decreases as 1/k, as in every function of
+    bounded variation.
+    """
     if state is None:
-        return Carried(_of_size_one(cosines.of_values(numbers)), carrier)
-    return Carried.of((cosines,), carrier, state)
+        carried = Carried(_of_size_one(cosines.of_values(numbers)), carrier)
+    else:
+        carried = Carried.of((cosines,), carrier, state)
+    return replace(carried, decay=1.0 / np.maximum(np.arange(cosines.number), 1.0))
 
 
 def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:

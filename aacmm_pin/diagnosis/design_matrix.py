@@ -406,8 +406,8 @@ class _ColumnsOf:
         shift = max(TYPICAL_SHIFT, self.left)
         sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
         typical = sizes.get(Carrier(way.carrier).kind.unit, shift)
-        functions = way.functions.shape[1]
-        return np.full(functions * len(way.quantities), typical / np.sqrt(functions))
+        relative = np.broadcast_to(way.decay, way.functions.shape[1])
+        return np.repeat(typical * relative / np.linalg.norm(relative), len(way.quantities))
 
 
 def _typical(effect: Effect) -> Array:

@@ -338,9 +338,8 @@ def _climbed(
 ) -> Choice:
     """The posterior where a fit with some causes ended, with the noise that the round before found.
 
-    What records of one posture share is either noise or what causes do there. So it is tried with
-    what is shared beside the round before, with what that round reckoned with, and with nothing.
-    The most probable of these is taken, each with what its most probable set leaves.
+    An error curve, which has many parameters, may follow readings that scatter. So in the first
+    round the more probable is taken: the curves, or the scatter of readings in their place.
     """
     held = [effect for effect in at.problem.model.effects if effect.free_form]
     design = design_of(at, library, others, at.problem.candidates, held)
@@ -348,14 +347,14 @@ def _climbed(
     left = before or _Before(at.point.prediction.poses, at.dof)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
     climb = _Climb(candidates, start, library, others, parts, left.scatter)
-    if not climb.noise.repeat:
-        return climb.with_noise(climb.noise)
-    beside = climb.shared(left.tips, left.dof)
-    starts = [beside]
-    for other in (climb.noise.with_error(left.shared), climb.noise):
-        if not any(other.is_about(start) for start in starts):
-            starts.append(other)
-    return max(map(climb.settled, starts), key=lambda found: found.log_posterior)
+    choice = climb.ended(left)
+    if before is not None or noise_is_known(at):
+        return choice
+    scatter = choice.scatter_beside(choice.posterior.without_curves)
+    if not scatter.readings.any():
+        return choice
+    scattered = replace(climb, scatter=scatter).ended(left)
+    return max(choice, scattered, key=lambda found: found.log_posterior + found.log_scatter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,6 +373,21 @@ class _Climb:
     others: tuple[Covariate, ...]
     parts: Index
     scatter: ReadingScatter | None
+
+    def ended(self, left: _Before) -> Choice:
+        """The posterior with the most probable noise.
+
+        What records of one posture share is either noise or what causes do there. So it is tried
+        with what is shared beside the round before, with what that round reckoned with, and with
+        nothing. The most probable of these is taken, each with what its most probable set leaves.
+        """
+        if not self.noise.repeat:
+            return self.with_noise(self.noise)
+        starts = [self.shared(left.tips, left.dof)]
+        for other in (self.noise.with_error(left.shared), self.noise):
+            if not any(other.is_about(start) for start in starts):
+                starts.append(other)
+        return max(map(self.settled, starts), key=lambda found: found.log_posterior)
 
     @cached_property
     def noise(self) -> RecordNoise:

@@ -87,6 +87,16 @@ class Posterior:
         """What is left beside the median probability model."""
         return self.beside(self.median)
 
+    @property
+    def without_curves(self) -> Conditional:
+        """What is left beside the most probable set without its causes that can be every function
+        of their places.
+        """
+        candidates = self.space.candidates
+        best = self.space.marginal(self.top).best
+        kept = [k for k in best.blocks if not candidates.free[candidates.owner(k)]]
+        return self.space.conditional(best.of(kept))
+
     def without(self, block: int) -> Conditional:
         """What is left beside the median probability model without one of its blocks; all else is
         as in it.

@@ -23,7 +23,8 @@ class Thresholds:
             magnitude; all values are equally probable.
         amplitudes: RMS of the background divided by the RMS of the noise; all values are equally
             probable.
-        library: prior probability that an error comes from a cause of the library.
+        library: prior probability that an error comes from a cause of the library. All of eleven
+            real files that were kept aside had structure which the library lacks, beside causes.
         noise_misstated: prior probability that the stated noise is wrong.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance if the stated noise
             is wrong.
@@ -93,7 +94,7 @@ class Thresholds:
 
     widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0, 10.0)
     amplitudes: tuple[float, ...] = (0.0, 0.1, 0.3, 1.0, 3.0)
-    library: float = 0.9
+    library: float = 0.5
     noise_misstated: float = 0.05
     scale_dof: float = 2.0
     readings: float = 10.0

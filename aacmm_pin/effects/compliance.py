@@ -418,7 +418,7 @@ class TorsionalWindup(_OfTube):
 
     cause = "torsional_windup"
     words = "torsional wind-up"
-    prior_weight = 0.2
+    prior_weight = 0.7
     flexibility = compliance(1e-5)
 
     def _deflection(self, tube: Tube) -> tuple[Array, Array]:

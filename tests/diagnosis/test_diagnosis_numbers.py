@@ -435,15 +435,13 @@ def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
 
 
 def test_prior_of_the_candidates(free_case: Case) -> None:
-    """Nine tenths to the library, each cause by how usual it is, one tenth to the
-    covariates alike.
-    """
+    """One half to the library, each cause by how usual it is, one half to the covariates alike."""
     design, library = free_case.design, free_case.library
     of_blocks = Candidates.of(design, library)
     prior, causes = np.bincount(of_blocks.owners, np.exp(of_blocks.log_odds)), design.causes
     usual = np.array([variants[0].prior_weight for variants in library])
-    np.testing.assert_allclose(prior[:causes], 0.9 * usual / usual.sum(), rtol=1e-12)
-    np.testing.assert_allclose(prior[causes:], 0.1 / len(free_case.others), rtol=1e-12)
+    np.testing.assert_allclose(prior[:causes], 0.5 * usual / usual.sum(), rtol=1e-12)
+    np.testing.assert_allclose(prior[causes:], 0.5 / len(free_case.others), rtol=1e-12)
     # Beside a curve that can be all of these functions stands none of them.
     curve = free_case.block("joint_error_curve:3")
     wave = free_case.block("joint_periodic_error:3")
