@@ -71,6 +71,8 @@ MARGIN = 1e-3
 
 MAP_AXES = {"x_mm": "distance from joint axis 1, x", "z_mm": "z of the base"}
 """Axes of the cells of a map, with their long names."""
+NEGLIGIBLE_SHIFT = 1e-6
+"""Shorter distances do not count [m]."""
 OUTWARDS_OF_BOX = np.array([-1.0, 1.0, -1.0, 1.0])
 """Outward direction of the least and largest x and z."""
 MOST_BYTES_OF_MAP = 4_000_000_000
@@ -457,7 +459,7 @@ def map_caveats(
     if upper - lower < 2 * np.pi - AT_LIMIT:
         notes.append(Note("first_joint_limited"))
     first = arm.require_dh(MAP, WRIST_ROW, revolute=True).chain.links()[0]
-    if np.abs(first[:2, 2:]).max() > SMALLEST_ARM:
+    if np.abs(first[:2, 2:]).max() > NEGLIGIBLE_SHIFT:
         notes.append(Note("first_axis_off_z"))
     if abs(arm.up[2]) < 1 - 1e-12:
         notes.append(Note("gravity_off_first_axis"))
@@ -479,7 +481,7 @@ def _wrist_caveats(arm: Arm, extent: ArrayLike | None) -> list[Note]:
         return notes
     box = _extent(arm, extent)
     reached = box_of_wrist(wrist)
-    beyond = (reached - box) * OUTWARDS_OF_BOX > SMALLEST_ARM
+    beyond = (reached - box) * OUTWARDS_OF_BOX > NEGLIGIBLE_SHIFT
     names = ("x below", "x above", "z below", "z above")
     ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
     sides = [f"{name} {at:.4g} mm (to {end:z.0f} mm)" for name, at, end, cut in ends if cut]

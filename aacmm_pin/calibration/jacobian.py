@@ -185,7 +185,7 @@ class Columns:
         lever = state.position.T - state.origin.transpose(0, 2, 1)[place]
         turns = moves[:, 1]
         motions = moves[:, 0] + cross(turns, lever)
-        if state.turns:
+        if state.with_rotation:
             motions = np.concatenate([motions, turns], axis=1)
         return motions.transpose(2, 1, 0)
 

@@ -214,7 +214,7 @@ class Problem:
     def _drawn(self) -> State:
         """The arm as drawn in its records."""
         arm, records = self.model.arm, self.measurements
-        return State(arm, records.q, records.conditions, arm.chain.tip, turns=self.turns)
+        return State(arm, records.q, records.conditions, arm.chain.tip, with_rotation=self.turns)
 
     @cached_property
     def _columns(self) -> Columns:

@@ -60,9 +60,6 @@ def _within(range_: Range, unit: float = 1.0) -> Callable[..., Any]:
     return checked
 
 
-NO_ARM_FILES = (".html", ".md", ".png")
-
-
 def output_option(metavar: str, help_: str, *names: str) -> Any:
     return typer.Option(*names, metavar=metavar, help=help_)
 
@@ -72,7 +69,9 @@ def arm_file_option(help_: str, *names: str) -> Any:
 
 
 def _arm_file(path: Path | None) -> Path | None:
-    if path is not None and path.suffix in NO_ARM_FILES:
+    from aacmm_pin.report import suffixes  # the list of commands needs none
+
+    if path is not None and path.suffix in (*suffixes(), *PLOT_SUFFIXES):
         raise typer.BadParameter(
             f"{path}: expected a name for an arm file (.toml); a page is written by --report"
         )

@@ -426,7 +426,7 @@ class _Calibrated:
         conditions = records.conditions.take(chosen)
         q = records.q[chosen]
         self.chosen = chosen
-        self.drawn = State(arm, q, conditions, arm.chain.tip, turns=problem.turns)
+        self.drawn = State(arm, q, conditions, arm.chain.tip, with_rotation=problem.turns)
         given = (*problem.model.effects, *fit.effects)
         self.state = Columns.of(self.drawn, (), given).at(np.zeros(0))
         self.frame = point.frame.rotation if problem.external else np.eye(3)
@@ -446,7 +446,7 @@ class _Calibrated:
         6, p) [m/unit].
         """
         columns = Columns.of(self.drawn, effects).jacobian(self.state)
-        if not self.state.turns:
+        if not self.state.with_rotation:
             return self.frame @ columns
         return np.concatenate([self.frame @ half for half in np.split(columns, 2, axis=1)], axis=1)
 

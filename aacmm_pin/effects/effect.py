@@ -465,7 +465,7 @@ def shifts(typical: float, largest: float | None = None) -> tuple[Term, ...]:
     return tuple(terms)
 
 
-def turns(typical: float) -> tuple[Term, ...]:
+def rotations(typical: float) -> tuple[Term, ...]:
     """Three rotations about x, y and z."""
     names = ("rx", "ry", "rz")
     return tuple(Term(name, "rad", typical, f"{name}_rad") for name in names)
@@ -474,8 +474,8 @@ def turns(typical: float) -> tuple[Term, ...]:
 def sensitivity(effect: Effect, state: State) -> Array:
     """Compute ∂(position of the target)/∂parameters, ``(n, 3, p)`` [m/unit].
 
-    With ``state.turns``, the result also has the rotation of the last body, ``(n, 6, p)`` [m/unit,
-    rad/unit].
+    With ``state.with_rotation``, the result also has the rotation of the last body, ``(n, 6, p)``
+    [m/unit, rad/unit].
     """
     total = np.zeros((state.n, state.coordinates, len(effect.terms)))
     for displacement in effect.displacements(state):
@@ -488,7 +488,8 @@ def point_sensitivity(state: State, displacement: Displacement) -> Array:
     """Displacement of the target by a displaced place, ``R (v + ω × r)`` with the lever r: ``(n, 3,
     p)``.
 
-    With ``state.turns`` also the rotation ``R ω``, ``(n, 6, p)``, as in ``LOCAL_WORLD_ALIGNED``.
+    With ``state.with_rotation`` also the rotation ``R ω``, ``(n, 6, p)``, as in
+    ``LOCAL_WORLD_ALIGNED``.
     """
     rotation = state.rotation[displacement.place]
     columns = displacement.columns
@@ -502,7 +503,7 @@ def point_sensitivity(state: State, displacement: Displacement) -> Array:
         motion = part if motion is None else np.add(motion, part, out=motion)
     if motion is None:
         motion = np.zeros((state.n, 3, columns.shape[2]))
-    if not state.turns:
+    if not state.with_rotation:
         return motion
     return np.concatenate([motion, rotation @ columns[:, 3:]], axis=1)
 

@@ -167,8 +167,8 @@ def _moving(
     """Rows whose joints move enough, and the angles (n,); one turn without records."""
     for number, row in enumerate(arm.chain.moving_rows()):
         angle = np.array([-np.pi, np.pi]) if records is None else records.q[:, number]
-        turns = of_slides or not arm.chain.prismatic[number]
-        if turns and np.ptp(angle) >= LEAST_SPREAD:
+        rotates = not arm.chain.prismatic[number]
+        if (rotates or of_slides) and np.ptp(angle) >= LEAST_SPREAD:
             yield row, angle
 
 
@@ -182,13 +182,13 @@ class _Periodic(OfAngle):
     )
 
     @property
-    def turns(self) -> float:
-        """The order k: number of periods per turn."""
+    def periods_per_turn(self) -> float:
+        """The order k."""
         raise NotImplementedError
 
     def function(self, angle: Array) -> Array:
         """Return ``cos kθ`` and ``sin kθ``."""
-        phase = self.turns * angle
+        phase = self.periods_per_turn * angle
         return np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
     def file_values(self) -> dict[str, float]:
@@ -244,7 +244,7 @@ class EncoderEccentricity(_Periodic):
 
     cause = "encoder_eccentricity"
     of_reading = True
-    turns = 1.0
+    periods_per_turn = 1.0
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
         """Return the exact rotation with the arcsine.
@@ -277,7 +277,7 @@ class EncoderEllipticity(_Periodic):
     cause = "encoder_ellipticity"
     of_reading = True
     words = "encoder ellipticity (twice per turn)"
-    turns = 2.0
+    periods_per_turn = 2.0
 
 
 @dataclass(frozen=True)
@@ -321,17 +321,17 @@ class JointPeriodicError(_Periodic):
         A longer period is similar to :class:`EncoderGain`.
         """
         for row, angle in _moving(arm, records):
-            turns = float(np.ptp(angle)) / (2 * np.pi)
-            periods = np.arange(1.0, HIGHEST_ORDER * turns, ORDER_STEP)
-            apart = [np.abs(periods - order * turns) >= OWN_WITHIN for order in OWN_ORDERS]
-            orders = periods[np.all(apart, axis=0)] / turns
+            revolutions = float(np.ptp(angle)) / (2 * np.pi)
+            periods = np.arange(1.0, HIGHEST_ORDER * revolutions, ORDER_STEP)
+            apart = [np.abs(periods - order * revolutions) >= OWN_WITHIN for order in OWN_ORDERS]
+            orders = periods[np.all(apart, axis=0)] / revolutions
             integers = np.arange(max(OWN_ORDERS) + 1.0, HIGHEST_ORDER)
-            orders = np.union1d(orders, integers[integers * turns >= 1.0])
+            orders = np.union1d(orders, integers[integers * revolutions >= 1.0])
             if orders.size:
                 yield tuple(cls(row, order) for order in np.round(orders, 4).tolist())
 
     @property
-    def turns(self) -> float:
+    def periods_per_turn(self) -> float:
         """The order."""
         return self.order
 
@@ -574,11 +574,11 @@ def strongest_waves(effect: Effect, peaks: int = 6) -> list[tuple[float, float]]
     if not isinstance(effect, JointErrorCurve):
         return None
     angle = np.linspace(effect.lower_rad, effect.upper_rad, SAMPLES)
-    turns = (effect.upper_rad - effect.lower_rad) / (2 * np.pi)
+    revolutions = (effect.upper_rad - effect.lower_rad) / (2 * np.pi)
     curve = scipy.interpolate.BSpline(effect.knots, np.array(effect.values), 3)(angle)
     how = {"nfft": 8 * SAMPLES, "detrend": "linear", "scaling": "spectrum"}
-    order, power = scipy.signal.periodogram(curve, SAMPLES / turns, "hann", **how)
+    order, power = scipy.signal.periodogram(curve, SAMPLES / revolutions, "hann", **how)
     maxima, _ = scipy.signal.find_peaks(power, height=1e-2 * power.max())
-    tops = [k for k in maxima if order[k] * turns >= 1.0]
+    tops = [k for k in maxima if order[k] * revolutions >= 1.0]
     strongest = sorted(tops, key=lambda k: -power[k])[:peaks]
     return [(float(order[k]), float(np.sqrt(2 * power[k]))) for k in strongest]

@@ -13,7 +13,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import BASE, Arm, axis, end
 from aacmm_pin.effects.conditions import Conditions, Records
-from aacmm_pin.effects.effect import Displacement, Effect, Term, shifts, turns, twist
+from aacmm_pin.effects.effect import Displacement, Effect, Term, rotations, shifts, twist
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.time_dependent import AT_ENDS, StepInTime, TimeOfStep, midpoints
 from aacmm_pin.errors import UnsupportedArmError
@@ -94,7 +94,7 @@ class ReferenceFrame(_OfLabel):
     of_reference = True
     refitted = True
     prior_weight = 0.2
-    terms = (*shifts(1e-3), *turns(1e-3))
+    terms = (*shifts(1e-3), *rotations(1e-3))
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
@@ -155,7 +155,7 @@ class FrameShift(StepInTime):
     of_reference = True
     prior_weight = 0.2
     nonlinear = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
-    terms = (*shifts(2e-4), *turns(2e-4))
+    terms = (*shifts(2e-4), *rotations(2e-4))
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the unit twists of the base in the later records."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, Parameter, axis, end
-from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, shifts, turns
+from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, rotations, shifts
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import UnsupportedArmError
 
@@ -164,7 +164,7 @@ class JointPlacement(Effect):
     cause = "joint_placement"
     words = "placement"
     refitted = True
-    terms = (*shifts(5e-5), *turns(1e-4))
+    terms = (*shifts(5e-5), *rotations(1e-4))
 
     def displacements(self, state: State) -> list[Displacement]:
         """Return the unit twists after the placement and before the joint."""

@@ -30,7 +30,8 @@ class State:
         twists: displacements of places; see :meth:`Chain.walk`.
         looked_at: another point of the last body near the target, ``(n, 3)`` [m]; None for the
             target.
-        turns: also compute the rotation of the last body, after the translation of the point.
+        with_rotation: also compute the rotation of the last body, after the translation of the
+            point.
     """
 
     arm: Arm
@@ -39,7 +40,7 @@ class State:
     target: int
     twists: Mapping[int, Array] = field(default_factory=dict)
     looked_at: Array | None = None
-    turns: bool = False
+    with_rotation: bool = False
 
     @cached_property
     def _frames(self) -> tuple[Array, Array]:
@@ -65,7 +66,7 @@ class State:
     @property
     def coordinates(self) -> int:
         """The number of coordinates of a motion: three, or six with the rotation."""
-        return 6 if self.turns else 3
+        return 6 if self.with_rotation else 3
 
     @property
     def position(self) -> Array:

@@ -235,8 +235,15 @@ def _shoulder(arm: Arm) -> Array:
 class _Layout:
     """The points so far, over one pool of postures."""
 
-    def __init__(self, pool: Pool, sphere: float, probe: float, rng: np.random.Generator) -> None:
-        self.pool, self.sphere, self.probe, self.rng = pool, sphere, probe, rng
+    def __init__(
+        self,
+        pool: Pool,
+        sphere_diameter: float,
+        probe_diameter: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self.pool, self.rng = pool, rng
+        self.sphere_diameter, self.probe_diameter = sphere_diameter, probe_diameter
         self.probed: list[tuple[dict[str, Any], Array, Array]] = []
         self.taken: list[Array] = []
         self.shoulder = _shoulder(pool.arm)
@@ -266,7 +273,11 @@ class _Layout:
                 f"lengths are {came} mm; expected {len(parts)} different lengths above 0 for "
                 f"{purpose}"
             )
-        sizes = {"length": bars, "feature_diameter": [self.sphere], "probe_diameter": [self.probe]}
+        sizes = {
+            "length": bars,
+            "feature_diameter": [self.sphere_diameter],
+            "probe_diameter": [self.probe_diameter],
+        }
         for column in PROBED_POINT_COLUMNS:
             if column.field in sizes and column.range is not None:
                 column.range.check(sizes[column.field], column.field.replace("_", " "))
@@ -308,7 +319,10 @@ class _Layout:
 
     def spheres(self, wanted: set[str]) -> None:
         """Add spheres near and far, for all tests that need one."""
-        diameters = {"feature_diameter_mm": self.sphere / MM, "probe_diameter_mm": self.probe / MM}
+        diameters = {
+            "feature_diameter_mm": self.sphere_diameter / MM,
+            "probe_diameter_mm": self.probe_diameter / MM,
+        }
         for name, zone in SPHERES.items():
             center, postures = self.place(*zone, 5)
             cells = {"feature": "sphere", "position": name, **diameters}
@@ -337,7 +351,7 @@ class _Layout:
             pole = -mean / np.linalg.norm(mean) if len(postures) > 1 else -tool[0]
             normals = _half_sphere(count, pole)
             best = (-tool @ normals.T).argmax(axis=0)
-        points = center + (self.sphere + self.probe) / 2 * normals
+        points = center + (self.sphere_diameter + self.probe_diameter) / 2 * normals
         for k in np.argsort(best, kind="stable"):  # posture by posture
             self.probe_point(points[k], postures[best[k]], **cells)
 
@@ -353,7 +367,7 @@ class _Layout:
         for place, (start, direction) in enumerate(self._bar_places(np.array(lengths)), start=1):
             ends = start + np.array([0.0, *lengths])[:, None] * direction
             postures = self.pool.touched(ends, REPEATS)
-            for test, aside in (("length-uni", 0.0), ("length-bi", self.probe / 2)):
+            for test, aside in (("length-uni", 0.0), ("length-bi", self.probe_diameter / 2)):
                 if test in wanted:
                     cells = {"test": test, "position": f"P{place}"}
                     self._bar(lengths, ends, postures, aside * direction, cells)
@@ -370,7 +384,7 @@ class _Layout:
         for repeat in range(REPEATS):
             for number, length in enumerate(lengths, start=1):
                 row = cells | {"repeat": repeat + 1, "length_id": f"L{number}"}
-                row |= {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
+                row |= {"length_mm": length / MM, "probe_diameter_mm": self.probe_diameter / MM}
                 for feature, end, sign in (("A", 0, -1), (f"L{number}", number, 1)):
                     q = postures[end][repeat % len(postures[end])]
                     self.probe_point(ends[end] + sign * aside, q, feature=feature, **row)
@@ -421,7 +435,7 @@ class _Layout:
     def ball_bars(self, *lengths: float) -> None:
         """Add ball bars of two lengths in ten places each."""
         for name, length in zip(BALL_BARS, lengths, strict=True):
-            sizes = {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
+            sizes = {"length_mm": length / MM, "probe_diameter_mm": self.probe_diameter / MM}
             for place, bar in enumerate(bars_for(self.pool, 10, length, 2, self.rng), start=1):
                 cells: dict[str, Any] = {"test": "volumetric", "length_id": f"{name} ball bar"}
                 cells |= {"position": f"{name} {place}", **sizes}
