@@ -50,6 +50,12 @@ class SeatElimination:
         self._seat_residual = observations.of_seats(points)
         self._relation_jacobian = self._by_seats(by_ends)
 
+    @property
+    def cost(self) -> float:
+        """χ² of stated coordinates and relations with the seats where they are."""
+        of_ties = np.square(self._seat_residual).sum() + np.square(self._relation_residual).sum()
+        return float(of_ties)
+
     def _orthonormal(self, by: Array) -> None:
         """Q of the derivatives of records (touched, 3 or 6, 3) and of stated coordinates, and C.
 
@@ -216,6 +222,7 @@ class Linearisation(LinearModel):
         deviations: tip minus target (n, 3) [m], NaN where it has none; with orientations (n, 6),
             the last three the rotation from the stated one [rad], zero where none is stated.
         free: number of rows less the number of coordinates of seats that the rows determine.
+        seats_cost: χ² with the seats where they are, without the prior.
         elimination: of the seats.
         along_seats: what the elimination took out of the rows (s, 3, p + 1).
     """
@@ -224,6 +231,7 @@ class Linearisation(LinearModel):
     turn_distance: Array
     deviations: Array
     free: int
+    seats_cost: float
     elimination: SeatElimination
     along_seats: Array
 
@@ -270,6 +278,7 @@ def linearise(
     rows = correlation.whitened(rows)
     by_seats = correlation.whitened(observations.by_seats(whitening))
     elimination = SeatElimination(observations, points, by_seats)
+    seats_cost = float(np.square(rows[has_target, :, p]).sum()) + elimination.cost
     along_seats, (rows, of_seats, of_relations) = elimination.eliminated(rows)
     placed = observations.known
     parts = [rows if has_target.all() else rows[has_target], of_seats[placed], of_relations]
@@ -282,6 +291,7 @@ def linearise(
         turn_distance=np.where(observations.counts > 3, turn_distance, np.nan),
         deviations=deviations,
         free=int(observations.counts[has_target].sum()) + len(of_relations) - 3 * unknown,
+        seats_cost=seats_cost,
         elimination=elimination,
         along_seats=along_seats,
     )

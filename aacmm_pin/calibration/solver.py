@@ -34,8 +34,6 @@ LOOSELY_SETTLED = 1e-2
 NO_STEP = 1e-12
 """A step that promises less than this is not taken: where it ends is where it begins, to a
 millionth of u."""
-SHRINKS = 0.9
-"""A step of the ends of relations is to be smaller than this part of the one before."""
 AT_BEST = 1e-7
 """Ends of relations that move by less than this are where they fit best [m]."""
 FLAT_REDUCTION = 1e-2
@@ -241,7 +239,8 @@ class _Search:
                 self.weights = _robust_weights(np.fmax(system.distance, system.turn_distance))
                 del system
                 system = self.system(point)
-            point, system = self.seats_at_best(point, system)
+            if self.robust or count == 1:
+                point, system = self.seats_at_best(point, system)
             self.units = np.maximum(self.units, system.lengths)
             step = bounded_step(system, self.units, self.radius)
             # Of a mere start it need not be taken.
@@ -300,7 +299,7 @@ class _Search:
         except AacmmError:  # it could be evaluated where the search began
             return None, -np.inf
         there = self.corrected(Point(x, frame, seats, prediction))
-        system = self.system(there)
+        there, system = self.seats_at_best(there, self.system(there))
         reduction = cost - system.cost
         return (there, system), reduction if np.isfinite(reduction) else -np.inf
 
@@ -336,17 +335,22 @@ class _Search:
         """
         if not len(self.noise.observations.ends):
             return point, system
-        before = np.inf
         still = np.zeros(self.problem.scales.size)
         for _ in range(MOST_STEPS):
             step = system.seat_step(still)
-            size = np.abs(step).max(initial=0.0)
-            # Relations that cannot be met at all make it go to and fro.
-            if size < AT_BEST or size > SHRINKS * before:
+            # Relations turn planes, which is not linear: the whole step may lead far away.
+            while np.abs(step).max(initial=0.0) >= AT_BEST:
+                nearer = replace(point, seats=point.seats + step)
+                there = self.system(nearer)
+                if there.seats_cost < system.seats_cost:
+                    break
+                step = step / 4
+            else:
                 break
-            before = size
-            point = replace(point, seats=point.seats + step)
-            system = self.system(point)
+            gain = system.seats_cost - there.seats_cost
+            point, system = nearer, there
+            if gain < SETTLED:
+                break
         return point, system
 
 
