@@ -14,7 +14,7 @@ from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.solver import solution_at
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import DISTANCE, OF_BAR
+from aacmm_pin.measurements import ANGLE, DISTANCE, OF_BAR, TILTS
 
 REDUNDANCY = 1e-3
 """Of a relation of which all else says less than this share, nobody can say how far it is off."""
@@ -60,17 +60,22 @@ def require_possible_relations(problem: Problem) -> None:
     at = replace(free.observations, **{name: getattr(stated, name) for name in names})
     noise = replace(free.noise, observations=at)
     system = solution_at(problem, noise, free.point, free.used.astype(np.float64)).system
-    deviations = np.where(of_planes, deviations_of_relations(system), 0.0)
-    worst = deviations.argmax()
-    excess = float(at.of_relations(free.point.seats)[0][worst] * at.value_u[worst])
-    if at.relation[worst] == DISTANCE:
-        gross = GROSS_DISTANCE + GROSS_SCALE * float(at.value[worst])
-        what = f"distance by {excess / MM:+.3g} mm"
-    else:
-        gross = GROSS_ANGLE
-        what = f"angle by {excess / DEG:+.3g}°"
-    if deviations[worst] < IMPOSSIBLE or abs(excess) < gross:
+    # All relations may be wrong alike, by a wrong diameter of the probe, so that no other tells.
+    deviations = np.maximum(
+        deviations_of_relations(system), _deviations_from_free(system, free.system)
+    )
+    turned = np.isin(at.relation, TILTS)
+    whole = replace(at, relation=np.where(turned, ANGLE, at.relation))
+    excess = whole.of_relations(free.point.seats)[0] * at.value_u
+    distance = at.relation == DISTANCE
+    gross = np.where(distance, GROSS_DISTANCE + GROSS_SCALE * at.value, GROSS_ANGLE)
+    impossible = of_planes & (deviations >= IMPOSSIBLE) & (np.abs(excess) >= gross)
+    if not impossible.any():
         return
+    worst = int(np.where(impossible, deviations, 0.0).argmax())
+    what = f"angle by {excess[worst] / DEG:+.3g}°"
+    if distance[worst]:
+        what = f"distance by {excess[worst] / MM:+.3g} mm"
     one, other = (at.labels[end] for end in at.ends[worst])
     raise AacmmError(
         f"{records.source}: the contacts of planes {one!r} and {other!r} contradict the stated "
@@ -78,3 +83,14 @@ def require_possible_relations(problem: Problem) -> None:
         "the contacts; check the distance, the angle (0: same side, 180: opposite sides), "
         "probe_diameter_mm and the labels of the contacts"
     )
+
+
+def _deviations_from_free(system: Linearisation, free: Linearisation) -> Array:
+    """How many standard deviations each relation is off what a fit without any of them says (b,):
+    its innovation, at the point where that fit ended.
+    """
+    factor = system.elimination.relation_factor
+    rows = system.jacobian[-len(factor) :] @ free.independent_steps
+    spread = np.hstack([factor, factor @ rows])
+    residual = factor @ system.residual[-len(factor) :]
+    return np.asarray(np.abs(residual) / np.linalg.norm(spread, axis=1))

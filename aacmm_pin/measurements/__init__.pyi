@@ -33,7 +33,7 @@ from .orientation import quaternions
 from .probed_points import PREDICTED_ACCURATE, read_probed_points
 from .record_checks import FEWEST_CONTACTS
 from .records import Bar, GivenRecords, Measurements, as_measurements
-from .relations import ANGLE, DISTANCE
+from .relations import ANGLE, DISTANCE, TILTS
 from .repeats import (
     fingerprints,
     fingerprints_of_standards,
@@ -74,6 +74,7 @@ __all__ = [
     "REFERENCE_U",
     "SCHEMES",
     "SIMULATED_BAR",
+    "TILTS",
     "UNKNOWN_COLUMN",
     "Bar",
     "Column",
