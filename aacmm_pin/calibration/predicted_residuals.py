@@ -12,6 +12,8 @@ from aacmm_pin.calibration.linearisation import seat_columns
 
 RECORDS_FOR_MEAN = 1500
 """So many records tell the mean square."""
+ROUNDING_OF_PRODUCTS = 1e-12
+"""Inner products tell nothing of a direction with a smaller part of the largest singular value."""
 
 
 def predicted_rms(at: Fit) -> float:
@@ -34,7 +36,13 @@ def predicted_rms(at: Fit) -> float:
     times = at.used.sum() / used.size
     flat = columns.reshape(3 * used.size, columns.shape[2])
     precision = times * flat.T @ flat + ties
-    inverse = np.linalg.pinv(precision, hermitian=True)
+    # Columns of length one: a direction of seats that stays open is known by rounding alone.
+    lengths = np.sqrt(np.diagonal(precision))
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    scaled = precision / lengths / lengths[:, None]
+    inverse = (
+        np.linalg.pinv(scaled, ROUNDING_OF_PRODUCTS, hermitian=True) / lengths / lengths[:, None]
+    )
     by_geometry = whiten @ at.by_geometry[used]
     taken = inverse @ (flat.T @ by_geometry.reshape(3 * used.size, by_geometry.shape[2]))
     left = by_geometry - times * columns @ taken
@@ -44,7 +52,7 @@ def predicted_rms(at: Fit) -> float:
     along = columns @ inverse
     variance = white - 2.0 * along @ pulled + along @ scatter @ along.transpose(0, 2, 1)
     variance = variance + left @ left.transpose(0, 2, 1)
-    back = np.linalg.pinv(whiten)
+    back = np.linalg.cholesky(at.noise.of_residuals[used, :3, :3])
     covariances = back @ variance @ back.transpose(0, 2, 1)
     return float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean()))
 

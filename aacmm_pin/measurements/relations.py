@@ -74,6 +74,10 @@ def read_relations(
     if not len(table):
         problems.add("", "a table without relations; expected one row per pair of planes")
     names = checked_names([*table.columns], RELATION_COLUMNS, problems)
+    known = [column.names[0] for column in RELATION_COLUMNS]
+    for name in dict.fromkeys(names):
+        if name.strip() and name not in known:
+            problems.add(name, f"unknown name; expected only {', '.join(known)}; rename the column")
     for column in RELATION_COLUMNS:
         if column.names[0] not in names and not column.field.startswith(DISTANCE):
             problems.add(column.names[0], "missing; expected this column in a table of relations")

@@ -40,7 +40,9 @@ def measurements_document(
         mm = np.array([bar.length for bar in bars]) / MM
         shown["bars"] = f"{len(bars)} with lengths of {_range(mm)} mm"
     if records.relations:
-        shown["relations"] = f"{len(records.relations)} between planes"
+        distances = sum(bool(np.isfinite(one.distance)) for one in records.relations)
+        angles = count(len(records.relations), "angle")
+        shown["relations"] = f"{count(distances, 'distance')} and {angles} between planes"
     for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
     for j in [] if prismatic is None else np.flatnonzero(prismatic):
