@@ -528,7 +528,7 @@ def _farther_off(after: Fit) -> list[Note]:
 
 
 def contradicted_places(after: Fit) -> list[Note]:
-    """Stated places that the file itself, or all of the excluded records, contradict."""
+    """Stated places and lengths that the other data, or all excluded records, contradict."""
     records = after.problem.measurements
     notes = []
     seats = records.conditions.seat
@@ -536,6 +536,7 @@ def contradicted_places(after: Fit) -> list[Note]:
     at = set() if seats is None else set(seats[after.excluded])
     if len(at) == 1 and count >= SEVERAL and "" not in at:
         notes.append(Note("seat_excluded", {"records": count, "seat": at.pop()}))
+    notes += _of_relations(after)
     return notes + contradictions(records, after.problem.setup, after.noise.scatters)
 
 
@@ -549,7 +550,6 @@ def notes_of(after: Fit) -> list[Note]:
         *_of_noise(after),
     ]
     notes += [
-        *_of_relations(after),
         *notes_of_records(after),
         *_of_target(after),
         *_of_open_tip(after),

@@ -165,7 +165,11 @@ def diagnose(
     unexplained = unexplained_by(choice, held, bool(findings))
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged = [choice.fit] if findings else [choice.fit, alone]
-    contradicted = (place for one in judged for place in contradicted_places(one))
+    contradicted = {
+        replace(note, data={**note.data, "deviations": None}): note
+        for one in judged
+        for note in contradicted_places(one)
+    }
     named = [finding.label for finding in findings]
     noise = choice.fit.distance_of(choice.fit.stated_noise)
     budget = budget_of(choice, before, unexplained.discrepancy, unexplained.shared_by_postures)
@@ -182,7 +186,7 @@ def diagnose(
         visible=visible(choice.posterior),
         otherwise=tuple(choice.otherwise),
         no_better=_no_better(model.arm, findings, held, bool(choice.covariates)),
-        contradicted=tuple(dict.fromkeys(contradicted)),
+        contradicted=tuple(contradicted.values()),
         agree=choice.posterior.agree,
         fits=(recalibrated, choice.fit),
         named=sum(part.mean_square for part in budget if sure.intersection(part.causes)),

@@ -22,6 +22,8 @@ PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
 ORDER = ("record", "time")
 """Covariates of the order of the records."""
+LENGTHS_OFF = ("bar_length_off", "relation_off")
+"""Codes of the notes on stated lengths and angles that all else contradicts."""
 MORE_RECORDS = "take more records, at other postures"
 
 
@@ -83,14 +85,16 @@ def _first(result: Diagnosis) -> str:
             f"approach some postures with joint {joint} from both sides and with other loads, to "
             "find the error of its encoder or gear"
         )
+    # A wrong length makes residuals everywhere, which then seem to depend on the place.
+    off = any(note.code in LENGTHS_OFF for note in result.contradicted)
+    if result.contradicted and (off or not with_structure):
+        return f"measure the references again, because {'; '.join(map(str, result.contradicted))}"
     excluded = unexplained.excluded
     if with_structure and excluded is not None and excluded.name in ORDER:
         return (
             f"find what differed for the records that have {excluded.where}, such as the stand, "
             "the references or an encoder. Diagnose these records and the others separately"
         )
-    if result.contradicted and not with_structure:
-        return f"measure the references again, because {'; '.join(map(str, result.contradicted))}"
     if verdict == "inconclusive" and not findings and result.otherwise:
         return (
             "check the excluded records, and repeat them at the same postures, because with them "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,12 +15,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from aacmm_pin import calibrate, diagnose
+from aacmm_pin import calibrate, diagnose, next_measurements
 from aacmm_pin.arm import Arm
-from aacmm_pin.calibration import Calibration
+from aacmm_pin.calibration import Calibration, Setup, predicted_rms, problem_of, rms_residual
+from aacmm_pin.calibration.calibrated_arm import moved_arm
+from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
+from aacmm_pin.report.verdicts import verdict_in_words
 from tests.cli import shell
 
 EDGE, PROBE = 0.1, 3e-3
@@ -74,6 +78,16 @@ def calibrated(arm, records: Measurements, **how) -> Calibration:
     return calibrate(
         arm, records, encoder_noise=READING, probe_noise=CONTACT, hold_out=False, **how
     )
+
+
+def rough(arm: Arm, path: Path) -> Arm:
+    """The arm with its geometry known within 0.5 mm and 2 mrad."""
+    ErrorModel.of(arm).save(path)
+    wide = (
+        "[joints.uncertainty]\na_mm = 0.5\nd_mm = 0.5\nalpha_rad = 2e-3\ntheta_offset_rad = 2e-3\n"
+    )
+    path.write_text(re.sub(r"\[joints.uncertainty\]\n(.* = .*\n)*", wide, path.read_text()))
+    return Arm.load(path)
 
 
 def test_exact_relations_are_those_of_a_rigid_cube(sino6, rng):
@@ -157,18 +171,13 @@ def test_a_cube_gives_the_scale(sino6, rng):
 
 def test_bodies_at_unknown_places_say_nothing_of_the_base(sino6, rng, tmp_path):
     """The zero of joint 1 turns the whole arm, and with it what it touched: u stays as stated."""
-    path = tmp_path / "rough.toml"
-    ErrorModel.of(sino6).save(path)
-    wide = (
-        "[joints.uncertainty]\na_mm = 0.5\nd_mm = 0.5\nalpha_rad = 2e-3\ntheta_offset_rad = 2e-3\n"
-    )
-    path.write_text(re.sub(r"\[joints.uncertainty\]\n(.* = .*\n)*", wide, path.read_text()))
+    arm = rough(sino6, tmp_path / "rough.toml")
     machine = Machine(sino6, np.zeros(len(sino6.parameters)))
     q, face = on_cube(machine, rng)
     planes = Measurements.from_frame(cube_file(q, face))
     spheres = Measurements.from_frame(file_of(*machine.touching(rng)))
     for records in (planes, planes.with_relations(of_cubes()), spheres):
-        result = calibrated(Arm.load(path), records)
+        result = calibrated(arm, records)
         k = result.parameters["parameter"].tolist().index("theta_offset1")
         assert np.sqrt(result.covariance[k, k]) == pytest.approx(2e-3 / np.sqrt(3), rel=1e-3)
 
@@ -219,6 +228,63 @@ def test_a_value_that_all_else_contradicts_is_named(sino6, rng, row, column, off
         AacmmError, match=f"'{said[1][0]}' and '{said[1][1]}' contradict the stated {said[0]}"
     ):
         calibrated(sino6, read(q, face, stated))
+
+
+def test_a_contact_with_the_label_of_another_face_is_excluded(sino6, rng, tmp_path):
+    """One step of the planes would turn them far beyond what is linear."""
+    arm = rough(sino6, tmp_path / "rough.toml")
+    q, face = on_cube(Machine(arm, drawn(arm, rng)), rng)
+    table = cube_file(q + READING * rng.normal(size=q.shape), face)
+    table.loc[3, "feature"] = "E1"
+    result = calibrated(arm, Measurements.from_frame(table).with_relations(of_cubes()))
+    assert np.flatnonzero(result.fit.excluded).tolist() == [3]
+
+
+def test_faces_that_are_exchanged_or_probed_with_another_ball_are_refused(sino6, rng):
+    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
+    table = cube_file(q + READING * rng.normal(size=q.shape), face)
+    exchanged = table.replace({"feature": {"E0": "E2", "E2": "E0"}})
+    for wrong, said in (
+        (exchanged, r"the stated angle by \+90°"),
+        (table.assign(probe_diameter_mm=2 * PROBE * 1e3), "the stated distance by -3 mm"),
+    ):
+        with pytest.raises(AacmmError, match=said):
+            calibrated(sino6, Measurements.from_frame(wrong).with_relations(of_cubes()))
+    right_angle = of_cubes()
+    right_angle.loc[1, "angle_deg"] = 180.0
+    with pytest.raises(AacmmError, match=r"'E2' contradict the stated angle by \+90°"):
+        calibrated(sino6, Measurements.from_frame(table).with_relations(right_angle))
+
+
+def test_a_contradicted_distance_is_a_doubt_and_the_next_step(sino6, rng):
+    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
+    q += READING * rng.normal(size=q.shape)
+    stated = of_cubes()
+    stated.loc[0, "distance_mm"] += 0.1
+    found = diagnose(
+        sino6, read(q, face, stated), encoder_noise=READING, probe_noise=CONTACT, hold_out=False
+    )
+    assert "contradicted references" in found.doubts
+    assert [note.code for note in found.contradicted] == ["relation_off"]
+    for words in (verdict_in_words(found), next_measurements(found)):
+        assert "distance of planes E0 and E1" in words
+
+
+@pytest.mark.parametrize("related", [False, True])
+def test_the_predicted_distance_from_planes_is_that_of_random_arms(sino6, rng, related):
+    q, face = on_cube(Machine(sino6, np.zeros(len(sino6.parameters))), rng)
+    q += READING * rng.normal(size=q.shape)
+    records = read(q, face, of_cubes()) if related else Measurements.from_frame(cube_file(q, face))
+    names = [p.name for p in sino6.parameters]
+    squares = []
+    for _ in range(25):
+        errors = dict(zip(names, drawn(sino6, rng), strict=True))
+        moved = ErrorModel.of(moved_arm(sino6, errors, sino6.covariance))
+        setup = Setup.of(moved.arm, "base", "tip", True, READING, None, CONTACT, None)
+        after = fit(problem_of(moved, records, [], setup), used=np.ones(records.n, bool))
+        squares.append((rms_residual(after, after.used) ** 2, predicted_rms(after) ** 2))
+    measured, predicted = np.mean(squares, axis=0)
+    assert np.sqrt(predicted) == pytest.approx(np.sqrt(measured), rel=0.25)
 
 
 def test_relations_without_contacts_are_left_out(sino6, rng):
@@ -277,6 +343,9 @@ def test_tables_of_relations_need_their_columns_and_each_pair_once():
         records.with_relations(pd.DataFrame([row, again]))
     with pytest.raises(MeasurementFileError, match="u_angle_deg: missing"):
         records.with_relations(pd.DataFrame([row]).drop(columns="u_angle_deg"))
+    for name in ("dist_mm", "remark"):
+        with pytest.raises(MeasurementFileError, match=f"{name}: unknown name; expected only fea"):
+            records.with_relations(pd.DataFrame([row | {name: 1.0}]))
     with pytest.raises(MeasurementFileError, match="expected distance_mm"):
         records.with_relations(pd.DataFrame([row]).rename(columns={"distance_mm": "distance_um"}))
 
@@ -288,5 +357,8 @@ def test_relations_at_the_shell(sino6, rng, tmp_path):
     of_cubes().to_csv(relations, index=False)
     known = "--encoder-noise 8e-6 --probe-noise-mm 0.003 --no-prior"
     content = shell.found(f"calibrate sino6 {data} --relations {relations} {known}")
-    assert "10 between planes" in shell.done(f"check sino6 {data} --relations {relations}")[0]
+    assert (
+        "4 distances and 10 angles between planes"
+        in shell.done(f"check sino6 {data} --relations {relations}")[0]
+    )
     assert content["rms_mm"]["calibrated"] < content["rms_mm"]["nominal"]
