@@ -33,9 +33,12 @@ def measurements_document(
         "seats": "none",
         "bars": "none",
     }
-    if seats:
-        sizes = np.array([len(rows) for rows in seats.values()])
-        shown["seats"] = f"{len(seats)} with {_range(sizes)} records each"
+    sizes: dict[str, list[int]] = {"seats": [], "planes": []}
+    for rows in seats.values():
+        sizes["planes" if records.on_plane[rows].all() else "seats"].append(len(rows))
+    for kind, of_kind in sizes.items():
+        if of_kind:
+            shown[kind] = f"{len(of_kind)} with {_range(np.array(of_kind))} records each"
     if bars:
         mm = np.array([bar.length for bar in bars]) / MM
         shown["bars"] = f"{len(bars)} with lengths of {_range(mm)} mm"

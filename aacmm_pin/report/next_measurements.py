@@ -172,9 +172,10 @@ def _first(result: Diagnosis) -> str:
     known = "in these records" if held is None else "in held-out records"
     size = result.rms["extended"] if held is None else rms(held.extended)
     expected = lengths([*result.rms.values(), size])[-1]
+    planes = " from planes" if result.extended.observations.on_plane.all() else ""
     return (
         f"take new records over the full ranges of the joints. Run aacmm-pin check{option} with "
-        "the extended arm on the new records. The RMS distance should be about "
+        f"the extended arm on the new records. The RMS distance{planes} should be about "
         f"{expected}, as {known}"
     )
 
