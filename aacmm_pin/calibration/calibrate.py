@@ -345,8 +345,8 @@ def _of_relations(after: Fit) -> list[Note]:
     observations = after.observations
     if len(observations.ends) < 2:
         return []
-    each = deviations_of_relations(after.system)
-    worst, deviations = int(each.argmax()), float(each.max())
+    by_relation = deviations_of_relations(after.system)
+    worst, deviations = int(by_relation.argmax()), float(by_relation.max())
     if deviations < ODD_RELATION:
         return []
     kind = observations.relation[worst]

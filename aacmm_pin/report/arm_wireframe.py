@@ -6,6 +6,7 @@ table a line runs along d and a of the row, as the tubes do; for a URDF, lines j
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -45,11 +46,17 @@ class ArmLines:
         return placements
 
     def corners(self, q: Array) -> Array:
-        """Corners of all lines in the base, from base to tip: (n, corners, 3) [m]."""
-        placed = []
-        for at, line in zip(self.placements(q), self.lines, strict=True):
-            rotation, origin = at[:, :3, :3], at[:, None, :3, 3]
-            placed.append(line @ rotation.transpose(0, 2, 1) + origin)
+        """All corners of all lines in the base, from the base to the tip: (n, corners, 3) [m]."""
+        return self.in_base(q, enumerate(self.lines))
+
+    def in_base(self, q: Array, points_of_bodies: Iterable[tuple[int, Array]]) -> Array:
+        """Points of bodies, by number and in the axes of the body (k, 3) each, in the base:
+        (n, points, 3) [m].
+        """
+        placements, placed = self.placements(q), []
+        for body, points in points_of_bodies:
+            rotation, origin = placements[body, :, :3, :3], placements[body, :, None, :3, 3]
+            placed.append(points @ rotation.transpose(0, 2, 1) + origin)
         return np.concatenate(placed, axis=1)
 
 

@@ -66,12 +66,9 @@ class MeshBodies(Bodies):
 
     def outline(self, q: Array) -> Array:
         """Corners of the boxes around the meshes."""
-        placements, placed = self.placements(q), []
-        for (body, _), mesh in self.meshes.items():
-            corners = np.array([*product(*mesh.bounds.T)])
-            rotation, origin = placements[body, :, :3, :3], placements[body, :, None, :3, 3]
-            placed.append(corners @ rotation.transpose(0, 2, 1) + origin)
-        return np.concatenate(placed, axis=1).reshape(-1, 3)
+        meshes = self.meshes.items()
+        boxes = [(body, np.array([*product(*mesh.bounds.T)])) for (body, _), mesh in meshes]
+        return self.in_base(q, boxes).reshape(-1, 3)
 
     def draw(self, scene: Scene) -> None:
         """Put the meshes into a scene, below ``arm/body i`` each."""

@@ -180,7 +180,8 @@ class View:
         """The data for the page: the outermost points, and the unit vector towards the camera."""
         level = np.cos(self.elevation)
         x, y = level * np.cos(self.azimuth), level * np.sin(self.azimuth)
-        outermost = np.unique((SIGHT_DIRECTIONS @ self.points.T).argmax(axis=1))
+        # One direction at a time: the points may be hundreds of thousands.
+        outermost = np.unique([(self.points @ sight).argmax() for sight in SIGHT_DIRECTIONS])
         return {
             "points": self.points[outermost].tolist(),
             "direction": [x, y, np.sin(self.elevation)],
