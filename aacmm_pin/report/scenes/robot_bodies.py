@@ -147,18 +147,12 @@ def _by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
         placement, name = graph[node]
         body, shape = body_of(graph.transforms.parents[node]), robot.scene.geometry[name]
         vertices = trimesh.transform_points(shape.vertices, to_body[body] @ placement)
-        part = trimesh.Trimesh(vertices, shape.faces, process=False)
-        parts[body, _colour(shape.visual)].append(part)
-    return {key: _joined(same) for key, same in parts.items()}
-
-
-def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
-    import trimesh
-
-    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    faces = [part.faces + shift for part, shift in zip(parts, first, strict=False)]
-    vertices = np.vstack([part.vertices for part in parts])
-    return trimesh.Trimesh(vertices, np.vstack(faces), process=False)
+        parts[body, _colour(shape.visual)].append((vertices, shape.faces))
+    meshes = {}
+    for key, same in parts.items():
+        joined = trimesh.util.append_faces(*zip(*same, strict=True))
+        meshes[key] = trimesh.Trimesh(*joined, process=False)
+    return meshes
 
 
 def _colour(visual: Any) -> str:
