@@ -67,20 +67,15 @@ from aacmm_pin.measurements import (
 )
 
 UNIT_RATIO = 100.0
-"""An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but
-there are other parts.
-"""
+"""An uncertainty or torque so many times off may be in another unit (a factor of 1000, beside other
+noise)."""
 BEST_REFERENCE = 2e-7
-"""No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m].
+"""No coordinate is known better [m]: a coordinate measuring machine has 5e-7, a laser tracker 1e-5.
 """
 ODD_RELATION = 4.0
-"""A relation that is off by so many standard deviations may have another value: chance does that to
-1 of 16 000.
-"""
+"""A relation so many standard deviations off may have another value; chance: 1 of 16 000."""
 OFTEN = 2
-"""More records of a posture, one after the other, than this on the average are readings of one
-contact.
-"""
+"""With more consecutive records of a posture on average, they are readings of one contact."""
 HELD_IN = 0.5
 """Stated uncertainties hold parameters in where, without them, the scatter is smaller than this
 part of it …
@@ -88,8 +83,7 @@ part of it …
 FAR_OFF = 4.0
 """… and some are farther off than so many standard uncertainties; …"""
 OTHER_DIAMETER = 5e-4
-"""Spheres whose diameters by their contacts differ from the stated ones by more than this, in the
-median, are others [m]."""
+"""Least median difference of diameters, by contacts and as stated, of other spheres [m]."""
 MOST_NAMED = 3
 """… so many of them are named at most."""
 OPTION_OF_NOISE = {
@@ -97,13 +91,9 @@ OPTION_OF_NOISE = {
     "orientations": "u_rot_rad",
     "contacts in seats": "--probe-noise-mm",
 }
-"""The option or column that states each noise, by the words of :meth:`Setup.unstated`."""
 FEW_SEATS = 5
-"""Fewer seats than this hardly tell how well their coordinates are known."""
 OPEN = 0.1
-"""Parameters with less than this part of the largest share in what is open about the tip are not
-named.
-"""
+"""Parameters below this part of the largest share in what is open about the tip are not named."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -129,14 +119,14 @@ def calibrate(
     """Estimate parameters of the arm and their covariance from measurements.
 
     The method is weighted least squares (JCGM 100:2008, 5.2). Known coordinates, seats, known
-    distances and the stated uncertainties of the arm are data of one fit. The noise of a record
-    determines its weight; this noise contains the effect of the encoder noise on the tip. The fit
-    lists and excludes records with gross errors.
+    distances and the stated uncertainties of the arm are data of one fit. The noise of a record,
+    with the effect of the encoder noise on the tip, determines its weight. The fit lists and
+    excludes records with gross errors.
 
     Args:
         model: the arm, or the arm with causes of error. The causes keep their values unless
-            ``parameters`` names them. If a record is outside the known range of a cause, the fit
-            excludes the record and a note lists it.
+            ``parameters`` names them. The fit excludes and notes records outside the known range of
+            a cause.
         measurements: the records.
         parameters: ``zero-offsets`` of all joints (the method of the 2010 paper); ``geometry`` (all
             lengths and axes); ``tool`` (place of the target on the last body); names of parameters
@@ -146,12 +136,12 @@ def calibrate(
             ``external`` if the relation of their frame to the base is unknown. ``session`` if this
             relation is unknown and differs between sessions; results are then in the frame of the
             first session.
-        target: ``tip`` if the reference coordinates are those of the tip. ``unknown`` if the
-            references are for an unknown point on the last body. Targets with a marker label are
-            always unknown, within the standard uncertainty of their ``stylus_offset`` if the model
-            states it. ``frame`` if the target has the position and the axes of the tip frame.
-            For ``tip`` and ``unknown``, the fit also estimates one constant rotation for each
-            marker if the records state orientations.
+        target: ``tip`` if the reference coordinates are those of the tip. ``unknown`` if they are
+            of an unknown point on the last body; targets with a marker label always are, within the
+            standard uncertainty of their ``stylus_offset`` if the model states it. ``frame`` if the
+            target has the position and the axes of the tip frame. For ``tip`` and ``unknown``, the
+            fit also estimates one constant rotation for each marker if the records state
+            orientations.
         prior: use the stated uncertainties of the arm as information.
         encoder_noise: standard uncertainty of one reading, one number or ``(nq,)`` [rad]; default
             from the arm file.
@@ -232,10 +222,10 @@ def calibrate(
 def _chosen(
     parameters: GivenCause | Iterable[GivenCause], model: ErrorModel, measurements: Measurements
 ) -> list[GivenCause]:
-    """What is to be estimated: names of sets as they are, causes for their texts.
+    """Names of sets as they are, causes for their texts.
 
     Raises:
-        UnknownNameError: it is the name of neither; see :func:`as_causes`.
+        UnknownNameError: see :func:`as_causes`.
     """
     items = [parameters] if isinstance(parameters, Effect | str) else list(parameters)
     sets = get_args(ParameterSet)
@@ -250,12 +240,9 @@ def _chosen(
 
 
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
-    """The records without copies of others, and notes: which these were, how the file was read, too
-    few postures.
+    """The records without copies, with notes; ``row`` keeps their lines in the file.
 
-    See :mod:`aacmm_pin.measurements.repeats`; ``row`` still has the line of each record in
-    the file. Records without a seat that state the very same coordinates are of one place, measured
-    once, and get a seat.
+    Records without a seat that state the very same coordinates were measured once, and get a seat.
     """
     original = originals(measurements)
     copies = np.flatnonzero(original != np.arange(measurements.n))
@@ -280,9 +267,7 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
 
 
 def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
-    """Records of few postures that were held: a calibration reckons as if they shared no error, but
-    for targets of one reading whose noise is stated.
-    """
+    """A seat for records that repeat coordinates of others; and which records these are."""
     changes = np.diff(measurements.postures) != 0
     marker = measurements.conditions.marker
     if marker is not None and setup.encoder_noise is not None:
@@ -294,9 +279,6 @@ def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
 
 
 def _references_in_other_unit(after: Fit) -> list[Note]:
-    """A stated uncertainty of the references that no reference has beside the scatter of these
-    records.
-    """
     records = after.problem.measurements
     stating = after.used & records.known
     if not stating.any():
@@ -316,9 +298,7 @@ def _references_in_other_unit(after: Fit) -> list[Note]:
 
 
 def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
-    """The same, with a seat for the records without one that repeat the coordinates of others; and
-    which these are.
-    """
+    """A seat for records without one that repeat coordinates of others; and these records."""
     n = measurements.n
     labels = measurements.conditions.seat
     seat = np.full(n, "", dtype=object) if labels is None else labels.copy()
@@ -341,7 +321,6 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
 
 
 def _of_relations(after: Fit) -> list[Note]:
-    """A bar that is longer or shorter than all else says, or a distance or angle of planes."""
     observations = after.observations
     if len(observations.ends) < 2:
         return []
@@ -360,9 +339,8 @@ def _of_relations(after: Fit) -> list[Note]:
 
 
 def _of_earlier(after: Fit) -> list[Note]:
-    """Records that the stated uncertainties of the parameters come from: correlated inputs (JCGM
-    100:2008, F.1.2.3); and what that calibration left unexplained, some of which is in the
-    parameters.
+    """Records that the prior comes from, correlated inputs (JCGM 100:2008, F.1.2.3); and what that
+    calibration left unexplained.
     """
     problem = after.problem
     if not problem.from_earlier:
@@ -389,7 +367,6 @@ def notes_of_records(after: Fit) -> list[Note]:
 
 
 def _of_diameters(after: Fit) -> list[Note]:
-    """Contacts that lie on larger or smaller spheres than is stated."""
     observations = after.observations
     tips = after.point.prediction.tips
     differences = []
@@ -405,9 +382,6 @@ def _of_diameters(after: Fit) -> list[Note]:
 
 
 def _of_conditions(after: Fit) -> list[Note]:
-    """Angles counted otherwise, temperatures that look like Fahrenheit, and joints whose column of
-    angles holds a length.
-    """
     arm = after.problem.model.arm
     records = after.problem.measurements
     conditions = records.conditions
@@ -422,7 +396,6 @@ def _of_conditions(after: Fit) -> list[Note]:
 
 
 def _of_target(after: Fit) -> list[Note]:
-    """That an unknown target without a label becomes the tip of the arm."""
     notes = []
     for effect in after.effects if after.problem.tip_on_target else ():
         if isinstance(effect, StylusOffset) and effect.marker is None:
@@ -433,9 +406,6 @@ def _of_target(after: Fit) -> list[Note]:
 
 
 def _of_open_tip(after: Fit) -> list[Note]:
-    """Parameters that move the tip and are known within the widths alone within which they were
-    looked for.
-    """
     spread = np.linalg.norm(after.undetermined.tip_spread, axis=1) / after.problem.widths
     if not spread.any():
         return []
@@ -445,7 +415,6 @@ def _of_open_tip(after: Fit) -> list[Note]:
 
 
 def _of_temperature(after: Fit) -> list[Note]:
-    """At which temperature the lengths hold that were calibrated."""
     stated = after.problem.model.arm.reference_temperature
     temperature = temperature_of(after)
     if abs(temperature - stated) < TEMPERATURE_TOLERANCE:
@@ -454,7 +423,7 @@ def _of_temperature(after: Fit) -> list[Note]:
 
 
 def _of_torques(after: Fit) -> list[Note]:
-    """Torques that are far more than the weight of the arm gives, where its masses are known."""
+    """Torques far beyond what the weight of the arm gives, if its masses are known."""
     arm = after.problem.model.arm
     records = after.problem.measurements
     torque = records.conditions.torque
@@ -474,7 +443,6 @@ def _of_torques(after: Fit) -> list[Note]:
 
 
 def _of_noise(after: Fit) -> list[Note]:
-    """Noise that was found instead of stated, or beside what is stated."""
     setup = after.problem.setup
     notes = []
     if setup.encoder_noise is None:
@@ -488,7 +456,6 @@ def _of_noise(after: Fit) -> list[Note]:
 
 
 def _of_unstated_noise(after: Fit) -> list[Note]:
-    """Scatter that was found because some noise is not stated."""
     unstated_noise = after.problem.setup.unstated(after.problem.measurements)
     scatter = after.noise.scatters.seat
     notes = []
@@ -507,9 +474,6 @@ def _of_unstated_noise(after: Fit) -> list[Note]:
 
 
 def _farther_off(after: Fit) -> list[Note]:
-    """Parameters that are farther off than the arm states, if they are what makes the records
-    scatter: their stated uncertainties then hold them in.
-    """
     problem = after.problem
     mine = problem.stated & problem.vector.geometric
     if not mine.any():
@@ -541,7 +505,7 @@ def contradicted_places(after: Fit) -> list[Note]:
 
 
 def notes_of(after: Fit) -> list[Note]:
-    """What was assumed, or found instead of stated."""
+    """What was assumed, or estimated instead of stated."""
     problem = after.problem
     setup = after.problem.setup
     notes = [

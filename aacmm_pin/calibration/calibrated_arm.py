@@ -1,5 +1,5 @@
-"""From estimated effects back to an arm: geometry goes into its table, the rest stays effects,
-covariance goes along.
+"""From estimated effects to an arm: geometry goes into its table, the rest stays effects, with
+their covariance.
 """
 
 from __future__ import annotations
@@ -28,26 +28,22 @@ FIELDS = {
     "alpha": ("alpha_rad", 1.0),
     "theta_offset": ("theta_offset_rad", 1.0),
 }
-"""Where a kind of parameter stands in a row of an arm file, and the file's unit."""
+"""Field of a row of an arm file for each kind of parameter, and its unit."""
 
 
 UNDETERMINED_PART = 0.999
-"""A parameter that is as good as all of an unknown combination is not told at all."""
+"""A parameter that is this much of an undetermined combination has no u."""
 
 
 def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
-    """The arm and effects with the estimated values; targets of single markers are part of the
-    set-up.
+    """The arm and effects with the estimated values, without the set-up's.
 
-    A noise of the encoders that was stated stays with the arm. Its lengths hold at
-    :func:`temperature_of` the records. The u of an effect has in it the width within which it was
-    looked for, as far as the records do not tell it by itself. The covariance is that of what they
-    tell, and of what they do not tell where that moves the tip: there the width within which a
-    parameter was looked for is its u. Scatter beyond the stated noise goes along as what is left
-    unexplained.
+    Lengths hold at :func:`temperature_of` the records. The u of an effect includes the prior width
+    as far as the records leave it open. The covariance includes what they leave open only where it
+    moves the tip. ``unexplained`` has the scatter beyond the stated noise.
 
-    With effects that the fit ``held``, whose uncertainty is in its covariance: with the response
-    ``R`` of the estimates and the covariance ``Σ`` of the held parameters, ``R Σ`` is that of both.
+    Effects that the fit ``held`` join the covariance: with the response ``R`` of the estimates and
+    the covariance ``Σ`` of the held parameters, the cross-covariance is ``R Σ``.
     """
     problem = fit.problem
     vector = problem.vector
@@ -107,16 +103,14 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
 
 
 def is_of_setup(effect: Effect) -> bool:
-    """Whether it says how the records were taken: where a marker, or the frame of a session, is."""
+    """Whether an effect is a marker's place or a session's frame."""
     if isinstance(effect, StylusOffset):
         return effect.marker is not None
     return isinstance(effect, ReferenceFrame) and effect.session is not None
 
 
 def temperature_of(fit: Fit) -> float:
-    """At which the calibrated lengths hold [°C]: the mean of the records, where nothing in the
-    model says how they grow.
-    """
+    """Temperature of the calibrated lengths [°C]: the records' mean if no effect depends on it."""
     problem = fit.problem
     conditions = problem.measurements.conditions.take(fit.used)
     stated = conditions.temperature
@@ -130,14 +124,13 @@ def temperature_of(fit: Fit) -> float:
 
 
 def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covariance | None:
-    """The covariance of new estimates, beside what the arm's file knows together of other
-    parameters.
+    """The covariance of new estimates and the arm's of other parameters.
 
     Args:
         arm: the arm.
-        names: of the parameters that were estimated (p,); "" for one to leave out.
+        names: of the parameters (p,); "" for one to leave out.
         matrix: their covariance (p, p) [their units].
-        records: fingerprints of the records that all is known from.
+        records: fingerprints.
     """
     keep = [i for i, name in enumerate(names) if name and matrix[i, i] > 0]
     chosen = [names[i] for i in keep]
@@ -167,8 +160,8 @@ def moved_arm(
     covariance: Covariance | None,
     of_file: Mapping[str, Any] | None = None,
 ) -> Arm:
-    """The arm with the values of ``steps``, by name, added to those of its parameters [m, rad], and
-    other values ``of_file``; for an arm from a URDF, a step is in the axes of its placement.
+    """The arm with ``steps`` added to its parameters by name [m, rad], and other values
+    ``of_file``. For an arm from a URDF, a step is in the axes of its placement.
     """
     update = of_file or {}
     if arm.dh is None:
@@ -182,8 +175,7 @@ def moved_arm(
 
 
 def moved_file(arm: Arm, steps: Mapping[str, float]) -> ArmFile:
-    """The arm's file with the values of ``steps``, by name, added to those of its parameters [m,
-    rad].
+    """The arm's file with ``steps`` added to its parameters by name [m, rad].
 
     Raises:
         AacmmError: the arm was not made from a file.

@@ -1,4 +1,4 @@
-"""The table of mistakes that a measurement file or an arm file may have, and what undoes each."""
+"""Mistakes that a measurement file or an arm file may have, and what undoes each."""
 
 from __future__ import annotations
 
@@ -29,33 +29,29 @@ from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.effects import StylusOffset
 
 TURN = 2 * np.pi
-"""An angle beyond this was hardly in radians [rad]."""
+"""A larger angle was hardly in radians [rad]."""
 SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
-"""Factors by which a length is mistyped: another sign, a decimal place."""
 LEAST_LENGTH = 2e-3
-"""A shorter length of a row is not looked at [m]."""
+"""Shorter lengths of a row are not looked at [m]."""
 EXCHANGED = {
     ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"): "rows_exchanged",
     ("a_mm",): "values_exchanged",
     ("d_mm",): "values_exchanged",
 }
-"""Values of two rows of an arm file that may be exchanged, and the codes of the notes."""
+"""Fields that two rows may have exchanged, and codes of the notes."""
 PRISMATIC = {
     "kind": "prismatic",
     "limits_mm": (-1e4, 1e4),
     "limits_rad": None,
     "encoder_noise_rad": None,
 }
-"""What makes a revolute joint of an arm file a prismatic one."""
 SLIDE_UNITS = {"mm": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
-"""Units that the readings of a prismatic joint may have come in, in metres."""
+"""Units of a prismatic joint's readings, in metres."""
 LEAST_SINE = 0.01
-"""A twist with a smaller sine has no sign."""
 MOST_IN_RADIANS = 0.06
-"""Twists that are all below this were hardly in degrees: a right angle in radians under such a key
-[rad]."""
+"""Twists that are all below are right angles under a key for degrees [rad]."""
 SMALL = 0.25
-"""The lengths of an arm hardly add up to less [m]."""
+"""Least sum of the lengths of an arm [m]."""
 GON = 0.9
 """One gon [°]."""
 LENGTH_UNITS = {
@@ -65,8 +61,7 @@ LENGTH_UNITS = {
     ("micrometres", "mm"): 1e-3,
     ("mm", "metres"): MM,
 }
-"""Units that lengths may have come in and what they were taken as, and the factor that undoes it.
-"""
+"""Possible units of lengths and those they were taken in; the factor that undoes it."""
 ANGLE_UNITS = {
     ("degrees", "radians"): DEG,
     ("radians", "degrees"): 1 / DEG,
@@ -76,7 +71,7 @@ ANGLE_UNITS = {
     ("turns", "degrees"): 360.0,
     ("turns", "radians"): 360.0 * DEG,
 }
-"""Units that angles may have come in and what they were taken as, and the factor that undoes it."""
+"""The same for angles."""
 
 
 _Values = Mapping[str, Any]
@@ -87,15 +82,14 @@ class Mistake:
     """A mistake in a file, and what undoes it.
 
     Attributes:
-        code, data: of the note that says what the mistake is.
         kind: of two mistakes of one kind only one is tried at a time.
-        angles: the readings as they should be, of the readings in the file (n, nq).
-        axes: the coordinates in the file times this (3, 3) are those that they should be; their
-            uncertainties stay, which may be right.
+        code, data: of the note that names the mistake.
+        angles: correct readings from those in the file (n, nq).
+        axes: matrix (3, 3) that the coordinates in the file are multiplied by; uncertainties stay.
         bar_factor: factor of the bars' lengths.
         options: of the set-up that were left out.
-        arm: the arm that the records are of; None for the arm as it is described.
-        chosen: it is one of many that the records choose among: a value, a ratio.
+        arm: the arm that the records are of; None for the arm as described.
+        chosen: the records choose its value among many.
     """
 
     kind: str
@@ -110,14 +104,12 @@ class Mistake:
 
     @property
     def changes_tips(self) -> bool:
-        """Whether undoing it changes the computed tips, not the coordinates or lengths touched."""
+        """Whether undoing it changes computed tips, not coordinates or lengths."""
         return "target" in self.options or self.angles is not None or self.arm is not None
 
     @property
     def free(self) -> int:
-        """How many numbers it leaves open, which may take up other mistakes; more than an option if
-        it is chosen among many.
-        """
+        """How many numbers it leaves open, which may take up other mistakes."""
         of_options = {"reference_frame": 6, "target": 3}
         return 10 * self.chosen + sum(of_options[option] for option in self.options)
 
@@ -146,7 +138,7 @@ OTHER_FRAME = Mistake("axes", "other_frame", options={"reference_frame": "extern
 
 
 def single_mistakes(problem: Problem) -> Iterator[Mistake]:
-    """Every single mistake, but those that the records choose among."""
+    """Every mistake without a value that the records choose."""
     arm = problem.model.arm
     yield from _of_readings(problem)
     if isinstance(arm.file, ArmFile):
@@ -157,7 +149,6 @@ def single_mistakes(problem: Problem) -> Iterator[Mistake]:
 
 
 def _of_readings(problem: Problem) -> Iterator[Mistake]:
-    """Columns of joint angles: signs, units, zeros, order, couplings."""
     arm = problem.model.arm
     readings = problem.measurements.readings
     for j, largest in enumerate(np.abs(readings).max(axis=0)):
@@ -183,9 +174,7 @@ def _of_readings(problem: Problem) -> Iterator[Mistake]:
 
 
 def _units_of_angle(largest: float) -> dict[str, float]:
-    """Units that the angles of a joint may have come in, by the largest as it was read [rad], and
-    the factors that undo it.
-    """
+    """Possible units, by the largest angle as it was read [rad], and the factors that undo them."""
     units = {"gon": GON}
     if largest > TURN:
         units["degrees"] = DEG
@@ -195,7 +184,6 @@ def _units_of_angle(largest: float) -> dict[str, float]:
 
 
 def _times(joint: int, factor: float, nq: int) -> Callable[[Array], Array]:
-    """The readings of a joint (from 0) times a factor."""
     return partial(np.multiply, np.where(np.arange(nq) == joint, factor, 1.0))
 
 
@@ -205,23 +193,18 @@ def _combined(matrix: Array, readings: Array) -> Array:
 
 @cache
 def _reversed(joint: int, nq: int) -> Mistake:
-    """Angles of a joint (from 0) with the opposite sign."""
     reversed_ = _times(joint, -1.0, nq)
     return Mistake(f"sign {joint}", "joint_reversed", {"joint": joint + 1}, angles=reversed_)
 
 
 @cache
 def _turned(joint: int, degrees: int, nq: int) -> Mistake:
-    """Angles of a joint (from 0) that are off by quarter turns."""
     data = {"joint": joint + 1, "degrees": degrees}
     offset = degrees * DEG * np.eye(nq)[joint]
     return Mistake(f"zero {joint}", "zero_turned", data, angles=partial(np.add, offset))
 
 
 def _of_couplings(arm: Arm) -> Iterator[Mistake]:
-    """The ratio of a stated coupling with the opposite sign, inverted or left out; a coupling of
-    neighbours that is not stated.
-    """
     stated = arm.coupling_matrix
     without = np.eye(arm.nq)
     rows = arm.chain.moving_rows()
@@ -247,9 +230,6 @@ def _of_couplings(arm: Arm) -> Iterator[Mistake]:
 
 
 def _of_table(file: ArmFile) -> Iterator[Mistake]:
-    """Values of a DH table that are mistyped, exchanged, or in other units; a table that is read by
-    the other convention.
-    """
     other = "modified-dh" if file.convention == "standard-dh" else "standard-dh"
     conventions = {"other": other, "convention": file.convention}
     changed = Arm.from_file(file.model_copy(update={"convention": other}))
@@ -270,9 +250,7 @@ def _of_table(file: ArmFile) -> Iterator[Mistake]:
 
 
 def _of_row(file: ArmFile, number: int) -> Iterator[tuple[str, str, _Values, _Values]]:
-    """What may be mistyped in one row (from 0), and its values without that: another sign, decimal
-    place or quarter turn; a joint of another kind.
-    """
+    """Kind, code and data of each mistake in one row (from 0), and its correct values."""
     row = file.joints[number]
     twist = {"row": number + 1, "alpha": row.alpha_rad}
     if abs(np.sin(row.alpha_rad)) > LEAST_SINE:
@@ -292,9 +270,7 @@ def _of_row(file: ArmFile, number: int) -> Iterator[tuple[str, str, _Values, _Va
 
 
 def _exchanges(file: ArmFile) -> Iterator[tuple[str, _Values, Mapping[int, _Values]]]:
-    """The lengths of a row, or values of two rows, that may be exchanged, and the rows (from 0)
-    without that.
-    """
+    """Code and data of each exchange, and the correct rows (from 0)."""
     rows = file.joints
     for number, row in enumerate(rows):
         lengths = {"a_mm": row.d_mm, "d_mm": row.a_mm}
@@ -306,19 +282,16 @@ def _exchanges(file: ArmFile) -> Iterator[tuple[str, _Values, Mapping[int, _Valu
 
 
 def _scaled(file: ArmFile, keys: Sequence[str], factor: float) -> Arm:
-    """The arm with some values of every row times a factor."""
     rows = [{key: factor * getattr(row, key) for key in keys} for row in file.joints]
     return _with_values(file, dict(enumerate(rows)))
 
 
 def _with_values(file: ArmFile, values: Mapping[int, _Values]) -> Arm:
-    """The arm with other values in some rows (from 0)."""
     rows = [row.model_copy(update=values.get(k, {})) for k, row in enumerate(file.joints)]
     return Arm.from_file(file.model_copy(update={"joints": rows}))
 
 
 def _is_small(file: object) -> bool:
-    """Whether the lengths of a DH table are hardly in the unit that their keys state."""
     if not isinstance(file, ArmFile):
         return False
     size = sum(abs(row.a_mm) + abs(row.d_mm) for row in file.joints)
@@ -326,9 +299,6 @@ def _is_small(file: object) -> bool:
 
 
 def _of_placements(arm: Arm) -> Iterator[Mistake]:
-    """A placement in a URDF that is turned by quarter turns, or the axis of a joint that is another
-    one.
-    """
     names = [parameter.name for parameter in arm.parameters]
     for joint in range(arm.nq):
         of_joint = names[6 * joint + 3 : 6 * joint + 6]
@@ -344,7 +314,6 @@ def _of_placements(arm: Arm) -> Iterator[Mistake]:
 
 
 def _of_standards(problem: Problem) -> Iterator[Mistake]:
-    """Axes, frame, target and units of the coordinates; units of the bars' lengths."""
     records = problem.measurements
     if records.known.any():
         yield from _of_axes(problem.external)
@@ -366,7 +335,7 @@ def _of_standards(problem: Problem) -> Iterator[Mistake]:
 
 
 def _of_axes(external: bool) -> Iterator[Mistake]:
-    """Coordinates along other axes; in an unknown frame all mirror images are alike."""
+    """In an unknown frame all mirror images are alike."""
     if external:
         yield Mistake("axes", "coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
         return
@@ -379,7 +348,7 @@ def _of_axes(external: bool) -> Iterator[Mistake]:
 
 
 def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake]:
-    """A wrong value of the arm file, the ratio of a joint, the scale of the coordinates."""
+    """Mistakes with a value that the records choose."""
     arm = problem.model.arm
     wrong = None if after is None else wrong_value(after)
     if wrong is not None:
@@ -403,7 +372,7 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
 
 
 def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
-    """Columns in another order; signs and quarter turns of two joints or more, the signs first."""
+    """Columns in another order; signs and quarter turns of two joints or more."""
     arm = problem.model.arm
     mistakes: list[tuple[Mistake, ...]] = []
     for order in likely_orders(problem):
@@ -418,7 +387,7 @@ def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
 
 
 def in_words(mistakes: tuple[Mistake, ...]) -> str:
-    """Several mistakes in one sentence, joints with the opposite sign together."""
+    """One sentence, joints with the opposite sign together."""
     joints = [one.data["joint"] for one in mistakes if one.code == "joint_reversed"]
     notes = [Note(one.code, one.data) for one in mistakes]
     if len(joints) > 1:
@@ -428,9 +397,7 @@ def in_words(mistakes: tuple[Mistake, ...]) -> str:
 
 
 def pairs(mistakes: Sequence[Mistake]) -> Iterator[tuple[Mistake, ...]]:
-    """Every two mistakes of different kinds, but those of :func:`several_columns`, and of a table
-    and a column.
-    """
+    """Every two mistakes of different kinds, but for two of columns, or of a table and a column."""
     for one, other in combinations(mistakes, 2):
         of_columns = all(mistake.kind.startswith(("sign", "zero")) for mistake in (one, other))
         of_table = one.changes_tips and other.changes_tips and (one.arm or other.arm)

@@ -1,6 +1,4 @@
-"""Records of one reading: targets that were measured while the encoders were read once share the
-noise of that reading.
-"""
+"""Records of one reading: targets measured at one reading of the encoders share its noise."""
 
 from __future__ import annotations
 
@@ -14,19 +12,14 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.measurements import Measurements, Observations
 
 OWN_PART = 1e-9
-"""Part of a record's variance that is its own at least, so that what records share has an inverse
-where no other noise is stated."""
+"""Least independent part of a record's variance, so that the rest has an inverse."""
 
 
 def one_reading(measurements: Measurements, observations: Observations) -> tuple[Index, ...]:
     """Records that share a reading, for each number m of records that do: (groups, m).
 
-    Their readings are the same to the last digit, each has a target of its own, and they touch one
-    seat or none. A target that was measured again in a posture was read again.
-
-    Args:
-        measurements: the records.
-        observations: what they say; a record without a target shares nothing.
+    Their readings are identical, each has another target, and they touch one seat or none. A target
+    that was measured again in a posture was read again; a record without a target shares nothing.
     """
     marker = measurements.conditions.marker
     if marker is None:
@@ -51,7 +44,7 @@ def one_reading(measurements: Measurements, observations: Observations) -> tuple
 class Correlation:
     """Correlation of whitened records that share a reading: ``R = L Lᵀ`` group by group.
 
-    The rows of tips come before those of turns, so that the turns are whitened given all tips.
+    Rows of tips come before those of turns: turns are whitened given all tips.
 
     Attributes:
         records: of the groups of each number of records m: (groups, m).
@@ -63,12 +56,8 @@ class Correlation:
 
     @staticmethod
     def of(records: tuple[Index, ...], by_reading: Array) -> Correlation:
-        """Of the groups ``records``, whose residuals are whitened record by record.
-
-        Args:
-            records: see above.
-            by_reading: whitened displacement by one standard uncertainty of each reading (n, k,
-                nq); zero for a record that does not count.
+        """From whitened displacements by one standard uncertainty of each reading (n, k, nq); zero
+        for a record that does not count.
         """
         n, width, nq = by_reading.shape
         flat = by_reading.reshape(n * width, nq)
@@ -76,7 +65,7 @@ class Correlation:
         return Correlation(records, tuple(factors))
 
     def take(self, chosen: Index) -> Correlation:
-        """That of some of the records, whole groups of them."""
+        """Of some records, whole groups of them."""
         if not self.records:
             return self
         number = np.full(max(int(group.max()) for group in self.records) + 1, -1)
@@ -122,8 +111,8 @@ class Correlation:
 
 
 def _rows(records: Index, width: int) -> Index:
-    """Numbers of the rows of groups of records (groups, m) that have ``width`` of them each, tips
-    before turns (groups, m width).
+    """Numbers of the rows of groups of records (groups, m) with ``width`` rows each, tips before
+    turns (groups, m width).
     """
     first = width * records[:, :, None]
     parts = [first + np.arange(3 * part, 3 * part + 3) for part in range(width // 3)]
@@ -131,7 +120,6 @@ def _rows(records: Index, width: int) -> Index:
 
 
 def _factor(columns: Array, size: int) -> Array:
-    """Of groups of ``size`` records, whose rows change by ``columns`` (groups, m, nq)."""
     covariance = (1.0 - OWN_PART) * columns @ columns.transpose(0, 2, 1)
     halves = columns.shape[1] // (3 * size)
     record = np.tile(np.repeat(np.arange(size), 3), halves)

@@ -1,4 +1,4 @@
-"""Errors of several arms by what a measurement file states: references, bars, seats."""
+"""Errors of several arms against the references, bars and seats of a measurement file."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.measurements import Measurements
 
 MOST_GROWTH = 0.1
-"""Part by which an RMS may grow before something has changed; a correction that records hardly
-determine may add a few per cent.
+"""Part by which an RMS may grow unchanged: a poorly determined correction may add a few per cent.
 """
 FAR_FROM_U = 10.0
-"""An RMS distance so many times its standard uncertainty asks for a look at arm and file."""
+"""RMS distance over standard uncertainty that asks for a look at arm and file."""
 MAX_RMS = 0.01
 """Largest RMS distance of an arm from its references [m]; the worst are a millimetre off."""
 
@@ -28,7 +27,7 @@ class Comparison:
 
     Attributes:
         kind: ``reference``, ``bar length`` or ``seat`` (distance from the mean of its contacts).
-        count: how many of these there are.
+        count: number of these.
         errors: by each arm (n,) [m].
         u: RMS standard uncertainty of the references [m]; nan if none is stated.
         u_tips: the same of the last arm's tips.
@@ -76,8 +75,8 @@ class Comparison:
 def compare(
     records: Measurements, tips: Sequence[Array], u_tips: float = math.nan
 ) -> Iterator[Comparison]:
-    """Compare the tips (n, 3) [m] of each arm with the references, bars and other seats; ``u_tips``
-    is the standard uncertainty of the last arm's [m].
+    """Compare the tips (n, 3) [m] of each arm with references, bars and seats; ``u_tips`` is the
+    standard uncertainty of the last arm's [m].
     """
     placed = records.known
     if placed.any():

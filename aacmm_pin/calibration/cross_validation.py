@@ -1,7 +1,5 @@
 """Cross-validation: records left out in turn, by seats, sessions or blocks of joint space, and
 predicted by the others.
-
-A calibration and a diagnosis divide their records, leave parts out and measure distances here.
 """
 
 from __future__ import annotations
@@ -30,24 +28,17 @@ from aacmm_pin.measurements import (
 
 FOLDS = 10
 FEWEST_GROUPS = 3
-"""With fewer groups than this nothing can be said of how much the residuals differ from group to
-group.
-"""
 FEWEST_POSTURES = 3
-"""Fewer postures than this tell nothing of what depends on posture."""
 FEWEST_SEATS = 5
-"""Fewer seats than this are no groups for a diagnosis to leave out; blocks of joint space are taken
-instead.
-"""
+"""Otherwise, a diagnosis leaves out blocks of joint space."""
 ANGLE_DECIMALS = 9
-"""Angles with so many decimals are in the same order, whether they came in degrees or in radians.
-"""
+"""For one order of angles in degrees and radians."""
 MOSTLY = 0.9
-"""A diagnosis leaves out seats where more than this part of the records touch one."""
+"""Part of the records in seats with which a diagnosis leaves out seats."""
 
 
 def rms(distance: Array) -> float:
-    """Root mean square of the distances that are there [m]."""
+    """Root mean square, without NaN [m]."""
     return float(np.sqrt(np.nanmean(np.square(distance))))
 
 
@@ -63,11 +54,12 @@ class HeldOut(Shown):
     Attributes:
         kind: ``records`` (at random, repeats of a posture together; neighbours stay in, which
             flatters), ``seats``, ``sessions``, ``blocks`` (of joints).
-        groups: how many parts were left out in turn.
-        before: residual of each record by the arm as it was, only the set-up fitted (n,) [m]; nan
-            where there is none.
+        groups: number of parts left out in turn.
+        before: residuals by the arm as it was, only the set-up fitted (n,) [m]; nan where there is
+            none.
         after: by the calibrated arm (n,) [m].
-        turn_before, turn_after: how far orientations are off (n,) [rad]; nan where none is stated.
+        turn_before, turn_after: rotation from the stated orientations (n,) [rad]; nan where none is
+            stated.
     """
 
     kind: str
@@ -111,10 +103,8 @@ class HeldOut(Shown):
 
 
 def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """The natural groups of the records: seats, else sessions, else blocks of joint space: a label
-    for each record.
-
-    Repeats of a posture are in one group, whatever their seat or session.
+    """Kind and label (n,) of natural groups: seats, else sessions, else blocks of joint space.
+    Repeats of a posture are together.
     """
     records = fit.problem.measurements
     # Other records say nothing of the frame of a session.
@@ -130,10 +120,8 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
 
 
 def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """The parts that a diagnosis leaves out: seats (those of a bar together); where these are few,
-    blocks of joint space.
-
-    Repeats of a posture are always left out together.
+    """Kind and label (n,) of what a diagnosis leaves out: seats (those of a bar together), if few,
+    blocks of joint space. Repeats of a posture are together.
     """
     records = fit.problem.measurements
     seat = fit.observations.seat
@@ -149,9 +137,7 @@ def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
 
 
 def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index:
-    """Block of joint space of each record (n,), at most ``most``: k-means over one record of every
-    posture.
-    """
+    """K-means over one record of every posture."""
     order = _in_order(records)
     _, first = np.unique(records.postures[order], return_index=True)
     one = order[np.sort(first)]
@@ -164,9 +150,7 @@ def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index
 
 
 def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> Index:
-    """Number of the part, 0 to at most 9, in which each record is left out; records of one label
-    stay together.
-    """
+    """Number of the part, 0 to 9, of each record; records of one label together."""
     first = np.unique(labels[_in_order(records)], return_index=True)[1]
     part = np.argsort(rng.permutation(first.size)) % FOLDS
     number = np.unique(labels, return_inverse=True)[1]
@@ -174,15 +158,13 @@ def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> In
 
 
 def _in_order(records: Measurements) -> Index:
-    """The records in order of their angles (n,), so that what is drawn depends neither on the
-    file's order nor on labels.
-    """
+    """By their angles: draws then depend neither on the file's order nor on labels."""
     angles = np.round(records.q, ANGLE_DECIMALS)
     return np.lexsort(angles.T[::-1])
 
 
 def together(labels: Index, postures: Index) -> Index:
-    """Labels (n,), 0 and on, with those made one that share a posture."""
+    """Labels (n,), from 0, with those made one that share a posture."""
     _, joined = np.unique(labels, return_inverse=True)
     count = int(joined.max()) + 1
     nodes = count + int(postures.max()) + 1
@@ -193,7 +175,7 @@ def together(labels: Index, postures: Index) -> Index:
 
 
 def enough_postures(records: Measurements, used: Mask | slice = slice(None)) -> bool:
-    """Whether records are of enough postures to tell anything of what depends on posture."""
+    """Whether records show anything that depends on posture."""
     return np.unique(records.postures[used]).size >= FEWEST_POSTURES
 
 
@@ -229,13 +211,12 @@ def distances(
     seats: Mapping[str, Array] | None = None,
     lever: float = 0.0,
 ) -> Array:
-    """Distance of predicted tips (n, 3) from the reference, else from the seat where it is known,
-    else from the mean there.
+    """Distance of predicted tips (n, 3) from the reference, else the known seat, else the mean
+    there.
 
-    The mean is of these records themselves, so their spread about it is widened by √(m/(m-1)); NaN
-    for a single record. The same holds for spheres and planes. ``seats`` are places that other
-    records know (3,), of planes point and anchor (2, 3) [m]. Turns behind the tips (n, 6) count
-    over a ``lever`` [m].
+    The spread about a mean of m records is widened by √(m/(m-1)); NaN for a single record. Spheres
+    and planes likewise. ``seats`` are places by other records (3,), of planes point and anchor (2,
+    3) [m]. Turns behind the tips (n, 6) count over a ``lever`` [m].
     """
     tips = poses[:, :3]
     radius = np.nan_to_num(records.contact_radius)
@@ -254,9 +235,7 @@ def distances(
 
 
 def _distances_from(place: Array, tips: Array, radius: Array) -> Array:
-    """Distances of tips (m, 3) from a point, from the sphere of ``radius`` (m,) about it, or from
-    the plane of a point and its anchor (2, 3) [m].
-    """
+    """From a point, a sphere of ``radius`` (m,), or the plane of point and anchor [m]."""
     if place.ndim == 1:
         return np.asarray(np.abs(np.linalg.norm(tips - place, axis=1) - radius))
     point, anchor = place
@@ -265,9 +244,7 @@ def _distances_from(place: Array, tips: Array, radius: Array) -> Array:
 
 
 def _distances_from_best(tips: Array, records: Measurements) -> Array:
-    """Distances of tips (m, 3) from the sphere or plane that fits them best, widened by
-    √(m/(m-3)); NaN for three or fewer [m].
-    """
+    """From the best sphere or plane, widened by √(m/(m-3)); NaN for three or fewer [m]."""
     if len(tips) < FEWEST_CONTACTS:
         return np.full(len(tips), np.nan)
     radius = np.nan_to_num(records.contact_radius)
@@ -286,8 +263,7 @@ def held_out(
     """Leave out postures at random, then natural groups, and predict them by the set-up alone and
     by everything.
 
-    Excluded records are neither used nor predicted. Where there are fewer than three postures
-    nothing is left out: the others would say nothing of them.
+    Excluded records do not count. With fewer than three postures nothing is left out.
     """
     records = after.problem.measurements
     used = after.used
@@ -313,9 +289,7 @@ def held_out(
 
 
 def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
-    """Distances of the records ``out`` from where fits of the records ``kept`` put them; then their
-    turns.
-    """
+    """Distances of the records ``out`` by fits of the records ``kept``; then turns."""
     records = fits[0].problem.measurements
     predicted = records.take(out)
     others = records.take(kept)

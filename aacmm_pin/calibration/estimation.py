@@ -1,6 +1,4 @@
-"""One calibration: robust start, what scatters more than stated, what is excluded, the final least
-squares.
-"""
+"""One calibration: robust start, scatter, exclusion, final least squares."""
 
 from __future__ import annotations
 
@@ -33,22 +31,19 @@ from aacmm_pin.calibration.variance_components import (
 from aacmm_pin.errors import AacmmError
 
 UNEQUAL = 1.5
-"""Records far out scatter more, by their readings; where the noise is not stated, they are believed
-this much farther."""
+"""Factor of the limit if noise is not stated: far records scatter more, by their readings."""
 MOST_NOISE_ROUNDS = 12
 MOST_SCATTER_ROUNDS = 100
-"""From offsets of 100° the scatter takes 17 rounds to settle: what the parameters' widths allow of
-a search grows as the scatter falls."""
+"""From offsets of 100° the scatter takes 17 rounds to settle: the widths leave the search more
+freedom as it falls."""
 FALLS = 0.99
-"""Outliers are judged again where the scatter of the better half falls to less than this part: from
-100° it falls by a tenth in most rounds, in some by 2 %."""
+"""Outliers are judged again while the scatter of the better half falls below this part: from 100°
+it falls by a tenth in most rounds, in some by 2 %."""
 STAYED = 1e-6
-"""What moved by less than this part of its width along a direction that nothing tells has
-stayed."""
+"""Motion along an undetermined direction that is none [widths]."""
 SCATTER_TOLERANCE = 1e-3
-"""Scatters that change by less than this part of them are found."""
 FIRST_SCATTER = 1e-4
-"""What nobody stated counts as this until the records show what it is [m]."""
+"""First value of a noise that is not stated [m]."""
 
 
 def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> Fit:
@@ -56,15 +51,15 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
 
     First robustly, then without outliers (χ² of their residual, Bonferroni's bound over all
     records). The scatter beyond the stated noise is the variance component with which χ² meets its
-    degrees of freedom, and is looked for only where the stated noise alone will not do.
+    degrees of freedom; zero if the stated noise suffices.
 
     Args:
         problem: what is unknown.
         robust: look for outliers.
-        used: the records that belong (n,), if that is known already; nothing is looked for then.
+        used: the records that belong (n,), if known; then there is no search for outliers.
 
     Raises:
-        AacmmError: no record says anything.
+        AacmmError: no record determines the tip.
     """
     estimation = _Estimation(problem)
     has_target = estimation.observations.has_target
@@ -93,24 +88,20 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
 
 
 class _Estimation:
-    """The steps of one fit: the scatter of the records, which of them belong, the parameters."""
-
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.stated = not problem.setup.unstated(problem.measurements)
         self.observations = observations_of(problem.measurements, problem.setup)
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
-        """The noise with scatters that stand in for what is not stated."""
         x, frame, seats = point.x, point.frame, point.seats
         return NoiseModel.of(self.problem, x, frame, scatters, self.observations, seats)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
-        """A search with the scatter that the records have so far taken for noise; if robust, until
-        it falls no more.
+        """A search with the records' present scatter as noise; if robust, until it falls no more.
 
-        From afar the noise itself would give the data so much weight that the search follows every
-        valley of parameters which they hardly tell; the widths of the parameters hold it in.
+        From afar the stated noise would give the data so much weight that the search follows every
+        valley of poorly known parameters; the widths of the parameters hold it in.
         """
         squares = np.square(self.observations.deviations(point.prediction.poses, point.seats))
         tip = _median_scatter(squares[used, :3])
@@ -132,11 +123,11 @@ class _Estimation:
         return solution
 
     def without_outliers(self, first: Solution) -> tuple[NoiseModel, Point, Mask]:
-        """The search without the records that do not belong, judged by the scatter of the better
-        half: noise, end, and the others.
+        """Noise, end and records of a search without outliers, judged by the scatter of the better
+        half.
 
-        From afar the better half scatters by what the search has still to go, beside which nothing
-        is an outlier: as long as its scatter falls, they are judged again.
+        From afar this scatter is what the search has still to go, beside which nothing is an
+        outlier: they are judged again while it falls.
         """
         dof = max(first.chi2.dof, 1.0)
         share = min(1.0, dof / int(self.observations.counts.sum()))
@@ -153,12 +144,8 @@ class _Estimation:
         return solution.noise, solution.point, used
 
     def belonging(self, solution: Solution, dof: float) -> tuple[Solution, Mask]:
-        """The search without the records that do not belong beside the noise of ``solution``, and
-        the others.
-
-        Args:
-            solution: where the search stands.
-            dof: degrees of freedom by which the scatter is known.
+        """The search without outliers beside the noise of ``solution``, whose scatter has ``dof``
+        degrees of freedom, and the other records.
         """
         has_target = self.observations.has_target
         count = int(has_target.sum())
@@ -185,11 +172,10 @@ class _Estimation:
         return solution, used
 
     def fit_of_all(self, point: Point) -> Fit | None:
-        """The fit of all records, if the stated noise and what is stated of the parameters explain
-        it and each of them.
+        """The fit of all records, if the stated noise and prior explain it and each of them.
 
-        Where records are few, a robust search fits some of them at the expense of others, which
-        then seem to be outliers.
+        With few records, a robust search fits some at the expense of others, which then seem
+        outliers.
         """
         if not self.stated:
             return None
@@ -206,11 +192,8 @@ class _Estimation:
     def scatters_of_median(
         self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0
     ) -> Scatters:
-        """Scatters of tips and turns that bring their median squared distances to that of χ² with
-        three degrees.
-
-        Seats have that of tips. They are beyond the stated noise. What was fitted to the records
-        has taken some away: ``share`` is what it left.
+        """Scatters of tips and turns, beyond the stated noise, that bring median squared distances
+        to those of χ²; seats have that of tips. The fit left a ``share`` of the squares.
         """
         deviations = noise.observations.deviations(point.prediction.poses, point.seats)
         stated = noise.without_scatter
@@ -228,9 +211,6 @@ class _Estimation:
     def _scatter_of_median(
         self, deviation: Array, stated: Array, medians: Array | float, share: float
     ) -> float:
-        """Of deviations (n, 3) with the stated covariances (n, 3, 3), and medians of their squared
-        distances (n,).
-        """
 
         def excess(variance: float) -> float:
             covariance = stated + variance * np.eye(3)
@@ -244,9 +224,6 @@ class _Estimation:
         return float(np.sqrt(root(excess, deviation)))
 
     def final_fit(self, noise: NoiseModel, point: Point, used: Mask) -> Fit:
-        """The final fit, with the stated noise alone or with the scatter with which χ² meets its
-        degrees of freedom.
-        """
         if not self.stated:
             return self.fit(self.with_variance_components(noise, point, used), used, None)
         fitted, _ = self.fit_with_stated_noise(point, used)
@@ -263,7 +240,6 @@ class _Estimation:
         return self.fit(replace(solution, noise=noise), used, chi2)
 
     def with_variance_components(self, noise: NoiseModel, point: Point, used: Mask) -> Solution:
-        """The search with the scatter with which χ² meets its degrees of freedom."""
         weights = used.astype(np.float64)
         solution = solve(self.problem, noise, point, weights)
         for _ in range(MOST_SCATTER_ROUNDS):
@@ -277,9 +253,7 @@ class _Estimation:
         return replace(solution, message=solution.message or "the scatter did not settle")
 
     def fit_with_stated_noise(self, point: Point, used: Mask) -> tuple[Fit | None, Chi2]:
-        """The fit with the stated noise alone, if that may be right: by χ² after one more step,
-        which spares the search.
-        """
+        """The fit, if χ² after one more step, which spares the search, allows it."""
         noise = self.noise(point, Scatters())
         weights = used.astype(np.float64)
         here = solution_at(self.problem, noise, point, weights)
@@ -290,10 +264,9 @@ class _Estimation:
         return self.fit(solution, used, solution.chi2), chi2
 
     def fit(self, solution: Solution, used: Mask, chi2: Chi2 | None) -> Fit:
-        """The result, what nothing tells left where it was.
+        """The result, with what is undetermined left at its start.
 
-        Noise that is not the same in all directions would turn the arm as a whole where nothing
-        else holds it.
+        Anisotropic noise would otherwise turn the arm as a whole where nothing else holds it.
         """
         fitted = Fit.of(
             solution,
@@ -320,9 +293,7 @@ class _Estimation:
 
 
 def _median_scatter(squares: Array) -> float:
-    """Standard deviation of normal numbers of which the sums of three squares (n, 3) have this
-    median; 0 without any.
-    """
+    """Of three normal numbers with these squares (n, 3); 0 without any."""
     if not len(squares):
         return 0.0
     median = np.median(squares.sum(axis=1))

@@ -1,11 +1,10 @@
-"""Where targets, and the base, are at first: of all placements the nearest, for the arm as it is
-described.
+"""First placement of targets and base: the nearest for the arm as described.
 
 Base Y, b and offset t of a target are in ``r = Y (p + A t) + b``, for references r, tips p and axes
 A of the last body. With W = Yᵀ this is ``W r = p + A t + c``, linear in t and c; eliminated, they
-leave a quadratic form of the nine numbers of W. It has several minima over the rotations, which are
-looked for from those of a cube. Orientations S state ``Aᵀ W S = X``, the constant axes of the
-target (robot-world and hand-eye calibration, Shah 2013), which is linear in the same way.
+leave a quadratic form of the nine numbers of W. Its minima over the rotations are searched from
+those of a cube. Orientations S state ``Aᵀ W S = X``, the constant axes of the target (robot-world
+and hand-eye calibration, Shah 2013), linear in the same way.
 """
 
 from __future__ import annotations
@@ -22,33 +21,24 @@ from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.measurements import orientation
 
 BASINS = 3
-"""So many minima, the lowest first, are compared by the sum of their distances, which gross errors
-hardly change.
+"""So many of the lowest minima are compared by sums of distances, which gross errors hardly change.
 """
 ROTATION_TOLERANCE = 0.05
-"""Minima at rotations whose matrices differ by less are one."""
 MOST_NEWTON_STEPS = 40
-"""Most steps of a search over the rotations; five to twenty do."""
+"""Five to twenty do."""
 MOST_REWEIGHTINGS = 60
-"""Most rounds of weights; they end where the sum of distances falls by less than a part of 1000, as
-in a registration.
-"""
+"""They end where the sum of distances falls by less than 1/1000."""
 STANDS = 1e-6
-"""A step over the rotations smaller than this is none [rad]."""
 NEARER = 2.0
-"""Orientations do not count if positions alone bring tips so many times nearer: they contradict
-each other.
-"""
+"""Orientations do not count if positions alone bring tips so many times nearer."""
 PLACEMENT_RANK_RATIO = 1e-10
-"""Offsets of which records say less than this part of what they say of others stay zero."""
+"""Offsets with a smaller part of the information stay zero."""
 
 
 TINY = 1e-300
-"""Keeps what is divided by from zero."""
 
 _Form = tuple[Array, Array]
-"""H (9, 9) and h (9,): a sum of squares is ``wᵀ H w - 2 hᵀ w`` and a constant, w being the nine
-numbers of W.
+"""H (9, 9) and h (9,) of a sum of squares ``wᵀ H w - 2 hᵀ w`` and a constant, w the numbers of W.
 """
 
 
@@ -64,8 +54,8 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
     """The frame, and the offsets of the targets (m,) [m], with the least sum of distances.
 
     Args:
-        problem: records, three or more of them with coordinates.
-        tips: by the arm as it is described, in its base (n, 3) [m].
+        problem: with three or more records with coordinates.
+        tips: by the arm as described, in its base (n, 3) [m].
         by_offset: derivative of the tips by the offsets (n, 3, m).
     """
     records = problem.measurements
@@ -113,12 +103,10 @@ class _Positions:
 
     @property
     def n(self) -> int:
-        """Number of records."""
         return len(self.tips)
 
     @property
     def spread(self) -> float:
-        """Of the references about their mean, RMS [m]."""
         squares = np.square(self.references).sum(axis=1)
         return float(np.sqrt(squares.mean()))
 
@@ -145,7 +133,6 @@ class _Positions:
         return linear, deviations - self.linear @ linear
 
     def distances(self, rotation: Array, weights: Array) -> Array:
-        """Of tips and references (n,) [m]."""
         _, deviations = self.solved(rotation, weights)
         return np.asarray(np.linalg.norm(deviations, axis=1))
 
@@ -176,24 +163,19 @@ class _Turns:
 
     @property
     def n(self) -> int:
-        """Number of records."""
         return len(self.target)
 
     def form(self, weights: Array) -> _Form:
-        """Of the squared distances, the constant axes eliminated; nothing is stated of these, so
-        that h is zero.
-        """
+        """Of the squared distances, the constant axes eliminated."""
         root = np.sqrt(weights)[:, None, None]
         rows = (root * self._about_means(weights)).reshape(-1, 9)
         return rows.T @ rows, np.zeros(9)
 
     def distances(self, rotation: Array, weights: Array) -> Array:
-        """From the constant axes, over the lever (n,) [m]."""
         deviations = self._about_means(weights) @ rotation.ravel()
         return np.asarray(np.linalg.norm(deviations, axis=1))
 
     def _about_means(self, weights: Array) -> Array:
-        """The derivatives less their means over each target, which are the constant axes."""
         weight = np.bincount(self.target, weights)[:, None, None]
         total = np.zeros((len(weight), 9, 9))
         np.add.at(total, self.target, weights[:, None, None] * self.by_rotation)
@@ -202,7 +184,6 @@ class _Turns:
 
 
 def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
-    """The place with the least sum of distances."""
     parts: list[_Positions | _Turns] = [positions, *turns]
     form = _sum([part.form(np.ones(part.n)) for part in parts])
     cube = scipy.spatial.transform.Rotation.create_group("O").as_matrix()
@@ -218,7 +199,7 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
 
 
 def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: bool = True) -> _Place:
-    """The place near ``rotation``, or at it, weighted anew by the inverse distances (Weiszfeld)."""
+    """Weighted anew by the inverse distances (Weiszfeld)."""
     weights = [np.ones(part.n) for part in parts]
     before = np.inf
     for _ in range(MOST_REWEIGHTINGS):
@@ -241,8 +222,8 @@ def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: boo
 def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
     """The minima of ``wᵀ H w - 2 hᵀ w`` near each rotation (k, 3, 3), and its values there (k,).
 
-    By Newton's method over turns ω behind W, which move it by ``[ω] W + [ω]² W / 2``: damped, and
-    with the sizes of the curvatures, so that no step goes up (Dauphin et al. 2014).
+    Newton's method over turns ω behind W, which move it by ``[ω] W + [ω]² W / 2``: damped, with
+    absolute curvatures, so that no step goes up (Dauphin et al. 2014).
     """
     quadratic, linear = form
 

@@ -1,6 +1,4 @@
-"""A calibration solved: where the search ended, which records count, and how well the parameters
-are known.
-"""
+"""A solved calibration: end of the search, records that count, uncertainty of the parameters."""
 
 from __future__ import annotations
 
@@ -21,16 +19,13 @@ from aacmm_pin.calibration.solver import LEAST_DOF, Chi2, Solution, solution_at
 from aacmm_pin.effects import Effect
 
 MOST_EXCLUDED_PART = 0.15
-"""Where more than this part of the records is excluded, they are no gross errors of single
-records."""
+"""More are no gross errors of single records."""
 FEWEST_TOGETHER = 3
-"""Fewer excluded records than this may be one mishap, whatever part of a few records they are."""
+"""Fewer may be one mishap."""
 NO_SCATTER = 5e-8
-"""Scatter below this is none: the search for it ends just above zero, and nobody measures so well
-[m]."""
+"""Scatter below this is none [m]: the search for it ends just above zero."""
 ONE_DIRECTION = 1e-2
-"""Directions that records do not tell, found at tips and at targets, are one if the sine of their
-angle is less."""
+"""Sine of the angle of two undetermined directions that are one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +33,14 @@ class Fit(Solution):
     """A problem solved.
 
     Attributes:
-        stated: True where the stated noise was complete, so that ``chi2_stated`` judges the model.
-        used: (n,) True for the records that count.
-        excluded: (n,) True for outliers: records that fit too badly to be believed.
+        stated: the stated noise was complete, so that ``chi2_stated`` judges the model.
+        used: records that count (n,).
+        excluded: outliers (n,).
         chi2_stated: χ² against the stated noise alone; None where it was not complete.
         dof: degrees of freedom of the final fit.
         found: effects, by their keys, whose nonlinear parameters (order, time constant) come from
-            these records too, so that their uncertainty adds to that of the other parameters; with
-            the least u of each, by its name, where the derivative at its value gives too little.
+            these records too; with the least u of each, by its name, where the derivative at its
+            value gives too little. Their uncertainty adds to that of the other parameters.
         added_covariance: of all columns, for an error that several records share (p, p) [units].
     """
 
@@ -59,7 +54,7 @@ class Fit(Solution):
 
     @staticmethod
     def of(solution: Solution, **judgement: Any) -> Fit:
-        """A solution, with the other attributes."""
+        """From a solution and the other attributes."""
         attributes = {
             attribute.name: getattr(solution, attribute.name) for attribute in fields(Solution)
         }
@@ -67,24 +62,20 @@ class Fit(Solution):
 
     @property
     def unmodelled(self) -> float:
-        """Scatter of each coordinate beyond the stated noise; 0 where the stated noise suffices
-        [m].
+        """Scatter of each coordinate beyond the stated noise [m]; 0 where the stated noise
+        suffices.
         """
         return self.noise.scatters.tip
 
     @property
     def turns(self) -> Array:
-        """How far each record's orientation is from the stated one (n,) [rad]; NaN where none is
-        stated.
-        """
+        """Rotation of each record from the stated orientation (n,) [rad]; NaN without one."""
         turns = np.linalg.norm(self.system.deviations[:, 3:], axis=1)
         return np.where(self.observations.oriented, turns, np.nan)
 
     @property
     def lever(self) -> float:
-        """Distance over which a turn counts as much as a shift: that of their noise [m]; 0 without
-        orientations.
-        """
+        """Ratio of the noise of shifts to that of turns [m]; 0 without orientations."""
         both = self.residual_noise[self.used & self.observations.oriented]
         if not len(both):
             return 0.0
@@ -93,14 +84,12 @@ class Fit(Solution):
 
     @property
     def tells_noise(self) -> bool:
-        """Whether the noise is stated, or the records are enough to tell it."""
+        """Whether the noise is stated, or the records suffice to estimate it."""
         return self.stated or self.dof >= LEAST_DOF
 
     @property
     def too_many_excluded(self) -> bool:
-        """Whether so many records are excluded that something of their own may be wrong with
-        them.
-        """
+        """Whether more records are excluded than gross errors explain."""
         excluded = int(self.excluded.sum())
         return excluded >= FEWEST_TOGETHER and excluded > MOST_EXCLUDED_PART * (
             excluded + int(self.used.sum())
@@ -108,26 +97,24 @@ class Fit(Solution):
 
     @property
     def scatters(self) -> bool:
-        """Whether there is scatter beyond the stated noise that is worth a word."""
+        """Whether there is scatter beyond the stated noise worth a word."""
         return max(self.noise.scatters) > NO_SCATTER
 
     @property
     def scatter_in_words(self) -> str:
-        """Scatter of tips beyond the stated noise, and of turns where orientations are stated."""
+        """The scatter of tips, and of turns with orientations."""
         turns = f" and {self.noise.scatters.turn / UM:.3g} µrad" if self.problem.turns else ""
         return f"{self.unmodelled / MM:.4f} mm{turns}"
 
     @property
     def residual_noise(self) -> Array:
-        """Covariance of each residual by its reading, its target and the scatter found (n, 3, 3)
-        [m²], or (n, 6, 6).
-        """
+        """Covariance of each residual, with the scatter (n, 3, 3) [m²], or (n, 6, 6)."""
         return self.noise.of_residuals
 
     @property
     def by_geometry(self) -> Array:
-        """Displacement of each record's tip, in the frame of the references, by independent errors
-        of the geometry of unit variance (n, 3, p) [m].
+        """Displacement of each tip, in the frame of the references, by independent geometric errors
+        of unit variance (n, 3, p) [m].
         """
         model, records = self.problem.model, self.problem.measurements
         values, vectors = np.linalg.eigh(model.covariance())
@@ -139,8 +126,8 @@ class Fit(Solution):
 
     @property
     def stated_variance(self) -> Array:
-        """Variance of each record's distance by the stated uncertainties of the arm and, if nothing
-        is fitted, of the seats: (n,) [m²].
+        """Variance of each record's distance by the arm's stated uncertainties and, if nothing is
+        fitted, those of the seats (n,) [m²].
         """
         records = self.problem.measurements
         variance = np.square(self.by_geometry).sum(axis=(1, 2))
@@ -154,15 +141,14 @@ class Fit(Solution):
 
     @property
     def stated_noise(self) -> Array:
-        """The same without the scatter that was found beside a noise that is stated in full."""
+        """The same without the scatter beyond a noise that is stated in full."""
         return self.noise.without_scatter if self.stated else self.residual_noise
 
     def distance_of(self, covariance: Array) -> float:
-        """RMS distance of the used records' tips and targets that residuals of such covariances (n,
-        3, 3) [m²] give [m].
+        """RMS distance of tips and targets of the used records by covariances of residuals (n, 3,
+        3) [m²]: [m].
 
-        A seat of which no coordinates are known is where its own touches put it, which takes its
-        part of their scatter.
+        Contacts determine a seat without known coordinates, which takes its part of their scatter.
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
         seat = self.observations.seat[self.used]
@@ -175,13 +161,11 @@ class Fit(Solution):
 
     @cached_property
     def unknown(self) -> Array:
-        """Directions of which these records tell nothing, in units of the scales (p, k),
-        orthonormal.
+        """Directions that these records do not determine (p, k), orthonormal [scales].
 
-        A direction that leaves every residual as it is tells nothing; but where tips scatter about
-        their targets, a turn of the whole arm about its base, or of its target about the last
-        joint, seems to move them a little apart, which would pass for knowledge. The first does not
-        move targets apart, the second not tips: so both are asked.
+        If tips scatter, a turn of the whole arm about its base, or of its target about the last
+        joint, seems to change residuals. The first does not at targets, the second not at tips:
+        both are tried.
         """
         point = self.point
         targets = point.prediction.tips - np.nan_to_num(self.system.deviation)
@@ -198,17 +182,13 @@ class Fit(Solution):
 
     @property
     def covariance(self) -> Array:
-        """Covariance of all columns, the frame's included (p, p) [units]; zero along what nothing
-        determines.
-        """
+        """Of all columns, the frame's included (p, p) [units]; zero if undetermined."""
         p = self.problem.scales.size
         return self.full_covariance[:p, :p]
 
     def response(self, columns: Array) -> Array:
-        """Derivative of all estimates by what the fit held (p, q) [units]: ``-(JᵀJ)⁻¹ Jᵀ C``.
-
-        Args:
-            columns: displacement of the records by one unit of it (n, 3 or 6, q) [m, rad].
+        """Derivative of all estimates by what the fit held (p, q) [units]: ``-(JᵀJ)⁻¹ Jᵀ C``, with
+        ``columns`` the displacement of the records by one unit of it (n, 3 or 6, q) [m, rad].
         """
         point = self.point
         jacobian = np.concatenate([point.prediction.jacobian, columns], axis=2)
@@ -220,9 +200,7 @@ class Fit(Solution):
 
     @property
     def nonlinear_u_of(self) -> dict[tuple[str, str], float]:
-        """Standard uncertainty of each nonlinear parameter, by the effect's key and the name of the
-        field.
-        """
+        """Standard uncertainty of each nonlinear parameter, by the effect's key and the field."""
         variances = np.diag(self.full_covariance)[self.problem.scales.size :]
         u = np.sqrt(variances).tolist()
         keys = [(effect.key, name) for _, effect, name, _ in self.nonlinear_parameters]
@@ -230,9 +208,7 @@ class Fit(Solution):
 
     @cached_property
     def nonlinear_parameters(self) -> list[tuple[int, Effect, str, float]]:
-        """Of each uncertain nonlinear parameter: number of the effect, effect, name of the field,
-        prior standard deviation.
-        """
+        """Uncertain ones: number of the effect, effect, field, prior standard deviation."""
         uncertain = []
         for k, effect in enumerate(self.effects):
             nonlinear = effect.nonlinear
@@ -244,7 +220,7 @@ class Fit(Solution):
 
     @cached_property
     def full_covariance(self) -> Array:
-        """Covariance of all columns and, last, of the nonlinear parameters."""
+        """Of all columns and, last, of the nonlinear parameters."""
         covariance = self._of_independent_records()
         p = self.problem.scales.size
         covariance[:p, :p] += self.added_covariance
@@ -273,7 +249,7 @@ class Fit(Solution):
         return covariance
 
     def _by_nonlinear(self, number: int, effect: Effect, name: str, width: float) -> Array:
-        """∂(pose)/∂(nonlinear parameter) (n, 3 or 6) [m/unit] by central differences."""
+        """∂(pose)/∂(nonlinear parameter) (n, 3 or 6) [m/unit]."""
         poses = []
         for step in (OF_WIDTH * width, -OF_WIDTH * width):
             effects = list(self.problem.vector.effects)
@@ -285,11 +261,10 @@ class Fit(Solution):
 
 
 def redundant(solution: Solution) -> bool:
-    """Whether the records are enough to tell which of them are wrong: half of them cannot be fitted
-    whatever they say.
+    """Whether the records suffice to judge which are wrong: no half of them can be fitted whatever
+    they say.
 
-    A sphere or plane takes three numbers of its few; where the noise is not stated either, it
-    counts twice.
+    A sphere or plane takes three numbers; where the noise is not stated, it counts twice.
     """
     stated = not solution.problem.setup.unstated(solution.problem.measurements)
     open_surfaces = solution.observations.surfaces & ~solution.observations.known

@@ -1,6 +1,4 @@
-"""Effects with many parameters, such as error curves and the background, beside a fit that held
-them: with what they add to the uncertainty of all others.
-"""
+"""Effects with many parameters, such as error curves, beside a fit that held them."""
 
 from __future__ import annotations
 
@@ -33,11 +31,11 @@ class HeldEffects:
 
     @property
     def added_covariance(self) -> Array:
-        """What their uncertainty adds to the covariance of the fit's estimates (p, p) [units]."""
+        """Of the fit's estimates, by their uncertainty (p, p) [units]."""
         return self.response @ self.covariance @ self.response.T
 
     def of_effect(self, effect: Effect) -> Array:
-        """Covariance of the parameters of one of them (q, q) [units]."""
+        """Covariance of one (q, q) [units]."""
         ends = np.cumsum([len(held.terms) for held in self.effects])
         number = [held.label for held in self.effects].index(effect.label)
         entries = slice(ends[number] - len(effect.terms), ends[number])

@@ -1,6 +1,4 @@
-"""What the data can determine: combinations of parameters that they cannot, in words, and
-observability indices.
-"""
+"""What the data determine: undetermined combinations in words, and observability indices."""
 
 from __future__ import annotations
 
@@ -17,30 +15,23 @@ from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects import listed
 
 NEGLIGIBLE_PART = 0.02
-"""Parts of a combination smaller than this, beside the largest, are not mentioned."""
+"""Smaller parts of a combination are not mentioned."""
 OTHER_POSTURES = 200
-"""Postures at which it is looked what an undetermined direction moves."""
 ROTATION = 1e-2
-"""A base whose rotation has a larger u than this is open [rad]: to first order nothing can be said
-of it any more."""
+"""A base whose rotation has a larger u is open [rad]: first order says nothing any more."""
 MOVES = 1e-6
-"""A direction moves a point if one width along it does so by more than this (RMS over postures)
-[m].
-
-Directions that only describe the same arm otherwise move it by 1e-9 m; what records leave open, by
-1e-4 m and more.
-"""
+"""A direction moves a point if one width does so by more (RMS over postures) [m]: mere
+redescriptions of the arm move it by 1e-9 m, what records leave open by 1e-4 m and more."""
 
 
 @dataclass(frozen=True, eq=False)
 class Undetermined:
-    """Directions of which the records tell nothing, and what they move at postures between the
-    joint limits.
+    """Directions that the records do not determine, and what they move between the joint limits.
 
     Attributes:
         problem: what is unknown.
         point: where the search ended.
-        directions: in units of the scales, the frame's included (P, k), orthonormal.
+        directions: orthonormal (P, k) [scales], the frame's included.
     """
 
     problem: Problem
@@ -49,9 +40,7 @@ class Undetermined:
 
     @cached_property
     def spread(self) -> Array:
-        """How far off the parameters may be along them, one column a standard deviation (p, k)
-        [units].
-        """
+        """Standard deviations of the parameters along them (p, k) [units]."""
         widths = self.problem.widths
         span, size, _ = np.linalg.svd(self.directions[: widths.size], full_matrices=False)
         return np.asarray(widths[:, None] * span[:, size > NEGLIGIBLE_PART])
@@ -60,8 +49,8 @@ class Undetermined:
     def tip_spread(self) -> Array:
         """The part of :attr:`spread` that moves the tip in the arm's own base (p, k) [units].
 
-        Where the references do not place the base, a motion of the whole arm is none; nor is that
-        of the frame of a session.
+        Motions of the frame of a session do not count, nor those of the whole arm if the references
+        do not place the base.
         """
         if not self.spread.size:
             return self.spread
@@ -75,9 +64,7 @@ class Undetermined:
     @cached_property
     def target_directions(self) -> Array:
         """Those that move the targets, in the frame of the references, at other postures (P, k)
-        [scales].
-
-        The others describe the same arm in other words.
+        [scales]; others describe the same arm in other words.
         """
         if not self.directions.size:
             return self.directions
@@ -88,9 +75,7 @@ class Undetermined:
 
     @cached_property
     def frame_is_open(self) -> bool:
-        """Whether the records leave the placement of the base open, beyond how the arm itself is
-        described.
-        """
+        """Whether the records leave the placement of the base open."""
         if not self.problem.external:
             return False
         p = self.problem.widths.size
@@ -99,9 +84,7 @@ class Undetermined:
 
     @property
     def tied_to_frame(self) -> tuple[str, ...]:
-        """Parameters of the arm that the records know only together with where the base is, and
-        that stay as they were.
-        """
+        """Parameters of the arm that the records determine only together with the base."""
         p = self.problem.widths.size
         names = self.problem.names
         rows = _combinations(self.problem, self.directions)
@@ -111,16 +94,11 @@ class Undetermined:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Combinations of parameters that neither the records nor a stated uncertainty
-        determine.
-        """
+        """Combinations that neither the records nor a stated uncertainty determine."""
         rows = _combinations(self.problem, self.directions)
         return tuple(_words(row, self.problem.names) for row in rows)
 
     def _elsewhere(self, *, on_tip: bool) -> Prediction:
-        """Targets, or tips, at other postures under the conditions of the records, in the frame of
-        the references.
-        """
         records = self.problem.measurements
         model = self.problem.model.with_effects(*self.problem.vector.effects)
         arm = model.restricted_to_known_range().arm
@@ -134,11 +112,8 @@ class Undetermined:
 
 
 def _moving(directions: Array, jacobian: Array, free: Array | None) -> Array:
-    """The span of directions (p, k), each of unit variance, that moves points by their derivative
-    (n, 3, p).
-
-    Motions of all points (n, 3) [m] as one rigid body do not count where these are given as
-    ``free``.
+    """Span of the directions (p, k), of unit variance, that moves points, by their derivative (n,
+    3, p), but for rigid motions of ``free`` points (n, 3) [m].
     """
     motion = (jacobian @ directions).reshape(-1, directions.shape[1])
     if free is not None:
@@ -182,9 +157,7 @@ class Observability(Shown):
 
 
 def _combinations(problem: Problem, directions: Array) -> Array:
-    """What spans ``directions`` (p, k) [scales] with as many zeros as elimination gives (k, p)
-    [units].
-    """
+    """The span of ``directions`` (p, k) [scales] with many zeros (k, p) [units]."""
     # Parts can be compared by 1 mm and 1 mrad, others by their widths.
     typical = np.full(len(problem.names), 1e-3)
     for k, parameter in enumerate(problem.vector.parameters):
@@ -195,7 +168,6 @@ def _combinations(problem: Problem, directions: Array) -> Array:
 
 
 def _sparse(rows: Array) -> Array:
-    """The same span with as many zeros as elimination gives; small parts left out."""
     rows = rows.copy()
     for k in range(len(rows)):
         open_rows = np.abs(rows[k:])

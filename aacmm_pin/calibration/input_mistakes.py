@@ -1,13 +1,11 @@
-"""Whether records fit the arm at all; if not, which mistake in the file (sign, zero, column, unit,
-frame) explains them.
+"""Whether records fit the arm; if not, which mistake in a file (sign, zero, column, unit, frame)
+explains them.
 
-A joint angle of reversed sign, a zero a quarter turn off, exchanged columns, another unit or frame
-are no causes of error: no parameter may take them up. Where the first fit leaves more than an arm
-has, or the arm as it is described is as far off, every such mistake is undone in turn. The arm as
-it is described judges which of them brings tips and targets together best (median distance over
-what the tips travel, so that gross errors do not count and no unit that shrinks the arm is
-rewarded); a fit then has to leave no more than the noise. Of several the simplest is named: the
-fewest, with the fewest free numbers. Nothing is repaired.
+Such mistakes are no causes of error: no parameter may take them up. If the first fit, or the arm as
+described, leaves more than any arm has, every mistake is undone in turn. The arm as described ranks
+them by the median distance of tips and targets over the tips' travel: gross errors do not count,
+and no unit that shrinks the arm is rewarded. A fit then has to leave no more than the noise. The
+simplest is named: the fewest mistakes with the fewest free numbers. Nothing is repaired.
 """
 
 from __future__ import annotations
@@ -50,47 +48,37 @@ from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileErro
 from aacmm_pin.measurements import Measurements, Observations
 
 FAR = 2e-3
-"""Scatter, or median distance after a fit, that no arm has; some mistake is looked for [m]."""
+"""Scatter, or median distance after a fit, that no arm has [m]."""
 UNLIKE = 0.03
-"""Scatter about the best fit, as a part of what the tips travel, beyond which records have nothing
-to do with the arm.
-"""
+"""Scatter over the tips' travel beyond which records do not belong to the arm."""
 MOVED = 5.0
-"""Geometry that moves so many times what assembly leaves (:data:`ASSEMBLED`), and the tips by as
-much as such a length, has taken up another mistake; the zero of a joint that hardly moves the tip
-may be anything.
-"""
+"""Geometry that moves so many times :data:`ASSEMBLED`, and the tips as much as such a length, has
+taken up another mistake; the zero of a joint that hardly moves the tip may be anything."""
 EXPLAINS = 0.2
-"""A mistake is named if without it the median distance falls to less than this part."""
+"""Part of the median distance below which undoing a mistake explains it."""
 TRIED = 3
-"""So many of the best are fitted, the best first, until one explains the file."""
 FITTED = 8
-"""Of those that are alike, so many at most are fitted, the simplest first; seldom there are more
-than four.
-"""
+"""Of those alike; more than four are rare."""
 MOST_GROSS = 0.15
-"""Gross errors are not a larger part of the records."""
 FEWEST_FOR_MISTAKES = 10
 """With fewer records some mistake fits anything."""
 RECORDS_TO_DISTINGUISH = 80
-"""So many records tell one mistake from another."""
 FEWEST_ROWS = 6
-"""Fewer rows than this are a few gross errors."""
 MOST_OF_ROWS = 0.8
-"""So large a part of the rows has to be excluded, or to fit."""
+"""Of those excluded, or those that fit."""
 SHIFTED_REMAINS = 0.1
-"""The part of the distance that may remain if the coordinates are of another row."""
+"""Part of the distance that may remain with the coordinates of another row."""
 ORIENTATION_FAR = 0.05
 """Median angle between fitted and stated orientations that no arm has [rad]."""
 
 
 def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
-    """:func:`fit`, refusing records that no fit of this arm means anything for.
+    """:func:`fit`, refusing records that do not fit this arm.
 
     Raises:
         MistakenFileError: undoing one mistake, or two, explains the records.
-        AacmmError: after the fit they are off by a large part of what the tips travel, or a
-            relation of planes is impossible; see :func:`fit`.
+        AacmmError: the fit leaves a large part of what the tips travel, or a relation of planes is
+            impossible; see :func:`fit`.
     """
     require_possible_relations(problem)
     try:
@@ -129,9 +117,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
 
 
 def _zeros_alone(problem: Problem) -> bool:
-    """Whether zeros of joints are the only geometric values that are estimated: then they may be
-    off by any angle.
-    """
+    """Whether zeros, which may have any value, are the only geometric unknowns."""
     return all(
         isinstance(effect, JointZeroOffset)
         for effect in problem.vector.effects
@@ -140,7 +126,6 @@ def _zeros_alone(problem: Problem) -> bool:
 
 
 def _advice(problem: Problem) -> Note:
-    """What to look at where no mistake explains records that do not fit."""
     readings = problem.measurements.readings
     still = np.flatnonzero(np.ptp(readings, axis=0) == 0.0)
     if still.size:
@@ -154,9 +139,7 @@ def _advice(problem: Problem) -> Note:
 
 
 def mistakes_of(after: Fit) -> list[Note]:
-    """Notes on mistakes in the files that do not keep the records from being fitted: a wrong value
-    of the arm, rows in another frame, readings that stand still, rows that are shifted.
-    """
+    """Notes on mistakes in the files with which records can still be fitted."""
     notes = []
     if after.excluded.sum() >= FEWEST_ROWS:
         notes += [*_frozen_readings(after), *_shifted_rows(after)]
@@ -170,9 +153,7 @@ def mistakes_of(after: Fit) -> list[Note]:
 
 
 def _frozen_readings(after: Fit) -> Iterator[Note]:
-    """For each joint the longest run of rows with one and the same reading, if other joints move
-    and the fit excludes most of the rows.
-    """
+    """The longest run with one reading of each joint, if others move and most rows are excluded."""
     records = after.problem.measurements
     for joint, readings in enumerate(records.readings.T):
         starts = np.flatnonzero(np.append(True, np.diff(readings) != 0.0))
@@ -187,7 +168,7 @@ def _frozen_readings(after: Fit) -> Iterator[Note]:
 
 
 def _shifted_rows(after: Fit) -> Iterator[Note]:
-    """A note if the coordinates of most excluded records are those of the row before or after."""
+    """Whether coordinates of most excluded records are a neighbouring row's."""
     records = after.problem.measurements
     tips = after.point.prediction.tips
     out = np.flatnonzero(after.excluded & records.known)
@@ -205,14 +186,12 @@ def _shifted_rows(after: Fit) -> Iterator[Note]:
 
 
 def _far_in_a_session(after: Fit) -> bool:
-    """Whether the median distance of a session is farther than those of any arm."""
     distances = pd.Series(np.linalg.norm(after.system.deviation, axis=1))
     session = after.problem.measurements.conditions.session
     return session is not None and bool((distances.groupby(session).median() >= FAR).any())
 
 
 def _by_session(problem: Problem) -> list[Problem]:
-    """The same unknowns with the records of each session alone."""
     records = problem.measurements
     labels = records.conditions.session
     alone = []
@@ -225,9 +204,7 @@ def _by_session(problem: Problem) -> list[Problem]:
 
 
 def _ends(problem: Problem) -> list[Problem]:
-    """The same unknowns with the first and with the last third of the records; none if they are
-    few, or have sessions.
-    """
+    """The first and last thirds; none of few records, or with sessions."""
     records = problem.measurements
     third = records.n // 3
     if third < FEWEST_FOR_MISTAKES or records.conditions.session is not None:
@@ -237,7 +214,7 @@ def _ends(problem: Problem) -> list[Problem]:
 
 
 def _each_fits(parts: Sequence[Problem]) -> bool:
-    """Whether there are several parts, and the records of each fit the arm in some frame."""
+    """Whether each of several parts fits the arm in some frame."""
     try:
         fits = [fit(OTHER_FRAME.undone(part)) for part in parts]
     except AacmmError:
@@ -246,12 +223,7 @@ def _each_fits(parts: Sequence[Problem]) -> bool:
 
 
 def _require_no_mistake_in_a_session(problem: Problem) -> None:
-    """Refuse records of which some sessions fit the arm, if a mistake explains another session: one
-    in its columns, as the arm or the references may have been moved between sessions.
-
-    Raises:
-        MistakenFileError: the mistake.
-    """
+    """If other sessions fit the arm, refuse one whose columns have a mistake."""
     distances = {}
     for alone in _by_session(problem):
         try:
@@ -267,12 +239,7 @@ def _require_no_mistake_in_a_session(problem: Problem) -> None:
 
 
 def _require_orientations(after: Fit) -> None:
-    """Refuse orientations that are not of a body that moves with the last body of the arm, and
-    state what explains them.
-
-    Raises:
-        AacmmError: the orientations do not fit the arm.
-    """
+    """Refuse orientations that do not move with the last body of the arm."""
     problem = after.problem
     point = after.point
     rows = after.used & after.observations.oriented
@@ -306,15 +273,12 @@ def _require_no_mistake(
     """Refuse records that one mistake explains.
 
     Args:
-        problem: the records as they are.
-        fitted: median distance after a fit of these, infinite where there is no such fit [m].
-        thorough: look for two mistakes, and several signs and zeros, too.
-        options: look for options that were left out. They leave numbers open that geometry may as
-            well take up: a tip that is off by a length of the last row is no mistake.
-        after: a fit of these, by which one wrong value of the arm is looked for before options.
-
-    Raises:
-        MistakenFileError: the mistake.
+        problem: the records.
+        fitted: median distance after a fit, infinite without one [m].
+        thorough: try two mistakes, and several signs and zeros, too.
+        options: try options that were left out. Geometry may take up the numbers that they leave
+            open: a tip that is off by a length of the last row is no mistake.
+        after: a fit, for one wrong value of the arm before options.
     """
     if problem.setup.frame_of_session:
         problem = _of_first_session(problem)
@@ -356,8 +320,8 @@ def _require_no_mistake(
 def _likely(
     tier: list[tuple[Mistake, ...]], misfits: list[float], limit: float
 ) -> Iterator[list[tuple[Mistake, ...]]]:
-    """Mistakes that bring tips and targets nearest together, by their misfits and no more than a
-    ``limit``: those that are alike together, the simplest first, then a few others one by one.
+    """The least misfits up to a ``limit``: those alike together, the simplest first, then a few
+    others.
     """
     nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
     alike = [k for k in nearest if misfits[k] <= SIMILAR_RATIO * misfits[nearest[0]]]
@@ -370,7 +334,7 @@ def _likely(
 def _named(
     source: str, distances: Mapping[tuple[Mistake, ...], float], as_is: float
 ) -> MistakenFileError:
-    """The error that names mistakes, by the median distances without each of them [m]."""
+    """From the median distances without each of the mistakes [m]."""
     most = SIMILAR_RATIO * min(distances.values())
     named = [mistakes for mistakes, distance in distances.items() if distance <= most]
     fewest = [
@@ -381,11 +345,7 @@ def _named(
 
 
 def _require_rows_together(problem: Problem, as_is: float) -> None:
-    """Refuse records whose coordinates are those of the row before or behind.
-
-    Raises:
-        MistakenFileError: they are.
-    """
+    """Refuse records whose coordinates are those of a neighbouring row."""
     records = problem.measurements
     if records.n < FEWEST_FOR_MISTAKES or not records.placed.all():
         return
@@ -407,9 +367,7 @@ def _require_rows_together(problem: Problem, as_is: float) -> None:
 
 
 def _fit_without(without: Problem, as_is: float) -> Fit | None:
-    """A fit ``without`` a mistake; None unless its median distance is far below ``as_is`` [m], and
-    no more than noise.
-    """
+    """None unless its median distance is far below ``as_is`` [m], and no more than noise."""
     try:
         after = fit(without)
     except (AacmmError, np.linalg.LinAlgError):  # a hypothesis that is far off has no fit
@@ -426,15 +384,13 @@ def _undone(problem: Problem, mistakes: Sequence[Mistake]) -> Problem:
 
 
 def _travel(problem: Problem) -> float:
-    """How far the tips are spread in each coordinate [m]."""
+    """Spread of the tips in each coordinate [m]."""
     tips = problem.model.arm.chain.positions(problem.measurements.q)
     return float(np.sqrt(tips.var(axis=0).mean()))
 
 
 def _absorbs(after: Fit) -> bool:
-    """Whether the fit moved a geometric value, and thereby the tips, farther than the geometry of
-    any arm is off: by more than so many times what assembly leaves (:data:`ASSEMBLED`).
-    """
+    """Whether the fit moved geometry, and the tips, farther than that of any arm is off."""
     point = after.point
     changes = np.abs(point.x - after.problem.start)
     squares = np.square(point.prediction.jacobian[:, :3, : changes.size])
@@ -448,25 +404,21 @@ def _absorbs(after: Fit) -> bool:
 
 
 def _as_described(after: Fit) -> float:
-    """Median distance by the arm as it is described, with frame and seats where the fit has them,
-    to first order [m].
-    """
+    """By the arm as described, with the fitted frame and seats, to first order [m]."""
     x = after.point.x - after.problem.start
     jacobian = after.point.prediction.jacobian[:, :3, : x.size]
     return _median(after.system.deviation - jacobian @ x)
 
 
 def _median(deviation: Array) -> float:
-    """Median distance of the records that have a target [m]; infinite where none has."""
+    """Of the records with a target [m]; infinite without any."""
     distance = np.linalg.norm(deviation, axis=1)
     distance = distance[np.isfinite(distance)]
     return float(np.median(distance)) if distance.size else np.inf
 
 
 class _Touches(NamedTuple):
-    """What was touched: records, their observations, and the set-up with the frame of their
-    coordinates.
-    """
+    """Records, observations, and the set-up with the frame of the coordinates."""
 
     records: Measurements
     observations: Observations
@@ -474,9 +426,8 @@ class _Touches(NamedTuple):
 
 
 class _Misfits:
-    """How far tips and targets of a problem are apart by the arm as it is described, with nothing
-    unknown but frame and targets, without some mistakes; the tips of one mistake, and what was
-    touched, are worked out once.
+    """Distances of tips and targets by the arm as described, with frame and targets unknown,
+    without some mistakes. Tips, and what was touched, are computed once.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -488,7 +439,6 @@ class _Misfits:
 
         @cache
         def tips_of(*mistakes: Mistake) -> tuple[Problem, Array]:
-            """In the base (n, 3) [m]."""
             undone = _undone(bare, mistakes)
             return undone, undone.poses(undone.start, Frame.identity())
 
@@ -502,8 +452,8 @@ class _Misfits:
         self.touches_of = touches_of
 
     def without(self, *mistakes: Mistake) -> tuple[float, float]:
-        """Median distance with frame, seats and target fitted [m]; this distance over the tips'
-        travel. Infinite where there is none, as for an arm that finds no equilibrium.
+        """Median distance [m], and over the tips' travel; infinite without one, as for an arm
+        without equilibrium.
         """
         of_tips = [mistake for mistake in mistakes if mistake.changes_tips]
         of_touches = [mistake for mistake in mistakes if not mistake.changes_tips]
@@ -520,7 +470,7 @@ class _Misfits:
 
 
 def _deviations(tips: Array, points: Array, touches: _Touches) -> Array:
-    """Tips minus targets (n, 3) [m], with half of what a bar is off by at each of its ends."""
+    """Tips minus targets (n, 3) [m], with half of a bar's error at each of its ends."""
     records, observations, _ = touches
     deviations = observations.with_normals(tips, points).deviations(tips, points)
     seats = records.seats()
@@ -537,9 +487,6 @@ def _deviations(tips: Array, points: Array, touches: _Touches) -> Array:
 def _fitted_tips(bare: Problem, tips: Array, touches: _Touches) -> tuple[Array, Array]:
     """Tips (n, 3) and seats (s, 3) in the frame of the references, with that and unknown targets
     fitted [m].
-
-    Raises:
-        AacmmError: see :func:`initial_point`; too few records with coordinates.
     """
     records, observations, setup = touches
     stating = records.known
@@ -560,7 +507,6 @@ def _fitted_tips(bare: Problem, tips: Array, touches: _Touches) -> tuple[Array, 
 
 
 def _of_first_session(problem: Problem) -> Problem:
-    """The same unknowns with the records of the first session, whose frame is one."""
     records = problem.measurements
     session = records.conditions.require("session", "reference frame")
     alone = problem.of(records.take(session == sessions_of(records)[0]))
@@ -569,7 +515,7 @@ def _of_first_session(problem: Problem) -> Problem:
 
 
 def _thinned(records: Measurements) -> Index:
-    """Enough of the records, some of every seat."""
+    """Some of every seat."""
     rows = np.arange(records.n)
     seats = records.seats()
     if not seats:

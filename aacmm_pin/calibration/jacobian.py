@@ -1,9 +1,9 @@
-"""Many effects at once, for one set of records: what does not depend on where the arm is, is worked
-out a single time.
+"""Many effects at once for one set of records: what does not depend on the arm's position is
+computed once.
 
 The same numbers as effect by effect, several times faster: a geometric value has the same twist in
-every record, an encoder error or a thermal length the same twists in every step of a search; only
-what bends under weight changes.
+every record, an encoder error or thermal length the same in every step of a search; only elastic
+effects change.
 """
 
 from __future__ import annotations
@@ -31,9 +31,7 @@ Twists = dict[int, Array]
 
 @dataclass(frozen=True, eq=False)
 class _Same:
-    """Parameters whose twist is the same in every record: their places (k,), twists (k, 6), and
-    numbers (k,).
-    """
+    """Parameters with the same twist in every record: places (k,), twists (k, 6), numbers (k,)."""
 
     place: Index
     twist: Array
@@ -43,15 +41,12 @@ class _Same:
 
 @dataclass(frozen=True, eq=False)
 class _Varying:
-    """One place, twists per unit that change from record to record (n, 6, k), and the numbers of
-    the parameters.
-    """
+    """One place, its twists per unit in each record (n, 6, k), and the parameters' numbers."""
 
     displacement: Displacement
     number: slice
     of_reference: bool
     straight: bool
-    """False where the exact effect is not the linear one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +54,9 @@ class Columns:
     """Effects on the records of one arm.
 
     Attributes:
-        state: the arm in its records, as drawn.
+        state: the nominal arm in its records.
         vector: the parameters of the effects.
-        given: effects that stay at their values, beside these.
+        given: other effects, with constant values.
     """
 
     state: State
@@ -72,7 +67,7 @@ class Columns:
 
     @staticmethod
     def of(state: State, effects: Iterable[Effect], given: Iterable[Effect] = ()) -> Columns:
-        """Work out what stays, from the arm in its records as drawn."""
+        """From the nominal arm in its records."""
         vector = ParameterVector(state.arm, tuple(effects))
         varying: list[_Varying] = []
         places: list[int] = []
@@ -102,7 +97,7 @@ class Columns:
 
     @cached_property
     def _given_twists(self) -> tuple[Twists, Twists]:
-        """Twists by the effects that stay: of the arm, and of the references."""
+        """Of the arm, and of the references."""
         twists: tuple[Twists, Twists] = ({}, {})
         for effect in self.given:
             for place, twist in [] if effect.elastic else effect.exact(self.state):
@@ -124,8 +119,8 @@ class Columns:
 
     @cached_property
     def _same_twists(self) -> list[tuple[list[int], Array]]:
-        """Places with the same twist in every record, and that by one unit of each parameter
-        (places, 6, p): of the arm, and of the references.
+        """Places and twists by one unit of each parameter (places, 6, p): of the arm, and of the
+        references.
         """
         twists = []
         for chosen in (~self.same.of_reference, self.same.of_reference):
@@ -143,12 +138,12 @@ class Columns:
         return np.unique(self.same.number[~self.same.of_reference])
 
     def bends(self, x: Array) -> bool:
-        """Whether any effect bends under weight, these at the values ``x`` (p,)."""
+        """Whether any effect is elastic with the values ``x`` (p,)."""
         values = [x[entries] for _, entries in self._elastic]
         return any(effect.elastic for effect in self.given) or any(map(np.any, values))
 
     def at(self, x: Array) -> State:
-        """The arm with all effects, these at the values ``x`` (p,), as the references state it."""
+        """The arm with all effects, at the values ``x`` (p,)."""
         state = replace(self.state, twists=self._twists(x, False))
         elastic = [effect for effect in self.given if effect.elastic]
         elastic += [
@@ -161,10 +156,8 @@ class Columns:
         )
 
     def jacobian(self, state: State, more: int = 0) -> Array:
-        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; see
-        :func:`aacmm_pin.effects.sensitivity` for turns.
-
-        Behind them there is room for so many columns ``more``, which are zero.
+        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; turns as in
+        :func:`aacmm_pin.effects.sensitivity`. Behind them are so many zero columns ``more``.
         """
         total = np.zeros((state.coordinates, self.vector.size + more, state.n)).transpose(2, 0, 1)
         if self.same.place.size:
@@ -176,9 +169,7 @@ class Columns:
         return total
 
     def _same_columns(self, state: State) -> Array:
-        """``R v + (R ω) × (p - o)`` for all of them together (n, 3, k); the turns ``R ω`` behind it
-        where asked for.
-        """
+        """``R v + (R ω) × (p - o)`` (n, 3, k); behind it turns ``R ω``."""
         place = self.same.place
         axes = state.rotation.transpose(0, 3, 2, 1)[place].reshape(-1, 3, 3 * state.n)
         moves = (self.same.twist.reshape(-1, 2, 3) @ axes).reshape(-1, 2, 3, state.n)

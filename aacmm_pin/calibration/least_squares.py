@@ -1,29 +1,27 @@
 """The least-squares kernel that calibration, diagnosis and planning share.
 
 **Rows.** ``r + A δ``, in units of their noise. With the widths w of the parameters, ``δ = w x``,
-and what is known of them beforehand, the rows ``P x + q``, the sum to be least is
-``χ²(x) = |A w x + r|² + |P x + q|²``.
+and the prior rows ``P x + q``, the sum to minimise is ``χ²(x) = |A w x + r|² + |P x + q|²``.
 
-**Triangle.** By reflections, ``[P q; A w r] = Q [R z; 0 e]``, so that ``χ² = |R x + z|² + e²``. Of
-rows that come one after the other, the triangle of the first stands in for them.
+**Triangle.** By reflections, ``[P q; A w r] = Q [R z; 0 e]``, so that ``χ² = |R x + z|² + e²``. The
+triangle of rows stands in for them.
 
 **Normal equations.** ``RᵀR = w AᵀA w + PᵀP`` by Cholesky, columns of length one: a seventh of the
-time. They square how unevenly directions are known, and serve where that leaves digits enough.
+time. They square the condition number, and serve where that leaves digits enough.
 
-**Solution.** ``x = -R⁻¹ z``; it lowers χ² by ``|z|²``. The columns of ``R⁻¹`` are steps of unit
-variance: the covariance of x is ``R⁻¹ R⁻ᵀ``. With ``R = U S Vᵀ``, a step in a trust region is
-``-V S (S² + λ)⁻¹ Uᵀ z``, as long as the radius.
+**Solution.** ``x = -R⁻¹ z`` lowers χ² by ``|z|²``. The columns of ``R⁻¹`` are steps of unit
+variance: the covariance of x is ``R⁻¹ R⁻ᵀ``. With ``R = U S Vᵀ``, a step in a trust region is ``-V
+S (S² + λ)⁻¹ Uᵀ z``, as long as the radius.
 
-**Leverage.** With ``S = A w R⁻¹``, the fit takes up the part ``S Sᵀ`` of the rows (the hat matrix);
-they determine ``tr(I - P R⁻¹ R⁻ᵀ Pᵀ)`` parameters; a residual over the root of what remains of its
-variance is studentised.
+**Leverage.** With ``S = A w R⁻¹``, the hat matrix is ``S Sᵀ``; the rows determine ``tr(I - P R⁻¹
+R⁻ᵀ Pᵀ)`` parameters; a residual over the root of its remaining variance is studentised.
 
 **Elimination.** With nuisances first, ``R = [R₁ R₁₂; 0 R₂]``: ``R₂ᵀR₂`` is the Schur complement of
-the nuisances, what the rows say of the others when the nuisances are at their best. The unknown
-points of seats are eliminated from the rows themselves (``SeatElimination``).
+the nuisances. The unknown points of seats are eliminated from the rows themselves
+(``SeatElimination``).
 
 **Identifiability.** ``R = U S Vᵀ``: a direction v with ``s < 1`` is known by less than one over its
-width; with the stated part of P alone, those with hardly any s are known to nobody.
+width; with the stated part of P alone, those with hardly any s are unknown.
 
 **Evidence.** With ``β ~ N(0, τ²)`` and ``G + τ⁻² = L Lᵀ``, products γ with the residual explain
 ``|L⁻¹ γ|²``, and the volume is ``Σ log(τ Lᵢᵢ)``.
@@ -43,27 +41,22 @@ from scipy.linalg.blas import dtrsm
 from aacmm_pin._support.checks import Array
 
 LEAST_INFORMATION = 0.1
-"""A direction about which data and stated uncertainties together say less than this, one over its
-width, is not known."""
+"""A direction with less, over its width, is unknown."""
 MOVABLE = 1e-9
-"""A direction with a singular value below this, of columns times their widths, is one along which
-no step can be taken."""
+"""Least singular value, of columns times widths, for a step."""
 UNEVEN = 1e-6
-"""Normal equations do where every singular value, of columns of length one, is certain to be above
-this: errors of the smallest are then a ten-thousandth of it, and the gradient has none."""
+"""Normal equations do if every singular value, of columns of length one, is certain to be larger:
+the smallest then has an error of 1e-4, the gradient none."""
 SINGULAR_RATIO = 1e-13
-"""Directions with smaller singular values, beside the largest, are rounding."""
 ROWS_AT_ONCE = 4000
-"""Rows that are brought to a triangle at once: copies of all of them would take more memory than
-all the rest."""
+"""A copy of all rows would take more memory than all the rest."""
 ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
-"""Inner products are no more certain than this part of them, the first with which they are positive
-definite."""
+"""The first with which inner products are positive definite counts."""
 
 
 class Solution(NamedTuple):
     """Steps of unit variance that span all of which something is known (p, k), and the residual
-    along each of them (k,).
+    along each (k,).
     """
 
     steps: Array
@@ -76,7 +69,7 @@ class Solution(NamedTuple):
 
     @property
     def reduction(self) -> float:
-        """How much that step lowers χ² if the problem is linear."""
+        """How much that step lowers χ² of a linear problem."""
         return float(self.along @ self.along)
 
 
@@ -85,9 +78,9 @@ class Prior:
     """What is known of the parameters beforehand.
 
     Attributes:
-        rows: whitened, in units of the scales, the residual last (k, p + 1).
+        rows: whitened, the residual last (k, p + 1) [scales].
         scales: how far off each parameter may be (p,) [units].
-        stated: the rows without what nobody stated (k, p + 1).
+        stated: the rows of stated uncertainties alone (k, p + 1).
     """
 
     rows: Array
@@ -97,7 +90,7 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class LinearModel:
-    """``r + A δ`` in whitened rows, with what is known of the parameters beforehand.
+    """``r + A δ`` in whitened rows, with a prior.
 
     Attributes:
         rows: columns and, last, the residual (m, p + 1) [1/unit].
@@ -125,9 +118,6 @@ class LinearModel:
 
     @cached_property
     def _information(self) -> Array:
-        """Products of the columns with one another, in units of the scales, prior included
-        (p, p).
-        """
         scales = self.prior.scales
         prior = self.prior.rows[:, :-1]
         information = self.jacobian.T @ self.jacobian
@@ -143,21 +133,19 @@ class LinearModel:
 
     @cached_property
     def normal(self) -> Solution | None:
-        """Solution of the normal equations, in units of the scales; None where some directions are
-        hardly known.
-        """
+        """Of the normal equations [scales]; None where some directions are hardly known."""
         prior = self.prior.rows
         of_rows = self.prior.scales * (self.residual @ self.jacobian)
         return normal_solution(self._information, of_rows + prior[:, -1] @ prior[:, :-1])
 
     @cached_property
     def solution(self) -> Solution:
-        """In units of the scales; by the directions that can be moved along where some cannot."""
+        """In units of the scales, along the directions that can be moved along."""
         return self.normal or Spectrum.of(self.triangle).above(MOVABLE).solution
 
     @cached_property
     def measured_triangle(self) -> Array:
-        """R of the scaled rows with the residual last (p + 1, p + 1), or with fewer rows."""
+        """R of the scaled rows with the residual last (p + 1, p + 1), or fewer rows."""
         scales = np.append(self.prior.scales, 1.0)
         triangle = np.empty((0, scales.size))
         for first in range(0, max(len(self.rows), 1), ROWS_AT_ONCE):
@@ -176,46 +164,38 @@ class LinearModel:
 
     @cached_property
     def unknown(self) -> Array:
-        """Directions of which neither the data nor stated uncertainties say anything (p, k),
-        orthonormal [scales].
+        """Directions without information from data or stated uncertainties (p, k), orthonormal
+        [scales].
         """
         informed = Spectrum.of(np.concatenate([self.prior.stated, self.measured_triangle]))
         return informed.directions[:, informed.values < LEAST_INFORMATION]
 
     @cached_property
     def independent_steps(self) -> Array:
-        """Steps of unit variance that span all of which something is known (p, k) [units]: the
-        covariance is their square.
-        """
+        """Steps of the solution (p, k) [units]: their square is the covariance."""
         return self.prior.scales[:, None] * self.solution.steps
 
     @property
     def determined(self) -> float:
-        """How many parameters the rows determine: one that its prior determines costs them
-        nothing.
-        """
+        """How many parameters the rows determine, beyond their prior."""
         steps = self.solution.steps
         by_prior = np.square(self.prior.rows[:, :-1] @ steps).sum()
         return float(steps.shape[1] - by_prior)
 
     def covariance(self, unknown: Array) -> Array:
-        """Covariance of the parameters (p, p) [units], zero along the ``unknown`` directions (p, k)
-        [scales].
-        """
+        """Of the parameters (p, p) [units], zero along ``unknown`` directions (p, k) [scales]."""
         steps = self.steps(unknown)
         return steps @ steps.T
 
     def steps(self, unknown: Array) -> Array:
-        """Steps of unit variance that span all but the ``unknown`` directions (p, p - k)
-        [units].
-        """
+        """Steps of unit variance that span all but ``unknown`` directions (p, p - k) [units]."""
         directions = null_space(unknown.T) if unknown.size else np.eye(self.prior.scales.size)
         triangle = np.linalg.qr(self.triangle[:, :-1] @ directions, mode="r")
         return (directions @ np.linalg.inv(triangle)) * self.prior.scales[:, None]
 
 
 def normal_solution(information: Array, gradient: Array) -> Solution | None:
-    """Of the columns' products with one another (p, p) and with the residual (p,); None where some
+    """From products of the columns with one another (p, p) and the residual (p,); None if some
     directions are hardly known.
     """
     lengths = np.sqrt(np.diagonal(information))
@@ -234,8 +214,8 @@ def normal_solution(information: Array, gradient: Array) -> Solution | None:
 
 
 class Spectrum(NamedTuple):
-    """Singular values of rows (k,), largest first; their directions, columns in the units of the
-    rows' columns (p, k); and the residual along each (k,).
+    """Singular values of rows (k,), largest first; their directions (p, k); and the residual along
+    each (k,).
     """
 
     values: Array
@@ -251,23 +231,23 @@ class Spectrum(NamedTuple):
         return Spectrum(values, right.T, left.T @ rows[:, -1])
 
     def above(self, least: float) -> Spectrum:
-        """With the values above ``least``."""
+        """Those with larger values."""
         chosen = self.values > least
         return Spectrum(self.values[chosen], self.directions[:, chosen], self.along[chosen])
 
     @property
     def solution(self) -> Solution:
-        """Along these directions."""
+        """Along all directions."""
         return Solution(self.directions / self.values, self.along)
 
 
 class BoundedStep(NamedTuple):
-    """A step of the parameters in a trust region.
+    """A step in a trust region.
 
     Attributes:
         parameters: the step (p,) [units].
-        length: with each parameter in units of the length of its column.
-        predicted: how much it lowers χ² if the problem is linear.
+        length: in units of the columns' lengths.
+        predicted: how much it lowers χ² of a linear problem.
         reduction: how much the Gauss–Newton step does.
     """
 
@@ -278,7 +258,7 @@ class BoundedStep(NamedTuple):
 
 
 def bounded_step(model: LinearModel, units: Array, radius: float) -> BoundedStep:
-    """The best step no longer than ``radius``, with lengths of the columns as ``units`` (p,)."""
+    """The best step no longer than ``radius`` in ``units`` (p,) of the parameters."""
     normal = model.normal
     scales = model.prior.scales
     if normal is not None:
@@ -300,9 +280,7 @@ def bounded_step(model: LinearModel, units: Array, radius: float) -> BoundedStep
 
 
 def _damping(spectrum: Spectrum, radius: float) -> float:
-    """What is added to the squared singular values so that the step is as long as ``radius``; 0 if
-    it is shorter.
-    """
+    """Addend of squared singular values for a step as long as ``radius``; 0 if it is shorter."""
     values, _, along = spectrum
 
     def excess(log_damping: float) -> float:
@@ -316,8 +294,8 @@ def _damping(spectrum: Spectrum, radius: float) -> float:
 
 
 def remaining_triangle(rows: Array, nuisances: int) -> Array:
-    """R (q, q) with ``RᵀR`` the Schur complement of the first columns in the normal matrix of
-    ``rows`` (m, nuisances + q).
+    """R (q, q): ``RᵀR`` is the Schur complement of the first columns of ``rows`` (m, nuisances +
+    q).
     """
     missing = max(rows.shape[1] - len(rows), 0)
     triangle = np.asarray(np.linalg.qr(np.pad(rows, ((0, missing), (0, 0))), mode="r"))
@@ -325,9 +303,7 @@ def remaining_triangle(rows: Array, nuisances: int) -> Array:
 
 
 def lower_factor(matrix: Array, sizes: Array) -> Array:
-    """Lower Cholesky factor, with the least rounding, in parts of ``sizes`` (m,), at which there
-    is one.
-    """
+    """Lower Cholesky factor with the least rounding, in parts of ``sizes`` (m,), that works."""
     for rounding in ROUNDINGS:
         factor, failed = scipy.linalg.lapack.dpotrf(
             matrix + np.diag(rounding * sizes), lower=1, clean=1
@@ -348,10 +324,8 @@ def inverse_of_factor(factor: Array) -> Array:
 
 
 def solve_lower(factor: Array, right: Array) -> Array:
-    """``L⁻¹ R``, row by row in memory.
-
-    As ``Rᵀ L⁻ᵀ``, whose arrays lie in memory as BLAS wants them: half the time of LAPACK's solver
-    with its copies.
+    """``L⁻¹ R``, row by row in memory: as ``Rᵀ L⁻ᵀ``, half the time of LAPACK's solver with its
+    copies.
     """
     rows = np.ascontiguousarray(right).T
     solved = dtrsm(1.0, factor.T, rows, side=1, lower=0, overwrite_b=False)

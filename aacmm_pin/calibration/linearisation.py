@@ -1,8 +1,7 @@
-"""The linear model of the records at a point: predictions and derivatives there, whitened, with the
-seats eliminated.
+"""The linear model of the records at a point, whitened, with the seats eliminated.
 
 ``r + A δ + B s``: A by the parameters, B by the unknown points of the seats. A row comes from a
-record, from the stated coordinates of a seat, or from a relation of two seats, such as a bar.
+record, the stated coordinates of a seat, or a relation of two seats, such as a bar.
 """
 
 from __future__ import annotations
@@ -21,22 +20,21 @@ from aacmm_pin.calibration.problem import Prediction
 from aacmm_pin.measurements import NOTHING_KNOWN, Observations
 
 OPEN_CENTRE = 3e-4
-"""A sphere or plane is known along each direction at least by this part of all information on it,
-for contacts on a great circle tell nothing of the centre across it."""
+"""Least part of the information on a sphere or plane in each direction: contacts on a great circle
+say nothing across it."""
 
 
 class SeatElimination:
-    """Projection of whitened rows onto what no coordinates of seats can change: variable projection
-    (Golub, Pereyra 1973).
+    """Projection of whitened rows onto what no seats can change: variable projection (Golub,
+    Pereyra 1973).
 
     With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ
-    R``; a relation, which couples two seats, then gives one row more, see :meth:`eliminated`. No
-    loop over records or seats.
+    R``; a relation, which couples two seats, gives one row more. No loop over records or seats.
     """
 
     def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
-        """At seats ``points`` (s, 3), with ``by_seat`` the derivative of each record's whitened
-        residual by the place of the seat that it touches (n, 3 or 6, 3).
+        """``points`` (s, 3) of the seats; ``by_seat``: derivative of each record's whitened
+        residual by its seat (n, 3 or 6, 3).
         """
         self.observations = observations
         self._touched = np.flatnonzero(observations.seat >= 0)
@@ -57,10 +55,7 @@ class SeatElimination:
         return float(of_ties)
 
     def _orthonormal(self, by: Array) -> None:
-        """Q of the derivatives of records (touched, 3 or 6, 3) and of stated coordinates, and C.
-
-        Cholesky QR twice: orthonormal to rounding, however uneven a seat's directions are known.
-        """
+        """Cholesky QR twice: orthonormal to rounding, however uneven the directions are known."""
         placed = self.observations.known[:, None]
         count = len(self.observations.labels)
         weight = np.where(placed, 1.0 / np.where(placed, self.observations.stated_u, 1.0), 0.0)
@@ -88,7 +83,6 @@ class SeatElimination:
         self._q, self._q_tie = by, by_tie
 
     def _seat_sums(self, each: Array) -> Array:
-        """Sums over the records of each seat of arrays (touched, …): (s, …)."""
         shape = each.shape[1:]
         flat = each.reshape(len(each), int(np.prod(shape)))
         sums = np.asarray(self._sum @ flat)
@@ -100,7 +94,7 @@ class SeatElimination:
 
         Returns:
             ``Qᵀ R`` (s, 3, c); and the records' rows (n, 3 or 6, c), in place, the seats' own (s,
-            3, c), and one for each relation (b, c).
+                3, c), and one for each relation (b, c).
         """
         along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
         ties = np.zeros_like(along)
@@ -121,12 +115,8 @@ class SeatElimination:
         return sums.reshape(shape[0], 3, rows.shape[2])
 
     def squares(self, along: Array, seats: Index, relations: Index) -> tuple[Array, Array]:
-        """Rows whose squares some seats and relations add to those of the records' rows, and take
-        from them, where the seats are at their best (m, c); the last column is the residual.
-
-        Args:
-            along: ``Qᵀ R`` of all records (s, 3, c).
-            seats, relations: which.
+        """Rows whose squares some ``seats`` and ``relations`` add to those of the records, and take
+        from them (m, c). ``along``: ``Qᵀ R`` of all records (s, 3, c), the residual last.
         """
         ties = self._seat_residual
         along = along.copy()
@@ -137,9 +127,7 @@ class SeatElimination:
         return np.concatenate([of_ties, of_relations]), along[seats].reshape(-1, along.shape[2])
 
     def _relation_rows(self, along: Array) -> Array:
-        """One row for each relation with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ
-        R)``, H of the relations.
-        """
+        """With the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``."""
         rows = -self._relation_jacobian @ along.reshape(-1, along.shape[2])
         rows[:, -1] += self._relation_residual
         if len(rows):
@@ -147,7 +135,7 @@ class SeatElimination:
         return rows
 
     def _by_seats(self, by_ends: Array) -> Array:
-        """``H`` (b, 3 s), of the relations' whitened derivatives by both ends (b, 2, 3)."""
+        """``H`` (b, 3 s) of the whitened derivatives by both ends (b, 2, 3)."""
         ends = self.observations.ends
         inverse = np.linalg.inv(self._root)
         by_seats = np.zeros((len(ends), len(inverse), 3))
@@ -158,16 +146,12 @@ class SeatElimination:
 
     @cached_property
     def relation_factor(self) -> Array:
-        """``(1 + H Hᵀ)^½`` (b, b), the lower triangle that makes the rows of relations from what
-        these are off by without them.
-        """
+        """``(1 + H Hᵀ)^½`` (b, b), lower triangular."""
         rows = self._relation_jacobian
         return np.asarray(np.linalg.qr(np.vstack([np.eye(len(rows)), rows.T]), mode="r")).T
 
     def step(self, along: Array) -> Array:
-        """Best step of the seats (s, 3) [m] for ``Qᵀ`` of the residual, its ties included (s, 3,
-        1).
-        """
+        """Best step of the seats (s, 3) [m] for ``Qᵀ`` of the residual (s, 3, 1)."""
         if not len(along):
             return np.zeros((0, 3))
         best = -along
@@ -183,16 +167,9 @@ class SeatElimination:
 def seat_columns(
     observations: Observations, points: Array, by_seat: Array
 ) -> tuple[Array, Array, Array]:
-    """Derivative by the seats where these are kept as columns: of records, of stated coordinates,
-    of relations.
-
-    Args:
-        observations: of n records, s seats and b relations.
-        points: where the seats are (s, 3) [m].
-        by_seat: see :class:`SeatElimination` (n, k, 3).
-
-    Returns:
-        (n, k, s, 3), (s, 3, s, 3), zero where nothing is stated, and (b, s, 3) [1/m].
+    """Derivative by the seats as columns: of records (n, k, s, 3), of stated coordinates (s, 3, s,
+    3), zero where nothing is stated, of relations (b, s, 3) [1/m]. Arguments as in
+    :class:`SeatElimination`.
     """
     count = len(observations.labels)
     placed = observations.known
@@ -215,13 +192,12 @@ class Linearisation(LinearModel):
     """The linear model at a point.
 
     Attributes:
-        distance: squared Mahalanobis distance of each tip from its target, (n,); NaN where it has
-            none.
-        turn_distance: squared Mahalanobis distance of each rotation from the stated orientation,
-            given the deviation of the tip (n,); NaN where no orientation is stated.
-        deviations: tip minus target (n, 3) [m], NaN where it has none; with orientations (n, 6),
-            the last three the rotation from the stated one [rad], zero where none is stated.
-        free: number of rows less the number of coordinates of seats that the rows determine.
+        distance: squared Mahalanobis distance of each tip from its target (n,); NaN without one.
+        turn_distance: of each rotation from the stated orientation, given the tip's deviation (n,);
+            NaN without one.
+        deviations: tip minus target (n, 3) [m], NaN without one; with orientations (n, 6), then the
+            rotation from the stated one [rad], zero without one.
+        free: rows less the coordinates of seats that they determine.
         seats_cost: χ² with the seats where they are, without the prior.
         elimination: of the seats.
         along_seats: what the elimination took out of the rows (s, 3, p + 1).
@@ -250,14 +226,8 @@ class Linearisation(LinearModel):
 def linearise(
     prediction: Prediction, prior: Prior, noise: NoiseModel, points: Array, weights: Array
 ) -> Linearisation:
-    """The linear model at a prediction.
-
-    Args:
-        prediction: of the records.
-        prior: of its parameters.
-        noise: of the records.
-        points: where the seats are (s, 3) [m].
-        weights: of the records (n,), 1 for full.
+    """The linear model of a prediction, with the seats at ``points`` (s, 3) [m] and ``weights`` of
+    the records (n,), 1 for full.
     """
     observations = noise.observations
     p = prediction.jacobian.shape[2]

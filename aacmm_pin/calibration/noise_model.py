@@ -1,4 +1,4 @@
-"""From records to observations: which say what, and how well each is known."""
+"""From records to observations and their noise."""
 
 from __future__ import annotations
 
@@ -28,31 +28,27 @@ from aacmm_pin.measurements import (
 BAR_NOISE = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""
 LEAST_U = 1e-12
-"""A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
 SAME_PLACE = 1e-9
-"""Coordinates that differ by less are the same whatever their uncertainty [m]."""
+"""Coordinates that differ by less are the same [m]."""
 MEASURED = 1 / 3
 ROUNDED = 2.0
-"""Coordinates of a seat that differ by less than so many standard uncertainties are the same: where
-each may be a record's own; where records repeat them.
-"""
+"""Standard uncertainties between coordinates of a seat that are the same: MEASURED if each may be a
+record's own; ROUNDED if records repeat them."""
 REPEATED = 2
-"""As many records of a seat as this for each of its coordinates, on the average, repeat them."""
+"""Records of each coordinates of a seat, on average, that repeat them."""
 CONTRADICTING = 10.0
-"""Coordinates of one seat that are so many standard uncertainties apart are not of one point; the
-noise of 100 gives 6.
+"""Standard uncertainties between coordinates that are not of one point; the noise of 100 gives 6.
 """
 
 
 class Scatters(NamedTuple):
-    """Standard deviations that the stated noise does not explain, and which stand in for noise that
-    is not stated.
+    """Standard deviations beyond the stated noise, or instead of noise that is not stated.
 
     Attributes:
         tip: of each coordinate of a tip beside its target [m].
         turn: of each component of the turn behind it [rad].
-        seat: of each coordinate of a seat, where its uncertainty is not stated: what all touches of
-            it share [m].
+        seat: of each coordinate of a seat without stated uncertainty, common to all its contacts
+            [m].
     """
 
     tip: float = 0.0
@@ -60,9 +56,7 @@ class Scatters(NamedTuple):
     seat: float = 0.0
 
     def covariance(self, width: int) -> Array:
-        """Of a residual, by tip and turn alone (width, width), ``width`` being 3 or 6 [m²,
-        rad²].
-        """
+        """Of a residual, by tip and turn alone (3, 3) or (6, 6) [m², rad²]."""
         of_tip = max(self.tip, LEAST_U)
         of_turn = max(self.turn, LEAST_U)
         variance = np.repeat([of_tip**2, of_turn**2], 3)
@@ -71,7 +65,7 @@ class Scatters(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """What records say, and how uncertain it is.
+    """Observations and their noise.
 
     Attributes:
         scatters: beyond the stated noise.
@@ -102,12 +96,11 @@ class NoiseModel:
 
         Args:
             problem: the problem.
-            x: values of its parameters (p,): a reading's noise acts on the target, wherever that is
-                on the last body.
-            frame: where the base is in the frame of the references.
+            x: values of its parameters (p,), which place the targets that readings move.
+            frame: of the references.
             scatters: beyond the stated noise.
-            known: the observations, where they are worked out already.
-            seats: where the seats are (s, 3) [m], for the normals of surfaces; None: by the tips.
+            known: the observations, if already there.
+            seats: their points (s, 3) [m], for the normals of surfaces; None: by the tips.
         """
         setup = problem.setup
         n = problem.measurements.n
@@ -129,25 +122,21 @@ class NoiseModel:
         return NoiseModel(scatters, observations, tips, by_reading, together)
 
     def correlation(self, whitening: Array) -> Correlation:
-        """Of residuals that are whitened record by record with these (n, 3, 3), or (n, 6, 6); zero
-        for a record that does not count.
+        """Of residuals whitened by these (n, 3, 3), or (n, 6, 6); zero for a record that does not
+        count.
         """
         width = whitening.shape[2]
         return Correlation.of(self.together, whitening @ self.by_reading[:, :width])
 
     @property
     def of_residuals(self) -> Array:
-        """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²],
-        or (n, 6, 6).
-        """
+        """Covariance of each residual (n, 3, 3) [m²], or (n, 6, 6)."""
         return self.observations.counting(self.tips + self.observations.covariance)
 
     @cached_property
     def whitening(self) -> Array:
         """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6); zero for turns that
-        are not stated, and along a sphere.
-
-        As a triangle it leaves the first three numbers what they are without turns.
+        are not stated, and along a sphere. A triangle: turns do not change the first three numbers.
         """
         whitening = np.linalg.inv(np.linalg.cholesky(self.of_residuals))
         whitening[~self.observations.oriented, 3:] = 0.0
@@ -155,19 +144,18 @@ class NoiseModel:
 
     @property
     def without_scatter(self) -> Array:
-        """Covariance of each residual by the stated noise alone (n, 3, 3) [m²], or (n, 6, 6)."""
+        """:attr:`of_residuals` by the stated noise alone."""
         stated = self.tips - self.scatters.covariance(self.tips.shape[1])
         return self.observations.counting(stated + self.observations.covariance)
 
 
 def observations_of(measurements: Measurements, setup: Setup) -> Observations:
-    """What the records say.
+    """What the records state.
 
-    A seat whose records state the same coordinates, if they state any, was measured once, and a
-    record of it without coordinates was there too; a seat without coordinates is an unknown point.
-    A record whose coordinates are its own stands for itself, even at a seat: where the records of a
-    seat repeat its coordinates, those that are off by more than twice the uncertainty, for less may
-    be rounding; elsewhere all, unless they differ by less than a third of it.
+    A seat whose records state the same coordinates was measured once; a record of it without
+    coordinates was there too. A seat without coordinates is an unknown point. A record with other
+    coordinates than its seat stands for itself. If records repeat the seat's coordinates, others
+    differ by twice the uncertainty, for less may be rounding; if not, by a third of it.
     """
     stated_place = measurements.placed
     contact = setup.probe_noise or 0.0
@@ -233,9 +221,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
 
 
 def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> list[Note]:
-    """Seats whose records state coordinates farther apart than their noise allows, and bars that do
-    not fit between the coordinates of their ends.
-    """
+    """Seats and bars whose stated coordinates are farther apart than their noise allows."""
     u = reference_u(measurements, setup, max(scatters.tip, scatters.seat))
     placed = measurements.placed
     seat, labels = _numbered(measurements)
@@ -262,9 +248,6 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
 def _bars_between(
     measurements: Measurements, setup: Setup, stating: dict[str, Index], u: Array
 ) -> list[Note]:
-    """Bars whose length is not the distance of their ends, where records state coordinates
-    of both.
-    """
     notes = []
     for bar in measurements.bars():
         ends = [stating[seat] for seat in (bar.seat_a, bar.seat_b) if seat in stating]
@@ -280,18 +263,14 @@ def _bars_between(
 
 
 def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:
-    """Standard uncertainty of each coordinate of the references, ``scatter`` where it is not stated
-    (n, 3) [m].
-    """
+    """Standard uncertainty of each coordinate of the references, else ``scatter`` (n, 3) [m]."""
     fallback = scatter if setup.reference_noise is None else setup.reference_noise
     u = np.where(np.isfinite(measurements.reference_u), measurements.reference_u, fallback)
     return np.maximum(u, LEAST_U)
 
 
 def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
-    """Number of the seat of each record in the order of their first records (n,), -1 where none;
-    and their labels.
-    """
+    """In the order of first records (n,), -1 without a seat; and labels."""
     labels = measurements.conditions.seat
     if labels is None:
         return np.full(measurements.n, -1, dtype=np.intp), []
@@ -300,9 +279,7 @@ def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
 
 
 def _of_each(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array:
-    """Sum, least or largest (``np.add``, ``np.fmin``, ``np.fmax``) of the values (n, 3) at each
-    seat (s, 3); else NaN.
-    """
+    """By ``np.add``, ``np.fmin`` or ``np.fmax``, of values (n, 3) at each seat (s, 3); else NaN."""
     combined = np.full((count, 3), np.nan)
     combined[seat] = 0.0 if combine is np.add else np.nan
     combine.at(combined, seat, values)
@@ -310,11 +287,7 @@ def _of_each(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array
 
 
 def _repeated(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
-    """Seats whose records, on the average, repeat each of their coordinates (s,); those that most
-    records have (s, 3).
-
-    Of the records that state coordinates (n, 3), each at a ``seat`` (n,).
-    """
+    """Of each seat (s,); and the coordinates that most records state (s, 3)."""
     rows = np.column_stack([seat, stated])
     different, times = np.unique(rows, axis=0, return_counts=True)
     at_seat = different[:, 0].astype(np.intp)
@@ -335,9 +308,9 @@ def _relations(
     """Numbers of the seats of each relation (b, 2), of bars, then of distances and angles of
     planes; their kinds, values and standard uncertainties (b,) [m, rad].
 
-    Bars that state the very same are one bar at n places, which have its error in common: with √n
-    times u each, their mean has u, whether that is so or not. A u that is not stated is a guess,
-    large enough for each. Planes are one body at n places if no relation connects the places.
+    Equal bars are one bar at n places with a common error: with √n u each, their mean has u. A u
+    that is not stated is a guess, large enough for each. Planes are one body at n places if no
+    relation connects these.
     """
     stated: list[tuple[str, str, tuple[str, float, float], bool]] = []
     for bar in measurements.bars():
@@ -359,6 +332,5 @@ def _relations(
 
 
 def _length_u(bar: Bar, setup: Setup) -> float:
-    """Standard uncertainty of a bar's length [m]."""
     fallback = BAR_NOISE if setup.length_noise is None else setup.length_noise
     return bar.u if np.isfinite(bar.u) else fallback

@@ -17,23 +17,20 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import ANGLE, DISTANCE, OF_BAR, TILTS
 
 REDUNDANCY = 1e-3
-"""Of a relation of which all else says less than this share, nobody can say how far it is off."""
+"""Least share of all else in a relation."""
 IMPOSSIBLE = 30.0
-"""A relation that is off by so many standard deviations, and by more than …"""
+"""A relation off by so many standard deviations, and by more than …"""
 GROSS_DISTANCE = 3e-4
 GROSS_SCALE = 2e-3
 GROSS_ANGLE = 5e-3
-"""… these [m; part of the distance; rad] is mistyped: no cause of error acts so unequally on the
-faces of one body.
-"""
+"""… these [m; part of the distance; rad] is mistyped: no cause acts so unequally on the faces of
+one body."""
 
 
 def deviations_of_relations(system: Linearisation) -> Array:
-    """How many standard deviations each relation is off what all else says (b,): deletion residuals
-    (Belsley, Kuh, Welsch 1980, eq. 2.27), one Gauss–Newton step away.
-
-    The rows of relations that share a seat are those of what they are off by without them, over
-    ``(1 + H Hᵀ)^½``; so divided again, they are what the relations are off by with them.
+    """Deviation of each relation from all else, in standard deviations (b,): deletion residuals
+    (Belsley, Kuh, Welsch 1980, eq. 2.27), one Gauss–Newton step away. Divided by ``(1 + H Hᵀ)^½``
+    again, rows of relations that share seats are deviations.
     """
     inverse = np.linalg.inv(system.elimination.relation_factor)
     rows = slice(-len(inverse), None)
@@ -48,7 +45,7 @@ def require_possible_relations(problem: Problem) -> None:
     """Compare the relations of planes with a fit without them.
 
     Raises:
-        AacmmError: one is off by far more than an arm can be; see :func:`fit`.
+        AacmmError: one is off by far more than an arm can be.
     """
     records = problem.measurements
     stated = observations_of(records, problem.setup)
@@ -86,9 +83,7 @@ def require_possible_relations(problem: Problem) -> None:
 
 
 def _deviations_from_free(system: Linearisation, free: Linearisation) -> Array:
-    """How many standard deviations each relation is off what a fit without any of them says (b,):
-    its innovation, at the point where that fit ended.
-    """
+    """Innovation of each relation after a fit without any, in standard deviations (b,)."""
     factor = system.elimination.relation_factor
     rows = system.jacobian[-len(factor) :] @ free.independent_steps
     spread = np.hstack([factor, factor @ rows])

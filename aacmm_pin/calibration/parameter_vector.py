@@ -1,4 +1,4 @@
-"""The parameters of several effects as one vector, each entry with name, unit, effect and place."""
+"""The parameters of several effects as one vector."""
 
 from __future__ import annotations
 
@@ -28,12 +28,11 @@ DH_KIND_OF_EFFECT: dict[type[Effect], str] = {
     JointZeroOffset: "theta_offset",
     SlideAngle: "theta_offset",
 }
-"""Kind of DH value that each geometric effect changes."""
 
 
 def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
-    """The arm's own parameters that a geometric effect changes, in the order of its terms; none for
-    other effects.
+    """The arm's parameters that an effect changes, in the order of its terms; none if it is not
+    geometric.
     """
     if isinstance(effect, JointPlacement):
         return [p for p in arm.parameters if p.joint == effect.joint]
@@ -50,7 +49,7 @@ class ParameterVector:
 
     Attributes:
         arm: whose geometry some of the effects change.
-        effects: in the order of their entries; their values are where an estimation starts.
+        effects: with the values where an estimation starts.
     """
 
     arm: Arm
@@ -71,7 +70,7 @@ class ParameterVector:
         return zip(self.effects, self.slices, strict=True)
 
     def of_sessions(self) -> Iterator[tuple[str, slice]]:
-        """Labels of the sessions whose frames of references are unknown, with their entries."""
+        """Labels of the sessions with unknown frames of references, and their entries."""
         for effect, entries in self:
             if isinstance(effect, ReferenceFrame) and effect.session is not None:
                 yield effect.session, entries
@@ -88,7 +87,7 @@ class ParameterVector:
 
     @cached_property
     def typical(self) -> Array:
-        """Typical magnitude of each entry on a measuring arm (p,) [their units]."""
+        """Typical magnitude of each entry (p,) [their units]."""
         typical: list[float] = []
         for effect in self.effects:
             typical += [term.typical for term in effect.terms]
@@ -96,9 +95,7 @@ class ParameterVector:
 
     @cached_property
     def arm_parameters(self) -> tuple[Parameter | None, ...]:
-        """The arm's own parameter that each entry changes (p entries); None for effects
-        that are not geometric.
-        """
+        """The arm's parameter that each entry changes; None if it is not geometric."""
         parameters: list[Parameter | None] = []
         for effect in self.effects:
             own_parameters = geometric_parameters(self.arm, effect)
@@ -107,14 +104,12 @@ class ParameterVector:
 
     @property
     def geometric(self) -> Mask:
-        """True where an entry changes a parameter of the arm (p,)."""
+        """Whether an entry changes a parameter of the arm (p,)."""
         return np.array([p is not None for p in self.arm_parameters], dtype=bool)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The entries with name, unit and value; geometric ones by the names that the arm has for
-        them.
-        """
+        """The entries with name, unit and value; geometric ones by the arm's names."""
         parameters: list[Parameter] = []
         for effect in self.effects:
             parameters += effect.parameters()
@@ -130,21 +125,17 @@ class ParameterVector:
 
     @property
     def stated_values(self) -> Array:
-        """Value that the arm states for each entry, to which the effect's value adds (p,); 0 for
-        effects that are not geometric.
-        """
+        """The arm's value of each entry, to which the effect's adds (p,); 0 if not geometric."""
         values = [0.0 if p is None else p.value for p in self.arm_parameters]
         return np.array(values)
 
     @cached_property
     def stated_u(self) -> Array:
-        """Standard uncertainty that the arm states for each entry (p,); 0 for effects that are not
-        geometric.
-        """
+        """The arm's standard uncertainty of each entry (p,); 0 if not geometric."""
         u = [0.0 if p is None else p.u for p in self.arm_parameters]
         return np.array(u)
 
     def at(self, x: Array) -> tuple[Effect, ...]:
-        """The effects with the values ``x`` (p,)."""
+        """The effects with values ``x`` (p,)."""
         effects = [effect.at(tuple(x[entries])) for effect, entries in self]
         return tuple(effects)

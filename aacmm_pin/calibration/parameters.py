@@ -1,4 +1,4 @@
-"""Which parameters a calibration looks for, and how far off each may be."""
+"""The parameters of a calibration, and how far off each may be."""
 
 from __future__ import annotations
 
@@ -35,22 +35,20 @@ from aacmm_pin.measurements import Measurements
 ParameterSet = Literal["zero-offsets", "geometry", "tool"]
 
 ASSEMBLED = {"m": 0.01, "rad": 0.1}
-"""How far off a geometric value may be where nobody stated it: as assembled, 10 mm and 6° [m,
-rad]."""
+"""Width of a geometric value that nobody stated, as assembled: 10 mm and 6° [m, rad]."""
 HELD_WIDTH = 1e-9
-"""A length that stands for all others is taken to be off by no more than this [m]."""
+"""Width of a length that stands for all others [m]."""
 REACH_OF_TARGET = 1.0
 """How far beyond the tip an unknown target may be [m]."""
 BEYOND_TYPICAL = 1000.0
-"""How many times its typical magnitude a cause may have where nobody stated it."""
+"""Width of a cause that nobody stated, in typical magnitudes."""
 
 
 _Unknown = tuple[Effect, Array, Mask]
-"""An effect, the widths of its parameters, and which of those are stated."""
+"""Effect, widths, and which of these are stated."""
 
 
 PARALLEL_SINE = 0.1
-"""Axes that stand at an angle with a smaller sine count as parallel."""
 
 
 def problem_of(
@@ -63,7 +61,7 @@ def problem_of(
 
     Raises:
         UnknownNameError: no such set of parameters.
-        AacmmError: nothing to estimate, or the same twice.
+        AacmmError: the same twice.
     """
     items = [parameters] if isinstance(parameters, str) else list(parameters)
     named_causes = {item.label for item in items if isinstance(item, Effect)}
@@ -133,7 +131,7 @@ def problem_of(
 
 def named_parameters(arm: Arm, items: Iterable[str | Effect]) -> dict[str, list[str]]:
     """Names of geometric parameters that each name or pattern, such as ``theta_offset*``, stands
-    for; only of items that stand for any.
+    for.
     """
     names = [parameter.name for parameter in arm.parameters]
     matches = {item: fnmatch.filter(names, item) for item in items if isinstance(item, str)}
@@ -141,7 +139,7 @@ def named_parameters(arm: Arm, items: Iterable[str | Effect]) -> dict[str, list[
 
 
 def _of_names(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
-    """Some geometric parameters; of the placements of a URDF, the other parameters stay."""
+    """Of the placements of a URDF, the other parameters stay."""
     parameters = [parameter for parameter in arm.parameters if parameter.name in names]
     if arm.dh is not None:
         effects = [of_parameter(arm, parameter) for parameter in parameters]
@@ -173,9 +171,7 @@ def free_geometry(problem: Problem) -> Problem:
 
 
 def scale_is_unidentifiable(problem: Problem) -> list[str]:
-    """Lengths of the arm that nobody stated if the records, without coordinates and lengths, tell
-    nothing of its size.
-    """
+    """Unstated lengths of the arm, if the records leave its size open."""
     records = problem.measurements
     if records.known.any() or records.lengths() or not records.seats():
         return []
@@ -184,9 +180,7 @@ def scale_is_unidentifiable(problem: Problem) -> list[str]:
 
 
 def length_held(problem: Problem) -> Effect | None:
-    """The arm's largest length, at the value that the arm states, where records tell nothing of its
-    size; else None.
-    """
+    """The arm's largest length, as stated, if the records leave its size open."""
     if not scale_is_unidentifiable(problem):
         return None
     vector = problem.vector
@@ -202,11 +196,10 @@ def length_held(problem: Problem) -> Effect | None:
 
 
 def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
-    """Correlation of what is known of the parameters (p, p), as the arm's file states it with their
-    u.
+    """Of the prior (p, p), from the arm's file.
 
-    The search starts with ``stated`` u (p,), NaN where there is none; a parameter that is given
-    another one than the file's, such as a cause that may have changed, is known by itself.
+    Parameters with another ``stated`` u (p,) than the file's, such as a cause that may have
+    changed, are uncorrelated.
     """
     correlation = np.eye(stated.size)
     if arm.covariance is None:
@@ -225,7 +218,6 @@ def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
 
 
 def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
-    """Every geometric value; with a prior, but for those that the arm states to be exact."""
     if arm.dh is None:
         effects: list[Effect] = [JointPlacement(row) for row in range(1, arm.chain.rows + 1)]
     else:
@@ -243,9 +235,7 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
 
 
 def _before_parallel_axes(arm: Arm) -> list[int]:
-    """Rows whose axis is nearly parallel to the next joint's: there DH has no value for one of the
-    tilts.
-    """
+    """Rows whose axis is nearly parallel to the next joint's: DH has no value for one tilt."""
     dh = arm.require_dh("geometry by DH rows")
     parallel = []
     for row in range(1, dh.rows):
@@ -264,7 +254,7 @@ def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
 
 
 def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
-    """Labels of the targets whose orientation was measured, "" for one without a label."""
+    """With an orientation; "" for one without a label."""
     marker = measurements.conditions.marker
     oriented = measurements.oriented
     if marker is None:
@@ -274,15 +264,13 @@ def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
 
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
-    """Whether it is where a target of the records sits, and that is unknown: no u is stated that
-    counts.
-    """
+    """Whether an effect is the place of a target of the records without a u that counts."""
     labels = {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
     return effect.label in labels and not _is_known_place(effect, setup)
 
 
 def known_places(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
-    """Where targets of the records sit, if the arm states it with a u that counts."""
+    """Places of targets of the records that the arm states with a u that counts."""
     labels = {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
     return [e for e in model.effects if e.label in labels and _is_known_place(e, setup)]
 
@@ -290,8 +278,8 @@ def known_places(model: ErrorModel, measurements: Measurements, setup: Setup) ->
 def unused_places(
     model: ErrorModel, measurements: Measurements, setup: Setup, asked: Collection[str]
 ) -> list[str]:
-    """Labels of places of markers that the arm states without a u, so that they are looked for
-    anew; unless ``asked`` for by their label.
+    """Labels of the places of markers that are estimated anew for want of a u, unless ``asked``
+    for.
     """
     if not setup.prior:
         return []
@@ -300,15 +288,12 @@ def unused_places(
 
 
 def _is_known_place(effect: Effect, setup: Setup) -> bool:
-    """Whether it is where a marker sits, with a u that counts."""
     of_marker = isinstance(effect, StylusOffset) and effect.marker is not None
     return of_marker and setup.prior and any(effect.u)
 
 
 def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:
-    """Where the target sits on the last body: one for each marker, one where nobody says that it is
-    the tip.
-    """
+    """One for each marker, one where nobody states that the target is the tip."""
     width = np.full(3, REACH_OF_TARGET)
     unstated = np.zeros(3, dtype=bool)
     markers = measurements.conditions.marker

@@ -1,6 +1,4 @@
-"""The residuals that the stated uncertainties of arm and records predict, after the set-up is
-fitted.
-"""
+"""The residuals that the stated uncertainties of arm and records predict."""
 
 from __future__ import annotations
 
@@ -11,14 +9,12 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.linearisation import seat_columns
 
 RECORDS_FOR_MEAN = 1500
-"""So many records tell the mean square."""
 ROUNDING_OF_PRODUCTS = 1e-12
-"""Inner products tell nothing of a direction with a smaller part of the largest singular value."""
 
 
 def predicted_rms(at: Fit) -> float:
-    """RMS distance of tip and target that the stated uncertainties predict, after a fit of what it
-    estimates [m]; nan if the arm states no uncertainty, or no record has a target.
+    """RMS distance of tip and target that the stated uncertainties predict after a fit [m]; nan if
+    the arm states no uncertainty, or no record has a target.
 
     The fit takes a part of the errors: with the columns A of parameters and seats, weights W and
     ``C = (Aᵀ W A + P)⁻¹`` of ISO/IEC Guide 98-3 (JCGM 100:2008, eq. 13) for ``e - A C Aᵀ W e``, e
@@ -58,9 +54,7 @@ def predicted_rms(at: Fit) -> float:
 
 
 def _columns(at: Fit, whitening: Array) -> tuple[Array, Array]:
-    """Whitened columns of parameters and seats (n, 3, k), and what is known of these beforehand
-    (k, k).
-    """
+    """Whitened columns of parameters and seats (n, 3, k), and their prior information (k, k)."""
     observations = at.observations
     of_parameters = whitening @ at.point.prediction.jacobian[:, :3]
     by_seat = observations.by_seats(whitening)

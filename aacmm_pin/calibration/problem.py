@@ -1,4 +1,4 @@
-"""What is unknown, and what the records would be if it had certain values."""
+"""What is unknown, and the records that certain values of it predict."""
 
 from __future__ import annotations
 
@@ -18,18 +18,15 @@ from aacmm_pin.effects import Effect, ErrorModel, State, StylusOffset
 from aacmm_pin.measurements import Measurements, orientation
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
-"""The reference frame has no prior; these only scale its columns, wide enough that it takes up what
-it can [m, rad]."""
+"""The reference frame has no prior; these only scale its columns [m, rad]."""
 OF_WIDTH = 1e-3
 """Step of a difference, as a part of the parameter's width."""
 UNTOLD_VARIANCE = 1e-9
-"""A combination of correlated parameters with less variance than this, each of unit variance, was
-not told."""
+"""Least variance of a combination of correlated parameters, each of unit variance, that was
+determined."""
 HELD_PRECISION = 1e4
-"""A parameter that is held may move by this part, inverted, of its width where the records pull it
-by as much as u."""
+"""A held parameter moves by one over this of its width where the records pull it by u."""
 COLUMNS_AT_ONCE = 50
-"""Columns of the derivative that are turned into the frame of the references at once."""
 NONE = np.empty(0)
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
@@ -49,23 +46,21 @@ class Frame:
 
     @staticmethod
     def identity(targets: int = 0) -> Frame:
-        """The two frames are one, and so are those of the tip and of so many targets."""
+        """For so many targets."""
         of_targets = np.tile(np.eye(3), (targets, 1, 1))
         return Frame(np.eye(3), np.zeros(3), of_targets)
 
     def apply(self, points: Array) -> Array:
-        """Points (n, 3) of the base in the frame of the references."""
+        """Points (n, 3) of the base, in the frame of the references."""
         return points @ self.rotation.T + self.shift
 
     def back(self, points: Array) -> Array:
-        """Points (n, 3) of the frame of the references in the base."""
+        """Points (n, 3) of the frame of the references, in the base."""
         return (points - self.shift) @ self.rotation
 
     def moved(self, step: Array) -> Frame:
-        """With the base moved by a twist, v then ω, in its own axes; behind it turns of the targets
-        in theirs [m, rad].
-
-        ``step`` is (6 + 3 k,), or (3 k,) where the base stays.
+        """With the base moved by a twist, v then ω, in its axes; behind it turns of the targets in
+        theirs [m, rad]: (6 + 3 k,), or (3 k,) where the base stays.
         """
         base, turns = np.split(step, [step.size - 3 * len(self.targets)])
         motion = exp(base.reshape(-1, 6))[0] if base.size else np.eye(4)
@@ -83,11 +78,10 @@ class Prediction:
     """Tips in the frame of the references, and their derivative.
 
     Attributes:
-        poses: tips (n, 3) [m]; of records with orientations (n, 6), behind them the turn from the
-            stated orientation to that of the target, in the axes of the references, zero where none
-            is stated [rad].
-        jacobian: by the unknown parameters, last the base's twist where the frame is unknown and
-            the turns of the targets (n, 3 or 6, p) [m/unit, rad/unit].
+        poses: tips (n, 3) [m]; with orientations (n, 6), then the turn from the stated orientation
+            to the target's, in the axes of the references, zero where none is stated [rad].
+        jacobian: by the unknown parameters, then the base's twist if the frame is unknown, then the
+            turns of the targets (n, 3 or 6, p) [m/unit, rad/unit].
     """
 
     poses: Array
@@ -104,22 +98,19 @@ class Problem:
     """An arm, its records, and which effects have unknown values.
 
     Attributes:
-        model: arm and effects that stay as they are.
-        vector: the unknown parameters, without the frame; their values are where the search starts.
+        model: what stays as it is.
+        vector: the unknown parameters, without the frame; the search starts at their values.
         widths: how far each parameter may be off before anything was measured (p,) [units].
-        stated: (p,) True where that is a stated standard uncertainty; elsewhere it is a bound so
-            wide that it hardly pulls.
-        correlation: of the stated widths with one another (p, p); one on the diagonal.
+        stated: whether that is a stated standard uncertainty, not a wide bound (p,).
+        correlation: of the stated widths (p, p).
         measurements: the records.
         setup: how they were taken.
-        known_from: fingerprints of the records that the arm's file knows its parameters from.
+        known_from: fingerprints of the records behind the arm's file.
         targets: labels of the targets whose orientation on the tip is unknown; their turns are the
             last columns.
-        asked: what was asked for: sets and names of parameters, causes.
-        candidates: how many of the effects, the last ones, are those of a search that may choose
-            again without them.
-        held: directions in which the parameters stay where the search starts, in units of the
-            widths (k, p).
+        asked: sets and names of parameters, and causes.
+        candidates: number of the last effects, which a search may give up again.
+        held: directions in which the parameters stay at their start (k, p) [widths].
     """
 
     model: ErrorModel
@@ -137,22 +128,22 @@ class Problem:
 
     @property
     def turns(self) -> bool:
-        """Whether orientations are looked at, so that residuals have six numbers."""
+        """Whether there are orientations, so that residuals have six numbers."""
         return self.measurements.orientation is not None
 
     @property
     def from_earlier(self) -> bool:
-        """Whether the search starts within what an earlier calibration states."""
+        """Whether the prior is from an earlier calibration."""
         return bool(self.known_from and self.setup.prior and self.stated.any())
 
     @property
     def external(self) -> bool:
-        """Whether the references stand in an unknown frame, whose six columns come last."""
+        """Whether the frame of the references is unknown; its six columns come last."""
         return self.setup.external
 
     @property
     def tip_on_target(self) -> bool:
-        """Whether the tip is placed on a target whose place on the last body nobody stated."""
+        """Whether the tip is placed on a target of unknown place."""
         placed = (
             isinstance(effect, StylusOffset) and effect.marker is None
             for effect in self.vector.effects
@@ -161,7 +152,7 @@ class Problem:
 
     @property
     def names(self) -> list[str]:
-        """Names of all columns, the frame's included."""
+        """Of all columns, the frame's included."""
         names = [*self.vector.names]
         if self.external:
             names += FRAME
@@ -179,15 +170,14 @@ class Problem:
 
     @property
     def start(self) -> Array:
-        """Values at the start, which are the prior's mean too (p,)."""
+        """Values at the start, the prior's mean (p,)."""
         return self.vector.values
 
     @cached_property
     def prior_rows(self) -> Array:
-        """Rows that say what is known of the parameters beforehand, in units of the widths (p + k,
-        p); none for the frame.
+        """In units of the widths (p + k, p); none for the frame.
 
-        A combination without variance is one that earlier records did not tell: it is known as its
+        A combination without variance was not determined by earlier records: it is known as its
         parameters are.
         """
         variances, combinations = np.linalg.eigh(self.correlation)
@@ -198,10 +188,7 @@ class Problem:
         return np.concatenate([rows, HELD_PRECISION * self.held])
 
     def prior(self, x: Array, more: Array = NONE) -> Prior:
-        """What is known beforehand of all columns, beside the parameters ``x`` (p,).
-
-        Behind them are ``more`` (q,), each known within so much.
-        """
+        """Of all columns, at the parameters ``x`` (p,); behind them ``more`` (q,) widths."""
         scales = np.concatenate([self.scales, more])
         not_known = np.zeros((0, self.scales.size - x.size))
         rows = np.pad(block_diag(self.prior_rows, not_known, np.eye(more.size)), ((0, 0), (0, 1)))
@@ -212,7 +199,6 @@ class Problem:
 
     @cached_property
     def _drawn(self) -> State:
-        """The arm as drawn in its records."""
         arm, records = self.model.arm, self.measurements
         return State(arm, records.q, records.conditions, arm.chain.tip, with_rotation=self.turns)
 
@@ -221,15 +207,8 @@ class Problem:
         return Columns.of(self._drawn, self.vector.effects, self.model.effects)
 
     def reading_jacobian(self, x: Array, frame: Frame) -> Array:
-        """Derivative of each record's target by the readings (n, 3, nq) [m/rad], along the axes of
-        the references.
-
-        By the arm as drawn, with its targets where they sit. With orientations (n, 6, nq): one
-        reading moves target and orientation together.
-
-        Args:
-            x: values of the parameters (p,); those of targets count.
-            frame: where the base is in the frame of the references.
+        """Derivative of each record's target by the readings (n, 3 or 6, nq) [m/rad], in the axes
+        of the references, by the nominal arm with targets at the values ``x`` (p,).
         """
         effects = [*self.model.effects, *(e.at(tuple(x[entries])) for e, entries in self.vector)]
         of_targets = [effect for effect in effects if isinstance(effect, StylusOffset)]
@@ -243,13 +222,10 @@ class Problem:
         return np.concatenate([shifts, turns], axis=1)
 
     def predict(self, x: Array, frame: Frame, looked_at: Array | None = None) -> Prediction:
-        """What the records should be with the parameters ``x``.
+        """The records with the parameters ``x`` (p,).
 
-        Args:
-            x: values (p,).
-            frame: where the base is in the frame of the references.
-            looked_at: take the derivative of these points of the last body (n, 3), in the frame of
-                the references, instead of that of the tips [m].
+        ``looked_at``: points of the last body (n, 3), in the frame of the references, for the
+        derivative instead of the tips [m].
         """
         state = self._columns.at(x)
         seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
@@ -270,7 +246,7 @@ class Problem:
         return Prediction(poses, jacobian)
 
     def poses(self, x: Array, frame: Frame) -> Array:
-        """Poses alone of what :meth:`predict` gives (n, 3 or 6) [m, rad]."""
+        """Poses alone of :meth:`predict` (n, 3 or 6) [m, rad]."""
         return self._poses(self._columns.at(x), frame)
 
     def _poses(self, state: State, frame: Frame) -> Array:
@@ -286,9 +262,7 @@ class Problem:
         return np.asarray(tips @ frame.targets[self._target] if self.targets else tips)
 
     def with_targets(self, x: Array, frame: Frame) -> Frame:
-        """The frame with each target turned as the orientations that records state of it say on
-        average.
-        """
+        """The frame with each target turned to the mean of its stated orientations."""
         state = self._columns.at(x)
         tip = frame.rotation @ state.rotation[-1]
         turned = tip.transpose(0, 2, 1) @ self._stated
@@ -300,15 +274,12 @@ class Problem:
 
     @cached_property
     def _stated(self) -> Array:
-        """Orientations that the records state (n, 3, 3)."""
         stated = self.measurements.orientation
         return np.empty((0, 3, 3)) if stated is None else orientation.matrices(stated)
 
     @cached_property
     def _target(self) -> Index:
-        """Number of each record's target among those of unknown orientation (n,); 0 for records
-        without one.
-        """
+        """Among those of unknown orientation (n,); 0 without one."""
         marker = self.measurements.conditions.marker
         numbers: Index = np.zeros(self.measurements.n, dtype=np.intp)
         if marker is not None:
@@ -317,15 +288,13 @@ class Problem:
         return numbers
 
     def bends(self, x: Array) -> bool:
-        """Whether the arm bends under weight with the parameters ``x`` (p,)."""
+        """Whether the arm is elastic with the parameters ``x`` (p,)."""
         return self._columns.bends(x)
 
     def elastic_jacobian_correction(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
-        """What the derivative of the poses leaves out: a turned arm bends otherwise (n, 3 or 6,
-        columns) [m/unit].
-
-        By central differences, for the parameters that displace all records alike: others turn it
-        by too little to matter.
+        """What the derivative of the poses leaves out: a displaced arm bends otherwise (n, 3 or 6,
+        columns) [m/unit]. Only for parameters that displace all records alike: others hardly
+        matter.
         """
         correction = np.zeros_like(prediction.jacobian)
         for k in self._columns.alike:
@@ -340,9 +309,7 @@ class Problem:
 
 
 def _turn(rotation: Array, columns: Array) -> None:
-    """Turn columns (n, 3 or 6, p) in place, some at once: a copy of all would take as much memory
-    as they do.
-    """
+    """In place: a copy of all columns (n, 3 or 6, p) would take as much memory again."""
     for first in range(0, columns.shape[2], COLUMNS_AT_ONCE):
         some = columns[:, :, first : first + COLUMNS_AT_ONCE].transpose(1, 2, 0)
         for half in range(0, len(some), 3):
@@ -350,11 +317,11 @@ def _turn(rotation: Array, columns: Array) -> None:
 
 
 def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
-    """The frame that brings ``tips`` onto ``references`` (n, 3) with the least sum of distances:
-    robust to gross errors.
+    """The frame with the least sum of distances of ``tips`` and ``references`` (n, 3): robust to
+    gross errors.
 
-    Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld).
-    With fewer than three records the rotation is the least that does.
+    Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld);
+    for fewer than three records with the least rotation.
     """
     weights = np.ones(len(tips))
     before = np.inf

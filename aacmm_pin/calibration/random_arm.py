@@ -1,6 +1,4 @@
-"""A virtual arm that differs from its file as a real one does: its geometry drawn from what the
-file states of it.
-"""
+"""A virtual arm: its geometry drawn from what its file states."""
 
 from __future__ import annotations
 
@@ -19,8 +17,7 @@ def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
     """Return a model with random parameter values, as a virtual arm.
 
     The draws are uniform within half-widths. Parameters without half-width, and parameters in a
-    covariance, have normal draws. The values are the truth of the virtual arm, so that the result
-    has no uncertainties.
+    covariance, have normal draws. The result has no uncertainties: its values are the truth.
 
     Args:
         model: the arm, or the arm with causes of error; at least one parameter needs an
@@ -47,7 +44,6 @@ def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
 
 
 def _exact(arm: Arm, errors: Array) -> Arm:
-    """The arm with its parameters off by ``errors`` (p,) [m, rad]."""
     if arm.dh is None:
         return arm.with_placements(errors.reshape(-1, 6), None, exact=True)
     file = moved_file(

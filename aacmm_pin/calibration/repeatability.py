@@ -1,4 +1,4 @@
-"""What repeated postures show: repeatability, drift, and what part of the residual they explain."""
+"""What repeated postures show: repeatability and drift."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ FEWEST_CYCLES = 10
 RP_OF_NOISE = float(np.sqrt(8.0 / np.pi) + 3.0 * np.sqrt(3.0 - 8.0 / np.pi))
 """RP for normal noise with standard deviation 1 in each coordinate."""
 NO_VARIANCE = 1e-9
-"""Directions whose variance is less than this part of the largest have none."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +38,13 @@ class Drift(Shown):
 
 @dataclass(frozen=True, eq=False)
 class Repeatability(Shown):
-    """The repeats of postures: used records with the same readings within
+    """Repeats: used records with the same readings within
     :data:`~aacmm_pin.measurements.repeats.SAME_POSTURE`, session and target.
 
     Attributes:
         posture: number of the posture of each repeat (n,), from 0.
-        deviations: tip minus target of each repeat, minus the mean of its posture (n, 3) [m]. The
-            tip is that of the repeat's own readings, so that small differences of these count for
-            nothing.
+        deviations: tip, by the repeat's own readings, minus target, minus the mean of its posture
+            (n, 3) [m].
         clock: time of each repeat (n,) [s], or its line in the file.
         is_timed: whether ``clock`` is a time.
         residuals: tip minus target of all used records after calibration (k, 3) [m].
@@ -84,8 +82,8 @@ class Repeatability(Shown):
 
     @cached_property
     def rp(self) -> Array:
-        """Pose repeatability RP of ISO 9283 for each posture with :data:`FEWEST_CYCLES` repeats or
-        more [m]: mean distance from the barycentre plus three standard deviations of the distances.
+        """Pose repeatability RP of ISO 9283 for each posture with :data:`FEWEST_CYCLES` repeats
+        [m]: mean distance from the barycentre plus three standard deviations of the distances.
         """
         distances = pd.Series(np.linalg.norm(self.deviations, axis=1)).groupby(self.posture)
         of_posture = distances.mean() + 3.0 * distances.std()
@@ -93,9 +91,8 @@ class Repeatability(Shown):
 
     @property
     def rp_of_references(self) -> float:
-        """RP that the stated noise of the references alone gives [m]; nan if it is not stated.
-
-        The distances have a Maxwell distribution.
+        """RP by the stated noise of the references alone [m] (Maxwell distribution); nan if it is
+        not stated.
         """
         return RP_OF_NOISE * self.reference_u
 
@@ -107,9 +104,8 @@ class Repeatability(Shown):
 
     @cached_property
     def drift(self) -> Drift | None:
-        """The drift, tested by Hotelling's T²; None if the repeats are too few, or all of one time.
-
-        The test takes the repeats as independent, with one covariance at all postures.
+        """The drift, by Hotelling's T² with independent repeats and one covariance at all postures;
+        None if the repeats are too few, or all of one time.
         """
         elapsed = self.elapsed
         square = float(elapsed @ elapsed)
@@ -128,9 +124,8 @@ class Repeatability(Shown):
 
 
 def repeatability_of(fit: Fit) -> Repeatability | None:
-    """What the repeats among the used records of a fit show; None without repeats.
-
-    Contacts with spheres and planes count for nothing, because only their normal is measured.
+    """What the used records of a fit show; None without repeats. Contacts with spheres and planes
+    do not count, because only their normal is measured.
     """
     records, conditions = fit.problem.measurements, fit.problem.measurements.conditions
     seat = None if conditions.seat is None else np.where(records.placed, "", conditions.seat)

@@ -1,4 +1,4 @@
-"""What a calibration gives back, and where the base is in an unknown frame of the references."""
+"""The result of a calibration, and the base in an unknown frame of the references."""
 
 from __future__ import annotations
 
@@ -36,24 +36,17 @@ if TYPE_CHECKING:
 
 CALIBRATION_SCHEMA = "aacmm-pin/calibration/1"
 MENTIONED = 0.02
-"""A parameter of which more than this part of its width is open is known in combination with
-others.
-"""
+"""Part of its width that leaves a parameter known in combination."""
 HARDLY_KNOWN = 0.1
-"""A parameter that nobody stated and whose u is more than this part of what it may be off is hardly
-known.
-"""
+"""Part of its width with which u leaves a parameter without stated u hardly known."""
 UNCHANGED = 0.95
-"""A parameter whose u is more than this part of the stated one has learnt nothing from the data …
-"""
+"""Part of the stated u with which a parameter has learnt nothing …"""
 LESS = 0.5**0.5
-"""… and where it is more than this part, less than what was stated says."""
+"""… and less than was stated."""
 
 
 def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
-    """One row a record: line in the file, labels, tip minus target by each of the named fits to the
-    same records [mm].
-    """
+    """One row a record: line in the file, labels, tip minus target by each fit [mm]."""
     records = next(iter(fits.values())).problem.measurements
     table: dict[str, Any] = {"row": records.row}
     for name in ("record", "operator", "seat", "marker", "session"):
@@ -101,21 +94,19 @@ class Calibration(Shown):
 
     @property
     def rms(self) -> float:
-        """The RMS residual of the used records with the calibrated arm [m]."""
+        """The same with the calibrated arm [m]."""
         return rms_residual(self.fit, self.fit.used)
 
     @property
     def noise(self) -> float:
-        """The RMS residual expected from the stated noise and the estimated scatter alone [m]."""
+        """The RMS residual by the stated noise and the estimated scatter alone [m]."""
         return self.fit.distance_of(self.fit.residual_noise)
 
     @property
     def turns(self) -> dict[str, float] | None:
-        """The RMS rotation between stated and computed orientations [rad]; None without
+        """The RMS rotation between stated and computed orientations [rad]: ``nominal`` (arm before
+        calibration), ``calibrated`` and ``noise`` (expected from noise alone). None without
         orientations.
-
-        The keys are ``nominal`` (arm before calibration), ``calibrated`` and ``noise`` (expected
-        from noise alone).
         """
         turned = self.fit.used & self.fit.observations.oriented
         if not turned.any():
@@ -126,18 +117,15 @@ class Calibration(Shown):
 
     @property
     def p_value(self) -> float | None:
-        """The probability of an equal or larger χ² if the model and the stated noise are correct.
-
-        The value is None if the noise is not stated, or if the fit has too few degrees of freedom.
+        """Probability of an equal or larger χ² if the model and the stated noise are correct; None
+        if the noise is not stated, or the degrees of freedom are too few.
         """
         judged = self.fit.chi2_stated
         return None if judged is None or judged[1] < LEAST_DOF else float(chi2_sf(*judged))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """The combinations of parameters that the records do not determine, as text; their values
-        do not change.
-        """
+        """The combinations that the records do not determine; their values do not change."""
         return self.fit.undetermined.words
 
     @cached_property
@@ -158,9 +146,9 @@ class Calibration(Shown):
         """The estimated parameters: a table with one row for each parameter.
 
         The columns are ``before``, ``after``, ``change``, ``u`` and ``U`` (k = 2) in the unit of
-        the row, and ``known``. ``known`` is ``measured``, ``hardly`` (the records add little), ``as
-        stated`` (the records add nothing to the prior) or ``in combination``. A parameter in
-        combination is part of a combination in :attr:`undetermined`, and has no u.
+        the row, and ``known``: ``measured``, ``hardly`` (the records add little), ``as stated``
+        (the records add nothing to the prior) or ``in combination``, without u, if it is part of a
+        combination in :attr:`undetermined`.
         """
         problem = self.fit.problem
         vector = self.fit.problem.vector
@@ -198,7 +186,7 @@ class Calibration(Shown):
 
     @cached_property
     def correlation(self) -> pd.DataFrame:
-        """The correlation matrix of the parameters as a table."""
+        """The correlation matrix of the parameters."""
         u = np.sqrt(np.diag(self.covariance))
         safe = np.where(u > 0, u, 1.0)
         names = self.fit.problem.vector.names
@@ -206,10 +194,8 @@ class Calibration(Shown):
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
-        """The residuals: a table with one row for each record.
-
-        The columns are the line in the file, the seat, the residual before and after calibration
-        [mm], and whether the fit used the record.
+        """The residuals: one row for each record, with line in the file, seat, residual before and
+        after calibration [mm], and whether the fit used it.
         """
         table = residuals_by_record({"before": self.before, "after": self.fit})
         return table.assign(used=self.fit.used)
@@ -228,7 +214,7 @@ class Calibration(Shown):
 
     @cached_property
     def exclusions(self) -> Exclusions:
-        """The check whether the excluded records are really gross errors of single records."""
+        """Whether the excluded records are really gross errors of single records."""
         return exclusions_of(self.fit)
 
     @cached_property
@@ -287,9 +273,6 @@ class Calibration(Shown):
 
         Args:
             ax: axes whose area the four panels share; default a new pyplot figure.
-
-        Returns:
-            The figure of the panels.
         """
         return cast("Figure", report().plots.plot_residual_views(self, ax))
 
@@ -313,9 +296,7 @@ class BasePlacement:
 
 
 def base_is_open(fit: Fit) -> bool:
-    """Whether the records do not determine where the base is in an unknown frame of the
-    references.
-    """
+    """Whether the records leave the base open in an unknown frame of the references."""
     if not fit.problem.external:
         return False
     p = fit.problem.widths.size
@@ -324,9 +305,7 @@ def base_is_open(fit: Fit) -> bool:
 
 
 def base_placements(fit: Fit) -> list[BasePlacement]:
-    """The base in each frame of the references; none if that is the base's own, or these records
-    leave it open.
-    """
+    """The base in each unknown frame of the references; none if these records leave it open."""
     problem = fit.problem
     if not problem.external or base_is_open(fit):
         return []
@@ -347,7 +326,7 @@ def base_placements(fit: Fit) -> list[BasePlacement]:
 
 
 def _placed(session: str, rotation: Array, shift: Array, covariance: Array) -> BasePlacement:
-    """With the covariance (6, 6) of a twist of the base in its own axes [m, rad]."""
+    """With the covariance (6, 6) of a twist of the base in its axes [m, rad]."""
     turned = np.kron(np.eye(2), rotation)
     u = np.sqrt(np.diag(turned @ covariance @ turned.T))
     return BasePlacement(session, rotation, shift, u[:3], u[3:])

@@ -1,5 +1,5 @@
-"""References of sessions with frames of their own, brought into that of the first session, up to a
-small displacement that is estimated; probe directions, brought into that of the base.
+"""References of sessions, brought into the frame of the first up to a small displacement that is
+estimated; probe directions, brought into that of the base.
 """
 
 from __future__ import annotations
@@ -22,27 +22,26 @@ from aacmm_pin.effects import ErrorModel
 from aacmm_pin.measurements import Measurements, orientation
 
 FEWEST_OF_A_FRAME = 8
-"""Fewer excluded records than this fit many frames."""
 MOST_OF_THEM = 0.8
-"""This part of the excluded records at least has to fit their frame …"""
+"""Least part of the excluded records that has to fit their frame …"""
 AS_CLOSE = 2.0
-"""… with residuals that are at most so many times those of the other records …"""
+"""… with residuals at most so many times those of the other records …"""
 REMAINS = 0.1
-"""… and at most this part of what they are in the frame of the others."""
+"""… and at most this part of those in the frame of the others."""
 ONE_FRAME = 0.01
-"""Frames whose coordinates differ by less than this are one, up to what is estimated [m]."""
+"""Frames whose coordinates differ by less are one, up to what is estimated [m]."""
 AGREES = 0.01
-"""Two frames agree if the chance of an estimated displacement as large as theirs is larger."""
+"""Least chance of a displacement as large as theirs of frames that agree."""
 
 
 def in_first_frame(
     model: ErrorModel, records: Measurements, setup: Setup
 ) -> tuple[Measurements, Setup]:
-    """The records with all references in the frame of the first session, if each session has its
-    own, and probe directions in that of the base; and the set-up with what moved them.
+    """The records with all references in the frame of the first session, if each has its own, and
+    probe directions in that of the base; and the set-up.
 
-    Each session is registered with the tips of the arm as described, robustly, and so are all
-    records for the directions. What that leaves of a rotation is nothing beside a deflection.
+    Sessions are registered robustly with the tips of the arm as described; the rotation that this
+    leaves is nothing beside a deflection.
 
     Raises:
         AacmmError: a record with a reference has no session, or a session too few references for a
@@ -82,8 +81,8 @@ def _in_one_frame(
 
 
 def _without_frames(records: Measurements) -> Measurements:
-    """The records in whose sessions those without a reference do not count, as no frame has a part
-    in them; those of a seat with references are in the session of these.
+    """Records of a seat with references are in the session of these; others without a reference in
+    none.
     """
     conditions = records.conditions
     session = conditions.require("session", "reference frame").copy()
@@ -97,8 +96,8 @@ def _without_frames(records: Measurements) -> Measurements:
 
 
 def session_notes(fit: Fit) -> list[Note]:
-    """Notes on the frame of each session: that it is another, or whether it agrees with that of the
-    first, by the Mahalanobis distance of the estimated displacement from zero.
+    """Whether the frame of each session is another, or agrees with the first, by the Mahalanobis
+    distance of the estimated displacement from zero.
     """
     notes = []
     moved = fit.problem.setup.moved_frames
@@ -121,9 +120,7 @@ def session_notes(fit: Fit) -> list[Note]:
 
 
 def another_frame(after: Fit) -> Note | None:
-    """A note if the excluded records fit the calibrated arm in a reference frame of their own; None
-    if they do not, or are few.
-    """
+    """A note if the excluded records fit the calibrated arm in a reference frame of their own."""
     records = after.problem.measurements
     out = after.excluded & records.known
     if out.sum() < FEWEST_OF_A_FRAME or after.problem.setup.frame_of_session:
@@ -146,14 +143,12 @@ def another_frame(after: Fit) -> Note | None:
 
 
 def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Frame:
-    """The base in the frame of all references."""
     alone = replace(setup, reference_frame="external")
     problem = problem_of(model, replace(records, orientation=None), [], alone)
     return initial_point(problem, observations_of(problem.measurements, alone)).frame
 
 
 def _with_directions(records: Measurements, own: Mask, rotation: Array) -> Measurements:
-    """The records with the probe directions of some (n,) in another frame."""
     direction = records.conditions.probe_direction
     if direction is None:
         return records
@@ -163,7 +158,6 @@ def _with_directions(records: Measurements, own: Mask, rotation: Array) -> Measu
 
 
 def _moved(records: Measurements, own: Mask, rotation: Array, shift: Array) -> Measurements:
-    """The records with the references of some (n,) in another frame."""
     reference = np.where(own[:, None], records.reference @ rotation.T + shift, records.reference)
     turned_u = np.sqrt(np.square(records.reference_u) @ np.square(rotation).T)
     reference_u = np.where(own[:, None], turned_u, records.reference_u)

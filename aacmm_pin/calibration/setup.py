@@ -1,6 +1,4 @@
-"""How records were taken, and what is known before they are looked at: gathered once, passed on as
-one value.
-"""
+"""How records were taken, and what is known before they are looked at."""
 
 from __future__ import annotations
 
@@ -31,20 +29,18 @@ class Setup:
     Attributes:
         reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external``
             if their frame is unknown, ``session`` if each session has an unknown one.
-        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body
-            was; the axes of a target with orientation are turned in the tip by an unknown constant,
-            but for ``frame``: tip and axes are the tip's.
+        target: ``tip``, ``unknown`` (some point on the last body) or ``frame``; the axes of a
+            target with orientation are turned in the tip by an unknown constant, but for ``frame``.
         prior: the arm's stated uncertainties are information.
         encoder_noise: standard uncertainty of one reading of each joint (nq,) [rad].
         reference_noise: of each coordinate of a reference, where the records do not state their own
             [m].
         probe_noise: of each coordinate of one contact [m].
         length_noise: of a bar's length [m].
-        moved_frames: rotation (3, 3) and shift (3,) [m] by which the references of a session were
-            brought into the frame of the first, by its label.
-        held: a geometric effect that stays as the arm states it, because the records do not
-            determine it: the largest length of an arm whose records have neither coordinates nor
-            lengths.
+        moved_frames: rotation (3, 3) and shift (3,) [m] that brought the references of a session,
+            by its label, into the frame of the first.
+        held: the largest length of an arm, which stays as stated if the records have neither
+            coordinates nor lengths.
 
     Raises:
         UnknownNameError: no such frame or target.
@@ -85,11 +81,8 @@ class Setup:
         probe_noise: float | None = None,
         length_noise: float | None = None,
     ) -> Setup:
-        """From the keywords of the public functions; the noise of the encoders is by default what
-        the arm states.
-
-        Raises:
-            UnknownNameError, AacmmError: see :class:`Setup`.
+        """From the keywords of the public functions; the default noise of the encoders is the
+        arm's.
         """
         encoder = arm.encoder_noise
         if encoder_noise is not None:
@@ -118,7 +111,7 @@ class Setup:
         return self.reference_frame == "session"
 
     def unstated(self, measurements: Measurements) -> list[str]:
-        """Whose noise is not stated although χ² needs it; empty where χ² can be judged."""
+        """Noise that is not stated although χ² needs it."""
         seats = measurements.conditions.seat
         touched = seats is not None and (seats != "").any()
         placed = [measurements.placed[records].any() for records in measurements.seats().values()]
@@ -158,13 +151,13 @@ def sessions_of(measurements: Measurements) -> list[str]:
 def checked_input(
     model: GivenModel, measurements: object, asked: Collection[str] = ()
 ) -> tuple[ErrorModel, Measurements]:
-    """Model and measurements, given or by name or path, if they have as many joints.
+    """Model and measurements, given or by name or path.
 
-    Records outside the range of a known effect are left out, as ``read_as`` then says, unless all
-    are; effects whose labels are ``asked`` for do not count, for they are replaced.
+    Records outside the range of a known effect, whose label is not ``asked`` for, are left out, as
+    ``read_as`` then says, unless all are.
 
     Raises:
-        AacmmError: they are not.
+        AacmmError: there are no records, or they have another number of joints.
     """
     model = ErrorModel.of(model)
     measurements = as_measurements(measurements, model.arm)

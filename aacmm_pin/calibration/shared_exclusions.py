@@ -21,21 +21,14 @@ from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
 from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements
 
 TOGETHER = 1e-3
-"""Chance, over all that is known of the records, below which excluded records that share something
-are no gross errors.
-"""
+"""Largest chance, over all covariates, of what gross errors do not share."""
 NEIGHBOURS = (4, 8, 16, 32)
-"""So many records round an excluded one are looked at together."""
 MOST_CENTRES = 24
-"""Round so many excluded records at most others are looked for."""
 BEYOND_USED = 0.5
-"""Part of the range of the used records by which excluded ones may be beyond it, and share that."""
+"""Excluded records farther beyond the range of the used ones do not count."""
 MOST_LABELS = 12
-"""Numbers with more different values than this are a scale, others are labels."""
 NARROW = 0.5
-"""Used records that move a joint over less than this part of its range in all records are about
-another part of the arm.
-"""
+"""Part of a joint's range below which used records are about another part of the arm."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +37,10 @@ class Shared:
 
     Attributes:
         name: of the covariate.
-        p_value: chance of as much where gross errors are scattered, over all covariates.
+        p_value: chance if gross errors are scattered, over all covariates.
         where: its values there, in words.
-        excluded, records: how many are excluded there, and how many there are.
-        of: how many are excluded in all.
+        excluded, records: numbers of records there.
+        of: number of all excluded records.
     """
 
     name: str
@@ -71,8 +64,7 @@ class Narrowed:
 
     Attributes:
         joint: its row, from 1.
-        used, seen: range over which the used records move it, and all of them [rad; m where it
-            slides].
+        used, seen: range by the used records, and by all [rad; m where it slides].
         slides: whether it is prismatic.
     """
 
@@ -90,12 +82,11 @@ class Narrowed:
 
 @dataclass(frozen=True)
 class Exclusions:
-    """What makes excluded records no gross errors of single records.
+    """Whether excluded records are gross errors of single records.
 
     Attributes:
-        excluded, used: how many were excluded, and how many count.
-        too_many: whether that is more than gross errors are, see
-            :attr:`aacmm_pin.calibration.fit.Fit.too_many_excluded`.
+        excluded, used: numbers of records.
+        too_many: see :attr:`aacmm_pin.calibration.fit.Fit.too_many_excluded`.
         shared: what they share, or None.
         narrowed: joints that they alone moved over most of the range.
     """
@@ -113,7 +104,7 @@ class Exclusions:
 
     @property
     def notes(self) -> list[Note]:
-        """What they share and which joints they narrowed."""
+        """Of what they share, and of each joint."""
         shared = [] if self.shared is None else [self.shared.note]
         return shared + [joint.note for joint in self.narrowed]
 
@@ -139,10 +130,7 @@ def exclusions_of(fit: Fit) -> Exclusions:
 
 
 def _narrowed(fit: Fit) -> Iterator[Narrowed]:
-    """Joints that the used records move over a part below :data:`NARROW` of the range which all
-    records give them.
-
-    Three excluded records at least reach beyond the used range, for one or two may be wrong
+    """Three excluded records at least reach beyond the used range: one or two may be wrong
     readings.
     """
     if not (fit.excluded.any() and fit.used.any()):
@@ -164,9 +152,8 @@ def _narrowed(fit: Fit) -> Iterator[Narrowed]:
 
 
 def shared_by(fit: Fit) -> Shared | None:
-    """What the excluded records of a fit share that the used ones do not; None if nothing.
-
-    A label says most, then the stretch of time, then what has the smallest chance.
+    """What the excluded records share that the used ones do not; None if nothing. A label says
+    most, then the stretch of time, then the smallest chance.
     """
     arm = fit.problem.model.arm
     found = clusters(arm, fit.problem.measurements, fit.excluded, fit.used)
@@ -178,20 +165,18 @@ def shared_by(fit: Fit) -> Shared | None:
 
 
 class Cluster(NamedTuple):
-    """Records (n,) of which so many are excluded that these are no gross errors, and what they
-    share.
-    """
+    """Records (n,) with too many excluded ones for gross errors, and what they share."""
 
     records: Mask
     shared: Shared
 
 
 class Scale(NamedTuple):
-    """What is known of records, by which neighbours are looked for.
+    """What makes records neighbours.
 
     Attributes:
-        name: of what it is.
-        words: what stands in front of its values.
+        name: of the covariate.
+        words: in front of its values.
         values: (n, 1 or 3), in the unit of the words; of labels one column for each (n, labels).
         labels: of the columns; None for numbers.
     """
@@ -207,9 +192,7 @@ class Scale(NamedTuple):
         return self.name in ("time", "record")
 
     def near(self, used: Mask) -> Mask:
-        """Records that are in the range of the used ones, or not far beyond it (n,): wrong
-        readings, and their tips, are far.
-        """
+        """Records not far beyond the range of the used ones (n,), as wrong readings are."""
         if self.is_order or self.labels is not None:
             return np.ones(len(self.values), dtype=bool)
         low = self.values[used].min(axis=0)
@@ -231,11 +214,9 @@ class Scale(NamedTuple):
 
 
 def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> list[Cluster]:
-    """The neighbours by each scale among which the ``excluded`` records (n,) are, and few of the
-    ``used`` ones; those of which the chance of any such is less than :data:`TOGETHER`.
-
-    Bonferroni's bound over the order of the records, and over all other scales. Records of one
-    posture share an error and count once.
+    """By each scale, the neighbours with ``excluded`` records (n,) and few ``used`` ones whose
+    chance is less than :data:`TOGETHER`, by Bonferroni's bound. Records of one posture share an
+    error and count once.
     """
     postures = records.postures
     single = np.zeros(records.n, dtype=bool)
@@ -258,7 +239,6 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
 
 
 def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
-    """Order, joints, place of the tip, and the columns of the file."""
     time = records.conditions.time
     if time is None:
         yield Scale("record", "row numbers", records.row[:, None].astype(np.float64))
@@ -289,9 +269,9 @@ def _neighbours(scale: Scale, like: Index, excluded: Mask) -> tuple[Index, float
     """Of the records ``like``, those round an excluded one that are the least likely to have so
     many excluded ones among them; and the chance of any such.
 
-    Where k of N are drawn at random, and one of them is taken as the centre, m of them are among
-    its w - 1 nearest and itself with a chance of no more than ``C(w - 1, m - 1) C(N - m, k - m) /
-    C(N - 1, k - 1)``; Bonferroni's bound over the centres and over m. Numbers count by their ranks.
+    With k of N drawn at random, one of them as the centre, m are among its w - 1 nearest and itself
+    with a chance of at most ``C(w - 1, m - 1) C(N - m, k - m) / C(N - 1, k - 1)``; Bonferroni's
+    bound over the centres and over m. Numbers count by their ranks.
     """
     values = scale.values[like]
     if values.shape[1] == 1:
@@ -322,20 +302,17 @@ def _neighbours(scale: Scale, like: Index, excluded: Mask) -> tuple[Index, float
 
 
 def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
-    """``log C(n, k)``."""
     others = np.subtract(n, k)
     of_all, of_chosen, of_others = (gammaln(np.add(count, 1)) for count in (n, k, others))
     return np.asarray(of_all - of_chosen - of_others)
 
 
 def round_excluded(found: Fit, off: Array) -> Shared | None:
-    """The ball round an excluded record in which records are off in one direction; None if that is
+    """The ball round an excluded record in which records deviate in one direction; None if that is
     chance.
 
-    Args:
-        found: the fit.
-        off: residuals beside all that was found, of variance one (n, 3). Of an excluded record the
-            direction counts alone.
+    ``off`` are residuals of variance one beside all that was found (n, 3); of an excluded record
+    only the direction counts.
     """
     out = found.excluded
     has_target = found.observations.has_target
@@ -362,8 +339,8 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
 
 
 def as_numbers(values: Iterable[object]) -> pd.Series | None:
-    """A column as numbers, or None where it holds labels: text, or no more than :data:`MOST_LABELS`
-    different numbers.
+    """A column as numbers; None for labels: text, or no more than :data:`MOST_LABELS` different
+    numbers.
     """
     numbers = pd.to_numeric(pd.Series(values), errors="coerce")
     return numbers if numbers.notna().all() and numbers.nunique() > MOST_LABELS else None

@@ -1,9 +1,8 @@
-"""Weighted least squares with prior information: a trust-region search on the analytic
-sensitivities, robust where asked.
+"""Weighted least squares with a prior: a trust-region search on the analytic sensitivities, robust
+where asked.
 
 Levenberg–Marquardt as in MINPACK (Moré 1978): steps are bounded in units of what each parameter
-moves the tips by, and a trial that cannot be evaluated is a rejected step. The search always ends,
-and says whether it converged.
+moves the tips by, and a trial that cannot be evaluated is a rejected step.
 """
 
 from __future__ import annotations
@@ -27,43 +26,37 @@ from aacmm_pin.measurements import Observations, centre_of_sphere
 
 MOST_STEPS = 100
 SETTLED = 1e-6
-"""The search ends when a step promises to lower χ² by less than this: parameters then stand still
-to 0.001 u."""
+"""The search ends when a step promises to lower χ² by less: parameters then stand still to 0.001 u.
+"""
 LOOSELY_SETTLED = 1e-2
-"""The same of a search whose result is only a start."""
+"""The same of a mere start."""
 NO_STEP = 1e-12
-"""A step that promises less than this is not taken: where it ends is where it begins, to a
-millionth of u."""
+"""A step that promises less is not taken: it is a millionth of u."""
 AT_BEST = 1e-7
-"""Ends of relations that move by less than this are where they fit best [m]."""
+"""Least motion of the ends of relations [m]."""
 FLAT_REDUCTION = 1e-2
-"""A promise below this that nothing comes of ends the search too: it is within 0.1 u of its end."""
+"""A promise below this that nothing comes of ends the search too, within 0.1 u of its end."""
 CREEPING = 6
-"""A step after so many that gains much less than it promises has a poor derivative: how what bends
-answers to the others is then worked out, once. Without it a search may creep along a valley in
-which that is all that the records tell."""
+"""A later step that gains much less than it promises has a poor derivative: the response of elastic
+effects to the others is then computed, once. Otherwise a search may creep along a valley that this
+alone determines."""
 SMALLEST_STEP = 1e-12
-"""A trust region smaller than this part of the first step has no better point in it."""
+"""Of a trust region, as a part of the first step."""
 ROUNDING = 1e-12
-"""χ² is no more certain than this part of it."""
 WILD = 2.0
-"""Records this many standard deviations off have half weight in the robust search (Cauchy's weight
-function)."""
+"""Standard deviations with half weight in Cauchy's function."""
 FEWEST_PLACED = 3
-"""Records with coordinates that find a frame or a target."""
 MEDIAN = float(chi2_isf(0.5, 3))
 LEAST_DOF = 0.5
-"""With fewer degrees of freedom records do not tell their scatter; widths that nobody stated leave
-a little above zero."""
+"""With fewer, records do not determine their scatter; unstated widths leave a little above zero."""
 MISFIT = 1e-3
-"""χ² with less chance than this is larger than the stated noise explains; with more than one minus
-this, smaller."""
+"""Least chance of χ² that the stated noise explains."""
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where the search stands: parameters, frame, the seats' points (s, 3) [m], and what follows
-    from them.
+    """Where the search stands: parameters, frame, the seats' points (s, 3) [m], and the prediction
+    there.
     """
 
     x: Array
@@ -80,9 +73,7 @@ class Chi2(NamedTuple):
 
     @property
     def acceptable(self) -> bool:
-        """Whether it is no larger than its degrees of freedom allow, or there are none to judge it
-        by.
-        """
+        """Whether its degrees of freedom, if any, allow it."""
         if self.dof < LEAST_DOF:
             return True
         return float(chi2_sf(*self)) >= MISFIT
@@ -97,9 +88,9 @@ class Solution:
         system: the linear model there.
         problem: what was unknown.
         noise: of the records.
-        weights: of the records in the last step (n,).
+        weights: of the records (n,).
         steps: number of steps tried.
-        message: why the search ended before it converged; "" where it converged.
+        message: why the search ended before it converged; "" if it converged.
     """
 
     point: Point
@@ -122,9 +113,7 @@ class Solution:
 
     @cached_property
     def chi2(self) -> Chi2:
-        """χ² and its degrees of freedom: rows that count, less what the data determine of the
-        parameters.
-        """
+        """χ², and rows that count less what the data determine of the parameters."""
         residual = self.system.residual
         excluded = int(self.observations.counts[self.weights == 0.0].sum())
         return Chi2(
@@ -133,7 +122,7 @@ class Solution:
 
     @cached_property
     def turn_dof(self) -> float:
-        """How many of the degrees of freedom are those of turns."""
+        """The degrees of freedom of turns."""
         counts = self.observations.counts
         if not self.problem.turns:
             return 0.0
@@ -150,7 +139,7 @@ class Solution:
 
 
 def initial_point(problem: Problem, observations: Observations) -> Point:
-    """The start: frame and unknown targets by a robust registration, the unknown points by medians.
+    """The start: frame and unknown targets by a robust registration, unknown points by medians.
 
     Raises:
         AacmmError: an unknown frame, and fewer than three records with coordinates.
@@ -203,23 +192,21 @@ def solve(
     robust: bool = False,
     roughly: bool = False,
 ) -> Solution:
-    """Search from ``start``; the best point found, whether or not the search converged.
+    """Search from ``start``; the best point, whether or not the search converged.
 
     Args:
         problem: what is unknown.
-        noise: what the records say, and how uncertain it is.
+        noise: of its records.
         start: see :func:`initial_point`.
         weights: of the records (n,), 0 leaves one out.
-        robust: weigh records by how well they fit, anew in every step.
-        roughly: the result is only a start for another search.
+        robust: weigh records anew in every step, by how well they fit.
+        roughly: the result is only a start.
     """
     tolerance = LOOSELY_SETTLED if robust or roughly else SETTLED
     return _Search(problem, noise, weights, robust, tolerance).run(start)
 
 
 class _Search:
-    """One search from one start."""
-
     def __init__(
         self, problem: Problem, noise: NoiseModel, weights: Array, robust: bool, tolerance: float
     ) -> None:
@@ -231,7 +218,6 @@ class _Search:
         self.units = np.zeros(problem.scales.size)
 
     def run(self, point: Point) -> Solution:
-        """Step after step until one of the ends is reached."""
         system = self.system(point)
         message = f"{MOST_STEPS} steps were not enough"
         for count in range(1, MOST_STEPS + 1):
@@ -270,9 +256,6 @@ class _Search:
         return Solution(point, system, self.problem, self.noise, self.weights, count, message)
 
     def adapt_radius(self, length: float, ratio: float) -> None:
-        """A smaller trust region after a step that gained little of what was predicted, a larger
-        one after a good step.
-        """
         self.first_length = self.first_length or length
         if not ratio > 0.25:
             self.radius = length / 4
@@ -280,16 +263,13 @@ class _Search:
             self.radius = max(self.radius, 2 * length)
 
     def system(self, point: Point) -> Linearisation:
-        """The linear model at a point."""
         return solution_at(self.problem, self.noise, point, self.weights).system
 
     def trial(
         self, point: Point, seats: Array, step: Array, cost: float
     ) -> tuple[tuple[Point, Linearisation] | None, float]:
-        """Where a step leads, and by how much χ² is lower than ``cost`` there.
-
-        None and -∞ where the arm cannot be evaluated there, such as one too soft to carry its
-        weight.
+        """The point after a step, and by how much χ² is lower than ``cost``; None and -∞ where the
+        arm cannot be evaluated, such as one too soft to carry its weight.
         """
         x, of_frame = np.split(step, [point.x.size])
         x = point.x + x
@@ -304,19 +284,16 @@ class _Search:
         return (there, system), reduction if np.isfinite(reduction) else -np.inf
 
     def corrected(self, point: Point) -> Point:
-        """The point with what its derivative leaves out, once that is worked out."""
         if self.correction is None:
             return point
         jacobian = point.prediction.jacobian + self.correction
         return replace(point, prediction=replace(point.prediction, jacobian=jacobian))
 
     def needs_elastic_correction(self, point: Point) -> bool:
-        """Whether the derivative may be poor: the final search in an arm that bends."""
         exact = not self.robust and self.final
         return self.correction is None and exact and self.problem.bends(point.x)
 
     def with_correction(self, point: Point) -> tuple[Point, Linearisation]:
-        """Work out what the derivative leaves out, and go on from the same point with it."""
         try:
             self.correction = self.problem.elastic_jacobian_correction(
                 point.x, point.frame, point.prediction
@@ -328,11 +305,7 @@ class _Search:
         return point, self.system(point)
 
     def seats_at_best(self, point: Point, system: Linearisation) -> tuple[Point, Linearisation]:
-        """The ends of relations where they fit best, parameters as they are.
-
-        A system's residual is as if the seats were there, which they are where nothing but
-        coordinates is known of them; where a relation is, no step may seem to lower it.
-        """
+        """No step of the parameters may seem to lower what the relations add to χ²."""
         if not len(self.noise.observations.ends):
             return point, system
         still = np.zeros(self.problem.scales.size)
@@ -361,9 +334,7 @@ def solution_at(problem: Problem, noise: NoiseModel, point: Point, weights: Arra
 
 
 def chi2_of(solution: Solution, records: Mask) -> Chi2:
-    """χ² of some records (n,), prior included, when all is refitted to them alone, to first
-    order.
-    """
+    """χ² of some records (n,), prior included, with all refitted to them alone, to first order."""
     observations = solution.observations
     seat = np.where(records, observations.seat, -1)
     one_part = np.zeros(records.size, dtype=np.intp)
@@ -375,9 +346,7 @@ def chi2_of(solution: Solution, records: Mask) -> Chi2:
 
 
 def _robust_weights(distance: Array) -> Array:
-    """Cauchy's weights of squared distances, scaled by their median over the records that count at
-    all.
-    """
+    """Cauchy's weights, of squared distances over their median."""
     counts = np.isfinite(distance)
     scale = np.median(distance[counts]) / MEDIAN if counts.any() else 1.0
     relative = np.where(counts, distance, 0.0) / max(float(scale), 1e-300)

@@ -1,6 +1,4 @@
-"""Squared distance of each record from its target, in standard deviations of what it would be if
-the record belongs.
-"""
+"""Squared distance of each record from its target, in standard deviations if the record belongs."""
 
 from __future__ import annotations
 
@@ -16,12 +14,11 @@ from aacmm_pin.measurements import NOTHING_KNOWN
 
 
 def deleted_distances(solution: Solution) -> Array:
-    """Squared distance of each record from where the *others* put its target, over its own and that
-    place's variance (n,).
+    """Squared distance of each record from where the *others* put its target, over the variance of
+    both (n,); infinite without a target.
 
-    A record pulls an unknown point towards itself, the more the fewer the others are; and where it
-    has been left out, its target is only as sure as the others of its seat make it; bars count for
-    nothing here. Records without a target are infinitely far.
+    A record pulls an unknown point towards itself; without it, the point is as uncertain as the
+    others of its seat make it; bars do not count.
     """
     observations = solution.observations
     covariance = solution.noise.of_residuals[:, :3, :3].copy()
@@ -48,12 +45,11 @@ def deleted_distances(solution: Solution) -> Array:
 
 
 def studentised_distances(solution: Solution) -> Array:
-    """Squared distance of each record from its target over the variance that is left after its
-    share in the parameters (n,).
+    """Squared distance of each record over the variance that its share in the parameters leaves
+    (n,); infinite without a target.
 
     ``eᵀ (I - H)⁻¹ e`` with the record's whitened residual and its block of the hat matrix of the
-    system with its prior (internally studentised residuals; Cook and Weisberg 1982). Records
-    without a target are infinitely far.
+    system with its prior (internally studentised residuals; Cook and Weisberg 1982).
     """
     system = solution.system
     has_target = solution.observations.has_target

@@ -17,17 +17,16 @@ from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Solution
 FALSE_EXCLUSION = 0.01
 """Probability that any good record of the file is excluded."""
 EFFICIENCY = 0.53
-"""Efficiency of the median of χ² with three degrees of freedom as an estimate of a variance."""
+"""Of the median of χ² with three degrees of freedom as an estimate of a variance."""
 LEAST_DOF_OF_SEAT = 1e-3
-"""A seat with fewer degrees of freedom shows nothing of the scatter of its coordinates."""
+"""Fewer degrees of freedom show nothing of the scatter of a seat's coordinates."""
 LEAST_SCATTER = 1e-10
-"""Least scatter, for computed data may fit without any residual [m]."""
+"""Least scatter, for computed data may fit exactly [m]."""
 
 
 def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters:
-    """Scatters beyond the stated noise with which χ² of tips, of rotations and of the coordinates
-    of seats (s, 3) that are ``open_``, without a stated uncertainty, equal their degrees of
-    freedom.
+    """Scatters with which χ² of tips, rotations and ``open_`` coordinates of seats (s, 3), without
+    stated uncertainty, equal their degrees of freedom.
     """
     seat, dof = _of_seats(solution, open_) if open_.any() else (0.0, 0.0)
     tip, turn = (_variance_component(solution, used, turns, open_, dof) for turns in (False, True))
@@ -37,11 +36,9 @@ def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters
 def _variance_component(
     solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float
 ) -> float:
-    """Scatter of tips [m] beyond the stated noise with which χ² equals its degrees of freedom, or
-    of rotations [rad] if ``turns``; the scatter of ``solution`` if no degrees of freedom are left.
-
-    The coordinates of seats (s, 3) that are ``open_`` have degrees of freedom of their own,
-    ``dof_of_seats``. Rotations count given the deviations of their tips.
+    """Of tips [m], or of rotations [rad] given the deviations of their tips; that of ``solution``
+    if no degrees of freedom are left. ``open_`` coordinates of seats have ``dof_of_seats`` of their
+    own.
     """
     noise = solution.noise
     stated_noise = noise.without_scatter
@@ -74,9 +71,7 @@ def _variance_component(
 
 
 def _chi2(noise: NoiseModel, deviation: Array, covariance: Array, used: Mask) -> float:
-    """χ² of the deviations (n, k) of the used records, by the covariance of each (n, k, k) and what
-    records of one reading share.
-    """
+    """By the covariance (n, k, k) of deviations (n, k), and what records of one reading share."""
     # Stated noise may be zero, of an exact contact with exact readings.
     least = LEAST_SCATTER**2 * np.eye(deviation.shape[1])
     whitening = np.linalg.inv(np.linalg.cholesky(covariance + least))
@@ -86,13 +81,11 @@ def _chi2(noise: NoiseModel, deviation: Array, covariance: Array, used: Mask) ->
 
 
 def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
-    """Scatter of the coordinates of seats (s, 3) that are ``open_`` [m], and their degrees of
-    freedom.
+    """Scatter of the ``open_`` coordinates of seats (s, 3) [m], and their degrees of freedom.
 
-    The squares of their residuals over their degrees of freedom, the almost unbiased estimate of a
-    variance component (Horn, Horn and Duncan 1975, J. Am. Stat. Assoc. 70). Few seats determine it
-    poorly: the scatter of the tips counts as one more degree of freedom. Seats that are outliers
-    against the better half, such as a seat that was moved, do not count.
+    The almost unbiased estimate of a variance component (Horn, Horn and Duncan 1975, J. Am. Stat.
+    Assoc. 70). Few seats determine it poorly: the scatter of the tips counts as one more degree of
+    freedom. Outliers against the better half, such as a seat that was moved, do not count.
     """
     noise = solution.noise
     system = solution.system
@@ -122,10 +115,9 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
 
 
 def information_of_seats(solution: Solution) -> tuple[Array, Array, Array, Array]:
-    """Information on the place of each seat (s, 3, 3) [1/m²], without relations; the part of
-    its stated coordinates, the diagonal (s, 3); the part of each record at a seat (records, 3, 3);
-    and what a deviation of this record pulls the seat by, information times distance (records, 3,
-    3) [1/m²].
+    """Information on each seat (s, 3, 3) [1/m²], without relations; the diagonal by its stated
+    coordinates (s, 3); the part of each record at a seat (records, 3, 3); and the pull by its
+    deviation (records, 3, 3) [1/m²].
     """
     observations = solution.observations
     touched = np.flatnonzero(observations.seat >= 0)
@@ -149,9 +141,7 @@ def squared_distances(deviation: Array, covariance: Array) -> Array:
 
 
 def root(excess: Callable[[float], float], deviation: Array) -> float:
-    """Variance at which ``excess``, which falls with it, is zero; the largest possible variance if
-    it is nowhere zero.
-    """
+    """Variance at which the falling ``excess`` is zero; else the largest possible variance."""
     low = LEAST_SCATTER**2
     high = 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
     if excess(low) <= 0:

@@ -1,8 +1,8 @@
-"""Which signs and quarter turns of several joint angles at once, or which ratio of one, bring tips
-and targets together.
+"""Signs and quarter turns of several joint angles at once, or the ratio of one, that bring tips and
+targets together.
 
-A controller and a DH table often count several joints from other zeros, or in other directions.
-These are too many for a fit of each, so that a few records judge all of them.
+A controller and a DH table often count several joints from other zeros or in other directions: too
+many for a fit of each, so that a few records judge all.
 """
 
 from __future__ import annotations
@@ -20,36 +20,30 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.measurements import Measurements
 
 QUARTERS = (0, 90, -90, 180)
-"""What may be added to an angle [°]."""
+"""Possible offsets of an angle [°]."""
 MOST_TURNED = 4
 """So many joints at most are turned; any number is reversed."""
 MANY_JOINTS = 7
-"""An arm with more has too many combinations to try all of them."""
 KNOWN_RECORDS = 16
 """So many records with references judge …"""
 SEATS, PER_SEAT = 5, 4
-"""… or so many of each of so many seats."""
+"""… or so many seats, with so many records each."""
 SIMILAR_RATIO = 1.5
-"""Combinations that leave less than so many times the least are alike."""
+"""Misfits of combinations that are alike."""
 NEAREST = 40
-"""So many of the best combinations are returned."""
 FEW_ORDERS = 5
-"""So many of the best orders of columns are returned."""
 LARGEST_RATIO = 3.0
-"""A joint moves at most so many times as far as its readings, or as little."""
+"""Of a joint's motion to its readings, or inverse."""
 RATIOS, REFINEMENTS = 41, 4
-"""So many ratios are tried at a time, each time between the neighbours of the best."""
+"""Each time between the neighbours of the best."""
 REWEIGHTED = 10
-"""So many times a linear fit is weighted again, so that gross errors do not count."""
 SMALLEST_SINGULAR = 1e-6
-"""Singular values below this part of the largest are not used."""
 SMALLEST_TRAVEL = 1e-9
-"""Nothing is divided by less [m]."""
 
 
 class Turned(NamedTuple):
-    """What undoes a wrong column: the sign of the angles of a joint (from 0), then an angle that is
-    added [°].
+    """What undoes a wrong column: the sign of the angles of a joint (from 0), then an added angle
+    [°].
     """
 
     joint: int
@@ -58,8 +52,8 @@ class Turned(NamedTuple):
 
 
 def likely_columns(problem: Problem) -> list[tuple[Turned, ...]]:
-    """Combinations of two joints or more that bring tips and targets nearest together, of those
-    that are alike the simplest first; none of records without references and seats.
+    """The best combinations of two joints or more, of those alike the simplest first; none without
+    references and seats.
     """
     tried = [*_combinations(problem.model.arm.chain.prismatic)]
     nq = problem.model.arm.nq
@@ -79,9 +73,7 @@ def likely_columns(problem: Problem) -> list[tuple[Turned, ...]]:
 
 
 def likely_orders(problem: Problem) -> list[tuple[int, ...]]:
-    """The orders of the columns that bring tips and targets nearest together, the best first: the
-    joint (from 0) that each column is of. None for many joints.
-    """
+    """The best orders of the columns: the joint (from 0) of each column. None for many joints."""
     nq = problem.model.arm.nq
     if nq > MANY_JOINTS:
         return []
@@ -92,8 +84,8 @@ def likely_orders(problem: Problem) -> list[tuple[int, ...]]:
 
 
 def likely_ratios(problem: Problem) -> list[float]:
-    """For each joint the factor of its readings, other than 1, that brings tips and targets nearest
-    together, whatever the zeros of the joints; none of records without references and seats.
+    """For each joint the best factor of its readings, with any zeros of the joints; none without
+    references and seats.
     """
     ratios = []
     nq = problem.model.arm.nq
@@ -113,8 +105,7 @@ def likely_ratios(problem: Problem) -> list[float]:
 
 
 def likely_scales(problem: Problem) -> Array | None:
-    """Factors of the x, y and z coordinates (3,) that bring tips and references together best,
-    whatever their frame; None with too few references.
+    """Best factors of the x, y and z coordinates (3,) in any frame; None with too few references.
 
     The tips are an affine function of the references, a rotation of scaled coordinates: its columns
     are as long as the scales.
@@ -137,9 +128,9 @@ def likely_scales(problem: Problem) -> Array | None:
 def _misfits(
     problem: Problem, change: Callable[[Array], Array], *, any_zeros: bool = False
 ) -> Array:
-    """Median distance of tips and targets, over what the tips travel, with readings (n, nq) changed
-    in m ways (m, n, nq) [rad], and with the best zeros to first order if they may be any: (m,), or
-    none without references and seats.
+    """Median distance of tips and targets over the tips' travel, with readings (n, nq) changed in m
+    ways (m, n, nq) [rad], and with ``any_zeros`` the best zeros to first order: (m,), or none
+    without references and seats.
     """
     arm, records, external = problem.model.arm, problem.measurements, problem.external
     rows, groups = _judges(records)
@@ -168,7 +159,6 @@ def _misfits(
 
 
 def _after_best_steps(deviations: Array, jacobian: Array) -> Array:
-    """What is left of deviations (m, n, 3) with the best steps, by their Jacobians (m, n, 3, k)."""
     left = np.empty_like(deviations)
     for number, (deviation, columns) in enumerate(zip(deviations, jacobian, strict=True)):
         rows = columns.reshape(deviation.size, -1)
@@ -178,7 +168,7 @@ def _after_best_steps(deviations: Array, jacobian: Array) -> Array:
 
 
 def _judges(records: Measurements) -> tuple[Index, Index | None]:
-    """Records with references, or else records of seats with the number of the seat of each."""
+    """With the numbers of their seats; None with references."""
     placed = np.flatnonzero(records.known)
     if placed.size:
         spread = np.linspace(0, placed.size - 1, min(KNOWN_RECORDS, placed.size))
@@ -190,9 +180,6 @@ def _judges(records: Measurements) -> tuple[Index, Index | None]:
 
 
 def _combinations(prismatic: Mask) -> Iterator[tuple[Turned, ...]]:
-    """All combinations of two joints or more, of few joints for an arm with many; a joint that
-    slides has a sign only.
-    """
     joints = range(len(prismatic))
     most_turned = max(2, MOST_TURNED - max(0, len(prismatic) - MANY_JOINTS))
     changes = {}
@@ -211,8 +198,8 @@ def _combinations(prismatic: Mask) -> Iterator[tuple[Turned, ...]]:
 
 
 def _from_references(tips: Array, reference: Array, external: bool) -> Array:
-    """Tips (m, n, 3) minus references (n, 3) in the base, onto which the references are moved by a
-    rotation and a translation if their frame is unknown: (m, n, 3) [m].
+    """Tips (m, n, 3) minus references (n, 3), moved into the base if their frame is unknown (m, n,
+    3) [m].
     """
     if not external:
         return tips - reference

@@ -1,7 +1,7 @@
-"""Whether one geometric value of the arm file is wrong, and what the records give instead.
+"""Whether one geometric value of the arm file is wrong, and its value by the records.
 
-All geometric values are fitted freely. Then each of them in turn is taken to be wrong, and the
-others to be within what is stated of them: of a linear model these are formulas of one matrix.
+All geometric values are fitted freely. Then each in turn is taken to be wrong, and the others to be
+as stated: in a linear model these are formulas of one matrix.
 """
 
 from __future__ import annotations
@@ -25,43 +25,38 @@ from aacmm_pin.effects import StylusOffset
 from aacmm_pin.errors import AacmmError
 
 USUAL = {"m": 3e-4, "rad": 2e-3}
-"""How far off a value usually is where nobody stated it: as manufactured [m, rad]."""
+"""Error of a value that nobody stated, as manufactured [m, rad]."""
 TIP_OFFSET = StylusOffset(u=(USUAL["m"],) * 3)
-"""How far off the tip of a URDF usually is."""
+"""Usual, of a URDF."""
 SHOWN_UNITS = {"m": "mm", "rad": "°"}
-"""In which values are stated, by their unit in SI."""
 PLACEMENT_KINDS = {
     **{kind: f"along {kind}" for kind in "xyz"},
     **{f"r{kind}": f"about {kind}" for kind in "xyz"},
 }
-"""Kinds of the parameters of a placement in a URDF, and the motion that each of them is."""
 LEAST_WRONG = {"m": 4e-4, "rad": 4e-3}
-"""A smaller error of a value is none of the file [m, rad] …"""
+"""A smaller error is none of the file [m, rad] …"""
 LEAST_OF_STATED = 0.2
-"""… of which the uncertainty is not stated; where it is, so many times that."""
+"""… if its uncertainty is not stated; if it is, so many times that."""
 ZERO_KINDS = ("theta_offset", "rz")
-"""Kinds of the zero of a joint, in DH rows and in placements of a URDF."""
 RECORDS_FOR_VALUES = 2000
-"""So many records tell which value is wrong."""
 SURE = 30.0
 """Least gain in χ² by one wrong value …"""
 DOMINATES = 3.0
 """… and over what the other values, within what is stated of them, leave."""
 ALIKE = 12.0
-"""Values whose gain is less by no more than this may be the wrong one too."""
+"""Difference of gains of values that may both be wrong."""
 ONE_EFFECT = 0.9999
-"""Two values have one effect if the cosine between their effects is larger: distances along
-parallel axes."""
+"""Cosine of effects that are one, as of distances along parallel axes."""
 MOST_ALIKE = 3
-"""So many values with other effects that may be wrong are no finding."""
+"""So many possible values with other effects are no finding."""
 FAR_OFF = 4.0
-"""A value that the fit moves by fewer standard uncertainties is not asked about."""
+"""Standard uncertainties that a fit moves values by without a question."""
 PER_PARAMETER = 6.0
-"""Gain in χ² for each further value, with which all zeros are more probable than one value."""
+"""Gain in χ² for each further value of all zeros that makes them more probable than one value."""
 LEAST_NOISE = 1e-6
-"""Records are taken to be no better than this, for arithmetic has no more digits [m]."""
+"""For rounding [m]."""
 SAME_SIZE = 0.02
-"""Values of opposite sign whose sizes differ by a smaller part are those of a wrong sign."""
+"""Relative difference of values that have the wrong sign."""
 
 
 class WrongValue(NamedTuple):
@@ -69,8 +64,7 @@ class WrongValue(NamedTuple):
 
     Attributes:
         note: parameter, stated value and value by the records.
-        errors: what is to be added to values of the arm file, by the name of the parameter
-            [m, rad].
+        errors: to be added to values of the arm file, by the name of the parameter [m, rad].
     """
 
     note: Note
@@ -78,10 +72,8 @@ class WrongValue(NamedTuple):
 
 
 def wrong_value(after: Fit) -> WrongValue | None:
-    """The geometric value of the arm file that is wrong, or zeros that are all off; None if every
-    value is about as stated, or if no single one explains the others.
-
-    A value counts only if nothing is wrong with it corrected.
+    """The wrong geometric value of the arm file, or all zeros; None if values are about as stated,
+    if no single one explains the others, or if another is wrong with it corrected.
     """
     values = _free_geometry(after)
     if values is None:
@@ -101,9 +93,8 @@ def wrong_value(after: Fit) -> WrongValue | None:
 
 
 def _free_geometry(after: Fit) -> _Geometry | None:
-    """The geometric values by the records alone; None if they are about as stated.
-
-    The tip of an arm from a URDF has no parameters, but is as uncertain as other places.
+    """None if values are about as stated. The tip of an arm from a URDF is as uncertain as other
+    places.
     """
     problem = after.problem
     geometric = np.flatnonzero(problem.vector.geometric)
@@ -129,13 +120,12 @@ def _free_geometry(after: Fit) -> _Geometry | None:
 
 
 def _thinned(problem: Problem) -> Problem:
-    """The problem with enough of its records."""
     records = problem.measurements
     return problem.of(records.take(np.arange(0, records.n, -(-records.n // RECORDS_FOR_VALUES))))
 
 
 def _usual(problem: Problem, geometric: Index) -> Array:
-    """Standard uncertainty of each geometric value: as stated, else the usual one."""
+    """As stated, else the usual one."""
     parameters = [problem.vector.arm_parameters[k] for k in geometric]
     usual = np.array([USUAL[p.unit] for p in parameters if p is not None])
     return np.where(problem.stated[geometric], problem.widths[geometric], usual)
@@ -176,7 +166,7 @@ class _Geometry(NamedTuple):
         return _Geometry(parameters, numbers, rows, measured, usual)
 
     def with_free(self, wrong: Index) -> tuple[float, Array]:
-        """How much less χ² is than with no error, and the errors, with some values free."""
+        """Decrease of χ², and the errors, with some values free."""
         widths = self.usual.copy()
         widths[wrong] = 1e3 * np.array([USUAL[self.parameters[k].unit] for k in wrong])
         rows = np.concatenate([self.rows, np.diag(1 / widths)])
@@ -186,9 +176,7 @@ class _Geometry(NamedTuple):
         return float(explained @ explained), np.asarray(errors, np.float64)
 
     def cosines(self, number: int) -> Array:
-        """Of the angles between the effect of each value on the records and that of one of them
-        (p,); 0 for a value without effect.
-        """
+        """Of effects on the records (p,); 0 without effect."""
         lengths = np.linalg.norm(self.rows, axis=0)
         products = np.abs(self.rows.T @ self.rows[:, number])
         cosines = np.zeros_like(products)
@@ -197,8 +185,8 @@ class _Geometry(NamedTuple):
 
 
 def _rows_of(free: Fit, geometric: Index) -> tuple[Array, Array]:
-    """Whitened rows of the geometric values (k, p) [1/unit], the rest of the set-up eliminated, and
-    the residual (k,) after the fit.
+    """Whitened rows of the geometric values (k, p) [1/unit] and residual (k,), all others
+    eliminated.
     """
     system = free.system
     prior = system.prior.rows
@@ -213,9 +201,7 @@ def _rows_of(free: Fit, geometric: Index) -> tuple[Array, Array]:
 
 
 def _wrong_values(values: _Geometry) -> Iterator[WrongValue]:
-    """Zeros that are all off; or values that each explain more than all others together, the best
-    first.
-    """
+    """All zeros, or values that each explain more than all others together, best first."""
     numbers = np.arange(len(values.parameters))
     least, _ = values.with_free(numbers[:0])
     most, _ = values.with_free(numbers)
@@ -245,7 +231,7 @@ def _wrong_values(values: _Geometry) -> Iterator[WrongValue]:
 
 
 def _named(values: _Geometry, number: int, error: float) -> WrongValue | None:
-    """One value that is off by ``error`` [its unit]; None if that is too little."""
+    """None if the ``error`` [its unit] is too little."""
     parameter = values.parameters[number]
     least_change = LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
     if abs(error) < least_change:
