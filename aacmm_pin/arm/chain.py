@@ -197,11 +197,11 @@ class Chain:
 
     def position_and_jacobian(self, q: Array) -> tuple[Array, Array]:
         """Tip (n, 3) [m] at checked ``q`` (n, nq), and its derivative by the joints (n, 3, nq)."""
-        joints = np.full((len(self.slides), 2), NO_PLACE)
+        twists = np.full((len(self.slides), 2), NO_PLACE)
         moving = self.moving_axes()
-        joints[: len(moving), 0] = moving
-        joints[:, 1] = np.where(self.slides, V_Z, OMEGA_Z)
-        position, columns = self._differentiated(q, joints)
+        twists[: len(moving), 0] = moving
+        twists[:, 1] = np.where(self.slides, V_Z, OMEGA_Z)
+        position, columns = self._differentiated(q, twists)
         return position, np.ascontiguousarray(self.drive.by_independent(columns))
 
     def position_and_sensitivity(self, q: Array) -> tuple[Array, Array]:

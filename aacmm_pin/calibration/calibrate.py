@@ -447,9 +447,9 @@ def _of_noise(after: Fit) -> list[Note]:
     notes = []
     if setup.encoder_noise is None:
         notes.append(Note("encoder_noise_estimated"))
-    if not after.stated:
+    if not after.noise_is_stated:
         return notes + _of_unstated_noise(after)
-    if after.unmodelled > 0:
+    if after.scatter > 0:
         notes.append(Note("scatter_added", {"scatter": after.scatter_in_words}))
         notes += _farther_off(after)
     return notes
@@ -459,13 +459,13 @@ def _of_unstated_noise(after: Fit) -> list[Note]:
     unstated_noise = after.problem.setup.unstated(after.problem.measurements)
     scatter = after.noise.scatters.seat
     notes = []
-    if after.scatters:
+    if after.has_scatter:
         options = [OPTION_OF_NOISE[noise] for noise in unstated_noise]
         data = {"of": unstated_noise, "scatter": after.scatter_in_words, "options": options}
         notes.append(Note("noise_estimated", data))
     else:
         notes.append(Note("noise_enough", {"of": unstated_noise}))
-    if scatter and after.scatters:
+    if scatter and after.has_scatter:
         notes.append(Note("seat_scatter_estimated", {"scatter": scatter}))
     seats = int(after.observations.known.sum())
     if scatter and seats < FEW_SEATS:
@@ -480,14 +480,14 @@ def _farther_off(after: Fit) -> list[Note]:
         return []
     without = fit(free_geometry(problem), used=after.used)
     in_widths = np.where(mine, np.abs(without.point.x - problem.start) / problem.widths, 0.0)
-    if without.unmodelled > HELD_IN * after.unmodelled or in_widths.max() < FAR_OFF:
+    if without.scatter > HELD_IN * after.scatter or in_widths.max() < FAR_OFF:
         return []
     names = [
         problem.vector.names[k]
         for k in np.argsort(-in_widths)[:MOST_NAMED]
         if in_widths[k] > FAR_OFF
     ]
-    data = {"scatter": without.unmodelled, "parameters": names, "off": float(in_widths.max())}
+    data = {"scatter": without.scatter, "parameters": names, "off": float(in_widths.max())}
     return [Note("stated_values_hold", data)]
 
 
@@ -519,8 +519,8 @@ def notes_of(after: Fit) -> list[Note]:
         *_of_open_tip(after),
         *_of_temperature(after),
     ]
-    if after.unmodelled > FAR:
-        notes.append(Note("scatter_too_large", {"scatter": after.unmodelled}))
+    if after.scatter > FAR:
+        notes.append(Note("scatter_too_large", {"scatter": after.scatter}))
     arm_parameters = zip(problem.vector.arm_parameters, problem.stated, strict=True)
     free = [p.name for p, stated in arm_parameters if p is not None and not stated]
     if free:

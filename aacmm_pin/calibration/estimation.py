@@ -90,7 +90,7 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
 class _Estimation:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self.stated = not problem.setup.unstated(problem.measurements)
+        self.noise_is_stated = not problem.setup.unstated(problem.measurements)
         self.observations = observations_of(problem.measurements, problem.setup)
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
@@ -159,7 +159,7 @@ class _Estimation:
             if told
             else chi2_isf(chance, numbers)
         )
-        if not self.stated:
+        if not self.noise_is_stated:
             limit = limit * UNEQUAL**2
         used = has_target.copy()
         for tried in range(MOST_NOISE_ROUNDS):
@@ -177,7 +177,7 @@ class _Estimation:
         With few records, a robust search fits some at the expense of others, which then seem
         outliers.
         """
-        if not self.stated:
+        if not self.noise_is_stated:
             return None
         has_target = self.observations.has_target
         fitted, _ = self.fit_with_stated_noise(point, has_target)
@@ -219,12 +219,12 @@ class _Estimation:
 
         # The median of a few records scatters by itself.
         slack = 6.0 / np.sqrt(len(stated))
-        if self.stated and excess(0.0) < slack:
+        if self.noise_is_stated and excess(0.0) < slack:
             return 0.0
         return float(np.sqrt(root(excess, deviation)))
 
     def final_fit(self, noise: NoiseModel, point: Point, used: Mask) -> Fit:
-        if not self.stated:
+        if not self.noise_is_stated:
             return self.fit(self.with_variance_components(noise, point, used), used, None)
         fitted, _ = self.fit_with_stated_noise(point, used)
         if fitted:
@@ -270,7 +270,7 @@ class _Estimation:
         """
         fitted = Fit.of(
             solution,
-            stated=self.stated,
+            noise_is_stated=self.noise_is_stated,
             used=used,
             excluded=self.observations.has_target & ~used,
             chi2_stated=chi2,

@@ -33,23 +33,24 @@ class Fit(Solution):
     """A problem solved.
 
     Attributes:
-        stated: the stated noise was complete, so that ``chi2_stated`` judges the model.
+        noise_is_stated: completely, so that ``chi2_stated`` judges the model.
         used: records that count (n,).
         excluded: outliers (n,).
         chi2_stated: χ² against the stated noise alone; None where it was not complete.
         dof: degrees of freedom of the final fit.
-        found: effects, by their keys, whose nonlinear parameters (order, time constant) come from
-            these records too; with the least u of each, by its name, where the derivative at its
-            value gives too little. Their uncertainty adds to that of the other parameters.
+        estimated_nonlinear: effects, by their keys, whose nonlinear parameters (order, time
+            constant) come from these records too; with the least u of each, by its name, where the
+            derivative at its value gives too little. Their uncertainty adds to that of the other
+            parameters.
         added_covariance: of all columns, for an error that several records share (p, p) [units].
     """
 
-    stated: bool
+    noise_is_stated: bool
     used: Mask
     excluded: Mask
     chi2_stated: Chi2 | None
     dof: float
-    found: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    estimated_nonlinear: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     added_covariance: Array | float = 0.0
 
     @staticmethod
@@ -61,7 +62,7 @@ class Fit(Solution):
         return Fit(**attributes, **judgement)
 
     @property
-    def unmodelled(self) -> float:
+    def scatter(self) -> float:
         """Scatter of each coordinate beyond the stated noise [m]; 0 where the stated noise
         suffices.
         """
@@ -85,7 +86,7 @@ class Fit(Solution):
     @property
     def tells_noise(self) -> bool:
         """Whether the noise is stated, or the records suffice to estimate it."""
-        return self.stated or self.dof >= LEAST_DOF
+        return self.noise_is_stated or self.dof >= LEAST_DOF
 
     @property
     def too_many_excluded(self) -> bool:
@@ -96,7 +97,7 @@ class Fit(Solution):
         )
 
     @property
-    def scatters(self) -> bool:
+    def has_scatter(self) -> bool:
         """Whether there is scatter beyond the stated noise worth a word."""
         return max(self.noise.scatters) > NO_SCATTER
 
@@ -104,7 +105,7 @@ class Fit(Solution):
     def scatter_in_words(self) -> str:
         """The scatter of tips, and of turns with orientations."""
         turns = f" and {self.noise.scatters.turn / UM:.3g} µrad" if self.problem.turns else ""
-        return f"{self.unmodelled / MM:.4f} mm{turns}"
+        return f"{self.scatter / MM:.4f} mm{turns}"
 
     @property
     def residual_noise(self) -> Array:
@@ -142,7 +143,7 @@ class Fit(Solution):
     @property
     def stated_noise(self) -> Array:
         """The same without the scatter beyond a noise that is stated in full."""
-        return self.noise.without_scatter if self.stated else self.residual_noise
+        return self.noise.without_scatter if self.noise_is_stated else self.residual_noise
 
     def distance_of(self, covariance: Array) -> float:
         """RMS distance of tips and targets of the used records by covariances of residuals (n, 3,
@@ -212,8 +213,8 @@ class Fit(Solution):
         uncertain = []
         for k, effect in enumerate(self.effects):
             nonlinear = effect.nonlinear
-            is_found = effect.key in self.found
-            width = nonlinear.prior_sd(effect) if is_found else effect.nonlinear_u
+            is_estimated = effect.key in self.estimated_nonlinear
+            width = nonlinear.prior_sd(effect) if is_estimated else effect.nonlinear_u
             if width:
                 uncertain.append((k, effect, nonlinear.field, width))
         return uncertain
@@ -242,7 +243,7 @@ class Fit(Solution):
         covariance = system.covariance(np.pad(self.unknown, ((0, widths.size), (0, 0))))
         for column, (_, effect, name, _) in enumerate(parameters, self.problem.scales.size):
             variance = covariance[column, column]
-            least = self.found.get(effect.key, {}).get(name, 0.0) ** 2
+            least = self.estimated_nonlinear.get(effect.key, {}).get(name, 0.0) ** 2
             if 0.0 < variance < least:  # what is correlated with it grows too
                 along = covariance[column] / variance
                 covariance = covariance + (least - variance) * np.outer(along, along)

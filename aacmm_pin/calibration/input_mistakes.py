@@ -91,8 +91,8 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         raise
     if _far_in_a_session(after):
         _require_no_mistake_in_a_session(problem)
-    travel = _travel(problem) if after.unmodelled > FAR else np.inf
-    unlike = after.unmodelled > UNLIKE * travel
+    travel = _travel(problem) if after.scatter > FAR else np.inf
+    unlike = after.scatter > UNLIKE * travel
     fitted = _median(after.system.deviation)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
         absorbs = _absorbs(after)
@@ -109,7 +109,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         advice = _advice(problem)
         raise AacmmError(
             f"{problem.measurements.source}: {advice}. (With the best parameters, the records "
-            f"scatter by {after.unmodelled / MM:.0f} mm in each coordinate. The tips of the arm at "
+            f"scatter by {after.scatter / MM:.0f} mm in each coordinate. The tips of the arm at "
             f"these angles scatter by {travel / MM:.0f} mm.)"
         )
     _require_orientations(after)
@@ -219,7 +219,7 @@ def _each_fits(parts: Sequence[Problem]) -> bool:
         fits = [fit(OTHER_FRAME.undone(part)) for part in parts]
     except AacmmError:
         return False
-    return len(fits) > 1 and all(after.unmodelled < FAR for after in fits)
+    return len(fits) > 1 and all(after.scatter < FAR for after in fits)
 
 
 def _require_no_mistake_in_a_session(problem: Problem) -> None:
@@ -373,7 +373,7 @@ def _fit_without(without: Problem, as_is: float) -> Fit | None:
     except (AacmmError, np.linalg.LinAlgError):  # a hypothesis that is far off has no fit
         return None
     limit = min(EXPLAINS * as_is, UNLIKE * _travel(after.problem))
-    explained = after.unmodelled < FAR and _median(after.system.deviation) < limit
+    explained = after.scatter < FAR and _median(after.system.deviation) < limit
     return after if explained and not _absorbs(after) else None
 
 

@@ -89,7 +89,7 @@ class NoiseModel:
         x: Array,
         frame: Frame,
         scatters: Scatters,
-        known: Observations | None = None,
+        observations: Observations | None = None,
         seats: Array | None = None,
     ) -> NoiseModel:
         """The noise of a problem's records.
@@ -99,12 +99,12 @@ class NoiseModel:
             x: values of its parameters (p,), which place the targets that readings move.
             frame: of the references.
             scatters: beyond the stated noise.
-            known: the observations, if already there.
+            observations: if already there.
             seats: their points (s, 3) [m], for the normals of surfaces; None: by the tips.
         """
         setup = problem.setup
         n = problem.measurements.n
-        observations = known or observations_of(problem.measurements, setup)
+        observations = observations or observations_of(problem.measurements, setup)
         u = np.where(observations.unstated, max(scatters.seat, LEAST_U), observations.stated_u)
         observations = replace(observations, stated_u=u)
         if observations.on_surface.any():
@@ -319,15 +319,17 @@ def _relations(
         stated.append((bar.seat_a, bar.seat_b, length, guessed))
     for relation in measurements.relations:
         stated += [(relation.a, relation.b, row, False) for row in relation.rows()]
-    known = [row for row in stated if row[0] in number and row[1] in number]
-    ends = np.array([(number[a], number[b]) for a, b, *_ in known], dtype=np.intp).reshape(-1, 2)
+    between_seats = [row for row in stated if row[0] in number and row[1] in number]
+    ends = np.array([(number[a], number[b]) for a, b, *_ in between_seats], dtype=np.intp).reshape(
+        -1, 2
+    )
     cluster = clusters_of(ends, len(number))
     places = defaultdict(set)
-    for k, (_, _, row, _) in enumerate(known):
+    for k, (_, _, row, _) in enumerate(between_seats):
         places[row].add(-1 - k if row[0] == OF_BAR else cluster[ends[k, 0]])
-    common = [1.0 if guessed else len(places[row]) ** 0.5 for _, _, row, guessed in known]
-    kind = np.array([row[0] for _, _, row, _ in known], dtype=np.str_)
-    value, u = np.array([row[1:] for _, _, row, _ in known]).reshape(-1, 2).T
+    common = [1.0 if guessed else len(places[row]) ** 0.5 for _, _, row, guessed in between_seats]
+    kind = np.array([row[0] for _, _, row, _ in between_seats], dtype=np.str_)
+    value, u = np.array([row[1:] for _, _, row, _ in between_seats]).reshape(-1, 2).T
     return ends, kind, value, u * common
 
 

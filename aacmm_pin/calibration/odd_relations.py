@@ -62,8 +62,8 @@ def require_possible_relations(problem: Problem) -> None:
         deviations_of_relations(system), _deviations_from_free(system, free.system)
     )
     turned = np.isin(at.relation, TILTS)
-    whole = replace(at, relation=np.where(turned, ANGLE, at.relation))
-    excess = whole.of_relations(free.point.seats)[0] * at.value_u
+    of_angles = replace(at, relation=np.where(turned, ANGLE, at.relation))
+    excess = of_angles.of_relations(free.point.seats)[0] * at.value_u
     distance = at.relation == DISTANCE
     gross = np.where(distance, GROSS_DISTANCE + GROSS_SCALE * at.value, GROSS_ANGLE)
     impossible = of_planes & (deviations >= IMPOSSIBLE) & (np.abs(excess) >= gross)

@@ -128,11 +128,11 @@ def another_frame(after: Fit) -> Note | None:
     here = after.point.frame
     in_base = (after.point.prediction.tips[out] - here.shift) @ here.rotation
     frame = registered(in_base, records.reference[out])
-    own = np.linalg.norm(frame.apply(in_base) - records.reference[out], axis=1)
+    in_own_frame = np.linalg.norm(frame.apply(in_base) - records.reference[out], axis=1)
     distances = np.linalg.norm(after.system.deviation, axis=1)
     others = np.nanquantile(distances[after.used], MOST_OF_THEM)
-    fits = np.quantile(own, MOST_OF_THEM) < AS_CLOSE * others
-    if not fits or np.median(own) > REMAINS * np.median(distances[out]):
+    fits = np.quantile(in_own_frame, MOST_OF_THEM) < AS_CLOSE * others
+    if not fits or np.median(in_own_frame) > REMAINS * np.median(distances[out]):
         return None
     turn = frame.rotation @ here.rotation.T
     centre = records.reference[out].mean(axis=0)
@@ -148,23 +148,23 @@ def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Fra
     return initial_point(problem, observations_of(problem.measurements, alone)).frame
 
 
-def _with_directions(records: Measurements, own: Mask, rotation: Array) -> Measurements:
+def _with_directions(records: Measurements, chosen: Mask, rotation: Array) -> Measurements:
     direction = records.conditions.probe_direction
     if direction is None:
         return records
-    turned = np.where(own[:, None], direction @ rotation.T, direction)
+    turned = np.where(chosen[:, None], direction @ rotation.T, direction)
     conditions = replace(records.conditions, probe_direction=turned)
     return replace(records, conditions=conditions)
 
 
-def _moved(records: Measurements, own: Mask, rotation: Array, shift: Array) -> Measurements:
-    reference = np.where(own[:, None], records.reference @ rotation.T + shift, records.reference)
+def _moved(records: Measurements, chosen: Mask, rotation: Array, shift: Array) -> Measurements:
+    reference = np.where(chosen[:, None], records.reference @ rotation.T + shift, records.reference)
     turned_u = np.sqrt(np.square(records.reference_u) @ np.square(rotation).T)
-    reference_u = np.where(own[:, None], turned_u, records.reference_u)
+    reference_u = np.where(chosen[:, None], turned_u, records.reference_u)
     moved = replace(records, reference=reference, reference_u=reference_u)
     if records.orientation is None:
         return moved
     stated = records.orientation.copy()
-    turned = own & records.oriented
+    turned = chosen & records.oriented
     stated[turned] = orientation.quaternions(rotation @ orientation.matrices(stated[turned]))
     return replace(moved, orientation=stated)

@@ -156,12 +156,12 @@ def shared_by(fit: Fit) -> Shared | None:
     most, then the stretch of time, then the smallest chance.
     """
     arm = fit.problem.model.arm
-    found = clusters(arm, fit.problem.measurements, fit.excluded, fit.used)
+    unlikely = clusters(arm, fit.problem.measurements, fit.excluded, fit.used)
 
     def order(shared: Shared) -> tuple[bool, bool, float]:
         return shared.name not in LABELS, shared.name != "time", shared.p_value
 
-    return min((cluster.shared for cluster in found), key=order, default=None)
+    return min((cluster.shared for cluster in unlikely), key=order, default=None)
 
 
 class Cluster(NamedTuple):
@@ -225,7 +225,7 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
     if np.sum(counted & excluded) < FEWEST_TOGETHER or not used.any():
         return []
     scales = [*_scales(arm, records)]
-    found = []
+    unlikely = []
     for scale in scales:
         window, chance = _neighbours(scale, np.flatnonzero(counted & scale.near(used)), excluded)
         chance *= 1 if scale.is_order else len(scales) - 1
@@ -234,8 +234,8 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
             mine, counting = (int((inside & some).sum()) for some in (excluded, excluded | used))
             where = scale.extent(window)
             shared = Shared(scale.name, chance, where, mine, counting, int(excluded.sum()))
-            found.append(Cluster(inside, shared))
-    return found
+            unlikely.append(Cluster(inside, shared))
+    return unlikely
 
 
 def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
@@ -254,15 +254,15 @@ def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
         yield Scale(axis, f"tip_{axis}_mm", values[:, None])
     yield Scale("scale", "distance_mm", np.linalg.norm(tips, axis=1, keepdims=True))
     for column in records.covariate_columns():
-        known: pd.Series = pd.Series(column.values)
+        cells: pd.Series = pd.Series(column.values)
         if column.entry is UNKNOWN_COLUMN:
-            numbers = as_numbers(known)
-            known = known.astype(str) if numbers is None else numbers
-        if not pd.api.types.is_numeric_dtype(known):
-            of_labels = pd.get_dummies(known.astype(str), dtype=float)
+            numbers = as_numbers(cells)
+            cells = cells.astype(str) if numbers is None else numbers
+        if not pd.api.types.is_numeric_dtype(cells):
+            of_labels = pd.get_dummies(cells.astype(str), dtype=float)
             yield Scale(column.quantity, column.name, of_labels.to_numpy(), of_labels.columns)
-        elif column.quantity != "time" and not known.isna().any():
-            yield Scale(column.quantity, column.name, known.to_numpy(np.float64)[:, None])
+        elif column.quantity != "time" and not cells.isna().any():
+            yield Scale(column.quantity, column.name, cells.to_numpy(np.float64)[:, None])
 
 
 def _neighbours(scale: Scale, like: Index, excluded: Mask) -> tuple[Index, float]:
@@ -307,18 +307,18 @@ def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
     return np.asarray(of_all - of_chosen - of_others)
 
 
-def round_excluded(found: Fit, off: Array) -> Shared | None:
+def round_excluded(fit: Fit, residuals: Array) -> Shared | None:
     """The ball round an excluded record in which records deviate in one direction; None if that is
     chance.
 
-    ``off`` are residuals of variance one beside all that was found (n, 3); of an excluded record
+    ``residuals`` are of variance one beside all that was found (n, 3); of an excluded record
     only the direction counts.
     """
-    out = found.excluded
-    has_target = found.observations.has_target
-    size = np.where(out, np.sqrt(np.square(off).sum(axis=1) / 3.0), 1.0)
-    off = off / size[:, None]
-    tips = found.problem.model.arm.positions(found.problem.measurements.q) / MM
+    out = fit.excluded
+    has_target = fit.observations.has_target
+    size = np.where(out, np.sqrt(np.square(residuals).sum(axis=1) / 3.0), 1.0)
+    residuals = residuals / size[:, None]
+    tips = fit.problem.model.arm.positions(fit.problem.measurements.q) / MM
     place = Scale("place", "the tip", tips)
     sizes: Index = np.array(
         [size for size in NEIGHBOURS if 2 * size <= has_target.sum()], dtype=np.intp
@@ -327,7 +327,7 @@ def round_excluded(found: Fit, off: Array) -> Shared | None:
     for centre in np.flatnonzero(out) if sizes.size else ():
         distance = np.where(has_target, np.linalg.norm(tips - tips[centre], axis=1), np.inf)
         order = np.argsort(distance, kind="stable")
-        squares = np.square(np.cumsum(off[order[: sizes[-1]]], axis=0)[sizes - 1]).sum(axis=1)
+        squares = np.square(np.cumsum(residuals[order[: sizes[-1]]], axis=0)[sizes - 1]).sum(axis=1)
         chances = chi2_sf(squares / sizes, 3) * sizes.size * int(out.sum())
         k = int(np.argmin(chances))
         if chances[k] < (TOGETHER if best is None else best.p_value):

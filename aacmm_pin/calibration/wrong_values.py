@@ -102,7 +102,7 @@ def _free_geometry(after: Fit) -> _Geometry | None:
         return None
     moved = np.abs(after.point.x - problem.start)[geometric]
     usual = _usual(problem, geometric)
-    if after.unmodelled == 0.0 and (moved < FAR_OFF * usual).all():
+    if after.scatter == 0.0 and (moved < FAR_OFF * usual).all():
         return None
     asked = _thinned(problem)
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)

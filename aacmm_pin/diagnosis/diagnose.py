@@ -175,7 +175,7 @@ def diagnose(
     budget = budget_of(choice, before, unexplained.discrepancy, unexplained.shared_by_postures)
     without_name = (STRUCTURE, SHARED, BEYOND)
     nameless = sum(part.mean_square for part in budget if part.part in without_name)
-    if choice.fit.stated:
+    if choice.fit.noise_is_stated:
         nameless += budget[-1].mean_square - noise**2
     sure = {f.label for f in findings if f.probability >= THRESHOLDS.settled and f.borne_out}
     evidence = Evidence(
@@ -202,7 +202,7 @@ def diagnose(
     return Diagnosis(
         verdict=verdict_of(evidence, doubts),
         findings=tuple(findings),
-        model=_as_found(extended, choice.fit.stated, findings, unexplained),
+        model=_as_found(extended, choice.fit.noise_is_stated, findings, unexplained),
         before=before,
         recalibrated=recalibrated,
         extended=choice.fit,

@@ -138,7 +138,7 @@ def check_measurements(
     if unknown := _noise_not_stated(model, records, setup):
         notes.append(Note("prediction_without_noise", {"of": unknown}))
     noise = calibrated.distance_of(calibrated.stated_noise)
-    if calibrated.stated and after > FAR_BEYOND * noise:
+    if calibrated.noise_is_stated and after > FAR_BEYOND * noise:
         notes.append(Note("beyond_noise", {"times": after / noise}))
     if distance > FAR_BEYOND * predicted:
         notes.append(Note("beyond_prediction", {"times": distance / predicted}))

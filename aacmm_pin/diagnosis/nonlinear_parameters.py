@@ -38,7 +38,7 @@ Series = Sequence[Sequence[Effect]]
 def noise_is_known(at: Fit) -> bool:
     """Whether the stated noise is all that the fit found."""
     scatters = at.noise.scatters
-    return at.stated and max(scatters.tip, scatters.turn) == 0.0
+    return at.noise_is_stated and max(scatters.tip, scatters.turn) == 0.0
 
 
 def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:
@@ -211,7 +211,7 @@ def with_nonlinear_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> 
         k = number.get(effect.label, -1)
         if k in odds and not at.problem.start[entries].any():
             u_of[effect.key] = {effect.nonlinear.field: _least_u(effect, tried[k][0], odds[k][0])}
-    return replace(at, found=u_of)
+    return replace(at, estimated_nonlinear=u_of)
 
 
 def _is_smooth(effect: Effect) -> bool:

@@ -114,7 +114,7 @@ class ReadingScatter:
             np.sqrt(np.trace(covariance[counts, :3, :3], axis1=1, axis2=2).mean())
             for covariance in (covariances, stated)
         )
-        as_stated = fit.stated and bool(size < stated_size * THRESHOLDS.as_stated)
+        as_stated = fit.noise_is_stated and bool(size < stated_size * THRESHOLDS.as_stated)
         return ReadingScatter(
             covariances,
             readings,

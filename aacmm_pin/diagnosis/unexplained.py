@@ -288,10 +288,7 @@ def excess_of(extended: Fit) -> float:
 
     If the noise of the encoders is not stated, that of plain encoders counts as stated.
     """
-    if (
-        extended.chi2_stated is None
-        or max(extended.unmodelled, extended.noise.scatters.turn) == 0.0
-    ):
+    if extended.chi2_stated is None or max(extended.scatter, extended.noise.scatters.turn) == 0.0:
         return 0.0
     deviations = extended.system.deviations
     explained = np.diagonal(extended.stated_noise, axis1=1, axis2=2)

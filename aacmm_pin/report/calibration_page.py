@@ -195,14 +195,14 @@ def fit_in_words(result: Calibration) -> str:
     """Test of the model and the stated noise by χ²."""
     judged, p = result.fit.chi2_stated, result.p_value
     if judged is None or p is None:
-        if result.fit.stated:
+        if result.fit.noise_is_stated:
             return (
                 "χ² cannot test the fit, because the records have no more measured values than the "
                 "model has parameters."
             )
         return (
             "χ² cannot test the model, because you did not state all noise. The residuals exceed "
-            f"the stated noise by {length(result.fit.unmodelled)} per coordinate."
+            f"the stated noise by {length(result.fit.scatter)} per coordinate."
         )
     numbers = f"(χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)})"
     if p < MISFIT:
@@ -344,7 +344,7 @@ def _result(result: Calibration) -> Iterator[Block]:
     yield frame_in_words(result.fit)
     yield Table(estimated_causes(result), "Causes of error")
     noise = "The noise alone"
-    if result.fit.scatters:
+    if result.fit.has_scatter:
         noise = "The stated noise and the estimated scatter"
     distances = {"records used in the fit": (result.rms_before / MM, result.rms / MM)}
     turns = {}

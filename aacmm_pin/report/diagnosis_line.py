@@ -12,7 +12,7 @@ FEW_WAVES = 4
 
 def diagnosis_line(diagnosis: Diagnosis) -> str:
     """Verdict, sizes of the residuals, causes, remaining structure, and gain."""
-    noise = "noise alone" if diagnosis.extended.stated else "estimated scatter"
+    noise = "noise alone" if diagnosis.extended.noise_is_stated else "estimated scatter"
     arms = ["nominal arm", "recalibrated arm", "extended arm", noise]
     sizes = zip(diagnosis.rms.values(), arms, strict=True)
     residuals = ", ".join(f"{size / MM:.4f} mm ({arm})" for size, arm in sizes)

@@ -203,7 +203,7 @@ def summary_line(result: Diagnosis) -> str:
             f"{nominal} for the nominal arm, {recalibrated} for the recalibrated arm and "
             f"{extended} for the extended arm"
         )
-    alone = "Noise alone" if result.extended.stated else "The estimated scatter"
+    alone = "Noise alone" if result.extended.noise_is_stated else "The estimated scatter"
     sentences = [f"The RMS residual is {sizes}. {alone} would give {noise}."]
     excluded = int(result.extended.excluded.sum())
     if excluded:
@@ -407,7 +407,7 @@ def _result(result: Diagnosis, planned: str) -> Iterator[Block]:
     yield Table(pd.DataFrame(rows), BUDGET, explained=BUDGET_EXPLAINED)
     yield rms_figure(result)
     yield frame_in_words(result.extended)
-    hints = [] if result.extended.stated else [UNSTATED]
+    hints = [] if result.extended.noise_is_stated else [UNSTATED]
     if any(corrects_seat(finding.effect) for finding in result.findings):
         hints.append(SEAT_ERRORS)
     yield Paragraph(" ".join(hints), detail=True)

@@ -224,7 +224,7 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
         records = records.take(first)
     # Noise beyond what was stated: of references or of contacts at seats, and what postures share.
     of_postures = 0.0 if shared is None else shared.rms / np.sqrt(3.0)
-    more = float(np.hypot(result.extended.unmodelled, of_postures))
+    more = float(np.hypot(result.extended.scatter, of_postures))
     noise: dict[str, Any] = {}
     if more:
         name = "probe_noise" if mostly_seats(problem.measurements) else "reference_noise"

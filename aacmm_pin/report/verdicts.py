@@ -102,7 +102,7 @@ def _ambiguous(result: Diagnosis) -> str:
         chance = probability(1.0 - result.more)
         wrong = "these records do not determine which cause the model lacks"
         wrong += f" (probability {chance} that none acts)"
-        if result.extended.scatters and result.extended.stated:
+        if result.extended.has_scatter and result.extended.noise_is_stated:
             wrong = f"{_residuals_left(result)}, but {wrong}"
     several = "set" if len(sets) == 1 else "sets"
     return f"{wrong}. {capital(f'{other}possible {several} of causes')}: {listed(sets)}"
@@ -262,7 +262,7 @@ def _size_left(result: Diagnosis) -> tuple[str, bool]:
     text = f"the RMS residual is still {length(size)}, but the stated noise is zero"
     if noise > NO_SCATTER:
         text = f"the RMS residual is still {size / noise:.1f} times the noise"
-    turned = extended.noise.scatters.turn if extended.stated else 0.0
+    turned = extended.noise.scatters.turn if extended.noise_is_stated else 0.0
     if turned:
         text += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
     shared = result.unexplained.shared_by_postures
@@ -289,10 +289,10 @@ def _worth(result: Diagnosis) -> str:
 
 def _residuals_left(result: Diagnosis) -> str:
     extended = result.extended
-    if not extended.scatters:
+    if not extended.has_scatter:
         return "the arm agrees with the records within the noise"
-    scatter = f"the residuals scatter by {length(extended.unmodelled)} per coordinate"
-    if extended.stated:
+    scatter = f"the residuals scatter by {length(extended.scatter)} per coordinate"
+    if extended.noise_is_stated:
         return f"{scatter} more than the stated noise"
     return f"{scatter}, which counts as noise, because you did not state all noise"
 

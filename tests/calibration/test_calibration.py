@@ -224,7 +224,7 @@ def test_more_scatter_than_stated_is_found_and_said(sino6, rng):
     worse = Measurements.of(data.q, data.reference + rng.normal(size=data.reference.shape) * 50e-6)
     result = quick(sino6, worse)
     assert result.p_value < 1e-6
-    assert result.fit.unmodelled == pytest.approx(50e-6, rel=0.1)
+    assert result.fit.scatter == pytest.approx(50e-6, rel=0.1)
     assert len(data_of(result.notes, "scatter_added")) == 1
     assert not data_of(result.notes, "stated_values_hold")
 
@@ -239,7 +239,7 @@ def test_a_part_that_was_exchanged_is_told(sino6, rng):
         true, "free", 60, rng=rng, encoder_noise=READING, reference_noise=REFERENCE
     )
     result = quick(sino6, data)
-    assert result.fit.unmodelled > 1e-4
+    assert result.fit.scatter > 1e-4
     (told,) = data_of(result.notes, "stated_values_hold")
     assert told["scatter"] < 5e-8
     assert told["parameters"][0] == "d6"
@@ -268,7 +268,7 @@ def test_scatter_found_from_afar_is_that_of_the_records(wrong):
     information = best.jac.T @ best.jac / scatter**2 + np.eye(5) / result.fit.problem.widths**2
     u = np.sqrt(np.diag(np.linalg.inv(information)))
     assert np.flatnonzero(result.fit.excluded).tolist() == [*range(wrong)]
-    assert result.fit.unmodelled == pytest.approx(scatter, rel=0.02)
+    assert result.fit.scatter == pytest.approx(scatter, rel=0.02)
     assert np.sqrt(np.diag(result.covariance)) == pytest.approx(u, rel=0.02)
     assert np.abs((result.fit.point.x - best.x) / u).max() < 1.0
 
@@ -765,7 +765,7 @@ def test_coordinates_of_seats_of_unstated_uncertainty(sino6):
         data = replace(data, reference_u=np.full((data.n, 3), np.nan))
         found = calibrate(sino6, data, prior=False, hold_out=False)
         seats.append(found.fit.noise.scatters.seat)
-        assert found.fit.unmodelled == pytest.approx(1.5e-5, rel=0.15)
+        assert found.fit.scatter == pytest.approx(1.5e-5, rel=0.15)
         q = within(sino6, rng, 40)
         model = found.model
         sensitivity = model.sensitivity(q)

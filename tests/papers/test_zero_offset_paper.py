@@ -182,7 +182,7 @@ def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_roundi
         offsets, errors = of_printed_points(run)
         assert result.fit.chi2_stated is not None
         assert result.fit.chi2_stated[0] == pytest.approx(np.sum((errors * MM / u) ** 2), rel=1e-2)
-        assert result.fit.unmodelled == 0.0
+        assert result.fit.scatter == 0.0
         after = np.rad2deg(result.parameters["after"].to_numpy())
         close(after, offsets, 1e-6)
         assert (np.abs(after - TRUE_DEG) < 3 * np.rad2deg(result.parameters["u"])).all()
