@@ -14,6 +14,8 @@ from aacmm_pin.diagnosis.model_space import FIRST_WIDTH, Blocks, ModelSpace, Mod
 from aacmm_pin.diagnosis.posterior import Posterior, inclusion, weights_of
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
+Candidacy = frozenset[tuple[int, int]]
+"""The candidates of a set, and the variants of its covariates."""
 FREE_PARAMETERS = (3, 110)
 """Parameters of a form that could be nearly anything at its place: at least, and at most where the
 search begins.
@@ -26,8 +28,9 @@ def explore(space: ModelSpace, start: Blocks = ()) -> Posterior:
     """The sets that hold the posterior's mass.
 
     One walk begins where ascents from the empty set, from ``start``, and from a change of every
-    known cause end; the other where that from every place at its freest form ends. If they
-    disagree, the search goes on from all sets that either found.
+    known cause end; the other where that from every place at its freest form ends, until it meets
+    the best set of the first. The search goes on from all sets that either visited; it has settled
+    if that changes no probability.
     """
     starts = ((), start, space.candidates.changes)
     walk = Walk(space, [(), *(ascended(space, blocks) for blocks in starts)])
@@ -36,15 +39,14 @@ def explore(space: ModelSpace, start: Blocks = ()) -> Posterior:
     if freest in walk.expanded:
         return walk.posterior()
     other = Walk(space, [freest])
-    other.run()
-    disagreement = _disagreement(space, walk.values, other.values)
+    other.run(until=walk.best)
+    met = other.best == walk.best
     walk.take_up(other)
-    if disagreement > THRESHOLDS.agreement:
-        before = dict(walk.values)
+    if not met:
         walk.exchanged.clear()
-        walk.run()
-        disagreement = _disagreement(space, before, walk.values)
-    return walk.posterior(disagreement)
+    before = dict(walk.values)
+    walk.run()
+    return walk.posterior(_disagreement(space, before, walk.values))
 
 
 def climb(space: ModelSpace, start: Blocks) -> Posterior:
@@ -110,6 +112,7 @@ class Walk:
     Attributes:
         values: log posterior of each set visited; approximate where it is far below the best.
         expanded: sets, with the log posterior of each with one block more.
+        exchanged: sets whose members were exchanged, whatever the variants of their causes.
         gains: gain in log posterior by each block more of sets whose causes differ in their
             variants alone, such as in the order of a wave: as of the first that was expanded.
         best: largest log posterior.
@@ -118,8 +121,8 @@ class Walk:
 
     def __init__(self, space: ModelSpace, starts: Iterable[Blocks]) -> None:
         self.space, self.values, self.best = space, dict[Blocks, float](), -np.inf
-        self.expanded, self.exchanged = dict[Blocks, Array](), set[Blocks]()
-        self.gains = dict[frozenset[tuple[int, int]], Array]()
+        self.expanded, self.exchanged = dict[Blocks, Array](), set[Candidacy]()
+        self.gains = dict[Candidacy, Array]()
         self.expansions = THRESHOLDS.expansions
         for start in starts:
             self._look_at(start)
@@ -150,17 +153,17 @@ class Walk:
                 values[larger] = max(values.get(larger, -np.inf), float(about[k]))
         return values
 
-    def run(self, exchanges: bool = True) -> None:
+    def run(self, exchanges: bool = True, until: float = np.inf) -> None:
         """Expand the best sets, and exchange members of those that hold the mass before weaker ones
-        are expanded.
+        are expanded; until the best set has the log posterior ``until``.
         """
-        while self.expansions > 0:
+        while self.expansions > 0 and self.best != until:
             weights = weights_of(self.values)
             top = weights[next(iter(weights))]
             least = THRESHOLDS.expanded * top
             holds = max(min(THRESHOLDS.holds, top), least)
             open_ = [s for s, w in weights.items() if s not in self.expanded and w >= least]
-            held = [s for s, w in weights.items() if w >= holds and s not in self.exchanged]
+            held = [s for s, w in weights.items() if w >= holds and self._is_unexchanged(s)]
             if open_ and (not (held and exchanges) or weights[open_[0]] >= holds):
                 gains = self.gains.get(self._regardless_of_variants(open_[0]))
                 if gains is None:
@@ -238,7 +241,10 @@ class Walk:
         self.expanded[blocks] = self.values[blocks] + gains
         self._visit_each(blocks, self.expanded[blocks], blocks)
 
-    def _regardless_of_variants(self, blocks: Blocks) -> frozenset[tuple[int, int]]:
+    def _is_unexchanged(self, blocks: Blocks) -> bool:
+        return self._regardless_of_variants(blocks) not in self.exchanged
+
+    def _regardless_of_variants(self, blocks: Blocks) -> Candidacy:
         """The candidates of a set, and the variants of its covariates."""
         candidates = self.space.candidates
         return frozenset((candidates.owner(k), 0 if candidates.is_cause(k) else k) for k in blocks)
@@ -247,7 +253,7 @@ class Walk:
         """Visit the set with one or two blocks, of whatever place, in place of each member, and of
         two members that imitate one another; until a better set is found.
         """
-        self.exchanged.add(blocks)
+        self.exchanged.add(self._regardless_of_variants(blocks))
         owner = self.space.candidates.owner
         before = self.best
         for gone in self._drawn_jointly(blocks):
