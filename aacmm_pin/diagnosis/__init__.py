@@ -9,7 +9,7 @@ from aacmm_pin.diagnosis.findings import estimated
 from aacmm_pin.diagnosis.held_out_gain import Gain
 from aacmm_pin.diagnosis.measurement_check import Check, check_measurements
 from aacmm_pin.diagnosis.odd_groups import OddGroup
-from aacmm_pin.diagnosis.result import Diagnosis, Finding, too_good
+from aacmm_pin.diagnosis.result import Diagnosis, Finding, Place, too_good
 from aacmm_pin.diagnosis.run_order import RunOrder
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -26,6 +26,7 @@ __all__ = [
     "Finding",
     "Gain",
     "OddGroup",
+    "Place",
     "RunOrder",
     "ScatteredReadings",
     "SharedError",

@@ -57,21 +57,39 @@ class Posterior:
         together most probably, by their most probable variants together.
         """
         candidates = self.space.candidates
-        of_forms = defaultdict[frozenset[int], float](float)
         of_blocks = defaultdict[frozenset[int], float](float)
         for blocks, weight in self.weights.items():
-            for place in {int(candidates.of_blocks[k]) for k in blocks}:
-                inside = frozenset(k for k in blocks if candidates.of_blocks[k] == place)
+            for inside in self._by_place(blocks).values():
                 of_blocks[inside] += weight
-                of_forms[frozenset(map(candidates.owner, inside))] += weight
-        together: dict[int, frozenset[int]] = {}
-        for owners in sorted(of_forms, key=lambda owners: (-of_forms[owners], sorted(owners))):
-            together.setdefault(int(candidates.places[min(owners)]), owners)
         best: dict[frozenset[int], frozenset[int]] = {}
         for inside in sorted(of_blocks, key=lambda blocks: (-of_blocks[blocks], sorted(blocks))):
             best.setdefault(frozenset(map(candidates.owner, inside)), inside)
-        acting = itertools.chain.from_iterable(best[owners] for owners in together.values())
+        together = [next(iter(forms)) for forms in self.forms.values()]
+        acting = itertools.chain.from_iterable(best[owners] for owners in together)
         return tuple(sorted(k for k in acting if self.probability(k) >= THRESHOLDS.named))
+
+    @cached_property
+    def forms(self) -> dict[int, dict[frozenset[int], float]]:
+        """Of each place where something acts, the probability of each form, the most probable
+        first: of the candidates that act there together.
+        """
+        of_places = defaultdict[int, dict[frozenset[int], float]](dict)
+        for blocks, weight in self.weights.items():
+            for place, inside in self._by_place(blocks).items():
+                form = frozenset(map(self.space.candidates.owner, inside))
+                of_places[place][form] = of_places[place].get(form, 0.0) + weight
+        return {
+            place: dict(sorted(forms.items(), key=lambda form: (-form[1], sorted(form[0]))))
+            for place, forms in sorted(of_places.items())
+        }
+
+    def _by_place(self, blocks: Blocks) -> dict[int, frozenset[int]]:
+        """The blocks of a set, by their places."""
+        of_blocks = self.space.candidates.of_blocks
+        return {
+            int(place): frozenset(k for k in blocks if of_blocks[k] == place)
+            for place in of_blocks[[*blocks]]
+        }
 
     def beside(self, blocks: Blocks) -> Conditional:
         """What is left beside a set, at its best widths and amplitude."""

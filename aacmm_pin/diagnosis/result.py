@@ -120,6 +120,35 @@ class Finding(Shown):
         return str(report().diagnosis_line.finding_line(self))
 
 
+@dataclass(frozen=True)
+class Place:
+    """A joint, body, seat or target, with the quantity that an error there depends on.
+
+    Attributes:
+        effect: a cause that may act there.
+        probability: probability that a cause acts there.
+        forms: probability of each set of causes that may act there together, most probable first;
+            the keys are tuples of labels.
+    """
+
+    effect: Effect
+    probability: float
+    forms: Mapping[tuple[str, ...], float]
+
+    @property
+    def depends_on(self) -> str:
+        """The quantity: ``angle``, ``load``, ``approach`` or ``time``; else the name of the only
+        cause.
+        """
+        return self.effect.function_of or self.effect.cause
+
+    @property
+    def form_is_open(self) -> bool:
+        """True if a cause certainly acts there, but no form is more probable than all others."""
+        most_probable = max(self.forms.values())
+        return self.probability >= THRESHOLDS.settled and most_probable < THRESHOLDS.named
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Shown):
     """The result of a diagnosis: the causes of error, the extended arm, and its gain.
@@ -198,6 +227,21 @@ class Diagnosis(Shown):
         Each key is the tuple of the labels of the causes in the set.
         """
         return self.choice.posterior.causes
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """The places where a cause may act, by thousandths of probability and then as along the
+        arm.
+        """
+        names = self.choice.design.names
+        places = []
+        for forms in self.choice.posterior.forms.values():
+            labelled = {tuple(names[k] for k in sorted(form)): p for form, p in forms.items()}
+            effect = self.cause(next(iter(labelled))[0])
+            probability = min(sum(labelled.values()), 1.0)
+            if effect is not None and probability >= THRESHOLDS.worth_listing:
+                places.append(Place(effect, probability, labelled))
+        return tuple(sorted(places, key=lambda place: -round(place.probability, 3)))
 
     @property
     def cannot_tell_apart(self) -> list[tuple[str, ...]]:

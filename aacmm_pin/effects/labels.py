@@ -39,11 +39,15 @@ def name_in_words(effect: Effect, arm: Arm | None = None) -> str:
     """The name and the place of a cause: ``encoder gain of joint 5``, ``distance d of tool row
     7``.
     """
-    words = cause_in_words(type(effect))
-    if effect.place is not None:
-        return f"{words} of {_place_words(effect, arm)} {effect.place}"
-    arm_words = WHOLE_ARM.get(effect.cause)
-    return f"{words} of {arm_words}" if arm_words else words
+    words, location = cause_in_words(type(effect)), location_in_words(effect, arm)
+    return f"{words} of {location}" if location else words
+
+
+def location_in_words(effect: Effect, arm: Arm | None = None) -> str:
+    """Where a cause acts: ``joint 5``, ``tool row 7``, ``seat A``; "" if its name states that."""
+    if effect.place is None:
+        return WHOLE_ARM.get(effect.cause, "")
+    return f"{_place_words(effect, arm)} {effect.place}"
 
 
 def in_words(effect: Effect, arm: Arm | None = None) -> str:

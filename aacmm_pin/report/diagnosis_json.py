@@ -10,7 +10,7 @@ from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.plain_values import of_models, plain
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import rms
-from aacmm_pin.diagnosis import Diagnosis, Finding, Unexplained, not_tried
+from aacmm_pin.diagnosis import Diagnosis, Finding, Place, Unexplained, not_tried
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect, fields_of, strongest_waves
 from aacmm_pin.report.calibration_page import bases_in_json
@@ -56,6 +56,7 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             for part in diagnosis.budget
         ],
         "findings": [*map(finding_to_dict, diagnosis.findings)],
+        "places": [*map(_place_to_dict, diagnosis.places)],
         "held_out": _held_out(diagnosis),
         "alternatives": [{"causes": labels, "probability": p} for labels, p in likely.items()],
         "other_alternatives": {
@@ -97,7 +98,7 @@ def finding_to_dict(finding: Finding) -> dict[str, Any]:
         "inner": _with_u(finding.inner),
         "aliases": [
             {
-                **_place(alias.effect, alias.label),
+                **_alias_to_dict(alias.effect, alias.label),
                 "correlation": alias.correlation,
                 "probability": alias.probability,
             }
@@ -119,13 +120,29 @@ def discrepancy_to_dicts(left: Unexplained) -> list[dict[str, Any]]:
     ]
 
 
-def _place(effect: Effect | None, label: str) -> dict[str, Any]:
-    """A cause, its joint, and its seat or body; a covariate by its label."""
+def _place_to_dict(place: Place) -> dict[str, Any]:
+    """Where a cause may act, with the probabilities of its forms."""
+    likely = {labels: p for labels, p in place.forms.items() if p >= THRESHOLDS.worth_listing}
+    return {
+        "depends_on": place.depends_on,
+        **_location(place.effect),
+        "probability": place.probability,
+        "forms": [{"causes": labels, "probability": p} for labels, p in likely.items()],
+    }
+
+
+def _alias_to_dict(effect: Effect | None, label: str) -> dict[str, Any]:
+    """A cause, and where it acts; a covariate by its label."""
     if effect is None:
         return {"cause": label, "joint": None}
+    return {"cause": effect.cause, **_location(effect)}
+
+
+def _location(effect: Effect) -> dict[str, Any]:
+    """Joint of a cause, and its seat or body."""
     site = effect.location_field()
     elsewhere = {} if site in (None, "joint") else {site: effect.place}
-    return {"cause": effect.cause, "joint": effect.row, **elsewhere}
+    return {"joint": effect.row, **elsewhere}
 
 
 def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float]]:

@@ -13,13 +13,15 @@ import pandas as pd
 
 from aacmm_pin._support.units import MM, UM, count
 from aacmm_pin.calibration import residuals_by_record, rms
-from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, Unexplained
+from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, Place, Unexplained
 from aacmm_pin.diagnosis.unexplained import BACKGROUND
 from aacmm_pin.effects import (
     Discrepancy,
+    cause_in_words,
     corrects_seat,
     in_words,
     listed,
+    location_in_words,
     probability,
     sensitivity,
     strongest_waves,
@@ -99,6 +101,11 @@ RANKED = (
     "such large odds. The column 'not absorbed' states which part of the effect neither "
     "recalibration nor other causes absorb."
 )
+PLACES_LISTED = "Places of errors, and the causes that may act there"
+PLACES_EXPLAINED = (
+    "The first probability states how probably any cause acts at the place. The last column states "
+    "how probably each cause, or each combination of causes, acts there."
+)
 SETS_LISTED = "Sets of causes that may act, with their probabilities"
 ALL_SETS = (
     "The probabilities of all sets add up to 1. The last row states the probability of all other "
@@ -172,6 +179,16 @@ def certainty_in_words(result: Diagnosis) -> str:
     if len(result.findings) == 1:
         cause = capital(in_words(result.findings[0].effect, result.model.arm))
     return f"{cause} acts with probability {least}."
+
+
+def open_forms_in_words(result: Diagnosis) -> str:
+    """The places with a certain error of open form; "" without these."""
+    places = [place for place in result.places if place.form_is_open]
+    return " ".join(
+        f"{capital(location_in_words(place.effect, result.model.arm))} certainly has an error that "
+        f"depends on {place.depends_on}: {_forms_in_words(result, place)}."
+        for place in places
+    )
 
 
 def next_set_in_words(result: Diagnosis) -> str:
@@ -327,6 +344,32 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
     return Table(pd.DataFrame(rows)).cells()
 
 
+def places_table(result: Diagnosis) -> pd.DataFrame:
+    """The places where a cause may act: place, quantity, probability, causes."""
+    rows = [
+        {
+            "place": location_in_words(place.effect, result.model.arm),
+            "error depends on": place.depends_on.replace("_", " "),
+            "probability": probability(place.probability),
+            "causes": _forms_in_words(result, place),
+        }
+        for place in result.places
+        if place.probability >= THRESHOLDS.rival
+    ]
+    return pd.DataFrame(rows)
+
+
+def _forms_in_words(result: Diagnosis, place: Place) -> str:
+    """The probable forms of a place, with their probabilities."""
+    texts = []
+    for labels, p in place.forms.items():
+        if p >= THRESHOLDS.rival:
+            causes = filter(None, map(result.cause, labels))
+            names = " + ".join(cause_in_words(type(cause)) for cause in causes)
+            texts.append(f"{names} {probability(p)}")
+    return " or ".join(texts)
+
+
 def alternatives(result: Diagnosis) -> pd.DataFrame:
     """The sets of causes, most probable first, and last all others together, with probabilities."""
     sets = result.alternatives
@@ -379,6 +422,7 @@ def answers(result: Diagnosis, planned: str) -> list[Block]:
     sentences = {
         f"{capital(result.verdict.replace('-', ' '))}.": verdict_in_words(result),
         "Probability:": certainty_in_words(result),
+        "Form not certain:": open_forms_in_words(result),
         "Other possible causes:": next_set_in_words(result),
         "Residuals and gain:": summary_line(result),
         "Next:": f"{capital(planned)}.",
@@ -480,6 +524,7 @@ def _causes(result: Diagnosis) -> Iterator[Block]:
 
 def _other_causes(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Other possible causes")
+    yield Table(places_table(result), PLACES_LISTED, explained=PLACES_EXPLAINED)
     yield Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
     alike = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
     yield Bullets([f"These records do not distinguish {labels}." for labels in alike])

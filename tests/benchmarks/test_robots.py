@@ -100,6 +100,12 @@ ROW = {
         {"cause": "joint_zero_offset", "joint": 5, "order": None, "probability": 0.6},
         {"cause": "joint_error_curve", "joint": 6, "order": None, "probability": 0.4},
     ],
+    "places": [
+        {"cause": "angle", "joint": 1, "probability": 1.0},
+        {"cause": "angle", "joint": 3, "probability": 1.0},
+        {"cause": "load", "joint": 2, "probability": 0.9},
+        {"cause": "temperature", "joint": None, "probability": 0.7},
+    ],
 }
 
 

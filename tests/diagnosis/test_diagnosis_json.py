@@ -136,6 +136,13 @@ def agrees(found: dict[str, Any], shown: str) -> None:
         )
         assert inside - 1e-9 <= finding["probability"] <= inside + rest + 1e-9
         assert finding["probability"] >= THRESHOLDS.named
+    for place in found["places"]:
+        there = {label for form in place["forms"] for label in form["causes"]}
+        inside = sum(
+            each["probability"] for each in found["alternatives"] if there & {*each["causes"]}
+        )
+        assert inside - 1e-9 <= place["probability"] <= inside + rest + 1e-9
+        assert sum(form["probability"] for form in place["forms"]) <= place["probability"] + 1e-9
     for finding in found["findings"]:
         assert all(
             finding["probability"] + alias["probability"] <= 1.0 + 1e-9

@@ -28,6 +28,8 @@ from aacmm_pin.report.diagnosis_page import (
     alternatives,
     diagnosis_document,
     gain_in_words,
+    open_forms_in_words,
+    places_table,
     ranking,
     residuals_table,
     summary_line,
@@ -123,6 +125,20 @@ def with_sets(result: Diagnosis, **sets: float) -> Diagnosis:
     return replace(
         result, choice=replace(result.choice, posterior=replace(posterior, weights=weights))
     )
+
+
+def test_a_place_can_be_certain_and_its_form_open(eccentric):
+    result = with_sets(
+        eccentric, encoder_eccentricity__2=0.49, encoder_gain__2=0.47, joint_compliance__2=0.04
+    )
+    angle, load = result.places
+    assert (angle.depends_on, load.depends_on) == ("angle", "load")
+    assert angle.probability == pytest.approx(0.96)
+    assert list(angle.forms) == [("encoder_eccentricity:2",), ("encoder_gain:2",)]
+    assert places_table(result)["probability"].tolist() == ["0.960"]
+    said = open_forms_in_words(result)
+    assert all(words in said for words in ("Joint 2", "angle", "0.490", "encoder gain 0.470"))
+    assert not open_forms_in_words(with_sets(eccentric, encoder_gain__2=0.9, stylus_offset=0.1))
 
 
 def test_doubt_is_told_with_the_rivals(eccentric):

@@ -32,6 +32,7 @@ ACTS, SILENT = 0.5 * NOISE_MM, 0.1 * NOISE_MM
 NAMED, SURE = 0.5, 0.95
 """Probabilities from which a place is named and is found."""
 ENCODER = {
+    "angle",
     "encoder_eccentricity",
     "encoder_ellipticity",
     "encoder_gain",
@@ -39,7 +40,7 @@ ENCODER = {
     "second_periodic_error",
     "joint_error_curve",
 }
-LOAD = {"joint_compliance", "counterbalance", "bearing_tilt"}
+LOAD = {"load", "joint_compliance", "counterbalance", "bearing_tilt"}
 GEOMETRY = {
     "joint_distance",
     "joint_placement",
@@ -91,6 +92,10 @@ def perform(
         "findings": [
             {key: f.get(key) for key in ("cause", "joint", "order", "probability")}
             for f in (*said["findings"], *_structure(said))
+        ],
+        "places": [
+            {"cause": p["depends_on"], "joint": p["joint"], "probability": p["probability"]}
+            for p in (*said["places"], *_structure(said))
         ],
         "plain_mm": plain.rms_mm,
         "plain_new_mm": plain.rms_new_mm(new),
@@ -177,7 +182,9 @@ WARMTH = ("thermal_expansion", "temperature")
 
 
 def place(cause: str, joint: int | None) -> str | None:
-    """Where a cause acts; None if it is geometry, which recalibration fits."""
+    """Where a cause acts, or where errors depend on a quantity; None if it is geometry, which
+    recalibration fits.
+    """
     if cause in GEOMETRY:
         return None
     if cause in ENCODER:
@@ -190,7 +197,12 @@ def place(cause: str, joint: int | None) -> str | None:
 def _structure(said: Row) -> list[Row]:
     """Structure over the temperature, which no cause of the library has, as a finding."""
     return [
-        {"cause": part["covariate"], "probability": part["probability"]}
+        {
+            "depends_on": part["covariate"],
+            "cause": part["covariate"],
+            "joint": None,
+            "probability": part["probability"],
+        }
         for part in said["discrepancy"]
         if part["covariate"] in WARMTH
     ]
@@ -223,13 +235,10 @@ def score(row: Row) -> Score:
         where = place(finding["cause"], finding["joint"])
         if where is not None and finding["probability"] >= NAMED:
             named.setdefault(where, []).append(finding)
+    sure = {place(p["cause"], p["joint"]) for p in row["places"] if p["probability"] >= SURE}
     acting = [name for name, d in moved.items() if d > ACTS]
-    found = [
-        name
-        for name in acting
-        if max((f["probability"] for f in named.get(name, ())), default=0.0) >= SURE
-    ]
-    right = [name for name in found if _right_form(row, name, named[name])]
+    found = [name for name in acting if name in sure]
+    right = [name for name in found if _right_form(row, name, named.get(name, []))]
     return Score(
         tuple(found),
         tuple(name for name in acting if name not in found),
