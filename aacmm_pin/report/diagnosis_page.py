@@ -510,6 +510,7 @@ def _causes(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Causes of error")
     if not result.findings:
         yield Paragraph("No cause has a probability of 0.5 or more.", detail=True)
+    yield Table(places_table(result), PLACES_LISTED, explained=PLACES_EXPLAINED)
     yield Table(ranking(result), "Causes of error in the extended arm", explained=RANKED)
     waves = []
     for finding in result.findings:
@@ -524,7 +525,6 @@ def _causes(result: Diagnosis) -> Iterator[Block]:
 
 def _other_causes(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Other possible causes")
-    yield Table(places_table(result), PLACES_LISTED, explained=PLACES_EXPLAINED)
     yield Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
     alike = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
     yield Bullets([f"These records do not distinguish {labels}." for labels in alike])
