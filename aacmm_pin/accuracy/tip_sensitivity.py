@@ -225,8 +225,8 @@ class ErrorSources(Shown):
         pick = list(self.bounded)
         if not pick:
             raise AacmmError(
-                f"{self.arm.name}: no parameter has half-widths; state half-widths, or use the "
-                "method 'ellipsoid'"
+                f"{self.arm.name}: no parameter has half-widths, so that only the method "
+                "'ellipsoid' gives a volume; state half-widths in the arm file"
             )
         generators = sensitivity[:, :, pick] * self.half_widths
         if self.axes is not None:
