@@ -91,16 +91,18 @@ OF_COORDINATES: list[tuple[Change, str]] = [
     (coordinates(1.0, 1.0, 1e-3), "z coordinates are in metres"),
     (other_frame, "--reference-frame external"),
 ]
+TRIED_ELSEWHERE = (0, 2, 7, 9)
+"""Numbers of those that are named with references in another frame, with seats or with bars."""
 MISTAKES = {
     "base": [
-        *OF_ANGLES,
+        *(mistake for k, mistake in enumerate(OF_ANGLES) if k not in TRIED_ELSEWHERE),
         *OF_COORDINATES,
         (angles(60.0), "minutes of arc"),
         (angles(1 / 360), "in turns"),
     ],
     "external": [*OF_ANGLES, (OF_COORDINATES[1][0], "mirrored"), *OF_COORDINATES[2:4]],
     "seats": OF_ANGLES,
-    "bars": [OF_ANGLES[2], OF_ANGLES[4], (bars_in_metres, "bars are in metres")],
+    "bars": [OF_ANGLES[2], (bars_in_metres, "bars are in metres")],
 }
 
 
@@ -141,7 +143,7 @@ SETUPS += [
 
 @pytest.mark.parametrize(("arm", "setup", "every"), SETUPS, indirect=["arm"])
 def test_every_mistake_is_named(arm, setup, every, rng):
-    """All of them on one arm with coordinates in its base, some elsewhere."""
+    """Each of them on one arm, most with coordinates in its base."""
     options = {"parameters": "zero-offsets" if setup == "seats" else "geometry"}
     if setup in ("base", "external"):
         data = simulate_measurements(arm, "free", 60, rng=rng)
