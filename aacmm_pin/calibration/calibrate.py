@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,7 @@ from aacmm_pin.calibration.parameters import (
     free_geometry,
     named_parameters,
     problem_of,
-    scale_is_unidentifiable,
+    unidentifiable_lengths,
     unused_places,
 )
 from aacmm_pin.calibration.result import Calibration
@@ -187,15 +187,15 @@ def calibrate(
     repeated += held_postures(measurements, setup)
     measurements, setup = in_first_frame(model, measurements, setup)
     problem = problem_of(model, measurements, chosen, setup)
-    if of_arm := scale_is_unidentifiable(problem):
+    if lengths := unidentifiable_lengths(problem):
         raise AacmmError(
             f"{measurements.source}: seats without coordinates and bars do not determine the scale "
-            f"of the arm ({', '.join(of_arm[:4])} …). Add coordinates, a bar of known length "
+            f"of the arm ({', '.join(lengths[:4])} …). Add coordinates, a bar of known length "
             "or a known distance of planes, state the uncertainties of the arm, or estimate only "
             "zero-offsets"
         )
     after = first_fit(problem, robust=robust)
-    if not after.tells_noise:
+    if not after.determines_noise:
         raise AacmmError(
             f"the records have {3 * int(after.used.sum())} coordinates; expected more than "
             f"{after.problem.scales.size} parameters and the coordinates of the seats, to estimate "
@@ -267,7 +267,7 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
 
 
 def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
-    """A seat for records that repeat coordinates of others; and which records these are."""
+    """A note if records of few postures, but for targets of one reading, count as independent."""
     changes = np.diff(measurements.postures) != 0
     marker = measurements.conditions.marker
     if marker is not None and setup.encoder_noise is not None:
@@ -278,23 +278,19 @@ def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
     return [Note("held_postures", {"records": measurements.n, "postures": postures})]
 
 
-def _references_in_other_unit(after: Fit) -> list[Note]:
+def _references_in_other_unit(after: Fit) -> Iterator[Note]:
     records = after.problem.measurements
     stating = after.used & records.known
     if not stating.any():
-        return []
+        return
     # NaN: not stated.
     u = float(np.median(reference_u(records, after.problem.setup, np.nan)[stating]))
     residual = float(np.sqrt(np.mean(np.square(after.system.deviation[stating]))))
+    data = {"u": u, "residual": residual}
     if u < BEST_REFERENCE and u < residual / UNIT_RATIO:
-        return [
-            Note("reference_noise_small", {"u": u, "times": residual / u, "residual": residual})
-        ]
-    if 0.0 < residual < u / UNIT_RATIO:
-        return [
-            Note("reference_noise_large", {"u": u, "times": u / residual, "residual": residual})
-        ]
-    return []
+        yield Note("reference_noise_small", data | {"times": residual / u})
+    elif 0.0 < residual < u / UNIT_RATIO:
+        yield Note("reference_noise_large", data | {"times": u / residual})
 
 
 def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
@@ -320,53 +316,53 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
     )
 
 
-def _of_relations(after: Fit) -> list[Note]:
+def _of_relations(after: Fit) -> Iterator[Note]:
     observations = after.observations
     if len(observations.ends) < 2:
-        return []
+        return
     by_relation = deviations_of_relations(after.system)
-    worst, deviations = int(by_relation.argmax()), float(by_relation.max())
-    if deviations < ODD_RELATION:
-        return []
+    worst = int(by_relation.argmax())
+    data: dict[str, Any] = {"deviations": float(by_relation[worst])}
+    if by_relation[worst] < ODD_RELATION:
+        return
     kind = observations.relation[worst]
-    ends = [observations.labels[end] for end in observations.ends[worst]]
-    if kind != OF_BAR:
+    if kind == OF_BAR:
+        touched = {*observations.labels}
+        bars = [bar for bar in after.problem.measurements.bars() if {*bar[1:3]} <= touched]
+        yield Note("bar_length_off", data | {"bar": bars[worst].bar})
+    else:
+        planes = [observations.labels[end] for end in observations.ends[worst]]
         word = DISTANCE if kind == DISTANCE else ANGLE
-        return [Note("relation_off", {"kind": word, "planes": ends, "deviations": deviations})]
-    touched = {*observations.labels}
-    bars = [bar for bar in after.problem.measurements.bars() if {*bar[1:3]} <= touched]
-    return [Note("bar_length_off", {"bar": bars[worst].bar, "deviations": deviations})]
+        yield Note("relation_off", data | {"kind": word, "planes": planes})
 
 
-def _of_earlier(after: Fit) -> list[Note]:
+def _of_earlier(after: Fit) -> Iterator[Note]:
     """Records that the prior comes from, correlated inputs (JCGM 100:2008, F.1.2.3); and what that
     calibration left unexplained.
     """
     problem = after.problem
     if not problem.from_earlier:
-        return []
+        return
     used = problem.measurements.take(after.used)
     arm = problem.model.arm
     name = {"arm": arm.name}
     before = set(problem.known_from)
-    notes = []
     if again := before.intersection(fingerprints(used)):
-        counts = {"again": len(again), "records": used.n}
-        notes.append(Note("records_used_before", counts | name))
+        yield Note("records_used_before", {"again": len(again), "records": used.n} | name)
     elif standards := before.intersection(fingerprints_of_standards(used)):
-        notes.append(Note("standards_used_before", {"standards": len(standards)} | name))
+        yield Note("standards_used_before", {"standards": len(standards)} | name)
     if arm.unexplained:
-        notes.append(Note("prior_left_unexplained", {"unexplained": arm.unexplained} | name))
-    return notes
+        yield Note("prior_left_unexplained", {"unexplained": arm.unexplained} | name)
 
 
-def notes_of_records(after: Fit) -> list[Note]:
+def notes_of_records(after: Fit) -> Iterator[Note]:
     """What looks unusual in the records themselves."""
-    units = _references_in_other_unit(after)
-    return [*units, *_of_conditions(after), *_of_diameters(after)]
+    yield from _references_in_other_unit(after)
+    yield from _of_conditions(after)
+    yield from _of_diameters(after)
 
 
-def _of_diameters(after: Fit) -> list[Note]:
+def _of_diameters(after: Fit) -> Iterator[Note]:
     observations = after.observations
     tips = after.point.prediction.tips
     differences = []
@@ -376,171 +372,148 @@ def _of_diameters(after: Fit) -> list[Note]:
             _, radius = best_sphere(tips[contacts])
             differences.append(2.0 * (radius - observations.radius[contacts][0]))
     middle = float(np.median(differences)) if differences else 0.0
-    if abs(middle) < OTHER_DIAMETER:
-        return []
-    return [Note("sphere_diameters", {"off": middle})]
+    if abs(middle) >= OTHER_DIAMETER:
+        yield Note("sphere_diameters", {"off": middle})
 
 
-def _of_conditions(after: Fit) -> list[Note]:
+def _of_conditions(after: Fit) -> Iterator[Note]:
     arm = after.problem.model.arm
     records = after.problem.measurements
-    conditions = records.conditions
-    turns = whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
-    notes = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
+    yield from whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
+    yield from records.conditions.odd_temperatures(arm.reference_temperature)
+    yield from _of_torques(after)
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         joint = {"joint": int(j)}
-        notes.append(Note("slide_units", joint))
+        yield Note("slide_units", joint)
         if not (records.known.any() or records.lengths()):
-            notes.append(Note("slide_scale_exact", joint))
-    return notes
+            yield Note("slide_scale_exact", joint)
 
 
-def _of_target(after: Fit) -> list[Note]:
-    notes = []
+def _of_target(after: Fit) -> Iterator[Note]:
     for effect in after.effects if after.problem.tip_on_target else ():
         if isinstance(effect, StylusOffset) and effect.marker is None:
             distance = float(np.linalg.norm(effect.values))
             data = {"distance": distance, "arm": after.problem.model.arm.name}
-            notes.append(Note("target_becomes_tip", data))
-    return notes
+            yield Note("target_becomes_tip", data)
 
 
-def _of_open_tip(after: Fit) -> list[Note]:
+def _of_open_tip(after: Fit) -> Iterator[Note]:
     spread = np.linalg.norm(after.undetermined.tip_spread, axis=1) / after.problem.widths
-    if not spread.any():
-        return []
-    chosen = np.flatnonzero(spread > OPEN * spread.max())
-    names = [after.problem.vector.names[k] for k in chosen]
-    return [Note("tip_undetermined", {"parameters": names})]
+    if spread.any():
+        chosen = np.flatnonzero(spread > OPEN * spread.max())
+        names = [after.problem.vector.names[k] for k in chosen]
+        yield Note("tip_undetermined", {"parameters": names})
 
 
-def _of_temperature(after: Fit) -> list[Note]:
+def _of_temperature(after: Fit) -> Iterator[Note]:
     stated = after.problem.model.arm.reference_temperature
     temperature = temperature_of(after)
-    if abs(temperature - stated) < TEMPERATURE_TOLERANCE:
-        return []
-    return [Note("temperature_of_lengths", {"temperature": temperature, "stated": stated})]
+    if abs(temperature - stated) >= TEMPERATURE_TOLERANCE:
+        yield Note("temperature_of_lengths", {"temperature": temperature, "stated": stated})
 
 
-def _of_torques(after: Fit) -> list[Note]:
+def _of_torques(after: Fit) -> Iterator[Note]:
     """Torques far beyond what the weight of the arm gives, if its masses are known."""
     arm = after.problem.model.arm
     records = after.problem.measurements
     torque = records.conditions.torque
     if torque is None:
-        return []
+        return
     state = State(arm, records.q, records.conditions, arm.chain.tip)
     rows = [row for row in arm.chain.moving_rows() if not state.slides(row)]
     try:
         moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
     except UnsupportedArmError:  # no masses
-        return []
-    measured = np.nanmax(np.abs(torque), initial=0.0)
-    weight = np.max(np.abs(moments), initial=0.0)
-    if weight == 0.0 or measured < UNIT_RATIO * weight:
-        return []
-    return [Note("torques_large", {"torque": float(measured), "weight": float(weight)})]
+        return
+    measured = float(np.nanmax(np.abs(torque), initial=0.0))
+    weight = float(np.max(np.abs(moments), initial=0.0))
+    if weight and measured >= UNIT_RATIO * weight:
+        yield Note("torques_large", {"torque": measured, "weight": weight})
 
 
-def _of_noise(after: Fit) -> list[Note]:
-    setup = after.problem.setup
-    notes = []
-    if setup.encoder_noise is None:
-        notes.append(Note("encoder_noise_estimated"))
+def _of_noise(after: Fit) -> Iterator[Note]:
+    if after.problem.setup.encoder_noise is None:
+        yield Note("encoder_noise_estimated")
     if not after.noise_is_stated:
-        return notes + _of_unstated_noise(after)
-    if after.scatter > 0:
-        notes.append(Note("scatter_added", {"scatter": after.scatter_in_words}))
-        notes += _farther_off(after)
-    return notes
+        yield from _of_unstated_noise(after)
+    elif after.scatter > 0:
+        yield Note("scatter_added", {"scatter": after.scatter_in_words})
+        yield from _farther_off(after)
 
 
-def _of_unstated_noise(after: Fit) -> list[Note]:
+def _of_unstated_noise(after: Fit) -> Iterator[Note]:
     unstated_noise = after.problem.setup.unstated(after.problem.measurements)
-    scatter = after.noise.scatters.seat
-    notes = []
+    of_seats = after.noise.scatters.seat
     if after.has_scatter:
         options = [OPTION_OF_NOISE[noise] for noise in unstated_noise]
         data = {"of": unstated_noise, "scatter": after.scatter_in_words, "options": options}
-        notes.append(Note("noise_estimated", data))
+        yield Note("noise_estimated", data)
+        if of_seats:
+            yield Note("seat_scatter_estimated", {"scatter": of_seats})
     else:
-        notes.append(Note("noise_enough", {"of": unstated_noise}))
-    if scatter and after.has_scatter:
-        notes.append(Note("seat_scatter_estimated", {"scatter": scatter}))
+        yield Note("noise_enough", {"of": unstated_noise})
     seats = int(after.observations.known.sum())
-    if scatter and seats < FEW_SEATS:
-        notes.append(Note("few_seats", {"seats": seats}))
-    return notes
+    if of_seats and seats < FEW_SEATS:
+        yield Note("few_seats", {"seats": seats})
 
 
-def _farther_off(after: Fit) -> list[Note]:
+def _farther_off(after: Fit) -> Iterator[Note]:
     problem = after.problem
-    mine = problem.stated & problem.vector.geometric
-    if not mine.any():
-        return []
+    geometric = problem.stated & problem.vector.geometric
+    if not geometric.any():
+        return
     without = fit(free_geometry(problem), used=after.used)
-    in_widths = np.where(mine, np.abs(without.point.x - problem.start) / problem.widths, 0.0)
+    in_widths = np.where(geometric, np.abs(without.point.x - problem.start) / problem.widths, 0.0)
     if without.scatter > HELD_IN * after.scatter or in_widths.max() < FAR_OFF:
-        return []
-    names = [
-        problem.vector.names[k]
-        for k in np.argsort(-in_widths)[:MOST_NAMED]
-        if in_widths[k] > FAR_OFF
-    ]
+        return
+    largest = np.argsort(-in_widths)[:MOST_NAMED]
+    names = [problem.vector.names[k] for k in largest if in_widths[k] > FAR_OFF]
     data = {"scatter": without.scatter, "parameters": names, "off": float(in_widths.max())}
-    return [Note("stated_values_hold", data)]
+    yield Note("stated_values_hold", data)
 
 
-def contradicted_places(after: Fit) -> list[Note]:
+def contradicted_places(after: Fit) -> Iterator[Note]:
     """Stated places and lengths that the other data, or all excluded records, contradict."""
     records = after.problem.measurements
-    notes = []
     seats = records.conditions.seat
     count = int(after.excluded.sum())
     at = set() if seats is None else set(seats[after.excluded])
     if len(at) == 1 and count >= SEVERAL and "" not in at:
-        notes.append(Note("seat_excluded", {"records": count, "seat": at.pop()}))
-    notes += _of_relations(after)
-    return notes + contradictions(records, after.problem.setup, after.noise.scatters)
+        yield Note("seat_excluded", {"records": count, "seat": at.pop()})
+    yield from _of_relations(after)
+    yield from contradictions(records, after.problem.setup, after.noise.scatters)
 
 
-def notes_of(after: Fit) -> list[Note]:
+def notes_of(after: Fit) -> Iterator[Note]:
     """What was assumed, or estimated instead of stated."""
     problem = after.problem
-    setup = after.problem.setup
-    notes = [
-        *exclusions_of(after).notes,
-        *_of_earlier(after),
-        *_of_noise(after),
-    ]
-    notes += [
-        *notes_of_records(after),
-        *_of_target(after),
-        *_of_open_tip(after),
-        *_of_temperature(after),
-    ]
+    yield from exclusions_of(after).notes
+    yield from _of_earlier(after)
+    yield from _of_noise(after)
+    yield from notes_of_records(after)
+    yield from _of_target(after)
+    yield from _of_open_tip(after)
+    yield from _of_temperature(after)
     if after.scatter > FAR:
-        notes.append(Note("scatter_too_large", {"scatter": after.scatter}))
+        yield Note("scatter_too_large", {"scatter": after.scatter})
     arm_parameters = zip(problem.vector.arm_parameters, problem.stated, strict=True)
     free = [p.name for p, stated in arm_parameters if p is not None and not stated]
     if free:
         names = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
         assumed = {"parameters": names, "length": ASSEMBLED["m"], "angle": ASSEMBLED["rad"]}
-        notes.append(Note("uncertainty_assumed", assumed))
+        yield Note("uncertainty_assumed", assumed)
     estimated = {p.name for p in problem.vector.arm_parameters if p is not None}
     held = sum(p.u > 0 and p.name not in estimated for p in problem.model.arm.parameters)
     if held and problem.asked:
-        notes.append(Note("geometry_held", {"held": held}))
+        yield Note("geometry_held", {"held": held})
     if not redundant(after) and not after.excluded.any():
-        notes.append(Note("gross_errors_unsought"))
-    if setup.length_noise is None and not all(
-        np.isfinite(bar.u) for bar in problem.measurements.bars()
-    ):
-        notes.append(Note("bar_noise_assumed", {"u": BAR_NOISE}))
+        yield Note("gross_errors_unsought")
+    with_u = [np.isfinite(bar.u) for bar in problem.measurements.bars()]
+    if problem.setup.length_noise is None and not all(with_u):
+        yield Note("bar_noise_assumed", {"u": BAR_NOISE})
     if not after.converged:
-        notes.append(Note("not_converged", {"why": after.message}))
-    notes += contradicted_places(after)
+        yield Note("not_converged", {"why": after.message})
+    yield from contradicted_places(after)
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
-        notes.append(Note("records_silent", {"records": silent}))
-    return notes
+        yield Note("records_silent", {"records": silent})

@@ -1,6 +1,4 @@
-"""From estimated effects to an arm: geometry goes into its table, the rest stays effects, with
-their covariance.
-"""
+"""From estimated effects to an arm: geometry goes into its table, the rest stays effects."""
 
 from __future__ import annotations
 
@@ -22,15 +20,6 @@ from aacmm_pin.effects import Effect, ErrorModel, ReferenceFrame, StylusOffset, 
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import fingerprints, fingerprints_of_standards
 
-FIELDS = {
-    "a": ("a_mm", MM),
-    "d": ("d_mm", MM),
-    "alpha": ("alpha_rad", 1.0),
-    "theta_offset": ("theta_offset_rad", 1.0),
-}
-"""Field of a row of an arm file for each kind of parameter, and its unit."""
-
-
 UNDETERMINED_PART = 0.999
 """A parameter that is this much of an undetermined combination has no u."""
 
@@ -38,9 +27,9 @@ UNDETERMINED_PART = 0.999
 def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
     """The arm and effects with the estimated values, without the set-up's.
 
-    Lengths hold at :func:`temperature_of` the records. The u of an effect includes the prior width
-    as far as the records leave it open. The covariance includes what they leave open only where it
-    moves the tip. ``unexplained`` has the scatter beyond the stated noise.
+    The u of an effect includes the prior width as far as the records leave it open. The covariance
+    includes what they leave open only where it moves the tip. ``unexplained`` is the scatter beyond
+    the stated noise.
 
     Effects that the fit ``held`` join the covariance: with the response ``R`` of the estimates and
     the covariance ``Σ`` of the held parameters, the cross-covariance is ``R Σ``.
@@ -56,18 +45,18 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
     of_tip = fit.undetermined.tip_spread
     unknown = np.linalg.norm(spread, axis=1)
     # A parameter that nothing determines has no u that means anything, unless it moves the tip.
-    told = (unknown < UNDETERMINED_PART * problem.widths) | (
+    determined = (unknown < UNDETERMINED_PART * problem.widths) | (
         np.linalg.norm(of_tip, axis=1) > NEGLIGIBLE_PART * unknown
     )
     alone = np.hypot(u[: vector.size], unknown)
     effects: list[Effect] = []
     for effect, entries in vector:
         if is_of_setup(effect):
-            told[entries] = False
+            determined[entries] = False
         elif vector.arm_parameters[entries.start] is None:
             nonlinear_u = fit.nonlinear_u_of.get((effect.key, effect.nonlinear.field), 0.0)
             effects.append(replace(effect.at(x[entries], alone[entries]), nonlinear_u=nonlinear_u))
-    names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
+    names = [name if known else "" for name, known in zip(vector.names, determined, strict=True)]
     used = problem.measurements.take(fit.used)
     records = dict.fromkeys(
         (*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used))
@@ -129,7 +118,7 @@ def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covarianc
     Args:
         arm: the arm.
         names: of the parameters (p,); "" for one to leave out.
-        matrix: their covariance (p, p) [their units].
+        matrix: (p, p) [their units].
         records: fingerprints.
     """
     keep = [i for i, name in enumerate(names) if name and matrix[i, i] > 0]
@@ -161,7 +150,7 @@ def moved_arm(
     of_file: Mapping[str, Any] | None = None,
 ) -> Arm:
     """The arm with ``steps`` added to its parameters by name [m, rad], and other values
-    ``of_file``. For an arm from a URDF, a step is in the axes of its placement.
+    ``of_file``. A step of a placement in a URDF is in its axes.
     """
     update = of_file or {}
     if arm.dh is None:
@@ -187,7 +176,8 @@ def moved_file(arm: Arm, steps: Mapping[str, float]) -> ArmFile:
     rows = list(arm.file.joints)
     for parameter in arm.parameters:
         if parameter.name in steps and parameter.joint is not None:
-            field, unit = FIELDS[parameter.kind]
+            suffix, unit = ("mm", MM) if parameter.unit == "m" else ("rad", 1.0)
+            field = f"{parameter.kind}_{suffix}"
             row = rows[parameter.joint - 1]
             rows[parameter.joint - 1] = row.model_copy(
                 update={field: getattr(row, field) + steps[parameter.name] / unit}

@@ -1,10 +1,10 @@
-"""Mistakes that a measurement file or an arm file may have, and what undoes each."""
+"""Mistakes that a measurement file or an arm file may have."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from itertools import combinations, permutations, product
 from typing import Any
 
@@ -83,19 +83,21 @@ class Mistake:
 
     Attributes:
         kind: of two mistakes of one kind only one is tried at a time.
-        code, data: of the note that names the mistake.
-        angles: correct readings from those in the file (n, nq).
-        axes: matrix (3, 3) that the coordinates in the file are multiplied by; uncertainties stay.
-        bar_factor: factor of the bars' lengths.
+        code, data: of the note that names it.
+        matrix, offset: correct readings are ``matrix`` (nq, nq) times those in the file, plus
+            ``offset`` (nq,) [rad, m].
+        axes: matrix (3, 3) that the coordinates are multiplied by; uncertainties stay.
+        bar_factor: of the bars' lengths.
         options: of the set-up that were left out.
-        arm: the arm that the records are of; None for the arm as described.
+        arm: that the records are of; None for the arm as described.
         chosen: the records choose its value among many.
     """
 
     kind: str
     code: str
     data: Mapping[str, Any] = field(default_factory=dict)
-    angles: Callable[[Array], Array] | None = None
+    matrix: Array | None = None
+    offset: Array | float = 0.0
     axes: Array = field(default_factory=lambda: np.eye(3))
     bar_factor: float = 1.0
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -104,8 +106,8 @@ class Mistake:
 
     @property
     def changes_tips(self) -> bool:
-        """Whether undoing it changes computed tips, not coordinates or lengths."""
-        return "target" in self.options or self.angles is not None or self.arm is not None
+        """Whether it is in computed tips, not in coordinates or lengths."""
+        return "target" in self.options or self.matrix is not None or self.arm is not None
 
     @property
     def free(self) -> int:
@@ -120,7 +122,7 @@ class Mistake:
         readings = records.readings
         changed = replace(
             records,
-            q=readings if self.angles is None else self.angles(readings),
+            q=readings if self.matrix is None else readings @ self.matrix.T + self.offset,
             of_encoders=None,
             reference=records.reference @ self.axes,
             reference_u=records.reference_u[:, np.abs(self.axes).argmax(axis=0)],
@@ -158,19 +160,18 @@ def _of_readings(problem: Problem) -> Iterator[Mistake]:
             column = "rad" if unit == "degrees" else "deg"
             data = {"joint": j + 1, "unit": unit, "column": column}
             code = "slide_unit" if slides else "joint_angles_unit"
-            yield Mistake(f"unit {j}", code, data, angles=_times(j, factor, arm.nq))
+            yield Mistake(f"unit {j}", code, data, matrix=_times(j, factor, arm.nq))
     for j, degrees in product(range(arm.nq), QUARTERS[1:]):
         yield _turned(j, degrees, arm.nq)
     for j, k in combinations(range(arm.nq), 2):
         order = np.arange(arm.nq)
         order[[j, k]] = k, j
         data = {"joints": (j + 1, k + 1)}
-        exchanged = partial(np.take, indices=order, axis=1)
-        yield Mistake("columns", "joints_exchanged", data, angles=exchanged)
+        yield Mistake("columns", "joints_exchanged", data, matrix=np.eye(arm.nq)[order])
     yield from _of_couplings(arm)
     for (unit, taken), factor in ANGLE_UNITS.items():
         data = {"unit": unit, "taken": taken}
-        yield Mistake("angles", "angles_unit", data, angles=partial(np.multiply, factor))
+        yield Mistake("angles", "angles_unit", data, matrix=factor * np.eye(arm.nq))
 
 
 def _units_of_angle(largest: float) -> dict[str, float]:
@@ -183,25 +184,22 @@ def _units_of_angle(largest: float) -> dict[str, float]:
     return units
 
 
-def _times(joint: int, factor: float, nq: int) -> Callable[[Array], Array]:
-    return partial(np.multiply, np.where(np.arange(nq) == joint, factor, 1.0))
-
-
-def _combined(matrix: Array, readings: Array) -> Array:
-    return np.asarray(readings @ matrix)
+def _times(joint: int, factor: float, nq: int) -> Array:
+    return np.diag(np.where(np.arange(nq) == joint, factor, 1.0))
 
 
 @cache
 def _reversed(joint: int, nq: int) -> Mistake:
-    reversed_ = _times(joint, -1.0, nq)
-    return Mistake(f"sign {joint}", "joint_reversed", {"joint": joint + 1}, angles=reversed_)
+    matrix = _times(joint, -1.0, nq)
+    return Mistake(f"sign {joint}", "joint_reversed", {"joint": joint + 1}, matrix=matrix)
 
 
 @cache
 def _turned(joint: int, degrees: int, nq: int) -> Mistake:
     data = {"joint": joint + 1, "degrees": degrees}
-    offset = degrees * DEG * np.eye(nq)[joint]
-    return Mistake(f"zero {joint}", "zero_turned", data, angles=partial(np.add, offset))
+    same = np.eye(nq)
+    offset = degrees * DEG * same[joint]
+    return Mistake(f"zero {joint}", "zero_turned", data, matrix=same, offset=offset)
 
 
 def _of_couplings(arm: Arm) -> Iterator[Mistake]:
@@ -215,18 +213,18 @@ def _of_couplings(arm: Arm) -> Iterator[Mistake]:
             changed = stated.copy()
             changed[j, k] = expected
             data = {"joint": rows[j], "of": rows[k], "ratio": ratio, "expected": expected}
-            matrix = np.asarray(np.linalg.solve(stated, changed).T)
-            yield Mistake("sum", "coupling_ratio", data, angles=partial(_combined, matrix))
+            matrix = np.asarray(np.linalg.solve(stated, changed))
+            yield Mistake("sum", "coupling_ratio", data, matrix=matrix)
     upwards = [(joint + 1, joint) for joint in range(arm.nq - 1)]
     downwards = [(joint, other) for other, joint in upwards]
     for (j, k), sign in product([*upwards, *downwards], (1.0, -1.0)):
         if stated[j, k]:
             continue
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
-        matrix = without + sign * np.outer(without[k], without[j])
-        ratio = float((stated @ matrix.T)[j, k])
+        matrix = without + sign * np.outer(without[j], without[k])
+        ratio = float((stated @ matrix)[j, k])
         data = {"joint": j + 1, "other": k + 1, "row": rows[j], "of": rows[k], "ratio": ratio}
-        yield Mistake("sum", code, data, angles=partial(_combined, matrix))
+        yield Mistake("sum", code, data, matrix=matrix)
 
 
 def _of_table(file: ArmFile) -> Iterator[Mistake]:
@@ -358,8 +356,8 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
     for joint, factor in enumerate(likely_ratios(problem)):
         ratio = float(arm.coupling_matrix[joint, joint]) * factor
         data = {"joint": joint + 1, "row": rows[joint], "ratio": ratio}
-        times = _times(joint, factor, arm.nq)
-        yield Mistake("ratio", "joint_ratio", data, angles=times, chosen=True)
+        matrix = _times(joint, factor, arm.nq)
+        yield Mistake("ratio", "joint_ratio", data, matrix=matrix, chosen=True)
     scales = likely_scales(problem)
     if scales is None:
         return
@@ -377,8 +375,8 @@ def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
     mistakes: list[tuple[Mistake, ...]] = []
     for order in likely_orders(problem):
         data = {"joints": [joint + 1 for joint in order]}
-        ordered = partial(np.take, indices=np.argsort(order), axis=1)
-        mistakes.append((Mistake("columns", "columns_in_order", data, angles=ordered),))
+        matrix = np.eye(arm.nq)[np.argsort(order)]
+        mistakes.append((Mistake("columns", "columns_in_order", data, matrix=matrix),))
     for columns in likely_columns(problem):
         signs = [_reversed(one.joint, arm.nq) for one in columns if one.sign < 0]
         turns = [_turned(one.joint, one.degrees, arm.nq) for one in columns if one.degrees]

@@ -1,4 +1,4 @@
-"""Records of one reading: targets measured at one reading of the encoders share its noise."""
+"""Targets that were measured at one reading of the encoders share its noise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def one_reading(measurements: Measurements, observations: Observations) -> tuple
     """Records that share a reading, for each number m of records that do: (groups, m).
 
     Their readings are identical, each has another target, and they touch one seat or none. A target
-    that was measured again in a posture was read again; a record without a target shares nothing.
+    that was measured again in a posture was read again.
     """
     marker = measurements.conditions.marker
     if marker is None:
@@ -42,12 +42,11 @@ def one_reading(measurements: Measurements, observations: Observations) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Correlation:
-    """Correlation of whitened records that share a reading: ``R = L Lᵀ`` group by group.
-
-    Rows of tips come before those of turns: turns are whitened given all tips.
+    """Correlation of whitened records that share a reading: ``R = L Lᵀ`` group by group. Rows of
+    tips come first: turns are whitened given all tips.
 
     Attributes:
-        records: of the groups of each number of records m: (groups, m).
+        records: for each number m of records in a group: (groups, m).
         factors: L of each (groups, m k, m k).
     """
 

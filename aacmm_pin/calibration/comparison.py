@@ -1,4 +1,4 @@
-"""Errors of several arms against the references, bars and seats of a measurement file."""
+"""Errors of several arms against references, bars and seats."""
 
 from __future__ import annotations
 
@@ -27,10 +27,9 @@ class Comparison:
 
     Attributes:
         kind: ``reference``, ``bar length`` or ``seat`` (distance from the mean of its contacts).
-        count: number of these.
         errors: by each arm (n,) [m].
         u: RMS standard uncertainty of the references [m]; nan if none is stated.
-        u_tips: the same of the last arm's tips.
+        u_tips: of the last arm's tips [m].
     """
 
     kind: str
@@ -82,7 +81,8 @@ def compare(
     if placed.any():
         u = np.linalg.norm(records.reference_u[placed], axis=1)
         u = u[np.isfinite(u)]
-        errors = tuple(_distances((tip - records.reference)[placed]) for tip in tips)
+        deviations = [(tip - records.reference)[placed] for tip in tips]
+        errors = tuple(np.linalg.norm(deviations, axis=2))
         u_references = rms(u) if len(u) else math.nan
         yield Comparison("reference", int(placed.sum()), errors, u_references, u_tips)
     bars = records.bars()
@@ -94,10 +94,6 @@ def compare(
         yield Comparison("seat", len(seats), tuple(_scatter(tip, seats) for tip in tips))
 
 
-def _distances(differences: Array) -> Array:
-    return np.asarray(np.linalg.norm(differences, axis=1))
-
-
 def _scatter(tips: Array, seats: list[Index]) -> Array:
     deviations = [tips[seat] - tips[seat].mean(axis=0) for seat in seats]
-    return _distances(np.concatenate(deviations))
+    return np.asarray(np.linalg.norm(np.concatenate(deviations), axis=1))

@@ -1,10 +1,8 @@
-"""Cross-validation: records left out in turn, by seats, sessions or blocks of joint space, and
-predicted by the others.
-"""
+"""Cross-validation by seats, sessions or blocks of joint space."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +21,7 @@ from aacmm_pin.measurements import (
     FEWEST_CONTACTS,
     Measurements,
     centre_of_sphere,
+    clusters_of,
     normal_of_plane,
 )
 
@@ -54,12 +53,11 @@ class HeldOut(Shown):
     Attributes:
         kind: ``records`` (at random, repeats of a posture together; neighbours stay in, which
             flatters), ``seats``, ``sessions``, ``blocks`` (of joints).
-        groups: number of parts left out in turn.
-        before: residuals by the arm as it was, only the set-up fitted (n,) [m]; nan where there is
-            none.
-        after: by the calibrated arm (n,) [m].
-        turn_before, turn_after: rotation from the stated orientations (n,) [rad]; nan where none is
-            stated.
+        groups: number of parts.
+        before, after: residuals by the arm as it was, only the set-up fitted, and by the calibrated
+            arm (n,) [m]; nan where there is none.
+        turn_before, turn_after: rotations from the stated orientations (n,) [rad]; nan where none
+            is stated.
     """
 
     kind: str
@@ -166,12 +164,9 @@ def _in_order(records: Measurements) -> Index:
 def together(labels: Index, postures: Index) -> Index:
     """Labels (n,), from 0, with those made one that share a posture."""
     _, joined = np.unique(labels, return_inverse=True)
-    count = int(joined.max()) + 1
-    nodes = count + int(postures.max()) + 1
-    edges = (joined, count + postures)
-    graph = scipy.sparse.coo_array((np.ones(len(joined)), edges), shape=(nodes, nodes))
-    _, number = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    return np.asarray(number[joined], dtype=np.intp)
+    as_nodes = joined.max() + 1 + postures
+    number = clusters_of(np.column_stack([joined, as_nodes]), int(as_nodes.max()) + 1)
+    return number[joined]
 
 
 def enough_postures(records: Measurements, used: Mask | slice = slice(None)) -> bool:
@@ -180,29 +175,6 @@ def enough_postures(records: Measurements, used: Mask | slice = slice(None)) -> 
 
 
 # --- leaving out
-
-
-def left_out_in_turn(
-    part: Index,
-    used: Mask,
-    predict: Callable[[int, Mask], Sequence[Array]],
-    what: str,
-    progress: Progress,
-) -> Array:
-    """Distances of the ``used`` records, each ``part`` predicted by the others (models, n) [m]; NaN
-    where there is none.
-
-    ``predict`` gives the distances of a part by each model, from its number and its records (n,).
-    """
-    predicted: list[tuple[Mask, Sequence[Array]]] = []
-    with watched(np.unique(part[used]).tolist(), progress, f"held-out {what}", "part") as numbers:
-        for number in numbers:
-            out = used & (part == number)
-            predicted.append((out, predict(number, out)))
-    distance = np.full((len(predicted[0][1]), part.size), np.nan)
-    for out, residuals in predicted:
-        distance[:, out] = residuals
-    return distance
 
 
 def distances(
@@ -214,9 +186,9 @@ def distances(
     """Distance of predicted tips (n, 3) from the reference, else the known seat, else the mean
     there.
 
-    The spread about a mean of m records is widened by √(m/(m-1)); NaN for a single record. Spheres
-    and planes likewise. ``seats`` are places by other records (3,), of planes point and anchor (2,
-    3) [m]. Turns behind the tips (n, 6) count over a ``lever`` [m].
+    A spread about the mean of m records is widened by √(m/(m-1)), NaN for one; spheres and planes
+    likewise. ``seats``: places by other records (3,), of planes point and anchor (2, 3) [m]. Turns
+    behind the tips (n, 6) count over a ``lever`` [m].
     """
     tips = poses[:, :3]
     radius = np.nan_to_num(records.contact_radius)
@@ -258,12 +230,10 @@ def _distances_from_best(tips: Array, records: Measurements) -> Array:
 
 
 def held_out(
-    before: Fit, after: Fit, rng: np.random.Generator, progress: Progress = None
+    before: Fit, after: Fit, rng: np.random.Generator, progress: Progress
 ) -> list[HeldOut]:
-    """Leave out postures at random, then natural groups, and predict them by the set-up alone and
-    by everything.
-
-    Excluded records do not count. With fewer than three postures nothing is left out.
+    """Leave out postures at random, then natural groups; predict them by the set-up alone and by
+    everything. Excluded records do not count. With fewer than three postures nothing is left out.
     """
     records = after.problem.measurements
     used = after.used
@@ -275,16 +245,15 @@ def held_out(
         ("records", _folds(records.postures, records, rng)),
         (kind, _folds(labels, records, rng)),
     ):
-        count = np.unique(part[used]).size
-        if count >= 2:
-            residual = left_out_in_turn(
-                part,
-                used,
-                lambda _, out: _predicted((before, after), used & ~out, out),
-                name,
-                progress,
-            )
-            results.append(HeldOut(name, count, *residual))
+        numbers = np.unique(part[used]).tolist()
+        if len(numbers) < 2:
+            continue
+        residuals = np.full((4, records.n), np.nan)
+        with watched(numbers, progress, f"held-out {name}", "part") as parts:
+            for number in parts:
+                out = used & (part == number)
+                residuals[:, out] = _predicted((before, after), used & ~out, out)
+        results.append(HeldOut(name, len(numbers), *residuals))
     return results
 
 

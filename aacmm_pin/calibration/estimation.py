@@ -56,7 +56,7 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     Args:
         problem: what is unknown.
         robust: look for outliers.
-        used: the records that belong (n,), if known; then there is no search for outliers.
+        used: the records that belong (n,), if known.
 
     Raises:
         AacmmError: no record determines the tip.
@@ -98,10 +98,10 @@ class _Estimation:
         return NoiseModel.of(self.problem, x, frame, scatters, self.observations, seats)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
-        """A search with the records' present scatter as noise; if robust, until it falls no more.
+        """With the records' present scatter as noise; if robust, until it falls no more.
 
         From afar the stated noise would give the data so much weight that the search follows every
-        valley of poorly known parameters; the widths of the parameters hold it in.
+        valley of poorly known parameters; the widths hold it in.
         """
         squares = np.square(self.observations.deviations(point.prediction.poses, point.seats))
         tip = _median_scatter(squares[used, :3])
@@ -153,10 +153,10 @@ class _Estimation:
         # beside it.
         chance = FALSE_EXCLUSION / count
         numbers = np.maximum(self.observations.counts, 1)
-        told = solution.noise.scatters.tip > 0
+        is_estimated = solution.noise.scatters.tip > 0
         limit = (
             numbers * f_isf(chance, numbers, EFFICIENCY * dof)
-            if told
+            if is_estimated
             else chi2_isf(chance, numbers)
         )
         if not self.noise_is_stated:
@@ -192,8 +192,8 @@ class _Estimation:
     def scatters_of_median(
         self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0
     ) -> Scatters:
-        """Scatters of tips and turns, beyond the stated noise, that bring median squared distances
-        to those of χ²; seats have that of tips. The fit left a ``share`` of the squares.
+        """That bring median squared distances, of which the fit left a ``share``, to those of χ².
+        Seats have the scatter of tips.
         """
         deviations = noise.observations.deviations(point.prediction.poses, point.seats)
         stated = noise.without_scatter

@@ -1,10 +1,10 @@
 """First placement of targets and base: the nearest for the arm as described.
 
 Base Y, b and offset t of a target are in ``r = Y (p + A t) + b``, for references r, tips p and axes
-A of the last body. With W = Yᵀ this is ``W r = p + A t + c``, linear in t and c; eliminated, they
-leave a quadratic form of the nine numbers of W. Its minima over the rotations are searched from
-those of a cube. Orientations S state ``Aᵀ W S = X``, the constant axes of the target (robot-world
-and hand-eye calibration, Shah 2013), linear in the same way.
+A of the last body. With W = Yᵀ this is ``W r = p + A t + c``; t and c eliminated, a quadratic form
+of W is left. Its minima over the rotations are searched from those of a cube. Orientations S state
+``Aᵀ W S = X``, the constant axes of the target (robot-world and hand-eye calibration, Shah 2013),
+linear in the same way.
 """
 
 from __future__ import annotations
@@ -17,7 +17,13 @@ import scipy
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm import exp, skew
-from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration.problem import (
+    MOST_REWEIGHTINGS,
+    SETTLED_PART,
+    Frame,
+    Problem,
+    inverse_distances,
+)
 from aacmm_pin.measurements import orientation
 
 BASINS = 3
@@ -26,8 +32,6 @@ BASINS = 3
 ROTATION_TOLERANCE = 0.05
 MOST_NEWTON_STEPS = 40
 """Five to twenty do."""
-MOST_REWEIGHTINGS = 60
-"""They end where the sum of distances falls by less than 1/1000."""
 STANDS = 1e-6
 NEARER = 2.0
 """Orientations do not count if positions alone bring tips so many times nearer."""
@@ -207,12 +211,10 @@ def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: boo
             part.distances(rotation, weight) for part, weight in zip(parts, weights, strict=True)
         ]
         total = float(sum(distance.sum() for distance in distances))
-        if abs(before - total) < 1e-3 * total:
+        if abs(before - total) < SETTLED_PART * total:
             break
         before = total
-        weights = [
-            1.0 / np.maximum(distance, 1e-3 * np.median(distance) + 1e-9) for distance in distances
-        ]
+        weights = [*map(inverse_distances, distances)]
         if turning:
             form = _sum([part.form(weight) for part, weight in zip(parts, weights, strict=True)])
             rotation = _descended(form, rotation[None])[0][0]

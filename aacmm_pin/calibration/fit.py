@@ -1,4 +1,4 @@
-"""A solved calibration: end of the search, records that count, uncertainty of the parameters."""
+"""A solved calibration."""
 
 from __future__ import annotations
 
@@ -37,11 +37,10 @@ class Fit(Solution):
         used: records that count (n,).
         excluded: outliers (n,).
         chi2_stated: χ² against the stated noise alone; None where it was not complete.
-        dof: degrees of freedom of the final fit.
+        dof: degrees of freedom.
         estimated_nonlinear: effects, by their keys, whose nonlinear parameters (order, time
             constant) come from these records too; with the least u of each, by its name, where the
-            derivative at its value gives too little. Their uncertainty adds to that of the other
-            parameters.
+            derivative at its value gives too little.
         added_covariance: of all columns, for an error that several records share (p, p) [units].
     """
 
@@ -84,7 +83,7 @@ class Fit(Solution):
         return float(np.sqrt(shifts.sum() / turns.sum()))
 
     @property
-    def tells_noise(self) -> bool:
+    def determines_noise(self) -> bool:
         """Whether the noise is stated, or the records suffice to estimate it."""
         return self.noise_is_stated or self.dof >= LEAST_DOF
 
@@ -146,8 +145,8 @@ class Fit(Solution):
         return self.noise.without_scatter if self.noise_is_stated else self.residual_noise
 
     def distance_of(self, covariance: Array) -> float:
-        """RMS distance of tips and targets of the used records by covariances of residuals (n, 3,
-        3) [m²]: [m].
+        """RMS distance of the used tips and targets by covariances of residuals (n, 3, 3) [m²]:
+        [m].
 
         Contacts determine a seat without known coordinates, which takes its part of their scatter.
         """
@@ -165,8 +164,7 @@ class Fit(Solution):
         """Directions that these records do not determine (p, k), orthonormal [scales].
 
         If tips scatter, a turn of the whole arm about its base, or of its target about the last
-        joint, seems to change residuals. The first does not at targets, the second not at tips:
-        both are tried.
+        joint, seems to change residuals. The first does not at targets, the second not at tips.
         """
         point = self.point
         targets = point.prediction.tips - np.nan_to_num(self.system.deviation)
@@ -188,14 +186,14 @@ class Fit(Solution):
         return self.full_covariance[:p, :p]
 
     def response(self, columns: Array) -> Array:
-        """Derivative of all estimates by what the fit held (p, q) [units]: ``-(JᵀJ)⁻¹ Jᵀ C``, with
-        ``columns`` the displacement of the records by one unit of it (n, 3 or 6, q) [m, rad].
+        """Derivative of all estimates by what the fit held (p, q) [units]: ``-(JᵀJ)⁻¹ Jᵀ C``;
+        ``columns`` displace the records by one unit of it (n, 3 or 6, q) [m, rad].
         """
         point = self.point
         jacobian = np.concatenate([point.prediction.jacobian, columns], axis=2)
         prediction = replace(point.prediction, jacobian=jacobian)
-        beside = linearise(prediction, self.system.prior, self.noise, point.seats, self.weights)
-        by_estimates, by_held = np.split(beside.jacobian, [self.problem.scales.size], axis=1)
+        with_held = linearise(prediction, self.system.prior, self.noise, point.seats, self.weights)
+        by_estimates, by_held = np.split(with_held.jacobian, [self.problem.scales.size], axis=1)
         steps = self.system.independent_steps
         return -steps @ (steps.T @ (by_estimates.T @ by_held))
 
@@ -263,9 +261,7 @@ class Fit(Solution):
 
 def redundant(solution: Solution) -> bool:
     """Whether the records suffice to judge which are wrong: no half of them can be fitted whatever
-    they say.
-
-    A sphere or plane takes three numbers; where the noise is not stated, it counts twice.
+    they say. A sphere or plane takes three numbers, twice if the noise is not stated.
     """
     stated = not solution.problem.setup.unstated(solution.problem.measurements)
     open_surfaces = solution.observations.surfaces & ~solution.observations.known

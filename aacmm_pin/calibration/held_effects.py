@@ -17,7 +17,7 @@ class HeldEffects:
     Attributes:
         effects: at their posterior means, with u.
         covariance: of all their parameters (q, q) [units].
-        response: derivative of the fit's estimates by them (p, q) [units].
+        response: of the fit's estimates (p, q) [units].
     """
 
     effects: tuple[Effect, ...]

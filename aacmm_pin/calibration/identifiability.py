@@ -1,4 +1,4 @@
-"""What the data determine: undetermined combinations in words, and observability indices."""
+"""What the data determine, in words and by observability indices."""
 
 from __future__ import annotations
 
@@ -29,8 +29,6 @@ class Undetermined:
     """Directions that the records do not determine, and what they move between the joint limits.
 
     Attributes:
-        problem: what is unknown.
-        point: where the search ended.
         directions: orthonormal (P, k) [scales], the frame's included.
     """
 
@@ -47,10 +45,9 @@ class Undetermined:
 
     @cached_property
     def tip_spread(self) -> Array:
-        """The part of :attr:`spread` that moves the tip in the arm's own base (p, k) [units].
-
-        Motions of the frame of a session do not count, nor those of the whole arm if the references
-        do not place the base.
+        """The part of :attr:`spread` that moves the tip in the arm's own base (p, k) [units],
+        without motions of a session's frame and, if the references do not place the base, of the
+        whole arm.
         """
         if not self.spread.size:
             return self.spread
@@ -63,8 +60,8 @@ class Undetermined:
 
     @cached_property
     def target_directions(self) -> Array:
-        """Those that move the targets, in the frame of the references, at other postures (P, k)
-        [scales]; others describe the same arm in other words.
+        """Those that move the targets, in the frame of the references (P, k) [scales]; others
+        describe the same arm in other words.
         """
         if not self.directions.size:
             return self.directions

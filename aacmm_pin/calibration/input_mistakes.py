@@ -1,11 +1,11 @@
 """Whether records fit the arm; if not, which mistake in a file (sign, zero, column, unit, frame)
 explains them.
 
-Such mistakes are no causes of error: no parameter may take them up. If the first fit, or the arm as
-described, leaves more than any arm has, every mistake is undone in turn. The arm as described ranks
-them by the median distance of tips and targets over the tips' travel: gross errors do not count,
-and no unit that shrinks the arm is rewarded. A fit then has to leave no more than the noise. The
-simplest is named: the fewest mistakes with the fewest free numbers. Nothing is repaired.
+No parameter may take up such a mistake. If the first fit, or the arm as described, leaves more than
+any arm has, every mistake is undone in turn. The arm as described ranks them by the median distance
+of tips and targets over the tips' travel: gross errors do not count, and no unit that shrinks the
+arm is rewarded. A fit then has to leave no more than the noise. The simplest is named: the fewest
+mistakes with the fewest free numbers.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -39,7 +38,7 @@ from aacmm_pin.calibration.parameter_vector import DH_KIND_OF_EFFECT
 from aacmm_pin.calibration.parameters import ASSEMBLED, asked_again, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.session_frames import another_frame
-from aacmm_pin.calibration.setup import Setup, sessions_of
+from aacmm_pin.calibration.setup import sessions_of
 from aacmm_pin.calibration.solver import FEWEST_PLACED, initial_point, solve
 from aacmm_pin.calibration.wrong_columns import SIMILAR_RATIO
 from aacmm_pin.calibration.wrong_values import wrong_value
@@ -53,7 +52,7 @@ UNLIKE = 0.03
 """Scatter over the tips' travel beyond which records do not belong to the arm."""
 MOVED = 5.0
 """Geometry that moves so many times :data:`ASSEMBLED`, and the tips as much as such a length, has
-taken up another mistake; the zero of a joint that hardly moves the tip may be anything."""
+taken up a mistake; the zero of a joint that hardly moves the tip may be anything."""
 EXPLAINS = 0.2
 """Part of the median distance below which undoing a mistake explains it."""
 TRIED = 3
@@ -70,6 +69,10 @@ SHIFTED_REMAINS = 0.1
 """Part of the distance that may remain with the coordinates of another row."""
 ORIENTATION_FAR = 0.05
 """Median angle between fitted and stated orientations that no arm has [rad]."""
+
+
+_Touches = tuple[Problem, Observations]
+"""Without some mistakes in what was touched."""
 
 
 def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
@@ -138,18 +141,14 @@ def _advice(problem: Problem) -> Note:
     return Note("sessions_unlike" if _each_fits(_by_session(problem)) else "unlike_arm")
 
 
-def mistakes_of(after: Fit) -> list[Note]:
+def mistakes_of(after: Fit) -> Iterator[Note]:
     """Notes on mistakes in the files with which records can still be fitted."""
-    notes = []
     if after.excluded.sum() >= FEWEST_ROWS:
-        notes += [*_frozen_readings(after), *_shifted_rows(after)]
-    wrong = wrong_value(after)
-    if wrong is not None:
-        notes.append(wrong.note)
-    in_another_frame = another_frame(after)
-    if in_another_frame is not None:
-        notes.append(in_another_frame)
-    return notes
+        yield from _frozen_readings(after)
+        yield from _shifted_rows(after)
+    if wrong := wrong_value(after):
+        yield wrong.note
+    yield from another_frame(after)
 
 
 def _frozen_readings(after: Fit) -> Iterator[Note]:
@@ -417,14 +416,6 @@ def _median(deviation: Array) -> float:
     return float(np.median(distance)) if distance.size else np.inf
 
 
-class _Touches(NamedTuple):
-    """Records, observations, and the set-up with the frame of the coordinates."""
-
-    records: Measurements
-    observations: Observations
-    setup: Setup
-
-
 class _Misfits:
     """Distances of tips and targets by the arm as described, with frame and targets unknown,
     without some mistakes. Tips, and what was touched, are computed once.
@@ -445,8 +436,7 @@ class _Misfits:
         @cache
         def touches_of(*mistakes: Mistake) -> _Touches:
             undone = _undone(bare, mistakes)
-            observations = observations_of(undone.measurements, undone.setup)
-            return _Touches(undone.measurements, observations, undone.setup)
+            return undone, observations_of(undone.measurements, undone.setup)
 
         self.tips_of = tips_of
         self.touches_of = touches_of
@@ -471,7 +461,8 @@ class _Misfits:
 
 def _deviations(tips: Array, points: Array, touches: _Touches) -> Array:
     """Tips minus targets (n, 3) [m], with half of a bar's error at each of its ends."""
-    records, observations, _ = touches
+    problem, observations = touches
+    records = problem.measurements
     deviations = observations.with_normals(tips, points).deviations(tips, points)
     seats = records.seats()
     for bar in records.bars():
@@ -488,7 +479,8 @@ def _fitted_tips(bare: Problem, tips: Array, touches: _Touches) -> tuple[Array, 
     """Tips (n, 3) and seats (s, 3) in the frame of the references, with that and unknown targets
     fitted [m].
     """
-    records, observations, setup = touches
+    touched, observations = touches
+    records, setup = touched.measurements, touched.setup
     stating = records.known
     if setup.external and stating.sum() < FEWEST_PLACED:
         raise AacmmError(f"{records.source}: too few coordinates for a frame")

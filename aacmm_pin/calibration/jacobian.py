@@ -1,7 +1,6 @@
-"""Many effects at once for one set of records: what does not depend on the arm's position is
-computed once.
+"""Many effects at once for one set of records: several times faster than effect by effect.
 
-The same numbers as effect by effect, several times faster: a geometric value has the same twist in
+What does not depend on the arm's position is computed once: a geometric value has the same twist in
 every record, an encoder error or thermal length the same in every step of a search; only elastic
 effects change.
 """
@@ -54,7 +53,7 @@ class Columns:
     """Effects on the records of one arm.
 
     Attributes:
-        state: the nominal arm in its records.
+        state: the nominal arm.
         vector: the parameters of the effects.
         given: other effects, with constant values.
     """
@@ -107,15 +106,6 @@ class Columns:
     @cached_property
     def _elastic(self) -> list[tuple[Effect, slice]]:
         return [(effect, entries) for effect, entries in self.vector if effect.elastic]
-
-    @cached_property
-    def _curved(self) -> list[tuple[Effect, slice]]:
-        curved = []
-        for effect, entries in self.vector:
-            is_linear = effect.elastic or type(effect).exact is Effect.exact
-            if not is_linear:
-                curved.append((effect, entries))
-        return curved
 
     @cached_property
     def _same_twists(self) -> list[tuple[list[int], Array]]:
@@ -187,8 +177,9 @@ class Columns:
         for part in self.varying:
             if part.of_reference == of_reference and part.straight and x[part.number].any():
                 _sum(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})
-        for effect, entries in self._curved:
-            if effect.of_reference == of_reference and x[entries].any():
+        for effect, entries in self.vector:
+            is_linear = effect.elastic or type(effect).exact is Effect.exact
+            if not is_linear and effect.of_reference == of_reference and x[entries].any():
                 for place, twist in effect.at(tuple(x[entries])).exact(self.state):
                     _sum(twists, {place: twist})
         return twists

@@ -54,7 +54,7 @@ ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
 """The first with which inner products are positive definite counts."""
 
 
-class Solution(NamedTuple):
+class UnitSteps(NamedTuple):
     """Steps of unit variance that span all of which something is known (p, k), and the residual
     along each (k,).
     """
@@ -94,7 +94,6 @@ class LinearModel:
 
     Attributes:
         rows: columns and, last, the residual (m, p + 1) [1/unit].
-        prior: of the parameters.
     """
 
     rows: Array
@@ -132,14 +131,14 @@ class LinearModel:
         return np.sqrt(np.diagonal(self._information))
 
     @cached_property
-    def normal(self) -> Solution | None:
+    def normal(self) -> UnitSteps | None:
         """Of the normal equations [scales]; None where some directions are hardly known."""
         prior = self.prior.rows
         of_rows = self.prior.scales * (self.residual @ self.jacobian)
         return normal_solution(self._information, of_rows + prior[:, -1] @ prior[:, :-1])
 
     @cached_property
-    def solution(self) -> Solution:
+    def solution(self) -> UnitSteps:
         """In units of the scales, along the directions that can be moved along."""
         return self.normal or Spectrum.of(self.triangle).above(MOVABLE).solution
 
@@ -194,7 +193,7 @@ class LinearModel:
         return (directions @ np.linalg.inv(triangle)) * self.prior.scales[:, None]
 
 
-def normal_solution(information: Array, gradient: Array) -> Solution | None:
+def normal_solution(information: Array, gradient: Array) -> UnitSteps | None:
     """From products of the columns with one another (p, p) and the residual (p,); None if some
     directions are hardly known.
     """
@@ -210,7 +209,7 @@ def normal_solution(information: Array, gradient: Array) -> Solution | None:
     # No singular value is smaller than one over this norm.
     if not np.linalg.norm(inverse) * UNEVEN < 1.0:
         return None
-    return Solution(inverse / lengths[:, None], inverse.T @ (gradient / lengths))
+    return UnitSteps(inverse / lengths[:, None], inverse.T @ (gradient / lengths))
 
 
 class Spectrum(NamedTuple):
@@ -236,16 +235,16 @@ class Spectrum(NamedTuple):
         return Spectrum(self.values[chosen], self.directions[:, chosen], self.along[chosen])
 
     @property
-    def solution(self) -> Solution:
+    def solution(self) -> UnitSteps:
         """Along all directions."""
-        return Solution(self.directions / self.values, self.along)
+        return UnitSteps(self.directions / self.values, self.along)
 
 
 class BoundedStep(NamedTuple):
     """A step in a trust region.
 
     Attributes:
-        parameters: the step (p,) [units].
+        parameters: (p,) [units].
         length: in units of the columns' lengths.
         predicted: how much it lowers χ² of a linear problem.
         reduction: how much the Gauss–Newton step does.

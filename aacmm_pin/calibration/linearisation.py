@@ -1,7 +1,8 @@
-"""The linear model of the records at a point, whitened, with the seats eliminated.
+"""The linear model of the records at a point, whitened, with the seats eliminated: ``r + A δ + B
+s``, A by the parameters, B by the unknown points of the seats.
 
-``r + A δ + B s``: A by the parameters, B by the unknown points of the seats. A row comes from a
-record, the stated coordinates of a seat, or a relation of two seats, such as a bar.
+A row comes from a record, the stated coordinates of a seat, or a relation of two seats, such as a
+bar.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class SeatElimination:
     Pereyra 1973).
 
     With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ
-    R``; a relation, which couples two seats, gives one row more. No loop over records or seats.
+    R``; a relation, which couples two seats, gives one row more.
     """
 
     def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
@@ -82,10 +83,11 @@ class SeatElimination:
             )
         self._q, self._q_tie = by, by_tie
 
-    def _seat_sums(self, each: Array) -> Array:
-        shape = each.shape[1:]
-        flat = each.reshape(len(each), int(np.prod(shape)))
-        sums = np.asarray(self._sum @ flat)
+    def _seat_sums(self, arrays: Array, places: Index | None = None) -> Array:
+        shape = arrays.shape[1:]
+        flat = arrays.reshape(len(arrays), int(np.prod(shape)))
+        by_seat = self._sum if places is None else self._sum[:, places]
+        sums = np.asarray(by_seat @ flat)
         return sums.reshape(len(sums), *shape)
 
     def eliminated(self, rows: Array) -> tuple[Array, tuple[Array, Array, Array]]:
@@ -106,13 +108,9 @@ class SeatElimination:
     def along(self, rows: Array, records: Index) -> Array:
         """``Qᵀ R`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
         inside = np.flatnonzero(self.observations.seat[records] >= 0)
-        touching = records[inside]
-        q = self._q[np.searchsorted(self._touched, touching)]
-        shape = (len(self.observations.labels), touching.size)
-        seats = (self.observations.seat[touching], np.arange(touching.size))
-        projected = (q.transpose(0, 2, 1) @ rows[inside]).reshape(touching.size, 3 * rows.shape[2])
-        sums = np.asarray(csr_array((np.ones(touching.size), seats), shape=shape) @ projected)
-        return sums.reshape(shape[0], 3, rows.shape[2])
+        places = np.searchsorted(self._touched, records[inside])
+        projected = self._q[places].transpose(0, 2, 1) @ rows[inside]
+        return self._seat_sums(projected, places)
 
     def squares(self, along: Array, seats: Index, relations: Index) -> tuple[Array, Array]:
         """Rows whose squares some ``seats`` and ``relations`` add to those of the records, and take
@@ -199,7 +197,6 @@ class Linearisation(LinearModel):
             rotation from the stated one [rad], zero without one.
         free: rows less the coordinates of seats that they determine.
         seats_cost: χ² with the seats where they are, without the prior.
-        elimination: of the seats.
         along_seats: what the elimination took out of the rows (s, 3, p + 1).
     """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -69,7 +70,6 @@ class NoiseModel:
 
     Attributes:
         scatters: beyond the stated noise.
-        observations: targets of the tips.
         tips: covariance of each tip in the frame of the references, by its reading and the scatter
             (n, 3, 3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
         by_reading: displacement of each tip by one standard uncertainty of each reading (n, 3 or 6,
@@ -100,7 +100,7 @@ class NoiseModel:
             frame: of the references.
             scatters: beyond the stated noise.
             observations: if already there.
-            seats: their points (s, 3) [m], for the normals of surfaces; None: by the tips.
+            seats: points (s, 3) [m], for the normals of surfaces; None: by the tips.
         """
         setup = problem.setup
         n = problem.measurements.n
@@ -220,7 +220,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     )
 
 
-def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> list[Note]:
+def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> Iterator[Note]:
     """Seats and bars whose stated coordinates are farther apart than their noise allows."""
     u = reference_u(measurements, setup, max(scatters.tip, scatters.seat))
     placed = measurements.placed
@@ -233,7 +233,7 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
         for label, records in measurements.seats().items()
         if placed[records].any()
     }
-    notes = _bars_between(measurements, setup, stating, u)
+    yield from _bars_between(measurements, setup, stating, u)
     for label, records in stating.items():
         at = measurements.reference[records]
         over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME_PLACE)
@@ -241,14 +241,12 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
             ends = records[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
             apart = float(np.linalg.norm(np.diff(measurements.reference[ends], axis=0)))
             rows = np.sort(measurements.row[ends]).tolist()
-            notes.append(Note("seat_contradicted", {"seat": label, "apart": apart, "rows": rows}))
-    return notes
+            yield Note("seat_contradicted", {"seat": label, "apart": apart, "rows": rows})
 
 
 def _bars_between(
     measurements: Measurements, setup: Setup, stating: dict[str, Index], u: Array
-) -> list[Note]:
-    notes = []
+) -> Iterator[Note]:
     for bar in measurements.bars():
         ends = [stating[seat] for seat in (bar.seat_a, bar.seat_b) if seat in stating]
         if len(ends) < 2:
@@ -258,8 +256,7 @@ def _bars_between(
         allowed = [*(u[records].max() for records in ends), _length_u(bar, setup)]
         if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
             data = {"bar": bar.bar, "length": bar.length, "apart": float(apart)}
-            notes.append(Note("bar_contradicted", data))
-    return notes
+            yield Note("bar_contradicted", data)
 
 
 def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 from collections.abc import Collection, Iterable
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from aacmm_pin.effects import (
     joint_zeros,
     of_parameter,
 )
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 
 ParameterSet = Literal["zero-offsets", "geometry", "tool"]
@@ -57,10 +57,9 @@ def problem_of(
     parameters: str | Iterable[str | Effect],
     setup: Setup,
 ) -> Problem:
-    """The unknowns that ``parameters`` names, those of the set-up (target, frame) included.
+    """The unknowns that ``parameters`` names, and those of the set-up (target, frame).
 
     Raises:
-        UnknownNameError: no such set of parameters.
         AacmmError: the same twice.
     """
     items = [parameters] if isinstance(parameters, str) else list(parameters)
@@ -93,10 +92,6 @@ def problem_of(
             chosen += [
                 unknown for unknown in _geometry(model.arm, setup) if unknown[0].label not in asked
             ]
-        elif item not in named:
-            raise UnknownNameError(
-                "set of parameters", str(item), [*get_args(ParameterSet), "an Effect"]
-            )
     chosen += _of_names(model.arm, {name for names in named.values() for name in names}, setup)
     labels = [effect.label for effect, _, _ in chosen]
     keys = [effect.key for effect, _, _ in chosen]
@@ -160,17 +155,17 @@ def asked_again(problem: Problem, model: ErrorModel, setup: Setup, *others: Effe
 
 def free_geometry(problem: Problem) -> Problem:
     """The problem as if nothing were stated of the geometric parameters."""
-    mine = problem.vector.geometric
+    geometric = problem.vector.geometric
     units = [parameter.unit for parameter in problem.vector.parameters]
     assembled = np.array([ASSEMBLED.get(unit, np.nan) for unit in units])
-    of_mine = mine[:, None] | mine
-    correlation = np.where(of_mine, np.eye(mine.size), problem.correlation)
-    widths = np.where(mine, assembled, problem.widths)
-    stated = problem.stated & ~mine
+    with_geometric = geometric[:, None] | geometric
+    correlation = np.where(with_geometric, np.eye(geometric.size), problem.correlation)
+    widths = np.where(geometric, assembled, problem.widths)
+    stated = problem.stated & ~geometric
     return replace(problem, widths=widths, stated=stated, correlation=correlation)
 
 
-def scale_is_unidentifiable(problem: Problem) -> list[str]:
+def unidentifiable_lengths(problem: Problem) -> list[str]:
     """Unstated lengths of the arm, if the records leave its size open."""
     records = problem.measurements
     if records.known.any() or records.lengths() or not records.seats():
@@ -181,7 +176,7 @@ def scale_is_unidentifiable(problem: Problem) -> list[str]:
 
 def length_held(problem: Problem) -> Effect | None:
     """The arm's largest length, as stated, if the records leave its size open."""
-    if not scale_is_unidentifiable(problem):
+    if not unidentifiable_lengths(problem):
         return None
     vector = problem.vector
     sizes: dict[Effect, float] = {}
@@ -207,13 +202,15 @@ def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
     names = vector.names
     place = {name: i for i, name in enumerate(arm.covariance.parameters)}
     u = np.array(arm.covariance.standard_uncertainty_si)
-    mine = [
+    unchanged = [
         i
         for i, name in enumerate(names)
         if name in place and np.isclose(stated[i], u[place[name]], rtol=1e-9, atol=0.0)
     ]
-    theirs = [place[names[i]] for i in mine]
-    correlation[np.ix_(mine, mine)] = arm.covariance.matrix_of_correlation()[np.ix_(theirs, theirs)]
+    in_file = [place[names[i]] for i in unchanged]
+    correlation[np.ix_(unchanged, unchanged)] = arm.covariance.matrix_of_correlation()[
+        np.ix_(in_file, in_file)
+    ]
     return correlation
 
 

@@ -1,4 +1,4 @@
-"""What is unknown, and the records that certain values of it predict."""
+"""What is unknown, and the records that its values predict."""
 
 from __future__ import annotations
 
@@ -21,12 +21,15 @@ FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
 """The reference frame has no prior; these only scale its columns [m, rad]."""
 OF_WIDTH = 1e-3
 """Step of a difference, as a part of the parameter's width."""
-UNTOLD_VARIANCE = 1e-9
+DETERMINED_VARIANCE = 1e-9
 """Least variance of a combination of correlated parameters, each of unit variance, that was
 determined."""
 HELD_PRECISION = 1e4
 """A held parameter moves by one over this of its width where the records pull it by u."""
 COLUMNS_AT_ONCE = 50
+MOST_REWEIGHTINGS = 60
+SETTLED_PART = 1e-3
+"""Rounds of weights end where the sum of distances falls by less than this part of it."""
 NONE = np.empty(0)
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
@@ -103,8 +106,6 @@ class Problem:
         widths: how far each parameter may be off before anything was measured (p,) [units].
         stated: whether that is a stated standard uncertainty, not a wide bound (p,).
         correlation: of the stated widths (p, p).
-        measurements: the records.
-        setup: how they were taken.
         known_from: fingerprints of the records behind the arm's file.
         targets: labels of the targets whose orientation on the tip is unknown; their turns are the
             last columns.
@@ -181,8 +182,8 @@ class Problem:
         parameters are.
         """
         variances, combinations = np.linalg.eigh(self.correlation)
-        told = np.where(variances > UNTOLD_VARIANCE, variances, 1.0)
-        rows = combinations.T / np.sqrt(told)[:, None]
+        known_variances = np.where(variances > DETERMINED_VARIANCE, variances, 1.0)
+        rows = combinations.T / np.sqrt(known_variances)[:, None]
         if not self.held.size:
             return rows
         return np.concatenate([rows, HELD_PRECISION * self.held])
@@ -224,8 +225,8 @@ class Problem:
     def predict(self, x: Array, frame: Frame, looked_at: Array | None = None) -> Prediction:
         """The records with the parameters ``x`` (p,).
 
-        ``looked_at``: points of the last body (n, 3), in the frame of the references, for the
-        derivative instead of the tips [m].
+        ``looked_at``: points of the last body (n, 3) [m], in the frame of the references, for the
+        derivative instead of the tips.
         """
         state = self._columns.at(x)
         seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
@@ -316,17 +317,22 @@ def _turn(rotation: Array, columns: Array) -> None:
             some[half : half + 3] = np.tensordot(rotation, some[half : half + 3], 1)
 
 
-def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
-    """The frame with the least sum of distances of ``tips`` and ``references`` (n, 3): robust to
+def inverse_distances(distance: Array) -> Array:
+    """Weights (n,) of the next round of a least sum of distances (Weiszfeld)."""
+    return np.asarray(1.0 / np.maximum(distance, 1e-3 * np.median(distance) + 1e-9))
+
+
+def registered(tips: Array, references: Array) -> Frame:
+    """The frame with the least sum of distances of ``tips`` and ``references`` (n, 3), robust to
     gross errors.
 
-    Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld);
-    for fewer than three records with the least rotation.
+    Kabsch's solution (Acta Cryst. A32, 1976), weighted anew; for fewer than three records with the
+    least rotation.
     """
     weights = np.ones(len(tips))
     before = np.inf
     frame = Frame.identity()
-    for _ in range(rounds):
+    for _ in range(MOST_REWEIGHTINGS):
         share = weights / weights.sum()
         middle = share @ tips
         target = share @ references
@@ -335,8 +341,8 @@ def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
         rotation = left @ flip @ right
         frame = Frame(rotation, target - rotation @ middle)
         distance = np.linalg.norm(frame.apply(tips) - references, axis=1)
-        if abs(before - distance.sum()) < 1e-3 * distance.sum():
+        if abs(before - distance.sum()) < SETTLED_PART * distance.sum():
             break
         before = distance.sum()
-        weights = 1.0 / np.maximum(distance, 1e-3 * np.median(distance) + 1e-9)
+        weights = inverse_distances(distance)
     return frame

@@ -46,7 +46,6 @@ class Repeatability(Shown):
         deviations: tip, by the repeat's own readings, minus target, minus the mean of its posture
             (n, 3) [m].
         clock: time of each repeat (n,) [s], or its line in the file.
-        is_timed: whether ``clock`` is a time.
         residuals: tip minus target of all used records after calibration (k, 3) [m].
         reference_u: stated standard uncertainty of a reference coordinate, RMS over the repeats
             [m]; nan if it is not stated, or if the reference is that of a seat.

@@ -1,4 +1,4 @@
-"""The result of a calibration, and the base in an unknown frame of the references."""
+"""The result of a calibration, and the base in the references."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ class Calibration(Shown):
         combination in :attr:`undetermined`.
         """
         problem = self.fit.problem
-        vector = self.fit.problem.vector
+        vector = problem.vector
         units = [parameter.unit for parameter in vector.parameters]
         spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
         # A target may be a metre off, but is known from its place on the last body like any length
@@ -170,19 +170,11 @@ class Calibration(Shown):
         table["change"] = change / factor
         table["u"] = u / factor
         table["U"] = COVERAGE_FACTOR * u / factor
-        table["known"] = [self._known(i, standard_u) for i, standard_u in enumerate(u.tolist())]
+        as_stated = problem.stated & (u > UNCHANGED * problem.widths)
+        hardly = u > np.where(problem.stated, LESS, HARDLY_KNOWN) * problem.widths
+        ways = ["in combination", "as stated", "hardly"]
+        table["known"] = np.select([np.isnan(u), as_stated, hardly], ways, "measured")
         return table
-
-    def _known(self, i: int, u: float) -> str:
-        problem = self.fit.problem
-        if np.isnan(u):
-            return "in combination"
-        if problem.stated[i]:
-            of_stated = u / problem.widths[i]
-            if of_stated > UNCHANGED:
-                return "as stated"
-            return "hardly" if of_stated > LESS else "measured"
-        return "hardly" if u > HARDLY_KNOWN * problem.widths[i] else "measured"
 
     @cached_property
     def correlation(self) -> pd.DataFrame:

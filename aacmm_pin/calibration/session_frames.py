@@ -1,9 +1,10 @@
-"""References of sessions, brought into the frame of the first up to a small displacement that is
-estimated; probe directions, brought into that of the base.
+"""References of sessions, brought into the frame of the first up to a small estimated displacement;
+probe directions, into that of the base.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -40,8 +41,8 @@ def in_first_frame(
     """The records with all references in the frame of the first session, if each has its own, and
     probe directions in that of the base; and the set-up.
 
-    Sessions are registered robustly with the tips of the arm as described; the rotation that this
-    leaves is nothing beside a deflection.
+    Sessions are registered with the tips of the arm as described; the rotation that this leaves is
+    nothing beside a deflection.
 
     Raises:
         AacmmError: a record with a reference has no session, or a session too few references for a
@@ -95,18 +96,17 @@ def _without_frames(records: Measurements) -> Measurements:
     return replace(records, conditions=replace(conditions, session=session))
 
 
-def session_notes(fit: Fit) -> list[Note]:
+def session_notes(fit: Fit) -> Iterator[Note]:
     """Whether the frame of each session is another, or agrees with the first, by the Mahalanobis
     distance of the estimated displacement from zero.
     """
-    notes = []
     moved = fit.problem.setup.moved_frames
     for session, entries in fit.problem.vector.of_sessions():
         data = {"session": session, "first": sessions_of(fit.problem.measurements)[0]}
         if session in moved:
             rotation, _ = moved[session]
             turn = float(scipy.spatial.transform.Rotation.from_matrix(rotation).magnitude())
-            notes.append(Note("session_moved", data | {"turn": turn}))
+            yield Note("session_moved", data | {"turn": turn})
             continue
         step = fit.point.x[entries]
         distance = float(
@@ -115,16 +115,15 @@ def session_notes(fit: Fit) -> list[Note]:
         p_value = float(chi2_sf(distance, step.size))
         shift, turn = np.linalg.norm(step.reshape(2, 3), axis=1).tolist()
         code = "sessions_agree" if p_value > AGREES else "sessions_differ"
-        notes.append(Note(code, data | {"p_value": p_value, "shift": shift, "turn": turn}))
-    return notes
+        yield Note(code, data | {"p_value": p_value, "shift": shift, "turn": turn})
 
 
-def another_frame(after: Fit) -> Note | None:
+def another_frame(after: Fit) -> Iterator[Note]:
     """A note if the excluded records fit the calibrated arm in a reference frame of their own."""
     records = after.problem.measurements
     out = after.excluded & records.known
     if out.sum() < FEWEST_OF_A_FRAME or after.problem.setup.frame_of_session:
-        return None
+        return
     here = after.point.frame
     in_base = (after.point.prediction.tips[out] - here.shift) @ here.rotation
     frame = registered(in_base, records.reference[out])
@@ -133,13 +132,13 @@ def another_frame(after: Fit) -> Note | None:
     others = np.nanquantile(distances[after.used], MOST_OF_THEM)
     fits = np.quantile(in_own_frame, MOST_OF_THEM) < AS_CLOSE * others
     if not fits or np.median(in_own_frame) > REMAINS * np.median(distances[out]):
-        return None
+        return
     turn = frame.rotation @ here.rotation.T
     centre = records.reference[out].mean(axis=0)
     there = turn @ (centre - here.shift) + frame.shift
     angle = scipy.spatial.transform.Rotation.from_matrix(turn).magnitude()
     data = {"rows": records.row[out].tolist(), "shift": float(np.linalg.norm(there - centre))}
-    return Note("rows_in_another_frame", data | {"turn": float(angle)})
+    yield Note("rows_in_another_frame", data | {"turn": float(angle)})
 
 
 def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Frame:

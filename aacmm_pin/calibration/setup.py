@@ -23,20 +23,11 @@ Target = Literal["tip", "unknown", "frame"]
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Reference frame, target, prior and noise of a set of records; a noise is None where it is not
-    stated.
+    """Reference frame, target, prior and noise of a set of records, as the keywords of
+    :func:`calibrate`; a noise is None where it is not stated.
 
     Attributes:
-        reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external``
-            if their frame is unknown, ``session`` if each session has an unknown one.
-        target: ``tip``, ``unknown`` (some point on the last body) or ``frame``; the axes of a
-            target with orientation are turned in the tip by an unknown constant, but for ``frame``.
-        prior: the arm's stated uncertainties are information.
-        encoder_noise: standard uncertainty of one reading of each joint (nq,) [rad].
-        reference_noise: of each coordinate of a reference, where the records do not state their own
-            [m].
-        probe_noise: of each coordinate of one contact [m].
-        length_noise: of a bar's length [m].
+        encoder_noise: of each joint (nq,) [rad].
         moved_frames: rotation (3, 3) and shift (3,) [m] that brought the references of a session,
             by its label, into the frame of the first.
         held: the largest length of an arm, which stays as stated if the records have neither
@@ -132,7 +123,7 @@ class Setup:
 
 
 def sessions_of(measurements: Measurements) -> list[str]:
-    """Labels of the sessions with references, in the order of their first records.
+    """Labels of the sessions with references, in the order of their records.
 
     Raises:
         AacmmError: a record with a reference has none.
@@ -153,11 +144,11 @@ def checked_input(
 ) -> tuple[ErrorModel, Measurements]:
     """Model and measurements, given or by name or path.
 
-    Records outside the range of a known effect, whose label is not ``asked`` for, are left out, as
+    Records outside the range of a known effect that is not ``asked`` for are left out, as
     ``read_as`` then says, unless all are.
 
     Raises:
-        AacmmError: there are no records, or they have another number of joints.
+        AacmmError: no records, or another number of joints.
     """
     model = ErrorModel.of(model)
     measurements = as_measurements(measurements, model.arm)

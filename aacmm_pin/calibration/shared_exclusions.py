@@ -1,4 +1,4 @@
-"""Excluded records that are no gross errors: too many, sharing something, or all that moved some
+"""Excluded records that are no gross errors: too many, sharing something, or all that moved a
 joint.
 """
 
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.special import gammaln
+from scipy.special import betaln
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_sf
@@ -36,9 +36,8 @@ class Shared:
     """What excluded records share.
 
     Attributes:
-        name: of the covariate.
         p_value: chance if gross errors are scattered, over all covariates.
-        where: its values there, in words.
+        where: values of the covariate there, in words.
         excluded, records: numbers of records there.
         of: number of all excluded records.
     """
@@ -65,7 +64,6 @@ class Narrowed:
     Attributes:
         joint: its row, from 1.
         used, seen: range by the used records, and by all [rad; m where it slides].
-        slides: whether it is prismatic.
     """
 
     joint: int
@@ -86,9 +84,7 @@ class Exclusions:
 
     Attributes:
         excluded, used: numbers of records.
-        too_many: see :attr:`aacmm_pin.calibration.fit.Fit.too_many_excluded`.
-        shared: what they share, or None.
-        narrowed: joints that they alone moved over most of the range.
+        narrowed: joints that excluded records alone moved over most of the range.
     """
 
     excluded: int
@@ -175,7 +171,6 @@ class Scale(NamedTuple):
     """What makes records neighbours.
 
     Attributes:
-        name: of the covariate.
         words: in front of its values.
         values: (n, 1 or 3), in the unit of the words; of labels one column for each (n, labels).
         labels: of the columns; None for numbers.
@@ -231,9 +226,13 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
         chance *= 1 if scale.is_order else len(scales) - 1
         if chance < TOGETHER:
             inside = np.isin(postures, postures[window])
-            mine, counting = (int((inside & some).sum()) for some in (excluded, excluded | used))
+            excluded_there, counting = (
+                int((inside & some).sum()) for some in (excluded, excluded | used)
+            )
             where = scale.extent(window)
-            shared = Shared(scale.name, chance, where, mine, counting, int(excluded.sum()))
+            shared = Shared(
+                scale.name, chance, where, excluded_there, counting, int(excluded.sum())
+            )
             unlikely.append(Cluster(inside, shared))
     return unlikely
 
@@ -302,17 +301,13 @@ def _neighbours(scale: Scale, like: Index, excluded: Mask) -> tuple[Index, float
 
 
 def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
-    others = np.subtract(n, k)
-    of_all, of_chosen, of_others = (gammaln(np.add(count, 1)) for count in (n, k, others))
-    return np.asarray(of_all - of_chosen - of_others)
+    return np.asarray(-np.log1p(n) - betaln(np.add(k, 1), np.subtract(n, k) + 1))
 
 
 def round_excluded(fit: Fit, residuals: Array) -> Shared | None:
     """The ball round an excluded record in which records deviate in one direction; None if that is
-    chance.
-
-    ``residuals`` are of variance one beside all that was found (n, 3); of an excluded record
-    only the direction counts.
+    chance. ``residuals``: of variance one beside what was found (n, 3); of excluded ones only
+    directions count.
     """
     out = fit.excluded
     has_target = fit.observations.has_target
@@ -333,8 +328,10 @@ def round_excluded(fit: Fit, residuals: Array) -> Shared | None:
         if chances[k] < (TOGETHER if best is None else best.p_value):
             inside = order[: sizes[k]]
             where = f"{place.extent(inside)}, where used records deviate similarly"
-            mine = int(out[inside].sum())
-            best = Shared("place", float(chances[k]), where, mine, inside.size, int(out.sum()))
+            n_excluded = int(out[inside].sum())
+            best = Shared(
+                "place", float(chances[k]), where, n_excluded, inside.size, int(out.sum())
+            )
     return best
 
 

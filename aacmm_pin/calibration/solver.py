@@ -2,7 +2,7 @@
 where asked.
 
 Levenberg–Marquardt as in MINPACK (Moré 1978): steps are bounded in units of what each parameter
-moves the tips by, and a trial that cannot be evaluated is a rejected step.
+moves the tips by; a trial that cannot be evaluated is rejected.
 """
 
 from __future__ import annotations
@@ -84,10 +84,7 @@ class Solution:
     """Where the search ended.
 
     Attributes:
-        point: parameters and predictions.
         system: the linear model there.
-        problem: what was unknown.
-        noise: of the records.
         weights: of the records (n,).
         steps: number of steps tried.
         message: why the search ended before it converged; "" if it converged.
@@ -199,7 +196,7 @@ def solve(
         noise: of its records.
         start: see :func:`initial_point`.
         weights: of the records (n,), 0 leaves one out.
-        robust: weigh records anew in every step, by how well they fit.
+        robust: weigh records anew in every step.
         roughly: the result is only a start.
     """
     tolerance = LOOSELY_SETTLED if robust or roughly else SETTLED

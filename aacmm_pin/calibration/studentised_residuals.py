@@ -1,4 +1,4 @@
-"""Squared distance of each record from its target, in standard deviations if the record belongs."""
+"""Squared distances of records from their targets, in standard deviations."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Scatter of tips, of rotations and of seats beyond the stated noise: variance components with
-which χ² equals its degrees of freedom.
-"""
+"""Scatter beyond the stated noise: variance components that bring χ² to its degrees of freedom."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Signs and quarter turns of several joint angles at once, or the ratio of one, that bring tips and
 targets together.
 
-A controller and a DH table often count several joints from other zeros or in other directions: too
-many for a fit of each, so that a few records judge all.
+A controller and a DH table often count joints from other zeros or in other directions: too many for
+a fit of each, so that a few records judge all.
 """
 
 from __future__ import annotations
@@ -159,12 +159,10 @@ def _misfits(
 
 
 def _after_best_steps(deviations: Array, jacobian: Array) -> Array:
-    left = np.empty_like(deviations)
-    for number, (deviation, columns) in enumerate(zip(deviations, jacobian, strict=True)):
-        rows = columns.reshape(deviation.size, -1)
-        step = np.linalg.lstsq(rows, deviation.ravel(), rcond=SMALLEST_SINGULAR)[0]
-        left[number] = deviation - (rows @ step).reshape(deviation.shape)
-    return left
+    rows = jacobian.reshape(len(jacobian), -1, jacobian.shape[3])
+    flat = deviations.reshape(len(deviations), -1, 1)
+    steps = np.linalg.pinv(rows, SMALLEST_SINGULAR) @ flat
+    return np.asarray((flat - rows @ steps).reshape(deviations.shape))
 
 
 def _judges(records: Measurements) -> tuple[Index, Index | None]:

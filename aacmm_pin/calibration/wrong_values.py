@@ -1,7 +1,7 @@
 """Whether one geometric value of the arm file is wrong, and its value by the records.
 
-All geometric values are fitted freely. Then each in turn is taken to be wrong, and the others to be
-as stated: in a linear model these are formulas of one matrix.
+After a free fit, each in turn is taken to be wrong, and the others to be as stated: in a linear
+model these are formulas of one matrix.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def _free_geometry(after: Fit) -> _Geometry | None:
     """
     problem = after.problem
     geometric = np.flatnonzero(problem.vector.geometric)
-    if not geometric.size or not after.tells_noise:
+    if not geometric.size or not after.determines_noise:
         return None
     moved = np.abs(after.point.x - problem.start)[geometric]
     usual = _usual(problem, geometric)
@@ -135,7 +135,6 @@ class _Geometry(NamedTuple):
     """Geometric values by the records alone: ``|R x - y|²`` of their errors x.
 
     Attributes:
-        parameters: of the arm file.
         zeros: numbers of those that are zeros of joints.
         rows: R (k, p) [1/unit].
         measured: y (k,).
@@ -193,11 +192,11 @@ def _rows_of(free: Fit, geometric: Index) -> tuple[Array, Array]:
     of_others = prior[(prior[:, geometric] == 0.0).all(axis=1)]
     together = np.concatenate([of_others, system.measured_triangle])
     others = np.setdiff1d(np.arange(system.prior.scales.size), geometric)
-    mine = remaining_triangle(together[:, [*others, *geometric, -1]], others.size)
-    rows = mine[:, :-1] / system.prior.scales[geometric]
+    triangle = remaining_triangle(together[:, [*others, *geometric, -1]], others.size)
+    rows = triangle[:, :-1] / system.prior.scales[geometric]
     largest = np.abs(rows).max()
     scale = min(1.0, np.sqrt(free.problem.measurements.n) / (LEAST_NOISE * largest))
-    return scale * rows, scale * mine[:, -1]
+    return scale * rows, scale * triangle[:, -1]
 
 
 def _wrong_values(values: _Geometry) -> Iterator[WrongValue]:

@@ -171,7 +171,7 @@ def _standing(
                 at = refitted(problem_of, choice.with_values(best), used=used)
             elif effects:
                 at = first
-            if not at.tells_noise:  # more causes than these records can carry
+            if not at.determines_noise:  # more causes than these records can carry
                 return replace(
                     choice, fit=first, posterior=replace(choice.posterior, weights={(): 1.0})
                 )

@@ -101,7 +101,7 @@ def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:
         doubt stands. ``ambiguous``: the mass is on several sets of causes. ``explained``,
         ``no-discrepancy``: else.
     """
-    if not all(fit.converged and fit.tells_noise for fit in evidence.fits):
+    if not all(fit.converged and fit.determines_noise for fit in evidence.fits):
         return "inconclusive"
     if evidence.structure:
         doubtful = evidence.fits[-1].too_many_excluded or "below zero" in doubts

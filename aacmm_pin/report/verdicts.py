@@ -151,7 +151,7 @@ def _inconclusive(result: Diagnosis) -> str:
     if not result.converged:
         note = result.converge_note
         return f"the fit did not converge ({note}), so that no conclusion is possible"
-    if not extended.tells_noise:
+    if not extended.determines_noise:
         return "the file has too few records to distinguish a cause of error from noise"
     if extended.too_many_excluded:
         excluded, used = int(extended.excluded.sum()), int(extended.used.sum())

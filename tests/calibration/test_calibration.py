@@ -454,7 +454,7 @@ def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(sino6,
     far = solver.solve(fit.problem, fit.noise, start, weights)
     assert not far.converged
     assert far.system.cost < solver.solution_at(fit.problem, fit.noise, start, weights).system.cost
-    said = notes_of(replace(fit, point=far.point, system=far.system, message=far.message))
+    said = [*notes_of(replace(fit, point=far.point, system=far.system, message=far.message))]
     assert data_of(said, "not_converged") == [{"why": far.message}]
     assert len(said) == 1 + len(result.notes)
 

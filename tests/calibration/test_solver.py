@@ -227,7 +227,7 @@ def test_a_seat_of_which_some_records_are_rounded_or_wrong_was_measured_once(sin
     found = observations_of(records, noise)
     assert found.seat.tolist() == np.where(loose & (np.arange(8) == 5), -1, 0).tolist()
     assert abs(found.stated[0, 0] - 0.5 - (not loose) * apart / 8) < 1e-12
-    assert len(contradictions(records, noise, Scatters())) == loose
+    assert len([*contradictions(records, noise, Scatters())]) == loose
     assert observations_of(replace(records, reference=own), noise).labels == (
         ("A",) if apart == 3e-6 else ()
     )
