@@ -23,6 +23,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report import scenes
+from tests.few_causes import ECCENTRICITY_ALONE
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -91,6 +92,7 @@ def test_a_name_stands_for_an_arm(call):
     np.testing.assert_array_equal(call("sino6"), call(Arm.load("sino6")))
 
 
+@ECCENTRICITY_ALONE
 def test_a_path_stands_for_records(records):
     read, arm = Measurements.read(records, 6), Arm.load("sino6")
     causes = (EncoderEccentricity(3), JointCompliance(2))

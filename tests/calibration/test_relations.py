@@ -25,6 +25,7 @@ from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.verdicts import verdict_in_words
 from tests.cli import shell
+from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
 
 EDGE, PROBE = 0.1, 3e-3
@@ -253,6 +254,7 @@ def test_faces_that_are_exchanged_or_probed_with_another_ball_are_refused(sino6,
         calibrated(sino6, Measurements.from_frame(table).with_relations(right_angle))
 
 
+@ECCENTRICITY_ALONE
 def test_a_contradicted_distance_is_a_doubt_and_the_next_step(sino6, rng):
     q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
     q += READING * rng.normal(size=q.shape)

@@ -19,6 +19,7 @@ from aacmm_pin.diagnosis import check_measurements, diagnose
 from aacmm_pin.effects import Conditions
 from aacmm_pin.errors import AacmmError, MistakenFileError
 from tests.again import again
+from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
 from tests.oracle import dh_frames
 
@@ -153,6 +154,7 @@ def test_zeros_of_servos_are_all_off(tmp_path: Path) -> None:
     assert fitted.rms < 2e-4
 
 
+@ECCENTRICITY_ALONE
 def test_rows_in_another_frame_and_rows_shifted_by_one(tmp_path: Path) -> None:
     given = arm_file(tmp_path, AACMM, True)
     plant = Plant.of(AACMM, 5)

@@ -17,6 +17,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import diagnose_files
 from aacmm_pin.errors import AacmmError
 from tests.cli import shell
+from tests.few_causes import ECCENTRICITY_ALONE
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 OPTIONS = "--encoder-noise 8e-6 --u-reference-mm 0.012"
@@ -67,6 +68,7 @@ def test_rows_are_those_of_single_diagnoses(folder, workers):
         assert found.drop(["arm", "records", "causes", "error"]).isna().all()
 
 
+@ECCENTRICITY_ALONE
 def test_arms_and_records_need_no_files(folder):
     approach = [f"approach{j}" for j in range(1, 7)]
     table = pd.read_csv(folder / "good.csv").drop(columns=approach)
@@ -83,6 +85,7 @@ def test_arms_and_records_need_no_files(folder):
     assert len(diagnose_files([])) == 0
 
 
+@ECCENTRICITY_ALONE
 def test_a_fleet_at_the_shell(folder, tmp_path):
     bent, good, empty = (folder / f"{name}.csv" for name in ("bent", "good", "empty"))
     target = tmp_path / "table.csv"

@@ -33,6 +33,7 @@ from aacmm_pin.report.plots.partial_residuals import partial_residual
 from tests.again import again
 from tests.arm_files import serial_urdf
 from tests.cli import shell
+from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
 
 NOISE = "--encoder-noise 8e-6 --u-reference-mm 0.012 --probe-noise-mm 0.012"
@@ -138,6 +139,7 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path):
     assert not any(way.carrier == "angle 3" for c in sliding for way in c.variants)
 
 
+@ECCENTRICITY_ALONE
 def test_what_touches_of_a_seat_share_is_predicted(sino6):
     """An arm as it should be, at seats that are less certain than it is."""
     data = simulate_measurements(
@@ -248,6 +250,7 @@ def test_an_arm_with_a_joint_that_slides(tmp_path, slide, masses):
     assert not any(f["joint"] == slide for f in found["findings"])
 
 
+@ECCENTRICITY_ALONE
 def test_long_files_are_thinned_evenly(sino6, rng, monkeypatch):
     hidden = EncoderEccentricity(joint=3, values=(1e-4, 0.0))
     data = simulate_measurements(ErrorModel(sino6, (hidden,)), "free", 300, rng=rng)

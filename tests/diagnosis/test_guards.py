@@ -16,6 +16,7 @@ from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointHysteresis
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.verdicts import verdict_in_words
 from tests.cli import shell
+from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
 
 
@@ -58,9 +59,11 @@ def eccentric(sino6: Arm) -> Measurements:
 
 @pytest.fixture(scope="module")
 def named(sino6: Arm, eccentric: Measurements) -> Diagnosis:
-    return diagnose(sino6, eccentric, encoder_noise=8e-6)
+    with ECCENTRICITY_ALONE:
+        return diagnose(sino6, eccentric, encoder_noise=8e-6)
 
 
+@ECCENTRICITY_ALONE
 def test_gross_errors_do_not_count(sino6, eccentric, named):
     rows = np.array([10, 40, 70])
     wrong = eccentric.reference.copy()
@@ -72,6 +75,7 @@ def test_gross_errors_do_not_count(sino6, eccentric, named):
     assert after.gain == pytest.approx(before.gain, abs=0.03)
 
 
+@ECCENTRICITY_ALONE
 def test_an_extended_arm_that_is_no_better_explains_nothing(
     eccentric, named, tmp_path, monkeypatch
 ):
