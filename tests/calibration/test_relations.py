@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from blind.kinematics import Array
-from calibration.test_surfaces import CONTACT, READING, Machine, drawn, file_of, planes_of
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -24,11 +23,21 @@ from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.verdicts import verdict_in_words
+from tests.calibration.contacts import (
+    CONTACT,
+    PROBE,
+    READING,
+    Machine,
+    Values,
+    drawn,
+    file_of,
+    planes_of,
+)
 from tests.cli import shell
 from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
 
-EDGE, PROBE = 0.1, 3e-3
+EDGE = 0.1
 NORMALS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
 """Of the faces; the cube stands on the sixth."""
 COLUMNS = ("feature_a", "feature_b", "distance_mm", "u_distance_mm", "angle_deg", "u_angle_deg")
@@ -99,44 +108,27 @@ def test_exact_relations_are_those_of_a_rigid_cube(sino6, rng):
     q += READING * rng.normal(size=q.shape)
     result = calibrated(sino6, read(q, face, of_cubes(u_mm=1e-5, u_deg=1e-5)))
     assert chi2.sf(*result.fit.chi2_stated) > 1e-3
-    names = [p.name for p in sino6.parameters]
-    chosen = [names.index(name) for name in result.parameters["parameter"]]
-    u = np.array([p.u for p in sino6.parameters])
-    bare = Machine(sino6, np.zeros(len(names)))
-    moves = [bare.tips(q + 1e-6 * axis) - bare.tips(q - 1e-6 * axis) for axis in np.eye(6)]
-    by_reading = np.stack(moves, axis=2) / 2e-6
-    covariance = READING**2 * by_reading @ by_reading.transpose(0, 2, 1) + CONTACT**2 * np.eye(3)
-    count = len(chosen)
-
-    def tips(z: Array) -> Array:
-        errors = np.zeros(len(names))
-        errors[chosen] = z * u[chosen]
-        return Machine(sino6, errors).tips(q)
-
-    at = tips(np.zeros(count))
+    values = Values(sino6, result, q)
+    at = values.tips(np.zeros(values.count))
     means = np.stack([at[face == k].mean(axis=0) for k in range(10)]).reshape(2, 5, 3)
     middles = means[:, :4].mean(axis=1)
     axes = means[:, [0, 2, 4]] - middles[:, None]
     turns = [Rotation.align_vectors(some, np.eye(3))[0] for some in axes]
 
     def residual(x: Array) -> Array:
-        z, poses = x[:count], x[count:].reshape(2, 6)
+        z, poses = x[: values.count], x[values.count :].reshape(2, 6)
         normal = np.concatenate(
             [
                 (Rotation.from_rotvec(pose[3:]) * turn).apply(NORMALS)
                 for pose, turn in zip(poses, turns, strict=True)
             ]
         )[face]
-        beside = tips(z) - (middles + poses[:, :3])[face // 5]
+        beside = values.tips(z) - (middles + poses[:, :3])[face // 5]
         above = np.sum(beside * normal, axis=1) - (EDGE + PROBE) / 2
-        scatter = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
-        return np.concatenate([above / scatter, z])
+        return np.concatenate([above / values.scatter(normal), z])
 
-    found = least_squares(residual, np.zeros(count + 12), x_scale="jac")
-    assert np.abs(result.fit.point.x / u[chosen] - found.x[:count]).max() < 0.03
-    bound = np.linalg.inv(found.jac.T @ found.jac)[:count, :count]
-    stated = result.covariance / np.outer(u[chosen], u[chosen])
-    np.testing.assert_allclose(np.diag(stated), np.diag(bound), rtol=0.03)
+    found = least_squares(residual, np.zeros(values.count + 12), x_scale="jac")
+    values.agree(found, within=0.03)
     chi2_of_rigid = np.square(found.fun[: len(q)]).sum()
     assert result.fit.chi2_stated.value == pytest.approx(chi2_of_rigid, rel=0.03)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 from blind.kinematics import Array
 from scipy.optimize import least_squares
@@ -15,89 +14,18 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
-from tests.oracle import dh_frames
-
-SPHERE, PROBE = 25.4e-3, 3e-3
-READING, CONTACT = 8e-6, 3e-6
-SPHERES, CONTACTS = 6, 16
-ROW = ("a", "d", "alpha", "theta_offset")
-
-
-class Machine:
-    """SINO6 with errors of its parameters (p,), and postures that touch spheres anywhere."""
-
-    def __init__(self, arm: Arm, errors: Array) -> None:
-        stated = {p.name: p.value + e for p, e in zip(arm.parameters, errors, strict=True)}
-        self.table = np.array([[stated[f"{name}{j}"] for name in ROW] for j in range(1, 7)])
-
-    def tips(self, q: Array) -> Array:
-        return dh_frames(self.table, q)[:, :3, 3]
-
-    def at(self, points: Array, start: Array) -> Array:
-        """Postures (n, 6) whose tips are at points (n, 3), from postures near by."""
-        q = start.copy()
-        for _ in range(50):
-            off = points - self.tips(q)
-            columns = [
-                (self.tips(q + 1e-6 * axis) - self.tips(q - 1e-6 * axis)) / 2e-6
-                for axis in np.eye(6)
-            ]
-            jacobian = np.stack(columns, axis=2)
-            step = np.einsum("nij,nj->ni", np.linalg.pinv(jacobian, rcond=1e-3), off)
-            q += np.clip(step, -0.2, 0.2)
-        return q[np.linalg.norm(points - self.tips(q), axis=1) < 1e-12]
-
-    def touching(
-        self,
-        rng: np.random.Generator,
-        noise: float = CONTACT,
-        spheres: int = SPHERES,
-        contacts: int = CONTACTS,
-    ) -> tuple[Array, Array]:
-        """Postures (n, 6) at contacts with spheres, whose centres are nowhere stated, and the
-        number of the sphere of each (n,).
-        """
-        found, numbers = [], []
-        for k in range(spheres):
-            start = rng.uniform(-1.2, 1.2, 6)
-            centre = self.tips(start[None])[0]
-            away = rng.normal(size=(2 * contacts, 3))
-            away /= np.linalg.norm(away, axis=1)[:, None]
-            points = centre + 0.5 * (SPHERE + PROBE) * away
-            points += noise * rng.normal(size=points.shape)
-            q = self.at(points, start + rng.uniform(-0.5, 0.5, (len(points), 6)))[:contacts]
-            found.append(q)
-            numbers += [k] * len(q)
-        return np.concatenate(found), np.array(numbers)
-
-    def on_planes(self, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Postures (n, 6) on planes 1.2 m wide, and the number of the plane of each (n,)."""
-        found, numbers = [], []
-        for k in range(3):
-            start = rng.uniform(-1.2, 1.2, (3 * CONTACTS, 6))
-            normal = rng.normal(size=3)
-            normal /= np.linalg.norm(normal)
-            point = self.tips(start)[0]
-            tips = self.tips(start)
-            points = tips - np.outer((tips - point) @ normal, normal)
-            points += CONTACT * rng.normal(size=points.shape)
-            near = np.linalg.norm(points - point, axis=1) < 0.6
-            q = self.at(points[near], start[near]) if near.sum() else np.empty((0, 6))
-            found.append(q)
-            numbers += [k] * len(q)
-        return np.concatenate(found), np.array(numbers)
-
-
-def planes_of(q: Array, plane: Array) -> pd.DataFrame:
-    table = pd.DataFrame(np.degrees(q), columns=[f"theta{j}_deg" for j in range(1, 7)])
-    return table.assign(feature=[f"E{k}" for k in plane], feature_kind="plane")
-
-
-def file_of(q: Array, sphere: Array) -> pd.DataFrame:
-    table = pd.DataFrame(np.degrees(q), columns=[f"theta{j}_deg" for j in range(1, 7)])
-    labels = [f"S{k}" for k in sphere]
-    diameters = {"feature_diameter_mm": SPHERE * 1e3, "probe_diameter_mm": PROBE * 1e3}
-    return table.assign(feature=labels, **diameters)
+from tests.calibration.contacts import (
+    CONTACT,
+    PROBE,
+    READING,
+    SPHERE,
+    SPHERES,
+    Machine,
+    Values,
+    drawn,
+    file_of,
+    planes_of,
+)
 
 
 def calibrated(arm: Arm, q: Array, sphere: Array) -> Calibration:
@@ -105,52 +33,27 @@ def calibrated(arm: Arm, q: Array, sphere: Array) -> Calibration:
     return calibrate(arm, records, encoder_noise=READING, probe_noise=CONTACT, hold_out=False)
 
 
-def drawn(arm: Arm, rng: np.random.Generator) -> Array:
-    return rng.normal(size=len(arm.parameters)) * np.array([p.u for p in arm.parameters])
-
-
 def test_an_independent_least_squares_with_the_centres_agrees(sino6, rng):
-    """Values and covariance, the inverse of the Fisher information (Cramér–Rao)."""
     machine = Machine(sino6, drawn(sino6, rng))
     q, sphere = machine.touching(rng)
     q += READING * rng.normal(size=q.shape)
     result = calibrated(sino6, q, sphere)
-    names = [p.name for p in sino6.parameters]
-    chosen = [names.index(name) for name in result.parameters["parameter"]]
-    u = np.array([p.u for p in sino6.parameters])
-    estimated = result.fit.point.seats
-
-    def tips(z: Array) -> Array:
-        errors = np.zeros(len(names))
-        errors[chosen] = z * u[chosen]
-        return Machine(sino6, errors).tips(q)
-
-    best = np.zeros(len(chosen))
-    centres = estimated.copy()
-    moves = [(Machine(sino6, np.zeros(len(names))).tips(q + 1e-6 * axis)) for axis in np.eye(6)]
-    by_reading = np.stack(moves, axis=2) - tips(best)[:, :, None]
-    covariance = READING**2 * 1e12 * by_reading @ by_reading.transpose(0, 2, 1)
-    covariance += CONTACT**2 * np.eye(3)
+    values = Values(sino6, result, q)
 
     def residual(x: Array) -> Array:
-        z, at = x[: len(chosen)], x[len(chosen) :].reshape(-1, 3)
-        way = tips(z) - at[sphere]
+        z, centres = x[: values.count], x[values.count :].reshape(-1, 3)
+        way = values.tips(z) - centres[sphere]
         distance = np.linalg.norm(way, axis=1)
-        normal = way / distance[:, None]
-        scatter = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
+        scatter = values.scatter(way / distance[:, None])
         return np.concatenate([(distance - 0.5 * (SPHERE + PROBE)) / scatter, z])
 
-    found = least_squares(residual, np.concatenate([best, centres.ravel()]), x_scale="jac")
-    z = result.fit.point.x / u[chosen]
-    assert np.abs(z - found.x[: len(chosen)]).max() < 0.02
-    bound = np.linalg.inv(found.jac.T @ found.jac)[: len(chosen), : len(chosen)]
-    stated = result.covariance / np.outer(u[chosen], u[chosen])
-    np.testing.assert_allclose(np.diag(stated), np.diag(bound), rtol=0.02)
+    start = np.concatenate([np.zeros(values.count), result.fit.point.seats.ravel()])
+    values.agree(least_squares(residual, start, x_scale="jac"), within=0.02)
 
 
 def test_the_scale_of_a_sphere_is_that_of_its_diameter(sino6, rng):
     """All tips 1e-3 too far away make spheres of unknown centre larger by 1e-3, and nothing else:
-    14 µm of a radius that the contacts know within 1 µm.
+    14 µm of a radius.
     """
     q, sphere = Machine(sino6, np.zeros(len(sino6.parameters))).touching(rng, noise=0.0)
     table = file_of(q, sphere)
@@ -253,41 +156,23 @@ def test_planes_count_as_an_independent_least_squares_says(sino6, rng):
     records = Measurements.from_frame(planes_of(q, plane))
     result = calibrate(sino6, records, encoder_noise=READING, probe_noise=CONTACT, hold_out=False)
     assert chi2.sf(*result.fit.chi2_stated) > 1e-3
-    names = [p.name for p in sino6.parameters]
-    chosen = [names.index(name) for name in result.parameters["parameter"]]
-    u = np.array([p.u for p in sino6.parameters])
-    count = len(chosen)
-    bare = Machine(sino6, np.zeros(len(names)))
-    moves = [bare.tips(q + 1e-6 * axis) - bare.tips(q - 1e-6 * axis) for axis in np.eye(6)]
-    by_reading = np.stack(moves, axis=2) / 2e-6
-    covariance = READING**2 * by_reading @ by_reading.transpose(0, 2, 1) + CONTACT**2 * np.eye(3)
-
-    def tips(z: Array) -> Array:
-        errors = np.zeros(len(names))
-        errors[chosen] = z * u[chosen]
-        return Machine(sino6, errors).tips(q)
-
-    at = tips(np.zeros(count))
+    values = Values(sino6, result, q)
+    at = values.tips(np.zeros(values.count))
     normals = np.stack(
         [np.linalg.svd(at[plane == k] - at[plane == k].mean(axis=0))[2][2] for k in range(3)]
     )
     offsets = [at[plane == k].mean(axis=0) @ normals[k] for k in range(3)]
 
     def residual(x: Array) -> Array:
-        z, tilted = x[:count], x[count:].reshape(3, 3)
+        z, tilted = x[: values.count], x[values.count :].reshape(3, 3)
         rotations = Rotation.from_rotvec(np.cross(normals, tilted))
         normal = rotations.apply(normals)[plane]
         offset = np.sum(tilted * normals, axis=1) + offsets
-        above = np.sum(tips(z) * normal, axis=1) - offset[plane]
-        scatter = np.sqrt(np.einsum("ni,nij,nj->n", normal, covariance, normal))
-        return np.concatenate([above / scatter, z])
+        above = np.sum(values.tips(z) * normal, axis=1) - offset[plane]
+        return np.concatenate([above / values.scatter(normal), z])
 
-    found = least_squares(residual, np.zeros(count + 9), x_scale="jac")
-    assert np.abs(result.fit.point.x / u[chosen] - found.x[:count]).max() < 0.03
-    _, remaining = np.split(np.linalg.qr(found.jac[:, ::-1], mode="r"), [9])
-    bound = np.linalg.inv(remaining[:, 9:].T @ remaining[:, 9:])[::-1, ::-1]
-    stated = result.covariance / np.outer(u[chosen], u[chosen])
-    np.testing.assert_allclose(np.diag(stated), np.diag(bound), rtol=0.03)
+    found = least_squares(residual, np.zeros(values.count + 9), x_scale="jac")
+    values.agree(found, within=0.03)
 
 
 def test_a_cause_is_found_by_planes_and_held_out_planes_are_predicted(sino6, rng):
