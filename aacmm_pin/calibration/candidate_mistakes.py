@@ -48,6 +48,7 @@ PRISMATIC = {
 SLIDE_UNITS = {"mm": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
 """Units of a prismatic joint's readings, in metres."""
 LEAST_SINE = 0.01
+"""A twist with a smaller sine has no sign."""
 MOST_IN_RADIANS = 0.06
 """Twists that are all below are right angles under a key for degrees [rad]."""
 SMALL = 0.25

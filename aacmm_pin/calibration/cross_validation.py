@@ -29,11 +29,11 @@ FOLDS = 10
 FEWEST_GROUPS = 3
 FEWEST_POSTURES = 3
 FEWEST_SEATS = 5
-"""Otherwise, a diagnosis leaves out blocks of joint space."""
+"""With fewer seats, a diagnosis leaves out blocks of joint space."""
 ANGLE_DECIMALS = 9
 """For one order of angles in degrees and radians."""
 MOSTLY = 0.9
-"""Part of the records in seats with which a diagnosis leaves out seats."""
+"""A diagnosis leaves out seats if more than this part of the records touch one."""
 
 
 def rms(distance: Array) -> float:

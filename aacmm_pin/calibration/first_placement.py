@@ -33,6 +33,7 @@ ROTATION_TOLERANCE = 0.05
 MOST_NEWTON_STEPS = 40
 """Five to twenty do."""
 STANDS = 1e-6
+"""A smaller step over the rotations is none [rad]."""
 NEARER = 2.0
 """Orientations do not count if positions alone bring tips so many times nearer."""
 PLACEMENT_RANK_RATIO = 1e-10

@@ -64,7 +64,7 @@ FEWEST_FOR_MISTAKES = 10
 RECORDS_TO_DISTINGUISH = 80
 FEWEST_ROWS = 6
 MOST_OF_ROWS = 0.8
-"""Of those excluded, or those that fit."""
+"""Least part of the rows that are excluded, or that fit."""
 SHIFTED_REMAINS = 0.1
 """Part of the distance that may remain with the coordinates of another row."""
 ORIENTATION_FAR = 0.05

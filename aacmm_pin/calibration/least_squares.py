@@ -41,7 +41,7 @@ from scipy.linalg.blas import dtrsm
 from aacmm_pin._support.checks import Array
 
 LEAST_INFORMATION = 0.1
-"""A direction with less, over its width, is unknown."""
+"""A direction with less information, in units of one over its width, is unknown."""
 MOVABLE = 1e-9
 """Least singular value, of columns times widths, for a step."""
 UNEVEN = 1e-6

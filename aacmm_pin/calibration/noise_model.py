@@ -29,6 +29,7 @@ from aacmm_pin.measurements import (
 BAR_NOISE = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""
 LEAST_U = 1e-12
+"""Least standard uncertainty, as a divisor [m]."""
 SAME_PLACE = 1e-9
 """Coordinates that differ by less are the same [m]."""
 MEASURED = 1 / 3
@@ -36,7 +37,7 @@ ROUNDED = 2.0
 """Standard uncertainties between coordinates of a seat that are the same: MEASURED if each may be a
 record's own; ROUNDED if records repeat them."""
 REPEATED = 2
-"""Records of each coordinates of a seat, on average, that repeat them."""
+"""Records per distinct coordinates of a seat, on average, with which they repeat them."""
 CONTRADICTING = 10.0
 """Standard uncertainties between coordinates that are not of one point; the noise of 100 gives 6.
 """

@@ -21,11 +21,13 @@ from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
 from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements
 
 TOGETHER = 1e-3
-"""Largest chance, over all covariates, of what gross errors do not share."""
+"""Chance, over all covariates, below which excluded records that share something are no gross
+errors."""
 NEIGHBOURS = (4, 8, 16, 32)
+"""Numbers of records round an excluded one that are tried."""
 MOST_CENTRES = 24
 BEYOND_USED = 0.5
-"""Excluded records farther beyond the range of the used ones do not count."""
+"""Excluded records farther beyond the range of the used ones, in parts of it, do not count."""
 MOST_LABELS = 12
 NARROW = 0.5
 """Part of a joint's range below which used records are about another part of the arm."""

@@ -41,7 +41,7 @@ CREEPING = 6
 effects to the others is then computed, once. Otherwise a search may creep along a valley that this
 alone determines."""
 SMALLEST_STEP = 1e-12
-"""Of a trust region, as a part of the first step."""
+"""Least radius of the trust region, as a part of the first step."""
 ROUNDING = 1e-12
 WILD = 2.0
 """Standard deviations with half weight in Cauchy's function."""

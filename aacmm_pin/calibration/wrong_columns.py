@@ -29,8 +29,9 @@ KNOWN_RECORDS = 16
 SEATS, PER_SEAT = 5, 4
 """… or so many seats, with so many records each."""
 SIMILAR_RATIO = 1.5
-"""Misfits of combinations that are alike."""
+"""Largest ratio of misfits that are alike."""
 NEAREST = 40
+"""Number of combinations returned."""
 FEW_ORDERS = 5
 LARGEST_RATIO = 3.0
 """Of a joint's motion to its readings, or inverse."""
@@ -39,6 +40,7 @@ RATIOS, REFINEMENTS = 41, 4
 REWEIGHTED = 10
 SMALLEST_SINGULAR = 1e-6
 SMALLEST_TRAVEL = 1e-9
+"""Least divisor [m]."""
 
 
 class Turned(NamedTuple):

@@ -27,7 +27,7 @@ from aacmm_pin.errors import AacmmError
 USUAL = {"m": 3e-4, "rad": 2e-3}
 """Error of a value that nobody stated, as manufactured [m, rad]."""
 TIP_OFFSET = StylusOffset(u=(USUAL["m"],) * 3)
-"""Usual, of a URDF."""
+"""The usual error of the tip of a URDF."""
 SHOWN_UNITS = {"m": "mm", "rad": "°"}
 PLACEMENT_KINDS = {
     **{kind: f"along {kind}" for kind in "xyz"},
@@ -50,11 +50,11 @@ ONE_EFFECT = 0.9999
 MOST_ALIKE = 3
 """So many possible values with other effects are no finding."""
 FAR_OFF = 4.0
-"""Standard uncertainties that a fit moves values by without a question."""
+"""A fit that moves values by fewer standard uncertainties gives no reason to search."""
 PER_PARAMETER = 6.0
 """Gain in χ² for each further value of all zeros that makes them more probable than one value."""
 LEAST_NOISE = 1e-6
-"""For rounding [m]."""
+"""Least noise of the records, for rounding [m]."""
 SAME_SIZE = 0.02
 """Relative difference of values that have the wrong sign."""
 
