@@ -3,12 +3,11 @@ held-out residuals.
 """
 
 from aacmm_pin.calibration.calibrate import calibrate
-from aacmm_pin.calibration.calibrated_arm import calibrated_model, is_of_setup
+from aacmm_pin.calibration.calibrated_arm import HeldEffects, calibrated_model, is_of_setup
 from aacmm_pin.calibration.common_readings import Correlation
 from aacmm_pin.calibration.comparison import Comparison, compare
 from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
-from aacmm_pin.calibration.held_effects import HeldEffects
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
 from aacmm_pin.calibration.least_squares import (

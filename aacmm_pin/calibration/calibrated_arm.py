@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,6 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
-from aacmm_pin.calibration.held_effects import HeldEffects
 from aacmm_pin.calibration.identifiability import NEGLIGIBLE_PART
 from aacmm_pin.effects import Effect, ErrorModel, ReferenceFrame, StylusOffset, entries_of
 from aacmm_pin.errors import AacmmError
@@ -22,6 +21,38 @@ from aacmm_pin.measurements import fingerprints, fingerprints_of_standards
 
 UNDETERMINED_PART = 0.999
 """A parameter that is this much of an undetermined combination has no u."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldEffects:
+    """Effects with many parameters, such as error curves, beside a fit that held them.
+
+    Attributes:
+        effects: at their posterior means, with u.
+        covariance: of all their parameters (q, q) [units].
+        response: of the fit's estimates (p, q) [units].
+    """
+
+    effects: tuple[Effect, ...]
+    covariance: Array
+    response: Array
+
+    @property
+    def names(self) -> list[str]:
+        """Of their parameters (q,)."""
+        return [parameter.name for effect in self.effects for parameter in effect.parameters()]
+
+    @property
+    def added_covariance(self) -> Array:
+        """Of the fit's estimates, by their uncertainty (p, p) [units]."""
+        return self.response @ self.covariance @ self.response.T
+
+    def of_effect(self, effect: Effect) -> Array:
+        """Covariance of one (q, q) [units]."""
+        ends = np.cumsum([len(held.terms) for held in self.effects])
+        number = [held.label for held in self.effects].index(effect.label)
+        entries = slice(ends[number] - len(effect.terms), ends[number])
+        return self.covariance[entries, entries]
 
 
 def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
