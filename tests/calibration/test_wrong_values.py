@@ -5,7 +5,6 @@ with the package.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from aacmm_pin.diagnosis import check_measurements, diagnose
 from aacmm_pin.effects import Conditions
 from aacmm_pin.errors import AacmmError, MistakenFileError
 from tests.again import again
+from tests.arm_files import by_table
 from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
 from tests.oracle import dh_frames
@@ -44,7 +44,7 @@ UR: Rows = (
 )
 HOBBY: Rows = ((0, 60, 90, 0), (115, 0, 0, 90), (135, 0, 0, -90), (0, 0, -90, -90), (12, 160, 0, 0))
 """a [mm], d [mm], α [°], zero offset [°]."""
-BOUNDS = "uncertainty = { a_mm = 0.03, d_mm = 0.05, alpha_rad = 8e-5, theta_offset_rad = 1e-4 }\n"
+BOUNDS = {"a_mm": 0.03, "d_mm": 0.05, "alpha_rad": 8e-5, "theta_offset_rad": 1e-4}
 
 
 def frames(rows: Rows, q: Array) -> Array:
@@ -77,15 +77,8 @@ class Plant:
         return Measurements.of(self.q, self.places * 1e-3)
 
 
-def arm_file(folder: Path, rows: Rows, bounds: bool) -> Path:
-    text = 'schema = "aacmm-pin/arm/1"\nname = "OWN"\nconvention = "standard-dh"\n'
-    for a, d, alpha, zero in rows:
-        text += f"[[joints]]\na_mm = {a}\nd_mm = {d}\nalpha_deg = {alpha}\n"
-        text += f"theta_offset_deg = {zero}\nlimits_deg = [-170.0, 170.0]\n"
-        text += BOUNDS if bounds else ""
-    path = folder / "arm.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
+def arm_of(rows: Rows, bounds: bool) -> Arm:
+    return by_table("OWN", rows, 170.0, **({"uncertainty": BOUNDS} if bounds else {}))
 
 
 def with_value(rows: Rows, row: int, column: int, value: float) -> Rows:
@@ -105,10 +98,10 @@ def with_value(rows: Rows, row: int, column: int, value: float) -> Rows:
     ],
 )
 def test_one_wrong_value_is_named(
-    drawn: Rows, row: int, column: int, value: float, words: tuple[str, ...], tmp_path: Path
+    drawn: Rows, row: int, column: int, value: float, words: tuple[str, ...]
 ) -> None:
     """Whether it keeps the records from being fitted or not."""
-    given = arm_file(tmp_path, with_value(drawn, row, column, value), drawn is AACMM)
+    given = arm_of(with_value(drawn, row, column, value), drawn is AACMM)
     try:
         found = calibrate(given, Plant.of(drawn, 1).records, hold_out=False)
         said = str(found.notes[0])
@@ -118,9 +111,9 @@ def test_one_wrong_value_is_named(
         assert word in said
 
 
-def test_nothing_is_named_where_nothing_is_wrong(tmp_path: Path) -> None:
+def test_nothing_is_named_where_nothing_is_wrong() -> None:
     for drawn in (AACMM, UR, HOBBY):
-        given = arm_file(tmp_path, drawn, drawn is AACMM)
+        given = arm_of(drawn, drawn is AACMM)
         found = calibrate(given, Plant.of(drawn, 2).records, hold_out=False)
         for code in ("wrong_value", "wrong_sign", "zeros_off", "rows_in_another_frame"):
             assert not data_of(found.notes, code)
@@ -134,16 +127,16 @@ def test_nothing_is_named_where_nothing_is_wrong(tmp_path: Path) -> None:
         ((1.0, 1.0, np.pi / 180.0, np.pi / 180.0), "angles of the arm file are in radians"),
     ],
 )
-def test_a_table_in_other_units(factor: tuple[float, ...], words: str, tmp_path: Path) -> None:
+def test_a_table_in_other_units(factor: tuple[float, ...], words: str) -> None:
     table = np.array(AACMM) * factor
-    given = arm_file(tmp_path, tuple(map(tuple, table.tolist())), False)
+    given = arm_of(tuple(map(tuple, table.tolist())), False)
     with pytest.raises(MistakenFileError, match=words):
         check_measurements(given, Plant.of(AACMM, 3).records)
 
 
-def test_zeros_of_servos_are_all_off(tmp_path: Path) -> None:
+def test_zeros_of_servos_are_all_off() -> None:
     """``check`` does not refuse what ``calibrate`` fits."""
-    given = arm_file(tmp_path, HOBBY, False)
+    given = arm_of(HOBBY, False)
     records = Plant.of(HOBBY, 4, np.array([2.1, -3.4, 4.0, -1.7, 0.9])).records
     check = check_measurements(given, records)
     (told,) = data_of(check.notes, "zeros_off")
@@ -155,8 +148,8 @@ def test_zeros_of_servos_are_all_off(tmp_path: Path) -> None:
 
 
 @ECCENTRICITY_ALONE
-def test_rows_in_another_frame_and_rows_shifted_by_one(tmp_path: Path) -> None:
-    given = arm_file(tmp_path, AACMM, True)
+def test_rows_in_another_frame_and_rows_shifted_by_one() -> None:
+    given = arm_of(AACMM, True)
     plant = Plant.of(AACMM, 5)
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     places = plant.places.copy()
@@ -175,12 +168,12 @@ def test_rows_in_another_frame_and_rows_shifted_by_one(tmp_path: Path) -> None:
         check_measurements(given, shifted)
 
 
-def fitted(given: Path, records: Measurements, names: str, **options: object) -> Calibration:
+def fitted(given: Arm, records: Measurements, names: str, **options: object) -> Calibration:
     return calibrate(given, records, names.split(","), hold_out=False, **options)
 
 
-def test_parameters_by_name_and_pattern(tmp_path: Path) -> None:
-    given = arm_file(tmp_path, AACMM, True)
+def test_parameters_by_name_and_pattern() -> None:
+    given = arm_of(AACMM, True)
     records = Plant.of(AACMM, 6).records
     for names, wanted in (
         ("d3,a2", {"a2", "d3"}),
@@ -192,9 +185,9 @@ def test_parameters_by_name_and_pattern(tmp_path: Path) -> None:
     assert (held["u"] < free["u"]).any()
 
 
-def test_the_tool_by_touches_of_one_seat(tmp_path: Path) -> None:
+def test_the_tool_by_touches_of_one_seat() -> None:
     """As linear least squares gives it: ``R t + p = s`` for each touch."""
-    given = arm_file(tmp_path, UR, False)
+    given = arm_of(UR, False)
     rng = np.random.default_rng(7)
     tool, spike = np.array([30.0, -12.0, 80.0]), np.array([300.0, 200.0, 100.0])
 
@@ -228,15 +221,13 @@ def turned(q: Array) -> Array:
     ("drawn", "external"),
     [(AACMM, True), *(again(*case) for case in ((AACMM, False), (UR, False), (UR, True)))],
 )
-def test_several_columns_a_ratio_exchanged_rows_and_a_scale(
-    drawn: Rows, external: bool, tmp_path: Path
-) -> None:
+def test_several_columns_a_ratio_exchanged_rows_and_a_scale(drawn: Rows, external: bool) -> None:
     plant = Plant.of(drawn, 4)
     q, places = plant.q, plant.places * 1e-3
     frame = "external" if external else "base"
     if external:
         places = places @ np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]).T
-    given = arm_file(tmp_path, drawn, drawn is AACMM)
+    given = arm_of(drawn, drawn is AACMM)
     for changed, words in (
         ((turned(q), places), "joints 2 and 4 have the opposite sign, and the zero of joint 2"),
         ((-q, places), "4, 5 and 6 have the opp" if drawn is AACMM else "4 and 5 have the opp"),
@@ -249,7 +240,7 @@ def test_several_columns_a_ratio_exchanged_rows_and_a_scale(
         assert words in caught.value.mistake
     if drawn is UR:
         return  # its rows 2 and 3 differ by 40 mm only
-    given = arm_file(tmp_path, (drawn[0], drawn[2], drawn[1], *drawn[3:]), True)
+    given = arm_of((drawn[0], drawn[2], drawn[1], *drawn[3:]), True)
     with pytest.raises(MistakenFileError, match="rows 2 and 3 of the arm file are exchanged"):
         calibrate(given, Measurements.of(q, places), reference_frame=frame, hold_out=False)
 
@@ -272,22 +263,22 @@ def exchanged(rows: Rows, row: int, other: int) -> Rows:
         (AACMM, exchanged(AACMM, 2, 2), "values a and d of row 3"),
     ],
 )
-def test_twists_and_exchanged_lengths(drawn: Rows, given: Rows, words: str, tmp_path: Path) -> None:
+def test_twists_and_exchanged_lengths(drawn: Rows, given: Rows, words: str) -> None:
     records = Plant.of(drawn, 6).records
     with pytest.raises(MistakenFileError) as caught:
-        calibrate(arm_file(tmp_path, given, drawn is AACMM), records, hold_out=False)
+        calibrate(arm_of(given, drawn is AACMM), records, hold_out=False)
     assert words in caught.value.mistake
 
 
-def test_a_ratio_beside_zeros_that_are_all_off(tmp_path: Path) -> None:
+def test_a_ratio_beside_zeros_that_are_all_off() -> None:
     plant = Plant.of(HOBBY, 7, zeros=np.array([3.0, -4.0, 2.0, -3.0, 5.0]))
     doubled = Measurements.of(plant.q * [1.0, 2.0, 1.0, 1.0, 1.0], plant.places * 1e-3)
     with pytest.raises(MistakenFileError) as caught:
-        calibrate(arm_file(tmp_path, HOBBY, False), doubled, hold_out=False)
+        calibrate(arm_of(HOBBY, False), doubled, hold_out=False)
     assert "joint = 2, of = 2, ratio = 0.5" in caught.value.mistake
 
 
-def test_halves_in_different_frames_and_copied_columns(tmp_path: Path) -> None:
+def test_halves_in_different_frames_and_copied_columns() -> None:
     """Of arms with few joints, for which there are few mistakes to try before."""
     for drawn, halves, words in (
         (HOBBY[:3], True, "first and the last records each fit the arm"),
@@ -299,14 +290,14 @@ def test_halves_in_different_frames_and_copied_columns(tmp_path: Path) -> None:
             places[50:] = places[50:, [1, 2, 0]] + [100.0, 0.0, 300.0]
         else:
             q[:, 3] = q[:, 4]
-        given, records = arm_file(tmp_path, drawn, False), Measurements.of(q, places * 1e-3)
+        given, records = arm_of(drawn, False), Measurements.of(q, places * 1e-3)
         with pytest.raises(AacmmError, match=words):
             calibrate(given, records, reference_frame="external", hold_out=False)
 
 
-def test_rows_that_share_a_mistake(tmp_path: Path) -> None:
+def test_rows_that_share_a_mistake() -> None:
     plant = Plant.of(AACMM, 5)
-    given = arm_file(tmp_path, AACMM, True)
+    given = arm_of(AACMM, True)
     stuck = plant.q.copy()
     stuck[40:60, 3] = stuck[40, 3]
     found = calibrate(given, Measurements.of(stuck, plant.places * 1e-3), hold_out=False)

@@ -5,7 +5,6 @@ that shares no code with the package.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,9 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from aacmm_pin import Diagnosis, diagnose
+from aacmm_pin import Diagnosis, Measurements, diagnose
 from tests.again import again
+from tests.arm_files import by_table
 from tests.few_causes import ECCENTRICITY_ALONE
 from tests.oracle import dh_frames
 
@@ -34,18 +34,13 @@ Array = NDArray[np.float64]
 DEG = np.pi / 180.0
 
 
-def arm_file(folder: Path) -> Path:
-    lines = ['schema = "aacmm-pin/arm/1"', 'name = "OWN"', 'convention = "standard-dh"']
-    for a, d, alpha in ROWS:
-        lines += ["[[joints]]", f"a_mm = {a}", f"d_mm = {d}", f"alpha_deg = {alpha}"]
-        lines += ["theta_offset_rad = 0.0", "limits_deg = [-170.0, 170.0]"]
-        lines += [f"encoder_noise_rad = {ENCODER}"]
-        lines += [
-            "uncertainty = { a_mm = 0.03, d_mm = 0.05, alpha_rad = 8e-5, theta_offset_rad = 1e-4 }"
-        ]
-    path = folder / "arm.toml"
-    path.write_text("\n".join(lines), encoding="utf-8")
-    return path
+ARM = by_table(
+    "OWN",
+    [(*row, 0.0) for row in ROWS],
+    170.0,
+    encoder_noise_rad=ENCODER,
+    uncertainty={"a_mm": 0.03, "d_mm": 0.05, "alpha_rad": 8e-5, "theta_offset_rad": 1e-4},
+)
 
 
 def tips(q: Array, off: Array, tip: Array) -> Array:
@@ -75,15 +70,15 @@ class Plant:
         noise = ENCODER * self.rng.normal(size=self.q.shape)
         return tips(self.q + angle + noise, self.off, tip)
 
-    def diagnosed(self, folder: Path, places: Array, **columns: Any) -> Diagnosis:
+    def diagnosed(self, places: Array, **columns: Any) -> Diagnosis:
         places = places + NOISE * self.rng.normal(size=places.shape)
         names = [f"theta{j}_deg" for j in range(1, 7)]
         table = pd.DataFrame(np.rad2deg(self.q), columns=names)
         table[["x_mm", "y_mm", "z_mm"]] = places
-        table.assign(**columns).to_csv(folder / "records.csv", index=False)
+        records = Measurements.from_frame(table.assign(**columns))
         return diagnose(
-            arm_file(folder),
-            folder / "records.csv",
+            ARM,
+            records,
             reference_noise=NOISE * 1e-3,
             hold_out=False,
             progress=False,
@@ -99,73 +94,73 @@ def moved(places: Array, rng: np.random.Generator) -> Array:
 
 
 @pytest.mark.parametrize("seed", [1, again(2)])
-def test_a_stand_that_moved_is_no_encoder_fault(seed: int, tmp_path: Path) -> None:
+def test_a_stand_that_moved_is_no_encoder_fault(seed: int) -> None:
     plant = Plant.of(seed)
-    found = plant.diagnosed(tmp_path, moved(plant.places(), plant.rng), time_s=plant.time)
+    found = plant.diagnosed(moved(plant.places(), plant.rng), time_s=plant.time)
     (finding,) = found.findings
     assert (found.verdict, finding.label) == ("explained", "frame_shift")
     assert abs(np.searchsorted(plant.time, finding.effect.time_s) - AT) <= 3  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("moves", [True, False])
-def test_a_frame_for_each_session_is_tried(moves: bool, tmp_path: Path) -> None:
+def test_a_frame_for_each_session_is_tried(moves: bool) -> None:
     plant = Plant.of(9)
     places = moved(plant.places(), plant.rng) if moves else plant.places()
     session = np.where(np.arange(RECORDS) < AT, "first", "second")
-    found = plant.diagnosed(tmp_path, places, session=session)
+    found = plant.diagnosed(places, session=session)
     assert ("session_frames_fit" in [note.code for note in found.notes]) == moves
 
 
-def test_a_stylus_that_was_mounted_again_is_no_encoder_fault(tmp_path: Path) -> None:
+def test_a_stylus_that_was_mounted_again_is_no_encoder_fault() -> None:
     plant = Plant.of(3)
     shift = np.array([0.08, -0.06, 0.07])
     places = plant.places()
     places[AT:] = plant.places(tip=shift)[AT:]
-    (finding,) = plant.diagnosed(tmp_path, places, time_s=plant.time).findings
+    (finding,) = plant.diagnosed(places, time_s=plant.time).findings
     assert finding.label == "stylus_shift"
     off = np.array(finding.effect.values) * 1e3 - shift
     assert np.all(np.abs(off) < 3.0 * np.array(finding.effect.u) * 1e3)
 
 
 @pytest.mark.parametrize("column", ["time_s", "record"])
-def test_backlash_in_the_order_of_the_rows(column: str, tmp_path: Path) -> None:
+def test_backlash_in_the_order_of_the_rows(column: str) -> None:
     plant = Plant.of(4)
     side = np.sign(np.diff(plant.q[:, 2], prepend=plant.q[0, 2] - 1.0))
     angle = np.zeros(plant.q.shape)
     angle[:, 2] = 7e-5 * side
     order = {column: plant.time}
-    (finding,) = plant.diagnosed(tmp_path, plant.places(angle), **order).findings
+    (finding,) = plant.diagnosed(plant.places(angle), **order).findings
     assert finding.label == "joint_hysteresis:3"
 
 
-def test_bursts_of_an_encoder_are_in_the_order_of_the_records(tmp_path: Path) -> None:
+def test_bursts_of_an_encoder_are_in_the_order_of_the_records() -> None:
     plant = Plant.of(5)
     angle = np.zeros(plant.q.shape)
     for first in (20, 75, 130, 160):
         angle[first : first + 11, 4] = -3.5e-4
-    order = plant.diagnosed(tmp_path, plant.places(angle)).unexplained.run_order
+    order = plant.diagnosed(plant.places(angle)).unexplained.run_order
     assert order is not None
     assert order.joint == 5
     assert order.correlation > 2.0 * order.limit
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_torques_of_the_load_instead_of_the_drive(sign: float, tmp_path: Path) -> None:
+def test_torques_of_the_load_instead_of_the_drive(sign: float) -> None:
     plant = Plant.of(8)
     load = plant.rng.uniform(-60.0, 60.0, plant.q.shape)
     angle = load * [0.0, 6e-6, 9e-6, 0.0, 0.0, 0.0]
     columns = {f"torque{j}_nm": sign * load[:, j - 1] for j in range(1, 7)}
-    found = plant.diagnosed(tmp_path, plant.places(angle), **columns)
+    found = plant.diagnosed(plant.places(angle), **columns)
     assert {f.label for f in found.findings} == {"joint_compliance:2", "joint_compliance:3"}
     assert found.reversed_torques == (sign > 0.0)
 
 
-def test_two_waves_of_one_joint(tmp_path: Path) -> None:
+def test_two_waves_of_one_joint() -> None:
     """Neither a single wave, nor a dependence on two joints."""
     plant = Plant.of(6)
     angle = np.zeros(plant.q.shape)
     angle[:, 2] = 9e-5 * np.cos(4 * plant.q[:, 2]) + 7e-5 * np.cos(25 * plant.q[:, 2] + 1.0)
-    found = plant.diagnosed(tmp_path, plant.places(angle))
+    found = plant.diagnosed(plant.places(angle))
     labels = {finding.label for finding in found.findings}
     assert labels == {"joint_periodic_error:3", "second_periodic_error:3"}
     orders = {round(f.effect.order, 1) for f in found.findings}  # type: ignore[attr-defined]
@@ -173,7 +168,7 @@ def test_two_waves_of_one_joint(tmp_path: Path) -> None:
 
 
 @ECCENTRICITY_ALONE
-def test_the_budget_is_that_of_the_plant(tmp_path: Path) -> None:
+def test_the_budget_is_that_of_the_plant() -> None:
     """Of each part, within three standard uncertainties; and it adds up."""
     plant = Plant.of(7)
     angle = np.zeros(plant.q.shape)
@@ -181,7 +176,7 @@ def test_the_budget_is_that_of_the_plant(tmp_path: Path) -> None:
     exact = tips(plant.q + angle, plant.off, ON_TIP) - tips(plant.q, plant.off, ON_TIP)
     places = plant.places(angle)
     scatter = places - tips(plant.q + angle, plant.off, ON_TIP)
-    found = plant.diagnosed(tmp_path, places)
+    found = plant.diagnosed(places)
     parts = {part.part: part for part in found.budget}
     assert list(parts) == ["geometry", "encoder_eccentricity:3", "noise"]
     whole = found.rms["nominal"] ** 2
