@@ -39,6 +39,7 @@ from aacmm_pin.errors import ShapeError, UnknownNameError
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Frames, Scene
 from aacmm_pin.report.scenes.scene import viewer_script
+from tests.few_causes import ECCENTRICITY_ALONE
 from tests.oracle import close, dh_sensitivity, postures
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
@@ -271,6 +272,7 @@ def measured() -> Any:
 
 
 @cache
+@ECCENTRICITY_ALONE
 def diagnosed() -> Any:
     return diagnose(Arm.load("sino6"), measured(), encoder_noise=8e-6, hold_out=False)
 

@@ -30,6 +30,7 @@ from aacmm_pin import (
 from aacmm_pin import simulate_measurements as simulated
 from aacmm_pin._support import progress
 from aacmm_pin._support.progress import bar
+from tests.few_causes import ECCENTRICITY_ALONE
 
 WORK = """
 import time
@@ -110,6 +111,7 @@ def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(bars, monkeypatch)
         assert bars.pop()[1] is disabled
 
 
+@ECCENTRICITY_ALONE
 def test_long_work_has_bars(bars, sino6):
     data = simulated(sino6, "free", 60, rng=np.random.default_rng(1))
     lengths: list[int] = []
