@@ -117,8 +117,8 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     return "blocks", _blocks(records, FOLDS, rng)
 
 
-def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """Kind and label (n,) of what a diagnosis leaves out: seats (those of a bar together), if few,
+def fold_numbers(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
+    """Kind and fold (n,) of what a diagnosis leaves out: seats (those of a bar together), if few,
     blocks of joint space. Repeats of a posture are together.
     """
     records = fit.problem.measurements

@@ -79,7 +79,7 @@ def budget_of(
     used = choice.fit.used
     nominal_square = rms_residual(nominal, used) ** 2
     dof = max(choice.posterior.median_model.dof, 1.0)
-    left = rms(np.linalg.norm(choice.design.deviations(choice.tips)[used, :3], axis=1)) ** 2
+    left = rms(np.linalg.norm(choice.deviations[used, :3], axis=1)) ** 2
     noise = left * max(nominal.dof, 1.0) / dof
     parts = sorted(_displacing(choice, structure), key=lambda part: -part.mean_square)
     if shared is not None:
@@ -121,7 +121,7 @@ def _displacing(choice: Choice, structure: Sequence[DiscrepancySize]) -> Iterato
     blocks_of = [*members.values()]
     for places in _not_opposed(products):
         blocks = [k for place in places for k in blocks_of[place]]
-        labels = tuple(design.names[choice.candidates.owner(k)] for k in blocks)
+        labels = design.labels(blocks)
         mean_square = float(shares[places].sum())
         u = abs(mean_square) * _relative_u(choice, blocks)
         yield BudgetPart(" + ".join(labels), mean_square, u, causes=labels)

@@ -36,7 +36,7 @@ class Choice:
         fit: refit of geometry and of the causes of the median probability model.
         posterior: over sets of blocks, linear at the most probable set.
         library, others: the candidates.
-        parts: part of each record for leaving out (n,).
+        folds: fold of the cross-validation of each record (n,).
         scatter: of readings beyond the stated noise; None where the records show none.
         otherwise: labels of causes and covariates that would be found if excluded records counted,
             where without these no cause is.
@@ -49,7 +49,7 @@ class Choice:
     posterior: Posterior
     library: tuple[Variants, ...]
     others: tuple[Covariate, ...]
-    parts: Index
+    folds: Index
     scatter: ReadingScatter | None = None
     otherwise: tuple[str, ...] = ()
     curves: HeldEffects | None = None
@@ -78,23 +78,30 @@ class Choice:
         return used if self.kept_alone is None else used | self.kept_alone
 
     @property
-    def products_of_parts(self) -> Gram:
-        """Inner products of all records, from which parts can be left out: a seat with records in
-        several parts has coordinates of its own in each.
+    def gram_of_folds(self) -> Gram:
+        """Inner products of all records, from which folds can be left out: a seat with records in
+        several folds has coordinates of its own in each.
         """
         of_all = self.posterior.space.gram
-        if not _torn(self.design.fit, self.parts):
+        if not divide_seats(self.folds, self.design.fit):
             return of_all
-        numbers = np.unique(self.parts[self.design.fit.used]).tolist()
-        divided = gram_of(self.design, self.noise, [self.parts == number for number in numbers])
+        numbers = np.unique(self.folds[self.design.fit.used]).tolist()
+        divided = gram_of(self.design, self.noise, [self.folds == number for number in numbers])
         return replace(divided, origin=of_all)
 
     @cached_property
-    def tips(self) -> Array:
-        """Tips (n, 3), turns behind them (n, 6), with the median probability model and the
-        background [m, rad].
+    def deviations(self) -> Array:
+        """Deviations of all records beyond the median probability model and the background (n, 3),
+        with orientations (n, 6) [m, rad].
         """
-        return self.posterior.median_model.all_tips
+        return self.design.deviations(self.posterior.median_model.all_tips)
+
+    @property
+    def whitened_deviations(self) -> Array:
+        """Those of the tips (n, 3) in units of the noise; the error that records of one posture
+        share counts once.
+        """
+        return self.noise.whitened(self.deviations)[:, :3]
 
     def displacement(self, weights: Array) -> Array:
         """Displacement of the used records' tips by all columns times ``weights`` (columns, r) that
@@ -198,18 +205,16 @@ class Choice:
     @property
     def labels(self) -> tuple[str, ...]:
         """Of its causes and its covariates."""
-        names = self.design.names
-        return tuple(names[self.candidates.owner(k)] for k in (*self.causes, *self.covariates))
+        return self.design.labels((*self.causes, *self.covariates))
 
-    def in_one_part(self, block: int) -> bool:
+    def in_one_fold(self, block: int) -> bool:
         """Whether a block moves only records that are left out together, so that the others say
         nothing of it.
         """
-        used = self.fit.used
         moved = self.design.columns(block).any(axis=(1, 2))
-        inside = np.unique(self.parts[moved & used])
-        of_used = np.unique(self.parts[used])
-        return inside.size == 1 < of_used.size
+        folds = self.folds[self.fit.used]
+        folds_moved = self.folds[self.fit.used & moved]
+        return len(set(folds_moved)) == 1 < len(set(folds))
 
     def covariate(self, block: int) -> Covariate:
         """The covariate of a block."""
@@ -223,13 +228,13 @@ class Choice:
 
     def variant(self, block: int) -> Effect:
         """The effect of a block."""
-        b = self.design.blocks[block]
-        return self.library[b.candidate][b.variant]
+        variant = self.design.blocks[block].variant
+        return self.library[self.candidates.owner(block)][variant]
 
 
-def _torn(at: Fit, parts: Index) -> bool:
-    """Whether the records of a seat, or of seats that a bar connects, are in several parts."""
-    touched = at.observations.seat >= 0
-    cluster = at.observations.clusters[at.observations.seat[touched]]
-    pairs = np.stack([cluster, parts[touched]], axis=1)
-    return len(np.unique(pairs, axis=0)) > len(np.unique(cluster))
+def divide_seats(folds: Index, fit: Fit) -> bool:
+    """Whether the records of a seat, or of seats that a bar connects, are in several folds (n,)."""
+    touched = fit.observations.seat >= 0
+    cluster = fit.observations.clusters[fit.observations.seat[touched]]
+    pairs = {*zip(cluster, folds[touched], strict=True)}
+    return len(pairs) > len(set(cluster))

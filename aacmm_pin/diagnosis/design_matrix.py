@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -206,6 +206,10 @@ class Design:
                 rows[:, :, columns] = arm.of(source)
         rows *= self.scales
         return rows
+
+    def labels(self, blocks: Iterable[int]) -> tuple[str, ...]:
+        """Labels of the candidates of some blocks."""
+        return tuple(self.names[self.blocks[k].candidate] for k in blocks)
 
     def weights(self, block: int) -> Array:
         """Weights of all columns in each parameter of a block (columns, q)."""

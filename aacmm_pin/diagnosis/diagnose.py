@@ -30,7 +30,7 @@ from aacmm_pin.calibration import (
     session_notes,
 )
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
-from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
+from aacmm_pin.calibration.cross_validation import enough_postures, fold_numbers
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import is_reestimated, length_held
 from aacmm_pin.calibration.setup import checked_input
@@ -39,7 +39,7 @@ from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.discrepancy import described_model
 from aacmm_pin.diagnosis.findings import findings_of
-from aacmm_pin.diagnosis.held_out_gain import Gain, folds_of, gain_of
+from aacmm_pin.diagnosis.held_out_gain import Gain, gain_of, predicted_folds
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import visible
@@ -141,10 +141,10 @@ def diagnose(
     recalibrated = first_fit(problem([]))
     _require_residuals(measurements, recalibrated)
     repeated += mistakes_of(recalibrated)
-    kind, parts = parts_of(recalibrated, rng)
+    kind, fold_of_record = fold_numbers(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem, extra)
     others = covariates(model.arm, measurements)
-    choice = choose(problem, recalibrated, library, others, parts, progress is True)
+    choice = choose(problem, recalibrated, library, others, fold_of_record, progress is True)
     used = choice.fit.used
     alone = recalibrated
     as_stated = problem_of(model, measurements, [], alone.problem.setup)
@@ -157,7 +157,7 @@ def diagnose(
     if model.arm.masses is None:
         repeated.append(Note("masses_not_stated", {"arm": model.arm.name}))
     apart = hold_out and enough_postures(measurements)
-    folds = folds_of(choice, before, kind, progress) if apart else []
+    folds = predicted_folds(choice, before, kind, progress) if apart else []
     findings = findings_of(model, choice, folds)
     held = gain_of(choice, folds, kind, rng) if folds else None
     if held is not None and not findings:

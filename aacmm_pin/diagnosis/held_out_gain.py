@@ -1,10 +1,10 @@
-"""Cross-validation of a diagnosis: leave out one part of the records after the other, choose the
-causes and fit them with the other records, and predict the part.
+"""Cross-validation of a diagnosis: leave out one fold of the records after the other, choose the
+causes and fit them with the other records, and predict the fold.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -23,7 +23,8 @@ from aacmm_pin.diagnosis.search import explore_from, without_block
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 RESAMPLES = 2000
-"""Bootstrap resamples of the parts for the 95 % interval of the gain."""
+"""Bootstrap resamples of the folds for the 95 % interval of the gain."""
+MODELS = ("nominal", "recalibrated", "extended", "with_discrepancy")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,18 +32,18 @@ class Gain(Shown):
     """Distances of held-out records by each model.
 
     Attributes:
-        kind: ``seats`` or ``blocks`` of joint space.
-        groups: how many parts were left out in turn.
+        kind: ``seats`` or ``blocks`` of joint space, of which the folds consist.
+        groups: how many folds were left out in turn.
         nominal, recalibrated, extended: distances of the records by each model (n,) [m]; nan
             where there is none. A rotation from a stated orientation is part of it, by
             :attr:`Fit.lever`.
         with_discrepancy: distances by the extended arm with the discrepancy (n,) [m].
-        part: part of each record (n,).
+        folds: fold of each record (n,).
         excluded: how many of the records were excluded from the extended arm, and count here, for
             the recalibrated arm alone does not exclude them.
         gross_errors: how many do not count, for both arms exclude them.
-        chosen: labels that were chosen without each part.
-        interval: 95 % interval of the gain, by resampling the parts.
+        chosen: labels that were chosen without each fold.
+        interval: 95 % interval of the gain, by resampling the folds.
     """
 
     kind: str
@@ -51,7 +52,7 @@ class Gain(Shown):
     recalibrated: Array
     extended: Array
     with_discrepancy: Array
-    part: Index
+    folds: Index
     excluded: int
     gross_errors: int
     chosen: tuple[tuple[str, ...], ...]
@@ -60,7 +61,7 @@ class Gain(Shown):
     @property
     def gain(self) -> float:
         """1 - RMS(extended)/RMS(recalibrated)."""
-        return _relative_reduction(self.extended, self.recalibrated)
+        return 1.0 - rms(self.extended) / rms(self.recalibrated)
 
     @property
     def beyond_doubt(self) -> bool:
@@ -68,7 +69,7 @@ class Gain(Shown):
         return self.interval[0] > THRESHOLDS.least_gain
 
     def without_causes(self) -> Gain:
-        """The gain if all records together name no cause, whatever single parts name: the extended
+        """The gain if all records together name no cause, whatever single folds name: the extended
         arm is then the recalibrated arm.
         """
         return replace(self, extended=self.recalibrated, interval=(0.0, 0.0))
@@ -76,61 +77,53 @@ class Gain(Shown):
     @property
     def discrepancy_gain(self) -> float:
         """1 - RMS(with discrepancy)/RMS(extended): what the discrepancy adds to the causes."""
-        return _relative_reduction(self.with_discrepancy, self.extended)
-
-
-def _relative_reduction(after: Array, before: Array) -> float:
-    """1 - RMS(after)/RMS(before) of distances [m]."""
-    return 1.0 - rms(after) / rms(before)
+        return 1.0 - rms(self.with_discrepancy) / rms(self.extended)
 
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """Distances of the records of one part, as all other records predict them.
+    """Distances of the records of one fold, as all other records predict them.
 
     Attributes:
         rows: numbers of the records.
         chosen: labels of the causes and covariates of the median probability model of the others.
-        nominal, recalibrated, extended, with_discrepancy: distances by each model (m,) [m].
-        whole: by the median probability model of all records, fitted to the others (m,) [m].
+        by_model: distances by each of the models (m,) [m].
+        by_median: by the median probability model of all records, fitted to the others (m,) [m].
         without: the same without one of its causes, by the number of its block.
     """
 
     rows: Index
     chosen: tuple[str, ...]
-    nominal: Array
-    recalibrated: Array
-    extended: Array
-    with_discrepancy: Array
-    whole: Array
+    by_model: Mapping[str, Array]
+    by_median: Array
     without: Mapping[int, Array]
 
 
-def folds_of(choice: Choice, before: Fit, kind: str, progress: Progress) -> list[Fold]:
-    """Leave out every part in turn; choose and fit with the rest; predict it.
+def predicted_folds(choice: Choice, before: Fit, kind: str, progress: Progress) -> list[Fold]:
+    """Leave out every fold in turn; choose and fit with the other records; predict it.
 
     Args:
         choice: what was found with all records.
         before: the arm as it was, set-up fitted.
-        kind: of the parts, for the progress bar.
-        progress: whether to show a bar, or a function that wraps the parts.
+        kind: of the folds, for the progress bar.
+        progress: whether to show a bar, or a function that wraps the folds.
     """
-    of_all = choice.products_of_parts
-    numbers = np.unique(choice.parts[choice.counted]).tolist()
-    with watched(numbers, progress, f"held-out {kind}", "part") as parts:
-        folds = [_fold(choice, before, of_all, number) for number in parts]
+    of_all = choice.gram_of_folds
+    numbers = np.unique(choice.folds[choice.counted]).tolist()
+    with watched(numbers, progress, f"held-out {kind}", "part") as watched_numbers:
+        folds = [_fold(choice, before, of_all, number) for number in watched_numbers]
     return [fold for fold in folds if fold is not None]
 
 
-def _fold(choice: Choice, before: Fit, whole: Gram, number: int) -> Fold | None:
-    """One of them; None where the part has nothing to be compared with."""
-    inside = choice.parts == number
-    part = gram_of(choice.design, choice.noise, [inside])
-    if not part.free:
+def _fold(choice: Choice, before: Fit, of_all: Gram, number: int) -> Fold | None:
+    """One of them; None where the fold has nothing to be compared with."""
+    inside = choice.folds == number
+    left_out = gram_of(choice.design, choice.noise, [inside])
+    if not left_out.free:
         return None
     space = choice.posterior.space
     amplitudes = tuple(dict.fromkeys((0.0, choice.posterior.median_model.base.amplitude)))
-    others = ModelSpace(space.candidates, whole.without(part), space.stated, amplitudes)
+    others = ModelSpace(space.candidates, of_all.without(left_out), space.stated, amplitudes)
     rows = np.flatnonzero(choice.counted & inside)
     records = choice.fit.problem.measurements.take(rows)
     median = choice.posterior.median
@@ -149,15 +142,17 @@ def _fold(choice: Choice, before: Fit, whole: Gram, number: int) -> Fold | None:
     chosen = explore_from(others, median).median
     of_chosen, of_median = (others.marginal(blocks).best for blocks in (chosen, median))
     candidates = others.candidates
-    names = tuple(candidates.design.names[candidates.owner(k)] for k in chosen)
+    by_model = (
+        distances_of(before.point.prediction.poses[rows]),
+        predicted(of_chosen.of(())),
+        predicted(of_chosen.of([*filter(candidates.is_cause, chosen)])),
+        predicted(of_chosen, background=True),
+    )
     return Fold(
         rows=rows,
-        chosen=names,
-        nominal=distances_of(before.point.prediction.poses[rows]),
-        recalibrated=predicted(of_chosen.of(())),
-        extended=predicted(of_chosen.of([*filter(candidates.is_cause, chosen)])),
-        with_discrepancy=predicted(of_chosen, background=True),
-        whole=predicted(of_median),
+        chosen=choice.design.labels(chosen),
+        by_model=dict(zip(MODELS, by_model, strict=True)),
+        by_median=predicted(of_median),
         without={k: predicted(of_median.of(without_block(median, k))) for k in choice.causes},
     )
 
@@ -165,51 +160,46 @@ def _fold(choice: Choice, before: Fit, whole: Gram, number: int) -> Fold | None:
 def gain_of(
     choice: Choice, folds: Sequence[Fold], kind: str, rng: np.random.Generator
 ) -> Gain | None:
-    """The distances of all parts together.
+    """The distances of all folds together.
 
     Records are predicted as in :attr:`Choice.counted`: excluded ones too, but for gross errors.
 
     Args:
         choice: what was found with all records.
-        folds: one for each part that can be left out.
-        kind: of the parts, for the record.
+        folds: one for each that can be left out.
+        kind: of the folds, for the record.
         rng: for the interval.
 
     Returns:
-        None where no part that is left out has anything to be compared with, such as one record
+        None where no fold that is left out has anything to be compared with, such as one record
         only of each unknown seat.
     """
-    models = ("nominal", "recalibrated", "extended", "with_discrepancy")
-    by_model = {model: np.full(choice.parts.size, np.nan) for model in models}
+    distances_by = {model: np.full(choice.folds.size, np.nan) for model in MODELS}
     for fold in folds:
-        for model, distances_of_model in by_model.items():
-            distances_of_model[fold.rows] = getattr(fold, model)
-    if not np.isfinite(by_model["extended"]).any():
+        for model, distances_of_fold in fold.by_model.items():
+            distances_by[model][fold.rows] = distances_of_fold
+    if not np.isfinite(distances_by["extended"]).any():
         return None
-    excluded = choice.counted & ~choice.fit.used
-    gross_errors = choice.fit.excluded & ~choice.counted
+    recalibrated, extended = distances_by["recalibrated"], distances_by["extended"]
     return Gain(
         kind=kind,
         groups=len(folds),
-        **by_model,
-        part=choice.parts,
-        excluded=int(excluded.sum()),
-        gross_errors=int(gross_errors.sum()),
+        **distances_by,
+        folds=choice.folds,
+        excluded=int((choice.counted & ~choice.fit.used).sum()),
+        gross_errors=int((choice.fit.excluded & ~choice.counted).sum()),
         chosen=tuple(fold.chosen for fold in folds),
-        interval=_interval(by_model["recalibrated"], by_model["extended"], choice.parts, rng),
+        interval=_interval(recalibrated, extended, choice.folds, rng),
     )
 
 
 def _interval(
-    recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator
+    recalibrated: Array, extended: Array, folds: Index, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """95 % interval of the gain by resampling the parts, of distances (n,) [m]."""
-    squares = []
-    for number in np.unique(part):
-        of_both = np.stack([recalibrated, extended])[:, part == number]
-        if np.isfinite(of_both[1]).any():
-            squares.append(np.nansum(np.square(of_both), axis=1))
-    table = np.array(squares)
+    """95 % interval of the gain by resampling the folds, of distances (n,) [m]."""
+    squares = np.square(np.stack([recalibrated, extended]))
+    numbers = np.unique(folds[np.isfinite(extended)])
+    table = np.array([np.nansum(squares[:, folds == number], axis=1) for number in numbers])
     draws = rng.integers(0, len(table), (RESAMPLES, len(table)))
     recalibrated_sum, extended_sum = table[draws].sum(axis=1).T
     gains = 1.0 - np.sqrt(extended_sum / recalibrated_sum)
@@ -231,43 +221,30 @@ def cause_gain(choice: Choice, folds: list[Fold], block: int) -> Brought | None:
     """By how much one of the causes lowers the RMS of held-out records, each distance over its own
     noise.
 
-    Every part is predicted by the others with and without the block. The squares that it saves are
-    a ratio of sums over the parts, whose interval is Student's t for as few parts as there are
+    Every fold is predicted by the others with and without the block. The squares that it saves are
+    a ratio of sums over the folds, whose interval is Student's t for as few folds as there are
     (Cochran 1977, 6.4).
 
     Returns:
-        None where too few parts say something of it, such as of a group that is left out whole.
+        None where too few folds say something of it, such as of a group that is left out whole.
     """
-    if not folds or choice.in_one_part(block):
+    if not folds or choice.in_one_fold(block):
         return None
-    squares = np.array([*_squares(choice, folds, block)])
-    if len(squares) < THRESHOLDS.fewest_groups:
+    variance = np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
+    sums = []
+    for fold in folds:
+        if np.isfinite(fold.by_median).any():
+            distances_of_both = np.stack([fold.by_median, fold.without[block]])
+            sums.append(np.nansum(np.square(distances_of_both) / variance[fold.rows], axis=1))
+    count = len(sums)
+    if count < THRESHOLDS.fewest_groups:
         return None
-    share, u = _ratio(*squares.T)
-    half_width = u * float(scipy.special.stdtrit(len(squares) - 1, 0.975))
+    with_block, without_block = np.array(sums).T
+    total = without_block.sum()
+    share = float(with_block.sum() / total)
+    scatter = np.sum((with_block - share * without_block) ** 2)
+    u = np.sqrt(count / (count - 1) * scatter) / total
+    half_width = u * float(scipy.special.stdtrit(count - 1, 0.975))
     shares = np.array([share, share + half_width, share - half_width])
     gains = 1.0 - np.sqrt(np.maximum(shares, 0.0))
     return Brought(*gains.tolist())
-
-
-def _ratio(numerator: Array, denominator: Array) -> tuple[float, float]:
-    """Ratio of the sums of two quantities of every part (parts,), and its standard uncertainty."""
-    count = len(denominator)
-    total = denominator.sum()
-    share = float(numerator.sum() / total)
-    scatter = np.sum((numerator - share * denominator) ** 2)
-    u = np.sqrt(count / (count - 1) * scatter) / total
-    return share, float(u)
-
-
-def _squares(choice: Choice, folds: list[Fold], block: int) -> Iterator[tuple[float, float]]:
-    """For each part the sum of squares of its distances over their noise, with ``block`` and
-    without.
-    """
-    variance = np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
-    for fold in folds:
-        weight = 1.0 / variance[fold.rows]
-        with_block = weight * fold.whole**2
-        without_block = weight * fold.without[block] ** 2
-        if np.isfinite(with_block).any():
-            yield float(np.nansum(with_block)), float(np.nansum(without_block))

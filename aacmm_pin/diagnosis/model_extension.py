@@ -70,7 +70,7 @@ def choose(
     first: Fit,
     library: Sequence[Variants],
     others: Sequence[Covariate],
-    parts: Index,
+    folds: Index,
     progress: bool = False,
 ) -> Choice:
     """Explore at the recalibrated arm, refit with what was found, explore again there, until the
@@ -81,14 +81,14 @@ def choose(
     them, and those of one time, joint or place, put back too; what it finds is taken if it makes
     sense of them, of one or two only where there is nothing else, and then not as found.
     """
-    choice = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
+    choice = _standing(problem_of, first, tuple(library), tuple(others), folds, progress)
     nearer = _put_back(first) & _put_back(choice.fit)
     least = FEWEST_BACK if choice.causes else 1
     back = int(np.sum(nearer & ~(first.used & choice.fit.used)))
     if back >= max(least, A_FEW * len(nearer)):
         doubtful = _doubtful(choice, choice.fit)
         wider = fit(problem_of([]), used=nearer)
-        again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress, nearer)
+        again = _standing(problem_of, wider, tuple(library), tuple(others), folds, progress, nearer)
         fewer = int(doubtful.sum() - _doubtful(again, choice.fit).sum())
         if fewer >= FEWEST_BACK:
             choice, again = again, choice
@@ -101,8 +101,7 @@ def _doubtful(choice: Choice, judge: Fit) -> Mask:
     """Records that do not fit with all that was found, covariates included, by the scatter of
     ``judge`` (n,).
     """
-    deviations = choice.design.deviations(choice.tips)
-    return _times_the_limit(choice.design.fit, deviations, judge) > 1.0
+    return _times_the_limit(choice.design.fit, choice.deviations, judge) > 1.0
 
 
 def _put_back(of_fit: Fit) -> Mask:
@@ -135,7 +134,7 @@ def _standing(
     first: Fit,
     library: tuple[Variants, ...],
     others: tuple[Covariate, ...],
-    parts: Index,
+    folds: Index,
     progress: bool,
     used: Mask | None = None,
 ) -> Choice:
@@ -152,7 +151,7 @@ def _standing(
     seen, ends = {frozenset[Any]()}, set[frozenset[Any]]()
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_EXPLORATIONS):
-            choice = _climbed(at, library, others, parts, effects, before)
+            choice = _climbed(at, library, others, folds, effects, before)
             rounds.update()
             best = refined_causes(choice, effects)
             before = _Before.of(choice)
@@ -192,7 +191,7 @@ def _standing(
     if good.sum() == used.sum():
         return extended
     without = fit(problem_of([]), used=good)
-    return _standing(problem_of, without, library, others, parts, progress, good)
+    return _standing(problem_of, without, library, others, folds, progress, good)
 
 
 def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
@@ -332,7 +331,7 @@ def _climbed(
     at: Fit,
     library: tuple[Variants, ...],
     others: tuple[Covariate, ...],
-    parts: Index,
+    folds: Index,
     effects: Sequence[Effect],
     before: _Before | None,
 ) -> Choice:
@@ -346,7 +345,7 @@ def _climbed(
     candidates = Candidates.of(design, library)
     left = before or _Before(at.point.prediction.poses, at.dof)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
-    climb = _Climb(candidates, start, library, others, parts, left.scatter)
+    climb = _Climb(candidates, start, library, others, folds, left.scatter)
     choice = climb.ended(left)
     if before is not None or noise_is_known(at):
         return choice
@@ -364,14 +363,14 @@ class _Climb:
     Attributes:
         candidates: of the round's design.
         start: the set with which it begins.
-        library, others, parts, scatter: see :class:`Choice`.
+        library, others, folds, scatter: see :class:`Choice`.
     """
 
     candidates: Candidates
     start: Blocks
     library: tuple[Variants, ...]
     others: tuple[Covariate, ...]
-    parts: Index
+    folds: Index
     scatter: ReadingScatter | None
 
     def ended(self, left: _Before) -> Choice:
@@ -408,7 +407,7 @@ class _Climb:
         stated = noise_is_known(at) if scatter is None else scatter.as_stated
         gram = gram_of(self.candidates.design, noise.scaled(stated))
         posterior = climb(ModelSpace(self.candidates, gram, stated), self.start)
-        return Choice(at, posterior, self.library, self.others, self.parts, scatter)
+        return Choice(at, posterior, self.library, self.others, self.folds, scatter)
 
     def settled(self, noise: RecordNoise) -> Choice:
         """The posterior with the error that its most probable set leaves, from a first one."""

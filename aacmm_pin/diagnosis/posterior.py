@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -91,9 +91,12 @@ class Posterior:
             for place in of_blocks[[*blocks]]
         }
 
-    def beside(self, blocks: Blocks) -> Conditional:
-        """What is left beside a set, at its best widths and amplitude."""
-        return self.space.conditional(self.space.marginal(blocks).best)
+    def beside(self, blocks: Blocks, kept: Sequence[int] | None = None) -> Conditional:
+        """What is left beside a set, or beside those of its blocks that are ``kept``, at the set's
+        best widths and amplitude.
+        """
+        best = self.space.marginal(blocks).best
+        return self.space.conditional(best if kept is None else best.of(kept))
 
     @cached_property
     def top_model(self) -> Conditional:
@@ -111,17 +114,12 @@ class Posterior:
         of their places.
         """
         candidates = self.space.candidates
-        best = self.space.marginal(self.top).best
-        kept = [k for k in best.blocks if not candidates.free[candidates.owner(k)]]
-        return self.space.conditional(best.of(kept))
+        kept = [k for k in self.top if not candidates.free[candidates.owner(k)]]
+        return self.beside(self.top, kept)
 
     def without(self, block: int) -> Conditional:
-        """What is left beside the median probability model without one of its blocks; all else is
-        as in it.
-        """
-        best = self.space.marginal(self.median).best
-        kept = [k for k in best.blocks if k != block]
-        return self.space.conditional(best.of(kept))
+        """What is left beside the median probability model without one of its blocks."""
+        return self.beside(self.median, [k for k in self.median if k != block])
 
     @cached_property
     def by_strength(self) -> list[int]:
@@ -155,9 +153,8 @@ class Posterior:
 
     def instead(self, owner: int) -> Array:
         """Probability that each candidate is in the set and ``owner`` is not (candidates,)."""
-        blocks = enumerate(self.space.candidates.blocks)
-        owned = {k for k, block in blocks if block.candidate == owner}
-        without = {s: w for s, w in self.weights.items() if owned.isdisjoint(s)}
+        owner_of = self.space.candidates.owner
+        without = {s: w for s, w in self.weights.items() if owner not in map(owner_of, s)}
         return inclusion(self.space, without)
 
     @cached_property
@@ -180,9 +177,8 @@ class Posterior:
         background.
         """
         best = self.space.marginal(self.median).best
-        kept = filter(self.space.candidates.is_cause, best.blocks)
-        causes = best.of([*kept])
-        return self.space.conditional(causes._replace(amplitude=0))
+        causes = filter(self.space.candidates.is_cause, self.median)
+        return self.space.conditional(best.of([*causes])._replace(amplitude=0))
 
     def uncertainty_of_the_set(self, block: int) -> Array:
         """By how much a cause's covariance is larger than beside the other causes of the median
@@ -202,8 +198,7 @@ class Posterior:
         causes alone (q, q).
         """
         alone = self.causes_alone
-        sizes = {k: alone.design_blocks[k].size for k in alone.blocks}
-        total = {k: np.zeros((size, size)) for k, size in sizes.items()}
+        total = {k: 0.0 * alone.covariance[place, place] for k, place in alone.places.items()}
         held = dict.fromkeys(alone.blocks, 0.0)
         for blocks, weight in self._likely.items():
             there = self.beside(blocks)

@@ -86,9 +86,8 @@ def signed_residuals(choice: Choice) -> dict[int | None, Array]:
     records = at.problem.measurements
     order = records.order_in_time
     order = order[choice.fit.used[order] & at.observations.has_target[order]]
-    whiten = choice.noise.whitening[order, :3, :3]
-    residuals = choice.noise.whitened(choice.design.deviations(choice.tips))[order, :3]
-    columns = whiten @ choice.design.of_angles[order, :3]
+    residuals = choice.whitened_deviations[order]
+    columns = choice.noise.whitening[order, :3, :3] @ choice.design.of_angles[order, :3]
     of_joint: dict[int | None, Array] = {None: residuals}
     for number, row in enumerate(at.problem.model.arm.chain.moving_rows()):
         levers = np.linalg.norm(columns[:, :, number], axis=1)

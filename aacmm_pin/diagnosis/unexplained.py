@@ -198,7 +198,7 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplaine
     """The discrepancy, and whether structure is left; ``named`` is True if any cause was found."""
     covariates = {k: choice.covariate(k) for k in choice.covariates}
     odd = tuple(odd_groups(choice))
-    shared = shared_by(choice.fit) or round_excluded(choice.fit, _whitened_deviations(choice))
+    shared = shared_by(choice.fit) or round_excluded(choice.fit, choice.whitened_deviations)
     depends = [group.name for group in odd[:1]]
     for covariate in covariates.values():
         depends += covariate.depends_on
@@ -250,14 +250,6 @@ def _shared_error(choice: Choice) -> SharedError | None:
         return None
     size = np.sqrt(choice.posterior.median_model.variance) * noise.shared_size(fit)
     return SharedError(float(size), noise.ratio, noise.p_value)
-
-
-def _whitened_deviations(choice: Choice) -> Array:
-    """Deviations of the tips beyond all that was found (n, 3), in units of the noise; the error
-    that records of one posture share counts once.
-    """
-    deviations = choice.design.deviations(choice.tips)
-    return choice.noise.whitened(deviations)[:, :3]
 
 
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:

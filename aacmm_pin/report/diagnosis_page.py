@@ -408,7 +408,7 @@ def residuals_table(result: Diagnosis) -> pd.DataFrame:
     """
     table, held = residuals_by_record(models(result)), result.held_out
     if held is not None:
-        table["part"] = held.part
+        table["part"] = held.folds
         table["held_out_recalibrated_mm"] = held.recalibrated / MM
         table["held_out_extended_mm"] = held.extended / MM
     return table.assign(used=result.extended.used)

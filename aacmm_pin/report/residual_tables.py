@@ -102,7 +102,7 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     strongest = np.argmax(np.abs(functions), axis=1)
     columns = (design.columns(block)[:, :3] / scales).reshape(len(functions), 3, -1, number)
     shift = columns[records, :, strongest] / functions[records, strongest][:, None, None]
-    deviation = design.deviations(choice.tips)[:, :3]
+    deviation = choice.deviations[:, :3]
     along = np.einsum("nij,ni->nj", shift, deviation) / np.square(shift).sum(axis=1)
     table = covariate.values.copy()
     for k, (name, unit) in enumerate(way.quantities.items()):

@@ -23,7 +23,7 @@ from scipy.special import logsumexp
 from scipy.stats import chi2, kstest, t
 
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.cross_validation import parts_of
+from aacmm_pin.calibration.cross_validation import fold_numbers
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import problem_of
@@ -34,7 +34,7 @@ from aacmm_pin.diagnosis import held_out_gain as gain
 from aacmm_pin.diagnosis import odd_groups as groups
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import Variants, candidates
-from aacmm_pin.diagnosis.choice import Choice, _torn
+from aacmm_pin.diagnosis.choice import Choice, divide_seats
 from aacmm_pin.diagnosis.covariates import Covariate, covariates, label_groups
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
@@ -71,7 +71,7 @@ class Case:
     records: Measurements
     library: tuple[Variants, ...]
     others: tuple[Covariate, ...]
-    parts: NDArray[np.intp]
+    folds: NDArray[np.intp]
     problem: ProblemOf
     design: Design
 
@@ -101,7 +101,7 @@ class Case:
             every = replace(every, design=with_blocks(self.design, only), log_odds=odds)
         space = ModelSpace(every, gram_of(every.design, self.noise), True, (0.0,))
         posterior = Posterior(space, {blocks: 1.0}, 0.0)
-        return Choice(self.fit, posterior, self.library, self.others, self.parts)
+        return Choice(self.fit, posterior, self.library, self.others, self.folds)
 
 
 def with_blocks(design: Design, numbers: Sequence[int]) -> Design:
@@ -138,13 +138,13 @@ def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: obje
         return replace(asked, candidates=len(effects))
 
     first = fit(problem([]))
-    parts = parts_of(first, np.random.default_rng(1))[1]
+    folds = fold_numbers(first, np.random.default_rng(1))[1]
     library, others = (
         candidates(ErrorModel.of(arm), records, first.problem),
         covariates(arm, records),
     )
     return Case(
-        records, tuple(library), tuple(others), parts, problem, design_of(first, library, others)
+        records, tuple(library), tuple(others), folds, problem, design_of(first, library, others)
     )
 
 
@@ -315,8 +315,8 @@ def test_inner_products(
 ) -> None:
     monkeypatch.setattr(gram_matrix, "ROWS_OF_A_GROUP", 21)  # several streams in every part
     design = case.design
-    gram = without(design, case.noise, case.parts, left_out)
-    rows = dense(case, case.parts, left_out)
+    gram = without(design, case.noise, case.folds, left_out)
+    rows = dense(case, case.folds, left_out)
     same_products(gram.matrix, rows)
     left = alone(gram)
     for k in some_blocks(design):
@@ -332,10 +332,10 @@ def test_inner_products(
 def test_without_a_part_the_others_are_left(case: Case) -> None:
     """Where no seat is in two of them."""
     design, noise = case.design, case.noise
-    assert not _torn(case.fit, case.parts)
-    one, whole = np.unique(case.parts)[1], gram_of(design, noise)
-    others = whole.without(gram_of(design, noise, [case.parts == one]))
-    rows = dense(case, case.parts, [one])
+    assert not divide_seats(case.folds, case.fit)
+    one, whole = np.unique(case.folds)[1], gram_of(design, noise)
+    others = whole.without(gram_of(design, noise, [case.folds == one]))
+    rows = dense(case, case.folds, [one])
     same_products(others.matrix, rows)
     assert others.free == len(rows) - design.nuisances
     assert others.directions is whole.directions
@@ -403,8 +403,8 @@ def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case, excluded:
     same_products(gram.matrix, rows)
     assert gram.free == len(rows) - case.design.nuisances
     if case.records.conditions.seat is not None:
-        assert _torn(case.fit, part)
-        torn = replace(case, parts=part).choice(only=few(case)).products_of_parts
+        assert divide_seats(part, case.fit)
+        torn = replace(case, folds=part).choice(only=few(case)).gram_of_folds
         assert torn.free == gram.free + gram_of(case.design, case.noise, [part == 2]).free
 
 
@@ -461,7 +461,7 @@ def nothing_there(case: Case, draws: int, seed: int) -> tuple[Array, Array]:
     """Products of all columns with draws of noise and of true values within what is stated, and
     dense rows of one draw.
     """
-    rows = dense(case, case.parts)
+    rows = dense(case, case.folds)
     noise = np.random.default_rng(seed).standard_normal((len(rows), draws))
     return rows[:, :-1].T @ noise, np.column_stack([rows[:, :-1], noise[:, 0]])
 
@@ -522,7 +522,7 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, stated: b
     case = replace(case, parts=np.zeros(RECORDS, dtype=np.intp))
     some = case.choice(only=few(case)).candidates
     gram = gram_of(some.design, case.noise)
-    rows = dense(replace(case, design=some.design), case.parts)
+    rows = dense(replace(case, design=some.design), case.folds)
     noise = np.random.default_rng(11).standard_normal((len(rows), 120))
     found = []
     for own in noise.T:
@@ -561,7 +561,7 @@ def test_the_largest_odds_when_nothing_is_there(case: Case) -> None:
     some = case.choice(only=few(case)).candidates
     design = some.design
     gram = gram_of(design, case.noise)
-    rows = dense(replace(case, design=design), case.parts)
+    rows = dense(replace(case, design=design), case.folds)
     rng = np.random.default_rng(13)
     noise = rng.standard_normal((len(rows), 600))
     prior = some.log_odds[:, None]
@@ -595,13 +595,13 @@ def test_what_one_cause_brings(rng: np.random.Generator) -> None:
         rng.uniform(1.0, 3.0, 20),
     )
     fit_ = SimpleNamespace(residual_noise=np.square(u)[:, None, None] * np.eye(3))
-    choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda _: False)
+    choice: Any = SimpleNamespace(fit=fit_, in_one_fold=lambda _: False)
 
     def fold(number: int) -> Any:
         own = part == number
         return SimpleNamespace(
             rows=np.flatnonzero(own),
-            whole=with_it[own],
+            by_median=with_it[own],
             without={7: without[own]},
         )
 
@@ -711,9 +711,9 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
         case, design=design_of(case.refit(causes), case.library, case.others, len(causes))
     )
     choice = case.choice(blocks)
-    for number in np.unique(case.parts)[:3].tolist():
-        out = choice.fit.used & (case.parts == number)
-        whole = choice.products_of_parts
+    for number in np.unique(case.folds)[:3].tolist():
+        out = choice.fit.used & (case.folds == number)
+        whole = choice.gram_of_folds
         others = whole.without(gram_of(case.design, case.noise, [out]))
         space = ModelSpace(choice.candidates, others, True, (0.0,))
         fold = gain._fold(choice, choice.fit, whole, number)
@@ -728,13 +728,13 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
         wanted = np.linalg.norm(
             refit.point.prediction.tips[out] - case.records.reference[out], axis=1
         )
-        close(fold.whole, wanted, 2e-8)
+        close(fold.by_median, wanted, 2e-8)
         # A refit without its only cause would find another scatter than the records have.
         assert fold.without.keys() == set(blocks)
         for found in fold.without.values():
-            close(found, fold.recalibrated, 1e-12)
+            close(found, fold.by_model["recalibrated"], 1e-12)
         if not blocks:
-            close(fold.recalibrated, wanted, 2e-8)
+            close(fold.by_model["recalibrated"], wanted, 2e-8)
 
 
 def test_estimates_answer_a_curve_that_a_refit_holds(free_case: Case) -> None:

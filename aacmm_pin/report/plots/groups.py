@@ -182,16 +182,16 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
     if held is None:
         raise AacmmError("no records were held out; expected a diagnosis with hold_out=True")
     there = np.isfinite(held.extended)
-    numbers = np.unique(held.part[there])
+    numbers = np.unique(held.folds[there])
     names = {number: f"block {number + 1}" for number in numbers}
     if held.kind == "seats":
         seats = result.extended.problem.measurements.seats()
         for number in numbers:
-            mine = (held.part == number) & there
+            mine = (held.folds == number) & there
             inside = [seat for seat, records in seats.items() if mine[records].any()]
             names[number] = ", ".join(sorted(inside, key=numbers_by_size)) or names[number]
     squares = {"recalibrated_mm": held.recalibrated[there], "extended_mm": held.extended[there]}
-    groups = (pd.DataFrame(squares) / MM).pow(2).groupby(held.part[there])
+    groups = (pd.DataFrame(squares) / MM).pow(2).groupby(held.folds[there])
     table = groups.mean().pow(0.5)
     table.insert(0, "records", groups.size())
     table.insert(0, "part", table.index.map(names))
