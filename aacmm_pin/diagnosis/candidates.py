@@ -56,7 +56,9 @@ def candidates(
         UnknownNameError: an extra cause is not registered.
         AacmmError: an extra cause sits on a row that the arm does not have.
     """
-    by_label = _of_library(model.arm, measurements, problem)
+    of_set_up = [(effect,) for effect in _of_set_up(model.arm, measurements, problem)]
+    library = [*all_candidates(model.arm, measurements), *of_set_up]
+    by_label = {variants[0].label: variants for variants in library}
     for effect in extra:
         if CAUSES.get(effect.cause) is not type(effect):
             raise UnknownNameError(
@@ -68,28 +70,16 @@ def candidates(
         label = require_row(effect, model.arm).label
         variants = (*by_label.get(label, ()), effect.at(()))
         by_label[label] = tuple(dict.fromkeys(variants))
-    changes = _changes(model, measurements, problem.setup, by_label)
-    estimated = _known_labels(model, problem.setup)
-    return [*changes, *(variants for label, variants in by_label.items() if label not in estimated)]
-
-
-def _of_library(arm: Arm, measurements: Measurements, problem: Problem) -> dict[str, Variants]:
-    """Variants of each registered cause at each place, by its label, and of what was set up."""
-    of_set_up = [(effect,) for effect in _of_set_up(arm, measurements, problem)]
-    candidates = [*all_candidates(arm, measurements), *of_set_up]
-    return {variants[0].label: variants for variants in candidates}
-
-
-def _known_labels(model: ErrorModel, setup: Setup) -> set[str]:
-    """Labels of what is estimated anyway; a cause at one load may act at another too."""
-    estimated = list(model.effects)
-    if setup.held is not None:
-        estimated.append(setup.held)
-    return {effect.label for effect in estimated if getattr(effect, "load_at", None) is None}
+    changes = [*_changes(model, measurements, problem.setup, by_label)]
+    estimated = [*model.effects, *filter(None, [problem.setup.held])]
+    for effect in estimated:
+        if getattr(effect, "load_at", None) is None:  # at another load the cause may act too
+            by_label.pop(effect.label, None)
+    return [*changes, *by_label.values()]
 
 
 def _changes(
-    model: ErrorModel, measurements: Measurements, setup: Setup, found: Mapping[str, Variants]
+    model: ErrorModel, measurements: Measurements, setup: Setup, by_label: Mapping[str, Variants]
 ) -> Iterator[Variants]:
     """The change of each known cause, and its other variants; of several known causes with one
     label with the first.
@@ -98,7 +88,7 @@ def _changes(
     for effect in known_causes(model, measurements, setup):
         others = [*load_variants(effect, model.arm)]
         if effect.nonlinear.field:
-            others = [*found.get(effect.label, ()), *others]
+            others = [*by_label.get(effect.label, ()), *others]
         new = [other for other in others if other.identity not in taken]
         taken.update(other.identity for other in new)
         yield (effect.at((), effect.u), *new)
@@ -113,18 +103,13 @@ def not_tried(
     tried = {variants[0].cause for variants in library}
     lacking: dict[str, tuple[type[Effect], ...]] = {}
     for cause in CAUSES.values():
-        missing = [need for need in _needs(cause) if getattr(measurements.conditions, need) is None]
-        if not missing or cause.cause in tried:
+        needs = getattr(cause, "needs", ())
+        if cause.cause in tried or not isinstance(needs, tuple):  # it depends on its fields
             continue
-        if cause.location_field() is not None or any(cause.candidates(arm)):
+        missing = [need for need in needs if getattr(measurements.conditions, need) is None]
+        if missing and (cause.location_field() is not None or any(cause.candidates(arm))):
             lacking[missing[0]] = (*lacking.get(missing[0], ()), cause)
     return lacking
-
-
-def _needs(cause: type[Effect]) -> tuple[str, ...]:
-    """What every effect of a class needs; nothing where that depends on its fields."""
-    needs = getattr(cause, "needs", ())
-    return needs if isinstance(needs, tuple) else ()
 
 
 def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
@@ -133,9 +118,13 @@ def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
     """
     if not setup.prior:
         return []
-    causes = [effect for effect in model.effects if not isinstance(effect, Discrepancy)]
-    stated = [effect for effect in causes if any(effect.u)]
-    return [effect for effect in stated if not is_reestimated(effect, setup, measurements)]
+    return [
+        effect
+        for effect in model.effects
+        if any(effect.u)
+        and not isinstance(effect, Discrepancy)
+        and not is_reestimated(effect, setup, measurements)
+    ]
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

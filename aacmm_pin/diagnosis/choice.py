@@ -128,17 +128,6 @@ class Choice:
         return ReadingScatter.of(self.design.fit, deviations, share, self.noise)
 
     @property
-    def log_posterior(self) -> float:
-        """Log posterior of the most probable set with the noise, up to a constant of these
-        records; the prior odds of an error that postures share are those of all covariates.
-        """
-        space = self.posterior.space
-        of_noise = self.noise.log_density(space.likelihood.dof)
-        if self.noise.ratio:
-            of_noise += float(np.log(1.0 - THRESHOLDS.library))
-        return space.marginal(self.posterior.top).log_posterior + of_noise
-
-    @property
     def log_scatter(self) -> float:
         """What the scatter of readings and tips adds to that beside χ²: the determinant of the
         covariances, with all fitted parameters, and the prior odds of readings that scatter.
@@ -157,7 +146,7 @@ class Choice:
     @property
     def noise(self) -> RecordNoise:
         """Of the records, with which the sets were explored."""
-        return self.posterior.space.gram.noise
+        return self.posterior.noise
 
     @property
     def top_causes(self) -> Blocks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -63,11 +63,11 @@ def diagnose_files(
             that the records would show at typical magnitude, and number of all causes tried);
             ``error`` ("" if none). Missing values are NaN.
     """
-    causes = tuple(CAUSES.values())
-    jobs = [_Job(*pair, approach_from_order, seed, options, causes) for pair in pairs]
+    work = partial(_row, tuple(CAUSES.values()), approach_from_order, seed, options)
+    jobs = [*pairs]
     rows: dict[int, dict[str, Any]] = {}
     files_bar = bar(progress, "diagnosis", "file", total=len(jobs))
-    with files_bar as moving, results(_work, jobs, workers) as worked:
+    with files_bar as moving, results(work, jobs, workers) as worked:
         for number, row in worked:
             rows[number] = row
             moving.update()
@@ -75,25 +75,24 @@ def diagnose_files(
     return table.astype(dict.fromkeys(WHOLE_NUMBERS, "Int64"))
 
 
-@dataclass(frozen=True)
-class _Job:
-    """A file to be diagnosed, perhaps in another process, and the causes that this one knows."""
-
-    model: GivenModel
-    records: GivenRecords
-    approach_from_order: bool
-    seed: int
-    options: Mapping[str, Any]
-    causes: tuple[type[Effect], ...]
-
-
-def _work(job: _Job) -> dict[str, Any]:
-    """The row of a file."""
-    for cause in job.causes:
+def _row(
+    causes: Iterable[type[Effect]],
+    approach_from_order: bool,
+    seed: int,
+    options: Mapping[str, Any],
+    pair: tuple[GivenModel, GivenRecords],
+) -> dict[str, Any]:
+    """The row of a file, perhaps in another process that does not know all causes."""
+    for cause in causes:
         CAUSES.setdefault(cause.cause, cause)
-    row: dict[str, Any] = {"arm": _name(job.model), "records": _name(job.records), "causes": {}}
+    row: dict[str, Any] = {"arm": _name(pair[0]), "records": _name(pair[1]), "causes": {}}
     try:
-        diagnosis = _diagnosed(job)
+        model = ErrorModel.of(pair[0])
+        records = as_measurements(pair[1], model.arm)
+        if approach_from_order:
+            records = records.with_approach_from_order()
+        rng = np.random.default_rng(seed)
+        diagnosis = diagnose(model, records, rng=rng, progress=False, **options)
     except OutputError:  # a file of the command itself
         raise
     except AacmmError as error:
@@ -108,23 +107,13 @@ def _name(given: GivenModel | GivenRecords) -> str:
     return given.source if isinstance(given, Measurements) else ErrorModel.arm_of(given).name
 
 
-def _diagnosed(job: _Job) -> Diagnosis:
-    model = ErrorModel.of(job.model)
-    records = as_measurements(job.records, model.arm)
-    if job.approach_from_order:
-        records = records.with_approach_from_order()
-    rng = np.random.default_rng(job.seed)
-    return diagnose(model, records, rng=rng, progress=False, **job.options)
-
-
-def _numbers(found: Diagnosis) -> dict[str, Any]:
+def _numbers(diagnosis: Diagnosis) -> dict[str, Any]:
     """What a diagnosis adds to a row."""
-    causes = {finding.label: finding.probability for finding in found.findings}
-    row: dict[str, Any] = {"verdict": found.verdict, "causes": causes, "error": ""}
-    for column, model in RMS_OF.items():
-        row[column] = found.rms[model] / MM
-    if found.held_out is not None:
-        low, high = found.held_out.interval
-        row |= {"gain": found.held_out.gain, "gain_low": low, "gain_high": high}
-    numbers = (int(found.extended.used.sum()), len(found.excluded), *found.visible)
+    causes = {finding.label: finding.probability for finding in diagnosis.findings}
+    row: dict[str, Any] = {"verdict": diagnosis.verdict, "causes": causes, "error": ""}
+    row |= {column: diagnosis.rms[model] / MM for column, model in RMS_OF.items()}
+    held_out = diagnosis.held_out
+    if held_out is not None:
+        row |= dict(zip(GAIN, (held_out.gain, *held_out.interval), strict=True))
+    numbers = (diagnosis.extended.used.sum(), len(diagnosis.excluded), *diagnosis.visible)
     return row | dict(zip(WHOLE_NUMBERS, numbers, strict=True))

@@ -34,6 +34,7 @@ from aacmm_pin.diagnosis.nonlinear_parameters import (
     refined_rivals,
     with_nonlinear_u,
 )
+from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
 from aacmm_pin.diagnosis.record_noise import NOTHING_SHARED, PostureError, RecordNoise
 from aacmm_pin.diagnosis.search import climb, explore
@@ -296,8 +297,8 @@ def _without(
     if effect.label not in {old.label for old in gone} or effect.nonlinear.is_preferred(effect):
         return effect
     tried = effect.nonlinear.refine(effect, at.problem.measurements)
-    ((odds,),) = evidences(at, noise, [(acting,) for acting in effects], {number: [tried]}).values()
-    return likeliest(tried, odds)
+    odds = evidences(at, noise, [(acting,) for acting in effects], {number: tried})
+    return likeliest(tried, odds[number])
 
 
 def refitted(
@@ -345,15 +346,16 @@ def _climbed(
     candidates = Candidates.of(design, library)
     left = before or _Before(at.point.prediction.poses, at.dof)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
-    climb = _Climb(candidates, start, library, others, folds, left.scatter)
-    choice = climb.ended(left)
+    climb = _Climb(candidates, start, left.scatter)
+    choice = Choice(at, climb.ended(left), library, others, folds, left.scatter)
     if before is not None or noise_is_known(at):
         return choice
     scatter = choice.scatter_beside(choice.posterior.without_curves)
     if not scatter.readings.any():
         return choice
-    scattered = replace(climb, scatter=scatter).ended(left)
-    return max(choice, scattered, key=lambda found: found.log_posterior + found.log_scatter)
+    posterior = replace(climb, scatter=scatter).ended(left)
+    scattered = replace(choice, posterior=posterior, scatter=scatter)
+    return max(choice, scattered, key=lambda one: one.posterior.log_density + one.log_scatter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,17 +365,14 @@ class _Climb:
     Attributes:
         candidates: of the round's design.
         start: the set with which it begins.
-        library, others, folds, scatter: see :class:`Choice`.
+        scatter: see :class:`Choice`.
     """
 
     candidates: Candidates
     start: Blocks
-    library: tuple[Variants, ...]
-    others: tuple[Covariate, ...]
-    folds: Index
     scatter: ReadingScatter | None
 
-    def ended(self, left: _Before) -> Choice:
+    def ended(self, left: _Before) -> Posterior:
         """The posterior with the most probable noise.
 
         What records of one posture share is either noise or what causes do there. So it is tried
@@ -386,7 +385,7 @@ class _Climb:
         for other in (self.noise.with_error(left.shared), self.noise):
             if not any(other.is_about(start) for start in starts):
                 starts.append(other)
-        return max(map(self.settled, starts), key=lambda found: found.log_posterior)
+        return max(map(self.settled, starts), key=lambda posterior: posterior.log_density)
 
     @cached_property
     def noise(self) -> RecordNoise:
@@ -400,25 +399,23 @@ class _Climb:
         """
         return self.noise.likeliest(self.candidates.design.deviations(tips), dof)
 
-    def with_noise(self, noise: RecordNoise) -> Choice:
+    def with_noise(self, noise: RecordNoise) -> Posterior:
         """The posterior with this noise."""
-        at = self.candidates.design.fit
-        scatter = self.scatter
-        stated = noise_is_known(at) if scatter is None else scatter.as_stated
-        gram = gram_of(self.candidates.design, noise.scaled(stated))
-        posterior = climb(ModelSpace(self.candidates, gram, stated), self.start)
-        return Choice(at, posterior, self.library, self.others, self.folds, scatter)
+        design = self.candidates.design
+        stated = noise_is_known(design.fit) if self.scatter is None else self.scatter.as_stated
+        gram = gram_of(design, noise.scaled(stated))
+        return climb(ModelSpace(self.candidates, gram, stated), self.start)
 
-    def settled(self, noise: RecordNoise) -> Choice:
+    def settled(self, noise: RecordNoise) -> Posterior:
         """The posterior with the error that its most probable set leaves, from a first one."""
-        choice = self.with_noise(noise)
+        posterior = self.with_noise(noise)
         for _ in range(MOST_EXPLORATIONS):
-            model = choice.posterior.top_model
+            model = posterior.top_model
             again = self.shared(model.all_tips, model.dof)
-            if again.is_about(choice.noise):
+            if again.is_about(posterior.noise):
                 break
-            choice = self.with_noise(again)
-        return choice
+            posterior = self.with_noise(again)
+        return posterior
 
 
 def _block_of(candidates: Candidates, library: tuple[Variants, ...], effect: Effect) -> int:

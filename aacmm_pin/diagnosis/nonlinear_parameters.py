@@ -4,8 +4,10 @@ values near them.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -18,6 +20,7 @@ from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
+from aacmm_pin.diagnosis.posterior import best_of_candidates
 from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.search import without_block
 from aacmm_pin.effects import Effect
@@ -30,9 +33,6 @@ PARTS_OF_STEP = 200
 """Parts into which the distance of two tried values is divided to sum their evidence."""
 SAME_VALUE = 0.01
 """Values that differ by less than this part of their prior standard deviation are not refitted."""
-
-Series = Sequence[Sequence[Effect]]
-"""Effects to try in one place, such as one cause with neighbouring values."""
 
 
 def noise_is_known(at: Fit) -> bool:
@@ -48,17 +48,12 @@ def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect
     """
     records = choice.fit.problem.measurements
     acting = _acting(choice, choice.top_causes)
-    noise = choice.noise
     best = [variants[-1] for variants in acting]
     new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
-    series = {k: [best[k].nonlinear.refine(best[k], records)] for k in new}
-    to_try = {
-        number: refinements
-        for number, refinements in series.items()
-        if sum(map(len, refinements)) > 1
-    }
-    for number, odds in evidences(choice.fit, noise, acting, to_try).items():
-        best[number] = likeliest(series[number][0], odds[0])
+    refinements = {k: best[k].nonlinear.refine(best[k], records) for k in new}
+    tried = {k: effects for k, effects in refinements.items() if len(effects) > 1}
+    for k, odds in evidences(choice.fit, choice.noise, acting, tried).items():
+        best[k] = likeliest(tried[k], odds)
     return [_as_before(effect, before) for effect in best]
 
 
@@ -69,12 +64,14 @@ def refined_rivals(choice: Choice) -> list[Effect]:
     Causes with values that machines are made with, such as orders, are left out: these values
     themselves are tried.
     """
-    tried = {number: _rivals(choice, block) for number, block in enumerate(choice.top_causes)}
+    rivals = {k: _rivals(choice, block) for k, block in enumerate(choice.top_causes)}
+    tried = {k: [*itertools.chain.from_iterable(of_block)] for k, of_block in rivals.items()}
     acting = _acting(choice, choice.top_causes)
-    rivals = list[Effect]()
-    for number, odds in evidences(choice.fit, choice.noise, acting, tried).items():
-        rivals += map(likeliest, tried[number], odds)
-    return rivals
+    refined = list[Effect]()
+    for k, odds in evidences(choice.fit, choice.noise, acting, tried).items():
+        ends = np.cumsum([len(effects) for effects in rivals[k]])[:-1]
+        refined += map(likeliest, rivals[k], np.split(odds, ends))
+    return refined
 
 
 def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
@@ -83,8 +80,9 @@ def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
     """
     candidates = choice.candidates
     # Forms of a basis are tried at all values already.
-    first = np.unique(candidates.owners, return_index=True)[1].tolist()
-    own_columns = {k for k, block in enumerate(first) if candidates.blocks[block].form is None}
+    own_columns = {
+        block.candidate for block in candidates.blocks if block.variant == 0 and block.form is None
+    }
     smooth = {
         k
         for k, variants in enumerate(choice.library)
@@ -94,13 +92,9 @@ def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
         return []
     records = choice.fit.problem.measurements
     _, values = choice.posterior.space.exchanges(choice.posterior.top, (block,))
-    best: dict[int, int] = {}
-    for k in np.argsort(-values, kind="stable").tolist():
-        if candidates.is_cause(k) and np.isfinite(values[k]):
-            best.setdefault(candidates.owner(k), k)
-    best.pop(candidates.owner(block), None)
-    leading = [*best.items()][:RIVALS]
-    effects = [choice.variant(k).at(()) for owner, k in leading if owner in smooth]
+    best = best_of_candidates(candidates, values)
+    others = [k for k in best if k < candidates.design.causes and k != candidates.owner(block)]
+    effects = [choice.variant(best[k]).at(()) for k in others[:RIVALS] if k in smooth]
     return [effect.nonlinear.refine(effect, records) for effect in effects]
 
 
@@ -116,8 +110,8 @@ def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
 
 
 def evidences(
-    at: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Series]
-) -> dict[int, list[Array]]:
+    at: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Sequence[Effect]]
+) -> dict[int, Array]:
     """Log evidence of effects in the place of one cause, the other causes held, where a fit with
     one of each ended.
 
@@ -129,31 +123,26 @@ def evidences(
         tried: effects to try, by the number of the cause whose place they take.
 
     Returns:
-        The evidence of each effect, in the same order.
+        The evidence of each effect, in the same order; none where no effect is to be tried.
     """
-    effects_of = {
-        number: [effect for effects in series for effect in effects]
-        for number, series in tried.items()
-    }
-    effects_of = {number: effects for number, effects in effects_of.items() if effects}
-    if not effects_of:
+    if not any(tried.values()):
         return {}
-    library = [(*variants, *effects_of.get(number, ())) for number, variants in enumerate(acting)]
+    library = [(*variants, *tried.get(number, ())) for number, variants in enumerate(acting)]
     curves = [effect for effect in at.problem.model.effects if effect.free_form]
     design = design_of(at, library, [], at.problem.candidates, curves)
     candidates = Candidates.of(design, library)
     space = ModelSpace(candidates, gram_of(design, noise), noise_is_known(at))
     places = [np.flatnonzero(candidates.owners == number) for number in range(len(acting))]
     held = [int(rows[len(variants) - 1]) for rows, variants in zip(places, acting, strict=True)]
+    records = at.problem.measurements
     evidence_of = {}
-    for number, effects in effects_of.items():
+    for number, effects in tried.items():
+        if not effects:
+            continue
         state = space.marginal(without_block(tuple(held), held[number])).best
-        conditional = space.conditional(state)
-        odds = logsumexp(conditional.all.additions()[places[number][-len(effects) :]], axis=1)
-        records = at.problem.measurements
-        odds += np.log([effect.nonlinear.prior_probability(effect, records) for effect in effects])
-        ends = np.cumsum([*map(len, tried[number])])[:-1]
-        evidence_of[number] = np.split(odds, ends)
+        log_evidence = space.conditional(state).all.additions()[places[number][-len(effects) :]]
+        priors = [effect.nonlinear.prior_probability(effect, records) for effect in effects]
+        evidence_of[number] = logsumexp(log_evidence, axis=1) + np.log(priors)
     return evidence_of
 
 
@@ -203,14 +192,14 @@ def with_nonlinear_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> 
     """
     records = at.problem.measurements
     new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
-    tried = {k: [effects[k].nonlinear.refine(effects[k].at(()), records)] for k in new}
+    tried = {k: effects[k].nonlinear.refine(effects[k].at(()), records) for k in new}
     odds = evidences(at, noise, [(effect,) for effect in effects], tried)
     u_of = {}
     number = {effects[k].label: k for k in new}
     for effect, entries in zip(at.effects, at.problem.vector.slices, strict=True):
         k = number.get(effect.label, -1)
         if k in odds and not at.problem.start[entries].any():
-            u_of[effect.key] = {effect.nonlinear.field: _least_u(effect, tried[k][0], odds[k][0])}
+            u_of[effect.key] = {effect.nonlinear.field: _least_u(effect, tried[k], odds[k])}
     return replace(at, estimated_nonlinear=u_of)
 
 
@@ -249,8 +238,7 @@ def _interval(values: Array, odds: Array) -> tuple[float, float]:
     return low, high
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """Posterior of a nonlinear parameter at which a cause steps, such as the time of a slip [its
     unit], over the values near it; each of these stands for the gap around it.
 
@@ -272,7 +260,7 @@ def step_of(choice: Choice, block: int, name: str) -> Step:
     tried = chosen.nonlinear.refine(chosen, records)
     others = [k for k in choice.top_causes if candidates.owner(k) != candidates.owner(block)]
     acting = _acting(choice, [block, *others])
-    ((odds,),) = evidences(choice.fit, choice.noise, acting, {0: [tried]}).values()
+    odds = evidences(choice.fit, choice.noise, acting, {0: tried})[0]
     values = np.array([getattr(effect, name) for effect in tried])
     share = np.exp(odds - logsumexp(odds))
     gaps = np.array([effect.nonlinear.gap(effect, records) for effect in tried])

@@ -12,7 +12,8 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.diagnosis.linear_model import Conditional
-from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
+from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
+from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 
@@ -40,6 +41,21 @@ class Posterior:
     def top(self) -> Blocks:
         """The most probable set."""
         return next(iter(self.weights))
+
+    @property
+    def noise(self) -> RecordNoise:
+        """Noise of the records with which the sets were explored."""
+        return self.space.gram.noise
+
+    @property
+    def log_density(self) -> float:
+        """Log posterior of the most probable set with the noise, up to a constant of these
+        records; the prior odds of an error that postures share are those of all covariates.
+        """
+        of_noise = self.noise.log_density(self.space.likelihood.dof)
+        if self.noise.ratio:
+            of_noise += float(np.log(1.0 - THRESHOLDS.library))
+        return self.space.marginal(self.top).log_posterior + of_noise
 
     @cached_property
     def inclusion(self) -> Array:
@@ -217,6 +233,17 @@ def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
     for blocks, weight in weights.items():
         probability[[space.candidates.owner(k) for k in blocks]] += weight
     return np.minimum(probability, 1.0)
+
+
+def best_of_candidates(candidates: Candidates, values: Array) -> dict[int, int]:
+    """Of each candidate the block with the largest value (blocks,), the best candidate first;
+    without blocks of minus infinity.
+    """
+    best: dict[int, int] = {}
+    for k in np.argsort(-values, kind="stable").tolist():
+        if np.isfinite(values[k]):
+            best.setdefault(candidates.owner(k), k)
+    return best
 
 
 def weights_of(

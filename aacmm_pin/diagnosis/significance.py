@@ -15,8 +15,8 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import beta_sf, chi2_sf
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Conditional, canonical, gains
-from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, ModelState
-from aacmm_pin.diagnosis.posterior import Posterior
+from aacmm_pin.diagnosis.model_space import Candidates, ModelState
+from aacmm_pin.diagnosis.posterior import Posterior, best_of_candidates
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 
@@ -122,11 +122,16 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     values = logsumexp(beside.additions(), axis=1) + candidates.log_odds
     values[candidates.barred(conditional.blocks)] = -np.inf
     acting = {candidates.owner(k) for k in posterior.median}
+    best = best_of_candidates(candidates, values)
+    best.pop(named, None)
+    leading = [*best][: 2 * ALIASES]
     aliases = []
-    for other in _rivals(candidates, values, instead, named):
-        owner = candidates.owner(other)
+    for owner in dict.fromkeys([*leading, *np.flatnonzero(instead).tolist()]):
+        if owner in acting or owner not in best:
+            continue
+        other = best[owner]
         correlation = canonical(beside, block, other)
-        if owner in acting or correlation < THRESHOLDS.unlike:
+        if correlation < THRESHOLDS.unlike:
             continue
         alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
         if alike or instead[owner] > THRESHOLDS.worth_listing:
@@ -134,21 +139,6 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
             aliases.append(Alias(names[owner], correlation, float(instead[owner]), other, effect))
     aliases.sort(key=lambda alias: (-alias.probability, -alias.correlation))
     return aliases[:ALIASES]
-
-
-def _rivals(candidates: Candidates, values: Array, instead: Array, named: int) -> list[int]:
-    """The best block of each of the candidates that do best in a block's place."""
-    best: dict[int, int] = {}
-    for k in np.argsort(-values, kind="stable").tolist():
-        owner = candidates.owner(k)
-        if owner != named and np.isfinite(values[k]):
-            best.setdefault(owner, k)
-    leading = list(best)[: 2 * ALIASES]
-    return [
-        best[owner]
-        for owner in dict.fromkeys([*leading, *np.flatnonzero(instead).tolist()])
-        if owner in best
-    ]
 
 
 def visible(posterior: Posterior) -> tuple[int, int]:
@@ -159,29 +149,18 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     that of the threshold; more where the noise comes from the same records and few degrees of
     freedom, so that Student's evidence is as large.
     """
-    shows, causes = THRESHOLDS.shows, posterior.space.candidates.design.causes
-    dof = posterior.space.likelihood.dof
-    if not posterior.space.stated:
-        shows = dof * np.expm1(shows / max(dof, 1.0))
-    noncentralities = _noncentralities(posterior.space)[
-        posterior.space.candidates.follows[:causes] < 0
-    ]
-    return int(np.sum(noncentralities >= shows)), noncentralities.size
-
-
-def _noncentralities(space: ModelSpace) -> Array:
-    """Largest of one parameter's, over the variants of each cause at typical magnitude, geometry
-    refitted (causes,).
-    """
+    space = posterior.space
     candidates = space.candidates
-    design = candidates.design
+    shows, dof = THRESHOLDS.shows, space.likelihood.dof
+    if not space.stated:
+        shows = dof * np.expm1(shows / max(dof, 1.0))
     alone = space.conditional(ModelState((), (), 0)).all
-    of_blocks = np.empty(len(candidates.blocks))
-    for family in design.families:
+    noncentralities = np.zeros(len(candidates.places))
+    for family in candidates.design.families:
         information, _ = alone.of_family(family)
         of_parameters = np.diagonal(information, axis1=1, axis2=2)
-        of_blocks[family.blocks] = of_parameters.max(axis=1)
-    largest = np.zeros(design.causes)
-    of_causes = candidates.owners < len(largest)
-    np.maximum.at(largest, candidates.owners[of_causes], of_blocks[of_causes])
-    return largest
+        owners = candidates.owners[family.blocks]
+        np.maximum.at(noncentralities, owners, of_parameters.max(axis=1))
+    asked = candidates.follows < 0
+    asked[candidates.design.causes :] = False
+    return int(np.sum(noncentralities[asked] >= shows)), int(asked.sum())
