@@ -36,7 +36,7 @@ from aacmm_pin.diagnosis.nonlinear_parameters import (
 )
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
-from aacmm_pin.diagnosis.record_noise import NOTHING_SHARED, PostureError, RecordNoise
+from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.search import climb, explore
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
@@ -208,19 +208,22 @@ class _Before:
         dof: degrees of freedom that it leaves.
         scatter: of readings and tips beside that; None where the stated noise was all there was to
             begin with.
-        shared: of the error that records of one posture share.
+        ratio, of_readings: of the error that records of one posture share, see
+            :class:`RecordNoise`.
     """
 
     tips: Array
     dof: float
     scatter: ReadingScatter | None = None
-    shared: PostureError = NOTHING_SHARED
+    ratio: float = 0.0
+    of_readings: bool = False
 
     @staticmethod
     def of(choice: Choice) -> _Before:
         model = choice.posterior.top_model
         scatter = None if noise_is_known(choice.design.fit) else choice.scatter_beside(model)
-        return _Before(model.all_tips, model.dof, scatter, choice.noise.shared)
+        noise = choice.noise
+        return _Before(model.all_tips, model.dof, scatter, noise.ratio, noise.of_readings)
 
     def settled(self, choice: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
@@ -382,7 +385,8 @@ class _Climb:
         if not self.noise.repeat:
             return self.with_noise(self.noise)
         starts = [self.shared(left.tips, left.dof)]
-        for other in (self.noise.with_error(left.shared), self.noise):
+        as_before = replace(self.noise, ratio=left.ratio, of_readings=left.of_readings)
+        for other in (as_before, self.noise):
             if not any(other.is_about(start) for start in starts):
                 starts.append(other)
         return max(map(self.settled, starts), key=lambda posterior: posterior.log_density)

@@ -55,7 +55,7 @@ class ReadingScatter:
     observations: Observations
 
     @staticmethod
-    def of(fit: Fit, off: Array, left: float, noise: RecordNoise) -> ReadingScatter:
+    def of(fit: Fit, deviations: Array, left: float, noise: RecordNoise) -> ReadingScatter:
         """By the residuals of all that was found.
 
         The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou,
@@ -64,38 +64,33 @@ class ReadingScatter:
 
         Args:
             fit: the calibration.
-            off: residuals (n, 3) [m], with orientations (n, 6) [m, rad].
+            deviations: residuals (n, 3) [m], with orientations (n, 6) [m, rad].
             left: part of the residuals' degrees of freedom that all that was fitted has left.
             noise: of records that may share an error, which is no scatter of readings.
         """
         counts = fit.used & fit.observations.has_target
         point = fit.point
-        width = off.shape[1]
+        width = deviations.shape[1]
         observations = fit.observations
         by_reading = fit.problem.reading_jacobian(point.x, point.frame)
-        groups = [np.broadcast_to(np.eye(width)[:, :3], (len(off), width, 3))]
+        eye = np.broadcast_to(np.eye(width), (len(deviations), width, width))
+        kinds = [eye[:, :, :3]]
         if width > 3:
-            groups.append(
-                np.where(fit.observations.oriented[:, None, None], np.eye(width)[:, 3:], 0.0)
-            )
-        alone = len(groups)
-        groups += [by_reading[:, :, j : j + 1] for j in range(by_reading.shape[2])]
-        counting = observations.along_normals(
-            np.broadcast_to(np.eye(width), (len(off), width, width))
-        )
-        groups = [counting @ group for group in groups]
-        enlarged = np.where(np.isfinite(off), off, 0.0) / np.sqrt(left)
+            kinds.append(np.where(observations.oriented[:, None, None], eye[:, :, 3:], 0.0))
+        alone = len(kinds)
+        columns = [*kinds, *np.split(by_reading, by_reading.shape[2], axis=2)]
+        rows = [observations.along_normals(eye) @ column for column in columns]
+        squares = np.stack([row @ row.transpose(0, 2, 1) for row in rows])
+        enlarged = np.where(np.isfinite(deviations), deviations, 0.0) / np.sqrt(left)
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
         stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
-        squares = np.stack([group @ group.transpose(0, 2, 1) for group in groups])
         search = _Components(stated[counts], squares[:, counts], enlarged[counts])
-        tip = max(fit.noise.scatters.tip, np.sqrt(LEAST_VARIANCE))
-        start = np.array(
-            [tip**2, max(fit.noise.scatters.turn, np.sqrt(LEAST_VARIANCE)) ** 2][:alone]
-        )
+        scatters = fit.noise.scatters
+        start = np.square([scatters.tip, scatters.turn])[:alone]
+        start = np.maximum(start, LEAST_VARIANCE)
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
-        first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_TIP_LEVER**2)
-        apart = replace(search, off=noise.independent(enlarged)[counts])
+        first = FIRST_SHARE * start[0] / np.maximum(lever, LEAST_TIP_LEVER**2)
+        apart = replace(search, residuals=noise.independent(enlarged)[counts])
         log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
         chosen = np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)])
         variances = search.best(chosen)
@@ -111,19 +106,18 @@ class ReadingScatter:
             larger = (relative > rms(relative)) & (gain > THRESHOLDS.readings)
         covariances = stated + np.tensordot(variances, squares, 1)
         size, stated_size = (
-            np.sqrt(np.trace(covariance[counts, :3, :3], axis1=1, axis2=2).mean())
+            float(np.sqrt(np.trace(covariance[counts, :3, :3], axis1=1, axis2=2).mean()))
             for covariance in (covariances, stated)
         )
-        as_stated = fit.noise_is_stated and bool(size < stated_size * THRESHOLDS.as_stated)
         return ReadingScatter(
-            covariances,
-            readings,
-            readings * np.sqrt(lever),
-            log_ratios,
-            float(size),
-            larger,
-            as_stated,
-            observations,
+            covariances=covariances,
+            readings=readings,
+            at_tips=readings * np.sqrt(lever),
+            log_ratios=log_ratios,
+            size=size,
+            larger=larger,
+            as_stated=fit.noise_is_stated and size < stated_size * THRESHOLDS.as_stated,
+            observations=observations,
         )
 
     @property
@@ -140,12 +134,12 @@ class _Components:
     Attributes:
         stated: N (n, k, k).
         squares: ``F_c F_cᵀ`` of each component (c, n, k, k).
-        off: residuals (n, k).
+        residuals: (n, k).
     """
 
     stated: Array
     squares: Array
-    off: Array
+    residuals: Array
 
     def covariances(self, variances: Array) -> Array:
         """Of each residual (n, k, k)."""
@@ -159,7 +153,7 @@ class _Components:
         likeliest = variances.copy()
         for _ in range(STEPS):
             inverse = np.linalg.inv(self.covariances(likeliest))
-            pulled = inverse @ self.off[:, :, None]
+            pulled = inverse @ self.residuals[:, :, None]
             pulls = pulled @ pulled.transpose(0, 2, 1)
             # Both are sums of squares; below zero they are rounded zeros.
             squares = np.maximum(of_each @ pulls.ravel(), 0.0)
@@ -198,6 +192,6 @@ class _Components:
     def log_likelihood(self, variances: Array) -> float:
         """Log likelihood, up to a constant."""
         covariances = self.covariances(variances)
-        residuals = self.off[:, :, None]
+        residuals = self.residuals[:, :, None]
         squares = np.sum(residuals * np.linalg.solve(covariances, residuals))
         return float(-0.5 * (np.linalg.slogdet(covariances)[1].sum() + squares))

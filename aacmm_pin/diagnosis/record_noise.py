@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -33,23 +32,6 @@ SAME_LOG_VARIANCE = 0.1
 """Log variances of the means that differ by less are about the same."""
 
 
-class PostureError(NamedTuple):
-    """What records of one posture share.
-
-    Attributes:
-        ratio: its standard deviation over that of a record: root mean square, if the readings
-            cause it.
-        of_readings: whether the readings cause it; else it displaces all records of a posture
-            alike, in units of their noise.
-    """
-
-    ratio: float = 0.0
-    of_readings: bool = False
-
-
-NOTHING_SHARED = PostureError()
-
-
 @dataclass(frozen=True, eq=False)
 class RecordNoise:
     """The noise of records: what gives each residual unit variance, and the error that records of
@@ -62,7 +44,10 @@ class RecordNoise:
         whitening: of each record (n, 3, 3) [1/m], with orientations (n, 6, 6).
         group: number of the group of each record, -1 of those that do not count (n,).
         numbers: how many numbers a record of each group states (groups,).
-        shared: the error.
+        ratio: standard deviation of the shared error over that of a record: root mean square, if
+            the readings cause it.
+        of_readings: whether the readings cause the shared error; else it displaces all records of
+            a posture alike, in units of their noise.
         log_ratio: log likelihood with the shared error over that without.
         correlation: of records of one reading, whose stated noise they share.
         by_reading: whitened displacement by the readings (n, k, nq), of one on the average.
@@ -75,7 +60,8 @@ class RecordNoise:
     whitening: Array
     group: Index
     numbers: Array
-    shared: PostureError = NOTHING_SHARED
+    ratio: float = 0.0
+    of_readings: bool = False
     log_ratio: float = 0.0
     correlation: Correlation = field(default_factory=Correlation)
     by_reading: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
@@ -96,11 +82,6 @@ class RecordNoise:
     def width(self) -> int:
         """Numbers of a residual, 3 or 6."""
         return int(self.whitening.shape[1])
-
-    @property
-    def ratio(self) -> float:
-        """Standard deviation of the shared error over that of a record."""
-        return self.shared.ratio
 
     @property
     def p_value(self) -> float:
@@ -150,10 +131,6 @@ class RecordNoise:
         """Whether any posture has several records."""
         return bool(self.count.sum() > self.count.size)
 
-    def with_error(self, shared: PostureError) -> RecordNoise:
-        """The same groups with a shared error."""
-        return replace(self, shared=shared, log_ratio=0.0, record=1.0)
-
     def likeliest(self, deviations: Array, dof: float) -> RecordNoise:
         """The same groups, which share nothing here, with the likeliest shared error.
 
@@ -169,7 +146,7 @@ class RecordNoise:
         residual = np.einsum("nij,nj->ni", self.whitening, deviations)
         nothing, likeliest = _likeliest(self, residual, dof)
         if self.by_reading.size:
-            by_readings = replace(self, shared=PostureError(of_readings=True))
+            by_readings = replace(self, of_readings=True)
             _, of_readings = _likeliest(by_readings, residual, dof)
             _, apart = _likeliest(by_readings.apart, residual, dof)
             other = max(nothing, likeliest.log_ratio, apart.log_ratio)
@@ -202,13 +179,13 @@ class RecordNoise:
     @property
     def directions(self) -> float:
         """Number of directions of the residuals in which an error is shared."""
-        of_group = float(self.by_reading.shape[2]) if self.shared.of_readings else self.numbers
+        of_group = float(self.by_reading.shape[2]) if self.of_readings else self.numbers
         return float(np.minimum(of_group, self.numbers * self.count).sum())
 
     @cached_property
     def columns(self) -> Array:
         """Whitened displacement by one unit of what is shared (n, k, columns)."""
-        if self.shared.of_readings:
+        if self.of_readings:
             return self.by_reading
         return self.correlation.whitened(np.tile(np.eye(self.width), (len(self.group), 1, 1)))
 
@@ -237,7 +214,7 @@ class RecordNoise:
             return np.zeros_like(self.numbers)
         variance = ratio**2
         of_all = np.log1p(variance * self.spectra[0]).sum(axis=1)
-        if self.shared.of_readings:
+        if self.of_readings:
             return np.asarray(of_all)
         unstated = self.width - self.numbers
         return np.asarray(of_all - unstated * np.log1p(variance * self.count))
@@ -330,7 +307,7 @@ class RecordNoise:
 
     def shared_size(self, fit: Fit) -> float:
         """Root mean square displacement of tips by the shared error, for a variance of one [m]."""
-        if not self.shared.of_readings:
+        if not self.of_readings:
             return fit.distance_of(self.ratio**2 * self.covariances)
         readings = self.record * self.ratio * self.readings
         point = fit.point
@@ -433,7 +410,7 @@ def _likeliest(held: RecordNoise, residual: Array, dof: float) -> tuple[float, R
     ratio = float(np.exp(best.x))
     return log_likelihood(0.0), replace(
         held,
-        shared=held.shared._replace(ratio=ratio),
+        ratio=ratio,
         log_ratio=-float(best.fun),
         record=float(np.sqrt(chi2(ratio) / of_all)),
     )

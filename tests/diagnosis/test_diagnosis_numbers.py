@@ -50,7 +50,7 @@ from aacmm_pin.diagnosis.linear_model import (
 from aacmm_pin.diagnosis.model_extension import ProblemOf, free
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import Posterior
-from aacmm_pin.diagnosis.record_noise import PostureError, RecordNoise
+from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
@@ -358,7 +358,7 @@ def test_inner_products_with_an_error_that_records_share(
     count = np.bincount(group[used]).astype(float)
     assert count.max() > 2
     numbers = np.full(count.size, 3.0)
-    postures = RecordNoise(case.noise.whitening, group, numbers, PostureError(ratio))
+    postures = RecordNoise(case.noise.whitening, group, numbers, ratio)
     gram = gram_of(case.design, postures)
     one = np.zeros(RECORDS, dtype=np.intp)
     rows = np.vstack([whitened(case, one, used, postures), prior_rows(case)])
@@ -374,7 +374,7 @@ def test_records_that_share_an_error_in_several_parts(free_case: Case, ratio: fl
     group -= not free_case.fit.used.all()
     count = np.bincount(group[group >= 0]).astype(float)
     numbers = np.full(count.size, 3.0)
-    noise = RecordNoise(free_case.noise.whitening, group, numbers, PostureError(ratio))
+    noise = RecordNoise(free_case.noise.whitening, group, numbers, ratio)
     gram = gram_of(free_case.design, noise)
     part = np.arange(RECORDS) % 3
     assert any(np.unique(part[group == g]).size > 1 for g in range(count.size))

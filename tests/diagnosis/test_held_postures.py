@@ -14,7 +14,7 @@ from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.diagnosis.record_noise import PostureError, RecordNoise
+from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.effects import (
     Conditions,
     EncoderEccentricity,
@@ -43,9 +43,8 @@ def test_u_counts_an_error_that_records_share(sino6: Arm, stated: bool) -> None:
         error = ALONE * rng.standard_normal((240, 3)) + SHARED * rng.standard_normal((40, 3))[group]
         records = Measurements.of(q, sino6.positions(q) + error)
         found = fit(problem_of(model, records, [cause], setup))
-        shared = PostureError(SHARED / ALONE)
         whitening = np.tile(np.eye(3) / ALONE, (240, 1, 1))
-        noise = RecordNoise(whitening, group, np.full(40, 3.0), shared)
+        noise = RecordNoise(whitening, group, np.full(40, 3.0), SHARED / ALONE)
         more = noise.added_covariance(found, 1.0)
         step = (found.point.x - found.problem.start)[found.problem.vector.slices[-1]]
         own = found.problem.vector.slices[-1]
@@ -93,7 +92,8 @@ def test_rows_are_whitened_as_by_the_covariance_of_all(
     at = fit(problem_of(ErrorModel(sino6), records, "geometry", setup))
     weights = at.noise.whitening
     ratio = 3.0 if of_readings else 0.7
-    noise = RecordNoise.of_postures(at, weights).with_error(PostureError(ratio, of_readings))
+    alone = RecordNoise.of_postures(at, weights)
+    noise = replace(alone, ratio=ratio, of_readings=of_readings)
     by_reading = at.problem.reading_jacobian(at.point.x, at.point.frame)
     together = np.kron(np.eye(12), np.ones((3, 3)))[:, None, :, None]
     stated = np.einsum("nij,mkj->nimk", by_reading * READING, by_reading * READING)
@@ -160,7 +160,7 @@ def test_the_shape_of_a_shared_error(of_readings: bool, together: bool) -> None:
         else:
             residual += 8.0 * rng.standard_normal((180, 3))[error]
         found = noise.likeliest(residual, 540.0)
-        sizes.append([found.ratio, found.ratio * found.shared.of_readings])
+        sizes.append([found.ratio, found.ratio * found.of_readings])
     wanted = 8.0 * together * np.array([1.0, of_readings])
     np.testing.assert_allclose(np.median(sizes, axis=0), wanted, rtol=0.1, atol=0.3)
 
