@@ -112,6 +112,13 @@ class Fit(Solution):
         return self.noise.of_residuals
 
     @property
+    def by_reading(self) -> Array:
+        """See :meth:`Problem.reading_jacobian`, where the fit ended (n, 3, nq) [m/rad], or (n, 6,
+        nq).
+        """
+        return self.problem.reading_jacobian(self.point.x, self.point.frame)
+
+    @property
     def by_geometry(self) -> Array:
         """Displacement of each tip, in the frame of the references, by independent geometric errors
         of unit variance (n, 3, p) [m].

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import scipy
+from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import DEG, MM
@@ -114,20 +115,6 @@ class Covariate:
     values: pd.DataFrame
 
 
-class Column(NamedTuple):
-    """Name of a column with its unit, and SI units per unit."""
-
-    name: str
-    unit: float = 1.0
-
-    def table(self, values: Array) -> pd.DataFrame:
-        """The column, of values (n,) [SI]."""
-        return pd.DataFrame({self.name: values / self.unit})
-
-
-TIME = Column("time_s")
-
-
 class Joint(NamedTuple):
     """Number of a joint from 0, its row, and whether it slides."""
 
@@ -145,17 +132,12 @@ class Joint(NamedTuple):
         """Carrier of the joint's error."""
         return f"slide {self.row}" if self.slides else f"angle {self.row}"
 
-    @property
-    def column(self) -> Column:
-        """Column of the joint's readings."""
-        if self.slides:
-            return Column(f"joint{self.row}_mm", MM)
-        return Column(f"theta{self.row}_deg", DEG)
-
     def table(self, state: State) -> pd.DataFrame:
-        """The joint's readings in these records."""
+        """The joint's readings in these records, as a column with its unit."""
         readings = state.q[:, self.number]
-        return self.column.table(readings)
+        if self.slides:
+            return pd.DataFrame({f"joint{self.row}_mm": readings / MM})
+        return pd.DataFrame({f"theta{self.row}_deg": readings / DEG})
 
 
 def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
@@ -165,32 +147,30 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     spread = np.ptp(state.q, axis=0)
     moving = [joint for joint in joints if spread[joint.number] > LEAST_SPREAD]
     single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
-    varying = filter(None, single)
-    single_covariates = [_with_time(covariate, state.conditions) for covariate in varying]
+    with_time = [_with_time(covariate, state.conditions) for covariate in single]
     of_joints = [*_products(state, moving), *_of_loads(state, moving)]
-    return [*single_covariates, *of_joints, _place(state), _scale(state), *_groups(measurements)]
+    return [*with_time, *of_joints, _place(state), _scale(state), *_groups(measurements)]
 
 
-def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
+def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
     """Each joint, which may shift the tip along the body before it, or change another joint's
     error.
     """
     for joint in joints:
-        covariate = _covariate(
-            joint.name, state.q[:, joint.number], [f"before {joint.row}"], state, joint.column
-        )
-        if covariate is None or joint.slides:
-            yield covariate
+        readings = state.q[:, joint.number]
+        covariate = _covariate(joint.name, readings, [f"before {joint.row}"], state)
+        if covariate is None:
             continue
-        waves = [Waves(joint.name, constant=True, order=order) for order in ORDERS]
+        waves = [] if joint.slides else [Waves(joint.name, constant=True, order=k) for k in ORDERS]
         others = [other.error for other in joints if other != joint]
         turning = [Carried.of((wave,), error, state) for wave in waves for error in others]
-        yield replace(covariate, variants=(*covariate.variants, *turning))
+        variants = (*covariate.variants, *turning)
+        yield replace(covariate, variants=variants, values=joint.table(state))
 
 
 def _of_columns(
     measurements: Measurements, state: State, joints: Sequence[Joint]
-) -> Iterator[Covariate | None]:
+) -> Iterator[Covariate]:
     """Recorded columns, by what the table of columns says that they may act on."""
     turning = ["room", "target", *(joint.error for joint in joints)]
     growing = [f"tube {row}" for row in tubes(state.arm)]
@@ -200,42 +180,31 @@ def _of_columns(
         name = column.quantity
         if acts_on is not None:
             at_new_records = state if name in RECORDED else None
-            yield _covariate(name, column.values, acts_on, at_new_records, Column(column.name))
+            covariate = _covariate(name, column.values, acts_on, at_new_records)
+            if covariate is not None:
+                yield replace(covariate, values=covariate.values.set_axis([column.name], axis=1))
 
 
 def _covariate(
-    name: str,
-    values: Iterable[object],
-    carriers: Sequence[str],
-    state: State | None = None,
-    column: Column | None = None,
+    name: str, values: Iterable[object], carriers: Sequence[str], state: State | None
 ) -> Covariate | None:
     """A column of numbers or labels that may act on each of the carriers; with a ``state``, new
-    records have its numbers too.
+    records have its numbers too. None with a single label, or with too many.
     """
-    column = column or Column(name)
     numbers = as_numbers(values)
     if numbers is None:
-        moved = ["frame"] if "lengths" in carriers else []
         labels = pd.Series(values).astype(str)
-        return _covariate_of_labels(name, labels, [*carriers, *moved], column)
+        if not 2 <= labels.nunique() <= MOST_LABELS:
+            return None
+        dummies = _of_size_one(pd.get_dummies(labels, dtype=float).to_numpy())
+        moved = ["frame"] if "lengths" in carriers else []
+        variants = [Carried(dummies, carrier) for carrier in (*carriers, *moved)]
+        return Covariate(name, (name,), tuple(variants), labels.to_frame(name))
     slow, quick = (Cosines.over(name, numbers, count) for count in SMOOTH)
     variants = [_carried(slow, numbers, carrier, state) for carrier in carriers]
     if carriers[0] == "room" and len(numbers) > 3 * SMOOTH[1]:
         variants.append(_carried(quick, numbers, "room", state))
-    table = column.table(numbers.to_numpy(dtype=np.float64))
-    return Covariate(name, (name,), tuple(variants), table)
-
-
-def _covariate_of_labels(
-    name: str, labels: pd.Series, carriers: Sequence[str], column: Column
-) -> Covariate | None:
-    """A column of labels; None with a single one, or with too many."""
-    if not 2 <= labels.nunique() <= MOST_LABELS:
-        return None
-    dummies = _of_size_one(pd.get_dummies(labels, dtype=float).to_numpy())
-    variants = tuple(Carried(dummies, carrier) for carrier in carriers)
-    return Covariate(name, (name,), variants, pd.DataFrame({column.name: labels.to_numpy()}))
+    return Covariate(name, (name,), tuple(variants), numbers.astype(float).to_frame(name))
 
 
 def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | None) -> Carried:
@@ -290,8 +259,8 @@ def _product(state: State, *joints: Joint) -> Covariate:
     for joint, load in zip(joints, reversed(waves), strict=True):
         gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides]
         variants += [Carried.of((gear, load), joint.error, state) for gear in gears]
-    columns = [joint.table(state) for joint in joints]
-    return Covariate(" × ".join(names), names, tuple(variants), pd.concat(columns, axis=1))
+    values = pd.concat([joint.table(state) for joint in joints], axis=1)
+    return Covariate(" × ".join(names), names, tuple(variants), values)
 
 
 def _over_time(state: State, joint: Joint, time: Array) -> Covariate:
@@ -300,7 +269,7 @@ def _over_time(state: State, joint: Joint, time: Array) -> Covariate:
     """
     functions = Waves(joint.name), Cosines.over("time", time, LATER)
     carried = Carried.of(functions, joint.error, state)
-    values = joint.table(state).join(TIME.table(time))
+    values = joint.table(state).assign(time_s=time)
     return Covariate(f"{joint.name} × time", (joint.name, "time"), (carried,), values)
 
 
@@ -320,8 +289,8 @@ def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
         loaded = itertools.product(gears, moments)
         variants = [Carried.of(functions, joint.error, state) for functions in loaded]
         load = f"moment {joint.row}"
-        column = Column(f"moment{joint.row}_nm").table(moments[0].values(state)[:, 0])
-        values = joint.table(state).join(column)
+        moment = moments[0].values(state)[:, 0]
+        values = joint.table(state).assign(**{f"moment{joint.row}_nm": moment})
         yield Covariate(f"{joint.name} × {load}", (joint.name, load), tuple(variants), values)
 
 
@@ -360,11 +329,18 @@ def _scale(state: State) -> Covariate:
 
 
 class LabelGroup(NamedTuple):
-    """Records (n,) of one label of a kind: bar, seat, session or marker."""
+    """Records of one label of a kind: bar, seat, session or marker; with the labels of all records
+    (n,).
+    """
 
     kind: str
     label: str
-    records: Mask
+    labels: NDArray[np.object_]
+
+    @property
+    def records(self) -> Mask:
+        """The records of the label (n,)."""
+        return np.asarray(self.labels == self.label)
 
     @property
     def name(self) -> str:
@@ -385,10 +361,10 @@ def label_groups(measurements: Measurements) -> list[LabelGroup]:
     for kind, of_record in labels.items():
         if of_record is None:
             continue
-        each = [LabelGroup(kind, label, of_record == label) for label in dict.fromkeys(of_record)]
+        labelled = [LabelGroup(kind, label, of_record) for label in dict.fromkeys(of_record)]
         large = [
             group
-            for group in each
+            for group in labelled
             if group.label and group.records.sum() > THRESHOLDS.fewest_records
         ]
         groups += large if len(large) >= THRESHOLDS.fewest_groups else []
@@ -401,9 +377,7 @@ def _groups(measurements: Measurements) -> Iterator[Covariate]:
         if group.kind in ("bar", "seat"):
             inside = group.records.astype(np.float64)[:, None]
             carried = Carried(_of_size_one(inside), "target")
-            conditions = measurements.conditions
-            labels = measurements.bar if group.kind == "bar" else conditions.seat
-            values = pd.DataFrame({group.kind: labels})
+            values = pd.DataFrame({group.kind: group.labels})
             yield Covariate(group.name, (group.name,), (carried,), values)
 
 

@@ -44,7 +44,7 @@ from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import visible
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import Unexplained, excess_of, unexplained_by
+from aacmm_pin.diagnosis.unexplained import Unexplained, exceeds_noise, unexplained_by
 from aacmm_pin.diagnosis.verdict import Evidence, doubts_of, verdict_of
 from aacmm_pin.effects import (
     Discrepancy,
@@ -180,7 +180,7 @@ def diagnose(
     sure = {f.label for f in findings if f.probability >= THRESHOLDS.settled and f.borne_out}
     evidence = Evidence(
         findings=tuple(findings),
-        structure=unexplained.structure or excess_of(choice.fit) > 0.0,
+        structure=unexplained.structure or exceeds_noise(choice.fit),
         structure_left=unexplained.left,
         more=choice.posterior.beyond(named),
         visible=visible(choice.posterior),

@@ -69,10 +69,10 @@ class ReadingScatter:
             noise: of records that may share an error, which is no scatter of readings.
         """
         counts = fit.used & fit.observations.has_target
-        point = fit.point
+
         width = deviations.shape[1]
         observations = fit.observations
-        by_reading = fit.problem.reading_jacobian(point.x, point.frame)
+        by_reading = fit.by_reading
         eye = np.broadcast_to(np.eye(width), (len(deviations), width, width))
         kinds = [eye[:, :, :3]]
         if width > 3:

@@ -117,8 +117,7 @@ class RecordNoise:
         of_counted = self.whitening * inside[:, None, None]
         correlation = fit.noise.correlation(of_counted)
         readings = reading_units(fit)
-        by_reading = fit.problem.reading_jacobian(fit.point.x, fit.point.frame) * readings
-        by_reading = correlation.whitened(of_counted @ by_reading)
+        by_reading = correlation.whitened(of_counted @ (fit.by_reading * readings))
         size = np.sqrt(np.square(by_reading).sum() / max(self.numbers @ self.count, 1.0))
         if not size > 0.0:
             return replace(self, correlation=correlation)
@@ -310,8 +309,7 @@ class RecordNoise:
         if not self.of_readings:
             return fit.distance_of(self.ratio**2 * self.covariances)
         readings = self.record * self.ratio * self.readings
-        point = fit.point
-        shifts = fit.problem.reading_jacobian(point.x, point.frame) * readings
+        shifts = fit.by_reading * readings
         return fit.distance_of(shifts @ shifts.transpose(0, 2, 1))
 
     @property
@@ -373,9 +371,8 @@ def reading_units(fit: Fit) -> Array:
     stated = fit.problem.setup.encoder_noise
     if stated is not None and stated.any():
         return stated
-    point = fit.point
     slides = fit.problem.model.arm.chain.prismatic
-    shifts = fit.problem.reading_jacobian(point.x, point.frame)[fit.used, :3]
+    shifts = fit.by_reading[fit.used, :3]
     levers = np.sqrt(np.square(shifts).sum(axis=1).mean(axis=0))
     turning = float(levers[~slides].mean()) if not slides.all() else 1.0
     return np.where(slides, turning, 1.0)

@@ -234,7 +234,7 @@ def _chances(choice: Choice, odd: Sequence[OddGroup]) -> list[float]:
     posterior = choice.posterior
     if not choice.covariates:
         of_any = p_value_of_structure(choice.candidates, posterior.median_model)
-        return [of_any, *(group.p_value for group in odd), 1.0]
+        return [of_any, *(group.p_value for group in odd)]
     return [
         family_wise_p_value(choice.candidates, posterior.without(k), k) for k in choice.covariates
     ]
@@ -274,31 +274,26 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     return tuple(sorted(scattered, key=lambda readings: -readings.at_tips))
 
 
-def excess_of(extended: Fit) -> float:
-    """By how much χ², with the scatter that was found as noise, exceeds what the stated noise
-    explains; 0 unless displacements or rotations far exceed it.
+def exceeds_noise(extended: Fit) -> bool:
+    """Whether χ² exceeds what the stated noise explains, displacements or rotations by far.
 
     If the noise of the encoders is not stated, that of plain encoders counts as stated.
     """
-    if extended.chi2_stated is None or max(extended.scatter, extended.noise.scatters.turn) == 0.0:
-        return 0.0
-    deviations = extended.system.deviations
+    scatters = extended.noise.scatters
+    if extended.chi2_stated is None or max(scatters.tip, scatters.turn) == 0.0:
+        return False
+    squares = np.square(extended.system.deviations)
     explained = np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:
-        point = extended.point
-        by_reading = extended.problem.reading_jacobian(point.x, point.frame)
-        explained = explained + THRESHOLDS.plain_encoder**2 * np.square(by_reading).sum(axis=2)
-    kinds = [
-        (slice(3), extended.used),
-        (slice(3, 6), extended.used & extended.observations.oriented),
-    ]
+        of_readings = np.square(extended.by_reading).sum(axis=2)
+        explained = explained + THRESHOLDS.plain_encoder**2 * of_readings
     limit = THRESHOLDS.much_more**2
-    much = any(
-        np.square(deviations[records, rows]).sum() > limit * explained[records, rows].sum()
-        for rows, records in kinds
-    )
+    oriented = extended.used & extended.observations.oriented
     chi2, dof = extended.chi2_stated
-    return max(extended.dof * (1.0 - dof / chi2), 0.0) if much else 0.0
+    return chi2 > dof and any(
+        squares[records, rows].sum() > limit * explained[records, rows].sum()
+        for rows, records in ((slice(3), extended.used), (slice(3, 6), oriented))
+    )
 
 
 def _discrepancy(choice: Choice, block: int, name: str) -> DiscrepancySize:

@@ -75,8 +75,8 @@ def plot_residuals_over_joint(
     arm, fit = result.model.arm, model_named(result, when)
     if not 1 <= joint <= arm.nq:
         raise AacmmError(f"joint is {joint}; expected 1 to {arm.nq} for {arm.name}")
-    point, slides = fit.point, arm.chain.prismatic[joint - 1]
-    motion = fit.problem.reading_jacobian(point.x, point.frame)[:, :3, joint - 1]
+    slides = arm.chain.prismatic[joint - 1]
+    motion = fit.by_reading[:, :3, joint - 1]
     size = np.linalg.norm(motion, axis=1)
     moved = result.fit.used & (size > 1e-6)
     way = motion[moved] / size[moved, None]
