@@ -151,6 +151,11 @@ class Fit(Solution):
         """The same without the scatter beyond a noise that is stated in full."""
         return self.noise.without_scatter if self.noise_is_stated else self.residual_noise
 
+    @property
+    def noise_rms(self) -> float:
+        """RMS distance of tips and targets that this noise gives [m]."""
+        return self.distance_of(self.stated_noise)
+
     def distance_of(self, covariance: Array) -> float:
         """RMS distance of the used tips and targets by covariances of residuals (n, 3, 3) [m²]:
         [m].

@@ -88,11 +88,7 @@ def budget_of(
         parts.append(BudgetPart(SHARED, of_posture, of_posture * math.sqrt(2.0 / groups)))
         noise -= of_posture
     relative_u = math.sqrt(2.0 / dof)
-    stated = (
-        choice.fit.distance_of(choice.fit.stated_noise) ** 2
-        if choice.fit.noise_is_stated
-        else noise
-    )
+    stated = choice.fit.noise_rms**2 if choice.fit.noise_is_stated else noise
     significant = noise - stated > SIGNIFICANT * noise * relative_u
     if significant and noise > THRESHOLDS.much_more**2 * stated:
         parts.append(BudgetPart(BEYOND, noise - stated, noise * relative_u))

@@ -180,11 +180,9 @@ class Design:
         for (place, size, _), numbers in alike.items():
             some = [self.blocks[number] for number in numbers]
             positive = np.array([block.positive for block in some])
-            starts_and_sizes = np.array([block.columns.start for block in some])[
-                :, None
-            ] + np.arange(size)
+            starts = np.array([block.columns.start for block in some])
+            columns = starts[:, None] + np.arange(size) if place is None else some[0].columns
             forms = [block.form for block in some if block.form is not None]
-            columns = starts_and_sizes if place is None else some[0].columns
             stacked = np.array(forms) if forms else None
             families.append(Family(np.array(numbers), columns, stacked, positive))
         return tuple(families)
@@ -196,13 +194,11 @@ class Design:
         rows[:, :, : self.nuisances] = of_set_up[:, :, self.kept]
         arm = _Calibrated(self.fit, records)
         effects = [source for _, source in self.sources if not isinstance(source, Carried)]
-        behind = self.nuisances
         if effects:
             of_effects = arm.of(tuple(itertools.chain.from_iterable(effects)))
-            behind += of_effects.shape[2]
-            rows[:, :, self.nuisances : behind] = of_effects
+            rows[:, :, self.nuisances : self.nuisances + of_effects.shape[2]] = of_effects
         for columns, source in self.sources:
-            if columns.start >= behind:
+            if isinstance(source, Carried):
                 rows[:, :, columns] = arm.of(source)
         rows *= self.scales
         return rows
@@ -314,15 +310,12 @@ def design_of(
         columns.add_cause(number, variants)
     for number, covariate in enumerate(others, len(library)):
         columns.add_covariate(number, covariate)
-    names = (
-        *(variants[0].label for variants in library),
-        *(covariate.name for covariate in others),
-    )
+    labels = [variants[0].label for variants in library]
+    names = (*labels, *(covariate.name for covariate in others))
     prior = np.zeros((width + within.size, kept.size + 1))
-    prior[:width, :stays] = problem.prior_rows[:, :stays]
-    prior[:width, -1] = (
-        problem.prior_rows[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
-    )
+    prior_rows = problem.prior_rows[:, :stays]
+    prior[:width, :stays] = prior_rows
+    prior[:width, -1] = prior_rows @ ((point.x - problem.start) / problem.widths)[:stays]
     prior[width:, stays : stays + within.size] = np.eye(within.size)
     design = Design(
         fit,
@@ -423,17 +416,13 @@ class _Calibrated:
     """The calibrated arm in some of its records."""
 
     def __init__(self, fit: Fit, chosen: Index) -> None:
-        problem = fit.problem
-        point = fit.point
-        arm = problem.model.arm
-        records = problem.measurements
-        conditions = records.conditions.take(chosen)
-        q = records.q[chosen]
-        self.chosen = chosen
-        self.drawn = State(arm, q, conditions, arm.chain.tip, with_rotation=problem.turns)
-        given = (*problem.model.effects, *fit.effects)
-        self.state = Columns.of(self.drawn, (), given).at(np.zeros(0))
-        self.frame = point.frame.rotation if problem.external else np.eye(3)
+        problem, self.chosen = fit.problem, chosen
+        arm, records = problem.model.arm, problem.measurements.take(chosen)
+        tip = arm.chain.tip
+        self.drawn = State(arm, records.q, records.conditions, tip, with_rotation=problem.turns)
+        effects = (*problem.model.effects, *fit.effects)
+        self.state = Columns.of(self.drawn, (), effects).at(np.zeros(0))
+        self.frame = fit.point.frame.rotation if problem.external else np.eye(3)
         self._of_carriers = dict[str, Array]()
 
     def of(self, source: Source) -> Array:
@@ -441,8 +430,7 @@ class _Calibrated:
         if not isinstance(source, Carried):
             return self._columns(source)
         axes = self._axes(source.carrier)
-        functions = source.functions[self.chosen]
-        moved = np.einsum("nm,nij->nimj", functions, axes)
+        moved = np.einsum("nm,nij->nimj", source.functions[self.chosen], axes)
         return np.asarray(moved.reshape(*axes.shape[:2], -1))
 
     def _columns(self, effects: Sequence[Effect]) -> Array:

@@ -122,11 +122,14 @@ def diagnose(
         length_noise,
     )
     measurements, repeated = counted_once(measurements)
-    measurements, derived = _with_approach(measurements)
+    derived = measurements.conditions.approach is None and measurements.in_order
+    if derived:
+        measurements = measurements.with_approach_from_order()
     if measurements.n > THRESHOLDS.most_records:
         data = {"used": THRESHOLDS.most_records, "of": measurements.n}
         repeated.append(Note("records_spread", data))
-        measurements = _spread(measurements, THRESHOLDS.most_records)
+        rows = np.linspace(0, measurements.n - 1, THRESHOLDS.most_records)
+        measurements = measurements.take(np.round(rows).astype(np.intp))
     as_given, stated_setup = measurements, setup
     measurements, setup = in_first_frame(model, measurements, setup)
     if prior and model.arm.unexplained and model.arm.covariance is not None:
@@ -138,17 +141,15 @@ def diagnose(
         )
     rng = rng or np.random.default_rng(1)
     problem = _with_causes(model, measurements, setup)
-    recalibrated = first_fit(problem([]))
-    _require_residuals(measurements, recalibrated)
-    repeated += mistakes_of(recalibrated)
-    kind, fold_of_record = fold_numbers(recalibrated, rng)
-    library = candidates(model, measurements, recalibrated.problem, extra)
+    alone = first_fit(problem([]))
+    _require_residuals(measurements, alone)
+    repeated += mistakes_of(alone)
+    kind, fold_of_record = fold_numbers(alone, rng)
+    library = candidates(model, measurements, alone.problem, extra)
     others = covariates(model.arm, measurements)
-    choice = choose(problem, recalibrated, library, others, fold_of_record, progress is True)
+    choice = choose(problem, alone, library, others, fold_of_record, progress is True)
     used = choice.fit.used
-    alone = recalibrated
-    as_stated = problem_of(model, measurements, [], alone.problem.setup)
-    before = fit(as_stated, used=used)
+    before = fit(problem_of(model, measurements, [], alone.problem.setup), used=used)
     recalibrated = fit(problem([]), used=used)
     repeated += session_notes(recalibrated)
     repeated += _better_frames(model, as_given, stated_setup, recalibrated, choice.fit)
@@ -171,12 +172,12 @@ def diagnose(
         for note in contradicted_places(one)
     }
     named = [finding.label for finding in findings]
-    noise = choice.fit.distance_of(choice.fit.stated_noise)
+
     budget = budget_of(choice, before, unexplained.discrepancy, unexplained.shared_by_postures)
     without_name = (STRUCTURE, SHARED, BEYOND)
     nameless = sum(part.mean_square for part in budget if part.part in without_name)
     if choice.fit.noise_is_stated:
-        nameless += budget[-1].mean_square - noise**2
+        nameless += budget[-1].mean_square - choice.fit.noise_rms**2
     sure = {f.label for f in findings if f.probability >= THRESHOLDS.settled and f.borne_out}
     evidence = Evidence(
         findings=tuple(findings),
@@ -184,7 +185,7 @@ def diagnose(
         structure_left=unexplained.left,
         more=choice.posterior.beyond(named),
         visible=visible(choice.posterior),
-        otherwise=tuple(choice.otherwise),
+        otherwise=choice.otherwise,
         no_better=_no_better(model.arm, findings, held, bool(choice.covariates)),
         contradicted=tuple(contradicted.values()),
         agree=choice.posterior.agree,
@@ -209,7 +210,7 @@ def diagnose(
         choice=choice,
         held_out=held,
         unexplained=unexplained,
-        noise=noise,
+        noise=choice.fit.noise_rms,
         visible=evidence.visible,
         assumed=tuple(repeated),
         doubts=doubts,
@@ -217,21 +218,6 @@ def diagnose(
         contradicted=evidence.contradicted,
         budget=budget,
     )
-
-
-def _spread(measurements: Measurements, count: int) -> Measurements:
-    """So many of the records, evenly spread."""
-    rows = np.linspace(0, measurements.n - 1, count)
-    return measurements.take(np.round(rows).astype(np.intp))
-
-
-def _with_approach(measurements: Measurements) -> tuple[Measurements, bool]:
-    """The records with the directions of approach that follow from the order of the rows, and
-    whether these were derived: not where they are stated, nor where the order is not known.
-    """
-    if measurements.conditions.approach is not None or not measurements.in_order:
-        return measurements, False
-    return measurements.with_approach_from_order(), True
 
 
 def _better_frames(
@@ -252,19 +238,19 @@ def _better_frames(
     if framed.excluded.sum() > recalibrated.excluded.sum() + FEWEST_OF_A_FRAME:
         return []  # they fit the part of the records that is left
     used = framed.used & recalibrated.used & extended.used
-    fits = (recalibrated, framed, extended)
-    sizes = [rms_residual(one, used) for one in fits]
+    others = [recalibrated]
+    if not any(isinstance(effect, FrameShift) for effect in extended.effects):
+        others.append(extended)
     rows = 3 * int(used.sum())
-    was, size, named = (
-        2.0 * rows * np.log(rms_of) + one.point.x.size * np.log(rows)
-        for rms_of, one in zip(sizes, fits, strict=True)
-    )
-    if any(isinstance(effect, FrameShift) for effect in extended.effects):
-        named = np.inf
-    if size >= min(was, named):
+
+    def criterion(one: Fit) -> float:
+        parameters = one.point.x.size
+        return float(2.0 * rows * np.log(rms_residual(one, used)) + parameters * np.log(rows))
+
+    if criterion(framed) >= min(map(criterion, others)):
         return []
-    data = {"sessions": len(labels), "rms": sizes[1], "was": sizes[0]}
-    return [Note("session_frames_fit", data)]
+    data = {"rms": rms_residual(framed, used), "was": rms_residual(recalibrated, used)}
+    return [Note("session_frames_fit", {"sessions": len(labels), **data})]
 
 
 def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:
@@ -285,13 +271,14 @@ def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structu
 
 def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
     """Raises AacmmError if the records agree with the fitted arm exactly."""
-    if not np.nanmax(np.abs(recalibrated.system.deviation), initial=0.0) > NOTHING:
-        few = recalibrated.problem.scales.size >= 3 * measurements.n
-        why = "more records, or the noise" if few else "measured values in the file"
-        raise AacmmError(
-            f"{measurements.source}: all {measurements.n} records agree with the fitted arm "
-            f"exactly; expected {why}"
-        )
+    if np.nanmax(np.abs(recalibrated.system.deviation), initial=0.0) > NOTHING:
+        return
+    few = recalibrated.problem.scales.size >= 3 * measurements.n
+    why = "more records, or the noise" if few else "measured values in the file"
+    raise AacmmError(
+        f"{measurements.source}: all {measurements.n} records agree with the fitted arm exactly; "
+        f"expected {why}"
+    )
 
 
 def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:
@@ -301,13 +288,13 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
     where nothing is stated, or where a cause of the same name is estimated: it may have changed.
     """
     stated_causes = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
-    free_ones = (effect for effect in model.effects if not isinstance(effect, Discrepancy))
-    others = [
-        e
-        for e in free_ones
-        if e.identity not in stated_causes and not is_reestimated(e, setup, measurements)
+    unstated = [
+        _freed(effect)
+        for effect in model.effects
+        if not isinstance(effect, Discrepancy)
+        and effect.identity not in stated_causes
+        and not is_reestimated(effect, setup, measurements)
     ]
-    unstated = [_freed(effect) for effect in others]
 
     def problem(
         setup: Setup,
@@ -323,9 +310,10 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
         beside = [_freed(effect) for effect in unchanged if effect.label in places]
         within = [effect for effect in unchanged if effect.label not in places]
         with_held = replace(model, effects=(*model.effects, *held_causes))
-        estimated: list[str | Effect] = ["geometry", *unstated, *within, *beside, *freed]
+        taken_out = [*beside, *freed]
+        estimated: list[str | Effect] = ["geometry", *unstated, *within, *taken_out]
         asked = problem_of(with_held, measurements, estimated, setup)
-        return replace(asked, candidates=len(beside) + len(freed))
+        return replace(asked, candidates=len(taken_out))
 
     held = length_held(problem(setup, []))
     return partial(problem, replace(setup, held=held))
@@ -344,12 +332,16 @@ def _as_found(
 
     Where the noise was not stated, and no structure was found, the scatter is the noise.
     """
-    effect_found = {finding.effect.identity: finding.effect for finding in findings}
-    effects = []
-    for effect in model.effects:
-        fields = effect_found.get(effect.identity, effect)
-        as_found = replace(fields, values=effect.values, u=effect.u, nonlinear_u=effect.nonlinear_u)
-        effects.append(as_found)
+    with_fields = {finding.effect.identity: finding.effect for finding in findings}
+    effects = [
+        replace(
+            with_fields.get(effect.identity, effect),
+            values=effect.values,
+            u=effect.u,
+            nonlinear_u=effect.nonlinear_u,
+        )
+        for effect in model.effects
+    ]
     unexplained = [str(note) for note in left.notes]
     if stated and model.arm.unexplained:
         unexplained.append(model.arm.unexplained)

@@ -123,12 +123,8 @@ def check_measurements(
     as_stated = fit(problem_of(model, records, [], setup), used=calibrated.used)
     distance, after = (rms_residual(one, one.used) for one in (as_stated, calibrated))
     missing = not_tried(model.arm, list(all_candidates(model.arm, records)), records)
-    notes = [*mistakes_of(calibrated), *notes]
-    notes += [
-        *exclusions_of(calibrated).notes,
-        *notes_of_records(as_stated),
-        *session_notes(as_stated),
-    ]
+    notes = [*mistakes_of(calibrated), *notes, *exclusions_of(calibrated).notes]
+    notes += [*notes_of_records(as_stated), *session_notes(as_stated)]
     if silent := int((~calibrated.used & ~calibrated.excluded).sum()):
         notes.append(Note("records_silent", {"records": silent}))
     notes += _limit_notes(model.arm, records)
@@ -137,7 +133,7 @@ def check_measurements(
     predicted = predicted_rms(as_stated)
     if unknown := _noise_not_stated(model, records, setup):
         notes.append(Note("prediction_without_noise", {"of": unknown}))
-    noise = calibrated.distance_of(calibrated.stated_noise)
+    noise = calibrated.noise_rms
     if calibrated.noise_is_stated and after > FAR_BEYOND * noise:
         notes.append(Note("beyond_noise", {"times": after / noise}))
     if distance > FAR_BEYOND * predicted:

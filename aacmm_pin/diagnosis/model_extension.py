@@ -185,12 +185,10 @@ def _standing(
         used = used & ~_doubtful(choice, choice.design.fit)
         first = fit(problem_of([]), used=used)
         return _extended(problem_of, choice, first, used)
-    if used is None:
-        return _extended(problem_of, choice, first)
-    extended = _extended(problem_of, replace(choice, fit=first), first)
-    good = used & extended.fit.used
-    if good.sum() == used.sum():
+    extended = _extended(problem_of, choice, first)
+    if used is None or not (used & ~extended.fit.used).any():
         return extended
+    good = used & extended.fit.used
     without = fit(problem_of([]), used=good)
     return _standing(problem_of, without, library, others, folds, progress, good)
 
@@ -348,7 +346,9 @@ def _climbed(
     design = design_of(at, library, others, at.problem.candidates, held)
     candidates = Candidates.of(design, library)
     left = before or _Before(at.point.prediction.poses, at.dof)
-    start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
+    blocks_of_causes = [b for b in design.blocks if b.candidate < design.causes]  # the first ones
+    identities = [library[b.candidate][b.variant].identity for b in blocks_of_causes]
+    start = tuple(sorted(identities.index(effect.identity) for effect in effects))
     climb = _Climb(candidates, start, left.scatter)
     choice = Choice(at, climb.ended(left), library, others, folds, left.scatter)
     if before is not None or noise_is_known(at):
@@ -420,15 +420,6 @@ class _Climb:
                 break
             posterior = self.with_noise(again)
         return posterior
-
-
-def _block_of(candidates: Candidates, library: tuple[Variants, ...], effect: Effect) -> int:
-    for number, block in enumerate(candidates.blocks):
-        if candidates.is_cause(number):
-            variant = library[block.candidate][block.variant]
-            if variant.identity == effect.identity:
-                return number
-    raise LookupError(effect.label)
 
 
 def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[Variants, ...]:

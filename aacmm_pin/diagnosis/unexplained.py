@@ -260,7 +260,7 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     stated = fit.problem.setup.encoder_noise is not None
     scatter = choice.scatter_left
     chain = fit.problem.model.arm.chain
-    noise = fit.distance_of(fit.stated_noise)
+    noise = fit.noise_rms
     scattered = []
     for j, row in enumerate(chain.moving_rows()):
         at_tips = float(scatter.at_tips[j])

@@ -12,7 +12,7 @@ import pytest
 
 from aacmm_pin.calibration import Setup, calibrate
 from aacmm_pin.calibration.calibrate import counted_once, held_postures
-from aacmm_pin.calibration.cross_validation import groups_of, parts_of
+from aacmm_pin.calibration.cross_validation import fold_numbers, groups_of
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.measurements import Measurements, originals, simulate_measurements
@@ -101,7 +101,7 @@ def test_repeats_of_a_posture_are_held_out_together(sino6, rng):
     result = calibrate(sino6, records, hold_out=False)
     kind, groups = groups_of(result.fit, np.random.default_rng(1))
     assert kind == "blocks"  # every session has every posture
-    for labels in (groups, parts_of(result.fit, np.random.default_rng(1))[1]):
+    for labels in (groups, fold_numbers(result.fit, np.random.default_rng(1))[1]):
         assert len(np.unique(labels)) > 2
         assert len(np.unique(np.column_stack([postures, labels]), axis=0)) == 40
 
