@@ -36,10 +36,10 @@ class BudgetPart(Shown):
     Attributes:
         part: ``geometry``, ``structure without a name``, ``noise``, ``shared by postures`` (an
             error that records of one posture share) or ``unexplained scatter`` (more than the
-            stated noise); or the labels of the causes of one place, or
-            of places whose displacements oppose one another, joined by ``+``.
-        mean_square: of the residuals [m²]; the parts add up to the whole. It may be below zero for
-            geometry, which is what all other parts leave of the whole.
+            stated noise); or the labels of the causes of one place, or of places whose
+            displacements oppose one another, joined by ``+``.
+        mean_square: of the residuals [m²]; the parts add up to the whole. Below zero for geometry,
+            if all other parts are more than the whole.
         u: standard uncertainty of the mean square [m²].
         share: part of the whole.
         causes: labels of the causes; () for other parts.
@@ -71,10 +71,9 @@ def budget_of(
     """The parts of the mean square residual of the nominal arm: geometry, then places and structure
     by their size, then what records share and the noise.
 
-    Of the displacement ``D`` by a place at the posterior mean, that which recalibration leaves
-    counts: ``mean(D · ΣD)``, with the sum over all places and structure. The noise is the mean
-    square that these leave, for as many free parameters as the nominal arm has. The geometry is the
-    rest of the whole.
+    Of the displacement ``D`` of a place at the posterior mean, what recalibration leaves counts:
+    ``mean(D · ΣD)``, summed over all places and structure. The noise is the mean square that these
+    leave, for as many free parameters as the nominal arm has. The geometry is the rest.
     """
     used = choice.fit.used
     nominal_square = rms_residual(nominal, used) ** 2
@@ -100,7 +99,6 @@ def budget_of(
 
 
 def _displacing(choice: Choice, structure: Sequence[DiscrepancySize]) -> Iterator[BudgetPart]:
-    """The places of the named causes, and the structure without a name."""
     design, model = choice.design, choice.posterior.median_model
     arm = choice.fit.problem.model.arm
     of_causes = {k: design.weights(k) @ model.estimate[model.places[k]] for k in choice.causes}
@@ -127,9 +125,9 @@ def _displacing(choice: Choice, structure: Sequence[DiscrepancySize]) -> Iterato
 
 
 def _not_opposed(products: Array) -> list[list[int]]:
-    """Places in groups, by the mean products of their displacements, with those of the structure
-    last (p + 1, p + 1): a place whose displacement others nearly undo is together with the one that
-    undoes most of it.
+    """Groups of places, by the mean products of their displacements, with those of the structure
+    last (p + 1, p + 1): a place whose displacement others nearly undo joins the one that undoes
+    most of it.
     """
     groups = [[place] for place in range(len(products) - 1)]
     while len(groups) > 1:
@@ -145,8 +143,8 @@ def _not_opposed(products: Array) -> list[list[int]]:
 
 
 def _relative_u(choice: Choice, blocks: Sequence[int]) -> float:
-    """Relative standard uncertainty of the mean square by some causes, in units of the noise:
-    ``2 √(βᵀ I Σ I β) / βᵀ I β`` with the information I beside all that is refitted.
+    """Relative standard uncertainty of the mean square of some causes, in units of the noise: ``2
+    √(βᵀ I Σ I β) / βᵀ I β`` with the information I beside all that is refitted.
     """
     model = choice.posterior.median_model
     members = Members(choice.posterior.space.base(0), tuple(blocks))

@@ -1,6 +1,4 @@
-"""Which causes could be behind what a set of records shows: the library, as far as these records
-can carry it.
-"""
+"""The causes of the library that a set of records can show."""
 
 from __future__ import annotations
 
@@ -31,9 +29,7 @@ all linear parameters zero.
 
 
 def is_change(effect: Effect) -> bool:
-    """Whether a variant is the change of a cause that the arm is known to have: it has what is
-    stated of that, as u.
-    """
+    """Whether a variant is the change of a known cause: its u is what is stated of that cause."""
     return any(effect.u)
 
 
@@ -43,14 +39,13 @@ def candidates(
     """Every registered cause that these records could show, one for each place where it can sit.
 
     Args:
-        model: the arm; of what it is known to have, a change is a candidate, whose u is what is
-            stated of it. Its other variants have another nonlinear parameter, and stand in its
-            place, or are of a load that the arm's file does not have.
+        model: the arm. The change of a known cause is a candidate, whose u is what is stated of it;
+            its other variants have another nonlinear parameter and replace it, or are of a load
+            that the arm's file does not have.
         measurements: the records.
         problem: what is refitted anyway; geometric values beyond what is stated of them are causes
             too.
-        extra: causes to try besides; those with one label are variants of one candidate, which may
-            be the library's.
+        extra: more causes; those with one label are variants of one candidate.
 
     Raises:
         UnknownNameError: an extra cause is not registered.
@@ -81,8 +76,8 @@ def candidates(
 def _changes(
     model: ErrorModel, measurements: Measurements, setup: Setup, by_label: Mapping[str, Variants]
 ) -> Iterator[Variants]:
-    """The change of each known cause, and its other variants; of several known causes with one
-    label with the first.
+    """The change of each known cause, and its other variants; of known causes with one label, the
+    first has them.
     """
     taken = {effect.identity for effect in model.effects}
     for effect in known_causes(model, measurements, setup):
@@ -97,8 +92,8 @@ def _changes(
 def not_tried(
     arm: Arm, library: Sequence[Variants], measurements: Measurements
 ) -> dict[str, tuple[type[Effect], ...]]:
-    """Conditions that the records do not state, and the causes of which none was a candidate for
-    want of them; without those of the whole arm that this arm cannot have.
+    """Conditions that the records do not state, each with the causes that are no candidates for
+    want of it; without those of the whole arm that this arm cannot have.
     """
     tried = {variants[0].cause for variants in library}
     lacking: dict[str, tuple[type[Effect], ...]] = {}
@@ -113,9 +108,7 @@ def not_tried(
 
 
 def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
-    """The causes that the arm is known to have, with a stated uncertainty that counts; a
-    discrepancy is none.
-    """
+    """The causes of the arm with a stated uncertainty that counts, without discrepancies."""
     if not setup.prior:
         return []
     return [
@@ -128,8 +121,8 @@ def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:
-    """Geometric values farther off than is stated, a tip or a frame of references that is not where
-    it is said to be.
+    """Geometric values beyond what is stated, a tip or a frame of references that is not where it
+    is said to be.
     """
     vector = problem.vector
     estimated = {effect.label for effect in vector.effects}

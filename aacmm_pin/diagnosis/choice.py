@@ -30,12 +30,13 @@ LEAST_SIZE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What was found, at the point where the last refit ended.
+    """The result of a search for causes, at the point where the last refit ended. A *block* is one
+    variant of a candidate, by its number in the design.
 
     Attributes:
         fit: refit of geometry and of the causes of the median probability model.
         posterior: over sets of blocks, linear at the most probable set.
-        library, others: the candidates.
+        library, others: the candidates: causes, covariates.
         folds: fold of the cross-validation of each record (n,).
         scatter: of readings beyond the stated noise; None where the records show none.
         otherwise: labels of causes and covariates that would be found if excluded records counted,
@@ -57,7 +58,7 @@ class Choice:
 
     @property
     def candidates(self) -> Candidates:
-        """What may be in a set."""
+        """Candidates for a set."""
         return self.posterior.space.candidates
 
     @property
@@ -71,16 +72,16 @@ class Choice:
         arms exclude.
 
         A record that only the extended arm excludes may be one that its causes are wrong for. One
-        that the recalibrated arm excludes too is a gross error: either arm is equally far off
-        there, and a few such records would be all that a gain in RMS shows.
+        that both exclude is a gross error: both arms are equally far from it, and a few such
+        records would be all that a gain in RMS shows.
         """
         used = self.fit.used
         return used if self.kept_alone is None else used | self.kept_alone
 
     @property
     def gram_of_folds(self) -> Gram:
-        """Inner products of all records, from which folds can be left out: a seat with records in
-        several folds has coordinates of its own in each.
+        """Inner products of all records, from which folds can be left out: a seat has coordinates
+        of its own in each fold.
         """
         of_all = self.posterior.space.gram
         if not divide_seats(self.folds, self.design.fit):
@@ -98,14 +99,14 @@ class Choice:
 
     @property
     def whitened_deviations(self) -> Array:
-        """Those of the tips (n, 3) in units of the noise; the error that records of one posture
-        share counts once.
+        """Those of the tips (n, 3) in units of the noise; the error that a posture's records share
+        counts once.
         """
         return self.noise.whitened(self.deviations)[:, :3]
 
     def displacement(self, weights: Array) -> Array:
         """Displacement of the used records' tips by all columns times ``weights`` (columns, r) that
-        recalibration leaves, seats at their best (n, 3, r) [m].
+        recalibration leaves (n, 3, r) [m].
         """
         design, base = self.design, self.posterior.space.base(0)
         absorbed = base.whitened[:, :-1] @ weights
@@ -118,7 +119,7 @@ class Choice:
 
     @cached_property
     def scatter_left(self) -> ReadingScatter:
-        """Scatter of readings and tips beside all that was found."""
+        """Scatter of readings and tips beside the median probability model."""
         return self.scatter_beside(self.posterior.median_model)
 
     def scatter_beside(self, model: Conditional) -> ReadingScatter:
@@ -129,8 +130,9 @@ class Choice:
 
     @property
     def log_scatter(self) -> float:
-        """What the scatter of readings and tips adds to that beside χ²: the determinant of the
-        covariances, with all fitted parameters, and the prior odds of readings that scatter.
+        """What the scatter of readings and tips adds to the log posterior beside χ²: the
+        determinant of the covariances, with all fitted parameters, and the prior odds of readings
+        that scatter.
         """
         space = self.posterior.space
         fit = self.design.fit
@@ -145,19 +147,17 @@ class Choice:
 
     @property
     def noise(self) -> RecordNoise:
-        """Of the records, with which the sets were explored."""
+        """Noise of the records."""
         return self.posterior.noise
 
     @property
     def top_causes(self) -> Blocks:
-        """Blocks of the most probable set that are causes of the library."""
+        """Blocks of the most probable set that are causes."""
         return tuple(filter(self.candidates.is_cause, self.posterior.top))
 
     @property
     def causes(self) -> Blocks:
-        """Blocks of the median probability model that are causes of the library, the strongest
-        first.
-        """
+        """Blocks of the median probability model that are causes, the strongest first."""
         return tuple(filter(self.candidates.is_cause, self.posterior.by_strength))
 
     @property
@@ -193,13 +193,11 @@ class Choice:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of its causes and its covariates."""
+        """Labels of its causes and covariates."""
         return self.design.labels((*self.causes, *self.covariates))
 
     def in_one_fold(self, block: int) -> bool:
-        """Whether a block moves only records that are left out together, so that the others say
-        nothing of it.
-        """
+        """Whether a block moves only records of one fold, so that other folds say nothing of it."""
         moved = self.design.columns(block).any(axis=(1, 2))
         folds = self.folds[self.fit.used]
         folds_moved = self.folds[self.fit.used & moved]
@@ -211,7 +209,7 @@ class Choice:
         return self.others[number]
 
     def way(self, block: int) -> Carried:
-        """How it acts."""
+        """How the covariate of a block acts."""
         variant = self.design.blocks[block].variant
         return self.covariate(block).variants[variant]
 

@@ -1,6 +1,4 @@
-"""Covariates: what residuals may depend on in a way that no cause of the library has, and what they
-act on.
-"""
+"""Covariates: what residuals may depend on in a way that no cause of the library has."""
 
 from __future__ import annotations
 
@@ -65,8 +63,8 @@ class Carried:
         functions: (n, m), root mean square 1, the constant first, for every dependence also has a
             mean.
         carrier: name of a :class:`aacmm_pin.effects.smooth_discrepancy.Carrier`.
-        smooth: these functions at any records, but for their ``size``; None for covariates that
-            new records do not have.
+        smooth: these functions at any records, but for their ``size``; None for covariates that new
+            records do not have.
         size: root mean square of each function at these records (m,).
         decay: prior amplitudes of the functions, relative to one another (m,), or (1,).
     """
@@ -116,7 +114,7 @@ class Covariate:
 
 
 class Joint(NamedTuple):
-    """Number of a joint from 0, its row, and whether it slides."""
+    """A joint: its number from 0, its row, and whether it slides."""
 
     number: int
     row: int
@@ -133,7 +131,7 @@ class Joint(NamedTuple):
         return f"slide {self.row}" if self.slides else f"angle {self.row}"
 
     def table(self, state: State) -> pd.DataFrame:
-        """The joint's readings in these records, as a column with its unit."""
+        """The joint's readings, as a column with its unit."""
         readings = state.q[:, self.number]
         if self.slides:
             return pd.DataFrame({f"joint{self.row}_mm": readings / MM})
@@ -141,7 +139,7 @@ class Joint(NamedTuple):
 
 
 def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
-    """Everything known of the records that residuals may depend on."""
+    """All covariates of the records."""
     state = State(arm, measurements.q, measurements.conditions, arm.chain.tip)
     joints = [*map(Joint, itertools.count(), arm.chain.moving_rows(), arm.chain.prismatic)]
     spread = np.ptp(state.q, axis=0)
@@ -171,7 +169,7 @@ def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 def _of_columns(
     measurements: Measurements, state: State, joints: Sequence[Joint]
 ) -> Iterator[Covariate]:
-    """Recorded columns, by what the table of columns says that they may act on."""
+    """Recorded columns, by what the table of columns says that they act on."""
     turning = ["room", "target", *(joint.error for joint in joints)]
     growing = [f"tube {row}" for row in tubes(state.arm)]
     carriers = {"anywhere": [*turning, "lengths", "tubes", *growing], "joints": turning}
@@ -219,8 +217,8 @@ def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | 
 
 
 def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
-    """The covariates time and session, joined: a drift may restart in each session, and sessions
-    follow each other in time.
+    """Time and session, joined: a drift may restart in each session, and sessions follow each other
+    in time.
     """
     session = conditions.session
     time = conditions.time
@@ -239,7 +237,6 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
 
 
 def _products(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
-    """Each two joints, and each joint with time."""
     for one, other in itertools.combinations(joints, 2):
         yield _product(state, one, other)
     time = state.conditions.time
@@ -295,9 +292,7 @@ def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 
 
 def _place(state: State) -> Covariate:
-    """The place of the tip: a field of shifts in the room, as by a table that bends or by a
-    tracker's own error.
-    """
+    """A field of shifts in the room, as by a table that bends or by a tracker's own error."""
     tip = state.position
     values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
     carried = Carried.of((_bumps(state),), "room", state)
@@ -320,16 +315,14 @@ def _bumps(state: State) -> Bumps:
 
 
 def _scale(state: State) -> Covariate:
-    """All lengths are too long or too short by one factor: a wrong unit, another reference
-    temperature.
-    """
+    """All lengths are wrong by one factor: a wrong unit, another reference temperature."""
     distance = np.linalg.norm(state.position, axis=1)
     carried = Carried.of((), "lengths", state)
     return Covariate("scale", ("scale",), (carried,), pd.DataFrame({"distance_mm": distance / MM}))
 
 
 class LabelGroup(NamedTuple):
-    """Records of one label of a kind: bar, seat, session or marker; with the labels of all records
+    """Records of one label of a kind (bar, seat, session or marker), with the labels of all records
     (n,).
     """
 
@@ -382,7 +375,6 @@ def _groups(measurements: Measurements) -> Iterator[Covariate]:
 
 
 def _of_size_one(functions: Array) -> Array:
-    """The functions (n, m) divided by their root mean squares."""
     return functions / _size(functions)
 
 

@@ -1,5 +1,4 @@
-"""Columns of all that is considered: what is refitted anyway, every place where a cause may act,
-every covariate.
+"""Columns of what is refitted anyway, of every place where a cause may act, and of every covariate.
 
 A place has the columns of one basis; each form of it, a cause with a value of its nonlinear
 parameter, is a small matrix in this basis. So hundreds of orders of a wave have no columns of their
@@ -25,7 +24,8 @@ from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, Par
 
 TYPICAL_SHIFT = 2e-5
 """Usual root mean square of what no cause explains, all smooth functions of it together: at the
-tip, or what is left there if more [m] …"""
+tip, or what is left there if more [m] …
+"""
 TYPICAL_TURN = 2.0
 """… at a joint [rad] for each metre of that …"""
 TYPICAL_GROWTH = 1.0
@@ -46,8 +46,7 @@ class Block:
     """Parameters that are admitted together: one variant of a candidate.
 
     Attributes:
-        candidate: number of the candidate.
-        variant: number of the variant.
+        candidate, variant: their numbers.
         columns: the columns of the design that it moves along.
         form: combinations of these columns, one for each parameter (columns, q); None if each
             column is a parameter.
@@ -62,17 +61,17 @@ class Block:
 
     @property
     def size(self) -> int:
-        """How many parameters."""
+        """Number of parameters."""
         width = self.columns.stop - self.columns.start
         return int(width if self.form is None else self.form.shape[1])
 
     def of_rows(self, rows: Array) -> Array:
-        """Rows of products with all columns (m, columns) as products with the parameters (m, q)."""
+        """Products with all columns (m, columns) as products with the parameters (m, q)."""
         products = rows[..., self.columns]
         return products if self.form is None else np.asarray(products @ self.form)
 
     def in_columns(self, values: Array) -> Array:
-        """Values of the parameters (q, ...) as coefficients of its columns (columns, ...)."""
+        """Values of the parameters (q, ...) as coefficients of the columns (columns, ...)."""
         return values if self.form is None else np.asarray(self.form @ values)
 
 
@@ -94,7 +93,7 @@ class Family:
     positive: Mask
 
     def some(self, chosen: Mask) -> Family:
-        """Some of the blocks alone (b,)."""
+        """The family of some of the blocks (b,)."""
         if chosen.all():
             return self
         columns = self.columns if isinstance(self.columns, slice) else self.columns[chosen]
@@ -102,7 +101,7 @@ class Family:
         return Family(self.blocks[chosen], columns, forms, self.positive[chosen])
 
     def information(self, inside: Array) -> Array:
-        """Information of each block, by the products inside the columns (b, q, q)."""
+        """Information of each block (b, q, q), by the products inside the columns."""
         if self.forms is None:
             return inside
         count, width, size = self.forms.shape
@@ -111,17 +110,15 @@ class Family:
         return np.asarray(self.forms.transpose(0, 2, 1) @ along)
 
     def of_rows(self, rows: Array) -> Array:
-        """Rows of products with all columns (r, columns) as products with the parameters of each
-        block (b, r, q).
-        """
+        """Products with all columns (r, columns) as products with the parameters (b, r, q)."""
         products = rows[:, self.columns]
         if self.forms is None:
             return np.asarray(products.transpose(1, 0, 2))
         return np.asarray(products @ self.forms)
 
     def gradient(self, left: Array) -> Array:
-        """Products of the parameters of each block with the residual, by those of all columns
-        (columns,) -> (b, q).
+        """Products of the parameters of each block with the residual (b, q), by those of all
+        columns (columns,).
         """
         products = left[self.columns]
         if self.forms is None:
@@ -141,7 +138,7 @@ class Design:
         blocks: what may be admitted.
         sources: what the columns behind the nuisances come from.
         nuisances: number of nuisance columns, which come first.
-        scales: by which each column is multiplied, so that all are of one order (columns,).
+        scales: factors that bring all columns to one order (columns,).
         kept: which of the fit's own parameters are nuisances.
         known: the nuisances that stand for what is stated of known causes that were taken out.
         prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances
@@ -237,8 +234,8 @@ class Design:
         return displacements
 
     def deviations(self, tips: Array) -> Array:
-        """How far tips are from their targets, the places of seats at their best for these tips (n,
-        3 or 6) [m, rad].
+        """Deviations of tips from their targets, seats at their best for these tips (n, 3 or 6) [m,
+        rad].
         """
         observations = self.fit.observations
         points = self.fit.point.seats
@@ -255,17 +252,13 @@ class Design:
 
     @property
     def of_angles(self) -> Array:
-        """Displacement by one unit of each joint (n, 3 or 6, nq) [m/rad, or m/m where it
-        slides].
-        """
+        """Displacement by each joint (n, 3 or 6, nq) [m/rad, or m/m where it slides]."""
         rows = self.fit.problem.model.arm.chain.moving_rows()
         return displacements(self.fit, [JointZeroOffset(row) for row in rows])
 
 
 def displacements(fit: Fit, effects: Sequence[Effect]) -> Array:
-    """Displacement of all records by one unit of each parameter of effects (n, 3 or 6, q)
-    [m/unit].
-    """
+    """Displacement of all records by each parameter of effects (n, 3 or 6, q) [m/unit]."""
     all_records = np.arange(fit.problem.measurements.n)
     return _Calibrated(fit, all_records).of(tuple(effects))
 
@@ -282,11 +275,10 @@ def design_of(
     Args:
         fit: the calibration.
         library: causes to consider.
-        others: covariates that anything else may depend on.
-        taken_out: so many of the estimated effects, the last ones, are no nuisances but candidates:
-            what they do is taken out of the tips, so that they can be chosen again or not. What the
-            arm states of a geometric value among them, or of a cause that it is known to have, is a
-            nuisance as well, within its u.
+        others: covariates.
+        taken_out: so many of the estimated effects, the last ones, are candidates and no nuisances:
+            what they do is taken out of the tips. What the arm states of a geometric value among
+            them, or of a known cause, is a nuisance as well, within its u.
         held: effects of the fit's model that are candidates too, at the values at which they stay.
     """
     problem = fit.problem
@@ -337,9 +329,7 @@ def design_of(
 
 @lru_cache(maxsize=MOST_FORMS)
 def _form(effect: Effect, basis: Effect) -> Array:
-    """Combinations of the scaled columns of a basis (columns, q); those of the last forms are
-    kept.
-    """
+    """Combinations of the scaled columns of a basis (columns, q)."""
     return effect.in_basis(basis) * _typical(effect) / _typical(basis)[:, None]
 
 
@@ -356,7 +346,6 @@ class _ColumnsOf:
         self.bases = dict[object, slice]()
 
     def add_cause(self, number: int, variants: Variants) -> None:
-        """The variants of a cause, as forms of a basis where there is one."""
         first = variants[0]
         changes = is_change(first)
         basis = None
@@ -377,13 +366,11 @@ class _ColumnsOf:
             self.blocks.append(Block(number, which, columns, form, positive))
 
     def _basis(self, basis: Effect) -> slice:
-        """Columns of a basis, which are there once."""
         if basis.identity not in self.bases:
             self.bases[basis.identity] = self._new((basis,))
         return self.bases[basis.identity]
 
     def add_covariate(self, number: int, covariate: Covariate) -> None:
-        """What a covariate acts on."""
         for which, way in enumerate(covariate.variants):
             self.blocks.append(Block(number, which, self._new(way), None))
 
@@ -399,7 +386,6 @@ class _ColumnsOf:
         return columns
 
     def _typical_of_covariate(self, way: Carried) -> Array:
-        """Usual magnitudes of what a covariate changes (q,)."""
         shift = max(TYPICAL_SHIFT, self.left)
         sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
         typical = sizes.get(Carrier(way.carrier).kind.unit, shift)
@@ -408,13 +394,10 @@ class _ColumnsOf:
 
 
 def _typical(effect: Effect) -> Array:
-    """Usual magnitudes of the parameters of an effect (q,)."""
     return np.array([term.typical for term in effect.terms])
 
 
 class _Calibrated:
-    """The calibrated arm in some of its records."""
-
     def __init__(self, fit: Fit, chosen: Index) -> None:
         problem, self.chosen = fit.problem, chosen
         arm, records = problem.model.arm, problem.measurements.take(chosen)
@@ -426,7 +409,7 @@ class _Calibrated:
         self._of_carriers = dict[str, Array]()
 
     def of(self, source: Source) -> Array:
-        """Displacement of the records by one unit of each parameter (n, 3 or 6, q) [m/unit]."""
+        """Displacement by one unit of each parameter (n, 3 or 6, q) [m/unit]."""
         if not isinstance(source, Carried):
             return self._columns(source)
         axes = self._axes(source.carrier)
@@ -443,7 +426,7 @@ class _Calibrated:
         return np.concatenate([self.frame @ half for half in np.split(columns, 2, axis=1)], axis=1)
 
     def _axes(self, name: str) -> Array:
-        """Shift of the tip by one unit on each axis of a carrier (n, 3 or 6, axes)."""
+        """Displacement of the tip by one unit on each axis of a carrier (n, 3 or 6, axes)."""
         if name not in self._of_carriers:
             constant = Part(Carrier(name), ())
             unit = Discrepancy(name, (constant,), constant.coefficients)

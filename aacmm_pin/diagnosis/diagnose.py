@@ -107,7 +107,7 @@ def diagnose(
 
     Raises:
         AacmmError, UnknownNameError, MissingConditionError: see
-        :func:`aacmm_pin.calibration.calibrate`.
+            :func:`aacmm_pin.calibration.calibrate`.
     """
     model, measurements = checked_input(model, measurements)
     extra = as_causes(extra_causes, model, measurements.conditions.present)
@@ -224,7 +224,7 @@ def _better_frames(
     model: ErrorModel, records: Measurements, setup: Setup, recalibrated: Fit, extended: Fit
 ) -> list[Note]:
     """A note if a frame for each session of the file explains the residuals better than the
-    recalibrated arm and than the causes that were found: by the Bayesian information criterion
+    recalibrated arm and than the causes that were found, by the Bayesian information criterion
     (Schwarz 1978, Ann. Stat. 6). A movement of the set-up counts as such frames.
     """
     session = records.conditions.session
@@ -254,11 +254,10 @@ def _better_frames(
 
 
 def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:
-    """Whether there are causes among the findings with which held-out records are not predicted
-    better beyond doubt.
+    """Whether held-out records are not predicted better beyond doubt with the causes.
 
-    Values of the geometry are in the recalibrated arm as well, and places of seats in neither.
-    Beside ``structure`` it is enough that each cause is borne out beside it.
+    Values of the geometry do not count, for the recalibrated arm has them too, nor do places of
+    seats. Beside ``structure`` it is enough that each cause is borne out beside it.
     """
     if held is None or held.beyond_doubt:
         return False
@@ -270,7 +269,6 @@ def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structu
 
 
 def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
-    """Raises AacmmError if the records agree with the fitted arm exactly."""
     if np.nanmax(np.abs(recalibrated.system.deviation), initial=0.0) > NOTHING:
         return
     few = recalibrated.problem.scales.size >= 3 * measurements.n
@@ -284,8 +282,8 @@ def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
 def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:
     """The calibration problem with some causes estimated too.
 
-    What the arm is known to have is refitted with the geometry within its stated u, but freely
-    where nothing is stated, or where a cause of the same name is estimated: it may have changed.
+    Known causes are refitted with the geometry within their stated u, but freely where nothing is
+    stated, or where a cause of the same name is estimated: they may have changed.
     """
     stated_causes = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
     unstated = [
@@ -320,7 +318,7 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
 
 
 def _freed(effect: Effect) -> Effect:
-    """The effect at its values, free within many typical magnitudes."""
+    """The effect, free within many typical magnitudes."""
     return effect.at(effect.values, free(effect).u)
 
 
@@ -328,9 +326,8 @@ def _as_found(
     model: ErrorModel, stated: bool, findings: Sequence[Finding], left: Unexplained
 ) -> ErrorModel:
     """The arm, whose effects have the fields that were found, such as between which times a slip
-    was; and what is left.
-
-    Where the noise was not stated, and no structure was found, the scatter is the noise.
+    was; and what is left. Where the noise was not stated, and no structure was found, the scatter
+    is the noise.
     """
     with_fields = {finding.effect.identity: finding.effect for finding in findings}
     effects = [

@@ -101,14 +101,13 @@ def _row(
 
 
 def _name(given: GivenModel | GivenRecords) -> str:
-    """A path or name as it was given; the source of records, the name of an arm."""
+    """The path or name as given; the source of records, the name of an arm."""
     if isinstance(given, str | Path):
         return str(given)
     return given.source if isinstance(given, Measurements) else ErrorModel.arm_of(given).name
 
 
 def _numbers(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What a diagnosis adds to a row."""
     causes = {finding.label: finding.probability for finding in diagnosis.findings}
     row: dict[str, Any] = {"verdict": diagnosis.verdict, "causes": causes, "error": ""}
     row |= {column: diagnosis.rms[model] / MM for column, model in RMS_OF.items()}

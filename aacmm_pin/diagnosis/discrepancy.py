@@ -1,6 +1,4 @@
-"""Covariates that structure depends on, as effects that an arm file can have: described, and not
-named.
-"""
+"""Covariates that structure depends on, as effects that an arm file can have."""
 
 from __future__ import annotations
 
@@ -55,9 +53,9 @@ def described_model(
 
     Args:
         known: the arm as it was, whose labels are taken.
-        choice: what was found.
+        choice: the result of the search.
         problem_of: the calibration problem with causes estimated, and with others held.
-        background: whether the background is there.
+        background: whether there is a background.
     """
     taken = {effect.label for effect in known.effects}
     covariates = described_by(choice, choice.covariates)
@@ -77,8 +75,8 @@ def described_model(
 
 
 def _prior_u(choice: Choice) -> Array:
-    """Prior standard deviation of the coefficients of all covariates that were found (p,) [m, rad,
-    m/m].
+    """Prior standard deviation of the coefficients of all covariates in the median model (p,) [m,
+    rad, m/m].
     """
     model = choice.posterior.median_model
     design = choice.design
@@ -90,7 +88,6 @@ def _prior_u(choice: Choice) -> Array:
 
 
 def _background(choice: Choice, taken: Collection[str]) -> Discrepancy:
-    """The background at its most probable amplitude."""
     design = choice.design
     model = choice.posterior.median_model
     directions = model.base.gram.directions
@@ -105,14 +102,13 @@ def covariate_effects(
     prior_u: Array,
     taken: Collection[str] = (),
 ) -> list[Discrepancy]:
-    """Effects to be estimated, one for each covariate that new records have too, see :func:`lost`
-    for the others.
+    """Effects to be estimated, one for each covariate that new records have too, see :func:`lost`.
 
     Args:
         described: covariates, each with its variant.
         prior_u: prior standard deviations of the coefficients of their functions, those of each on
             all axes together, one covariate after the other (p,) [m, rad, m/m].
-        taken: labels of effects that the arm has already: another one has a number behind its name.
+        taken: labels of the arm's effects: another one has a number behind its name.
     """
     effects = list[Discrepancy]()
     labels = set(taken)
@@ -196,9 +192,8 @@ def _slices(described: Sequence[Described]) -> list[slice]:
 
 
 def coefficients_of_effect(way: Carried) -> Array:
-    """Factors from coefficients of a covariate to those of an effect (q,).
-
-    The functions of a covariate have root mean square one.
+    """Factors from coefficients of a covariate, whose functions have root mean square one, to those
+    of an effect (q,).
     """
     return np.repeat(1.0 / way.size, Carrier(way.carrier).axes)
 
@@ -208,7 +203,6 @@ def _part(way: Carried) -> Part:
 
 
 def _new(name: str, parts: tuple[Part, ...], size: int, taken: Collection[str]) -> Discrepancy:
-    """A discrepancy of value zero with a label that is not taken."""
     effect = Discrepancy(name, parts, size)
     number = 1
     while effect.label in taken:

@@ -1,6 +1,4 @@
-"""The causes of the median probability model, with their values: new or changed ones, and geometry
-beyond what is stated.
-"""
+"""The causes of the median probability model, with their values."""
 
 from __future__ import annotations
 
@@ -20,9 +18,7 @@ from aacmm_pin.effects import Effect, ErrorModel, slides, values_with_u
 
 
 def findings_of(model: ErrorModel, choice: Choice, folds: list[Fold]) -> list[Finding]:
-    """The causes, strongest first, with the values that the last refit gave them; geometric values
-    last.
-    """
+    """The causes, strongest first, with the values of the last refit; geometric values last."""
 
     def is_geometric(finding: Finding) -> bool:
         return bool(geometric_parameters(model.arm, finding.effect))
@@ -89,7 +85,6 @@ def _with_coverage_intervals(
     nonlinear_values: Mapping[str, tuple[float, float]],
     steps: Mapping[str, Step],
 ) -> Effect:
-    """The effect with the 95 % interval of its step or nonlinear parameter."""
     records = choice.fit.problem.measurements
     intervals = {
         name: (value - 2.0 * u, value + 2.0 * u) for name, (value, u) in nonlinear_values.items()

@@ -1,9 +1,8 @@
 """Inner products of whitened residuals, nuisances and candidate columns: one pass over the records.
 
-Everything that choosing among causes needs, a projection, a score, an evidence, a held-out
-prediction, is arithmetic on these inner products, whose size does not depend on the number of
-records. The nuisances are the parameters that are refitted in any case: geometry with its prior,
-the reference frame; the unknown points of the observations are projected out.
+A projection, a score, an evidence, a held-out prediction are arithmetic on these products, whose
+size does not depend on the number of records. Nuisances are refitted in any case: geometry with its
+prior, the reference frame; unknown points are projected out.
 """
 
 from __future__ import annotations
@@ -48,12 +47,10 @@ class Gram:
     """Inner products of some records.
 
     Attributes:
-        design: the columns.
-        noise: of the records.
+        design, noise: of the columns and of the records.
         matrix: products of all columns and, last, the residual (columns + 1, columns + 1).
         free: rows less the unknown points that were projected out.
-        origin: products of all records, by which the background has its directions; None for
-            these.
+        origin: products of all records, by which the background has its directions; None for these.
     """
 
     design: Design
@@ -69,7 +66,7 @@ class Gram:
 
     @cached_property
     def along_directions(self) -> Array:
-        """Products of these directions with all columns and the residual (r, columns + 1)."""
+        """Their products with all columns and the residual (r, columns + 1)."""
         directions = self.directions
         return np.asarray(directions.weights.T @ self.matrix[directions.columns, :])
 
@@ -77,8 +74,8 @@ class Gram:
     def _largest_directions(self) -> Directions:
         """Each covariate block counts with the same mean square, and all together with that of the
         noise; but no parameter is larger than the largest width, or an arm that shrinks to a point
-        would meet every unknown seat. The directions span about the largest of these columns' right
-        singular vectors: one step of a randomised range finder (Halko, Martinsson, Tropp 2011, SIAM
+        would meet every unknown seat. The directions span about the largest right singular vectors
+        of these columns: one step of a randomised range finder (Halko, Martinsson, Tropp 2011, SIAM
         Review 53), whose start depends on the names of the covariates and on no order.
         """
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
@@ -99,38 +96,37 @@ class Gram:
         return Directions(columns, scale * np.linalg.qr(along)[0])
 
     def without(self, part: Gram) -> Gram:
-        """The products of the records that are not in ``part``, with the same background; they take
-        the place of those of ``part`` in memory.
+        """The products of the other records than those of ``part``, with the same background; they
+        take the place of ``part`` in memory.
         """
         left = np.subtract(self.matrix, part.matrix, out=part.matrix)
         return replace(self, matrix=left, free=self.free - part.free, origin=self.origin or self)
 
 
 def _random_numbers(words: str, size: int, rank: int) -> Array:
-    """Random numbers that depend on words (size, rank)."""
     return np.random.default_rng(zlib.crc32(words.encode())).standard_normal((size, rank))
 
 
 def numbers_of(columns: list[slice]) -> Index:
-    """Numbers of some columns (m,)."""
+    """Numbers of the columns (m,)."""
     numbers = [np.arange(place.start, place.stop) for place in columns]
     return np.concatenate([np.empty(0, np.intp), *numbers])
 
 
-def gram_of(design: Design, noise: RecordNoise, parts: Sequence[Mask] | None = None) -> Gram:
+def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = None) -> Gram:
     """Inner products of the used records, or of some of them; with the prior, if they are all.
 
-    What records of one posture share is taken out with all of them, so that the products of parts
+    What records of one posture share is taken out with all of them, so that the products of folds
     add up.
 
     Args:
         design: the columns.
         noise: of the records.
-        parts: records of each part (n,): a seat has coordinates of its own in each. None: all are
-            one part.
+        folds: records of each fold (n,): a seat has coordinates of its own in each. None: all are
+            one.
     """
     used = design.fit.used & design.fit.observations.has_target
-    chosen = [used] if parts is None else [used & part for part in parts]
+    chosen = [used] if folds is None else [used & fold for fold in folds]
     upper = np.zeros((design.width + 1, design.width + 1), order="F")
     free = sum(_add_records(upper, design, noise, part) for part in chosen)
     matrix = _symmetric(upper)
@@ -140,10 +136,8 @@ def gram_of(design: Design, noise: RecordNoise, parts: Sequence[Mask] | None = N
 
 
 def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask) -> int:
-    """Add the products of some of the used records to the upper triangle.
-
-    Returns:
-        Their rows less the unknown points that are projected out.
+    """Add the products of some of the used records to the upper triangle; return their rows less
+    the unknown points that are projected out.
     """
     fit = design.fit
     used = fit.used & fit.observations.has_target
@@ -194,6 +188,5 @@ def _symmetric(upper: Array) -> Array:
 
 
 def _add_prior(matrix: Array, design: Design) -> None:
-    """Add the products of what is known of the nuisances beforehand to those of the records."""
     columns = np.append(np.arange(design.nuisances), design.width)
     matrix[np.ix_(columns, columns)] += design.prior.T @ design.prior

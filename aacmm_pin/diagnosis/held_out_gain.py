@@ -34,13 +34,12 @@ class Gain(Shown):
     Attributes:
         kind: ``seats`` or ``blocks`` of joint space, of which the folds consist.
         groups: how many folds were left out in turn.
-        nominal, recalibrated, extended: distances of the records by each model (n,) [m]; nan
-            where there is none. A rotation from a stated orientation is part of it, by
-            :attr:`Fit.lever`.
-        with_discrepancy: distances by the extended arm with the discrepancy (n,) [m].
+        nominal, recalibrated, extended, with_discrepancy: distances of the records by each model,
+            the last one the extended arm with the discrepancy (n,) [m]; nan where there is none. A
+            rotation from a stated orientation is part of it, by :attr:`Fit.lever`.
         folds: fold of each record (n,).
-        excluded: how many of the records were excluded from the extended arm, and count here, for
-            the recalibrated arm alone does not exclude them.
+        excluded: how many records count here that the extended arm excludes and the recalibrated
+            arm alone does not.
         gross_errors: how many do not count, for both arms exclude them.
         chosen: labels that were chosen without each fold.
         interval: 95 % interval of the gain, by resampling the folds.
@@ -69,8 +68,8 @@ class Gain(Shown):
         return self.interval[0] > THRESHOLDS.least_gain
 
     def without_causes(self) -> Gain:
-        """The gain if all records together name no cause, whatever single folds name: the extended
-        arm is then the recalibrated arm.
+        """The gain if all records together name no cause: the extended arm is then the recalibrated
+        arm.
         """
         return replace(self, extended=self.recalibrated, interval=(0.0, 0.0))
 
@@ -103,7 +102,7 @@ def predicted_folds(choice: Choice, before: Fit, kind: str, progress: Progress) 
     """Leave out every fold in turn; choose and fit with the other records; predict it.
 
     Args:
-        choice: what was found with all records.
+        choice: the result of all records.
         before: the arm as it was, set-up fitted.
         kind: of the folds, for the progress bar.
         progress: whether to show a bar, or a function that wraps the folds.
@@ -116,7 +115,7 @@ def predicted_folds(choice: Choice, before: Fit, kind: str, progress: Progress) 
 
 
 def _fold(choice: Choice, before: Fit, of_all: Gram, number: int) -> Fold | None:
-    """One of them; None where the fold has nothing to be compared with."""
+    """The fold; None if it has nothing to be compared with."""
     inside = choice.folds == number
     left_out = gram_of(choice.design, choice.noise, [inside])
     if not left_out.free:
@@ -160,19 +159,8 @@ def _fold(choice: Choice, before: Fit, of_all: Gram, number: int) -> Fold | None
 def gain_of(
     choice: Choice, folds: Sequence[Fold], kind: str, rng: np.random.Generator
 ) -> Gain | None:
-    """The distances of all folds together.
-
-    Records are predicted as in :attr:`Choice.counted`: excluded ones too, but for gross errors.
-
-    Args:
-        choice: what was found with all records.
-        folds: one for each that can be left out.
-        kind: of the folds, for the record.
-        rng: for the interval.
-
-    Returns:
-        None where no fold that is left out has anything to be compared with, such as one record
-        only of each unknown seat.
+    """The distances of all folds together, as in :attr:`Choice.counted`. None where no fold has
+    anything to be compared with, such as one record only of each unknown seat.
     """
     distances_by = {model: np.full(choice.folds.size, np.nan) for model in MODELS}
     for fold in folds:
@@ -208,9 +196,7 @@ def _interval(
 
 
 class Brought(NamedTuple):
-    """What one cause brings on held-out records: its part of the gain in RMS, and the 95 % interval
-    of that.
-    """
+    """Gain in RMS on held-out records by one cause, and its 95 % interval."""
 
     gain: float
     low: float
@@ -218,15 +204,12 @@ class Brought(NamedTuple):
 
 
 def cause_gain(choice: Choice, folds: list[Fold], block: int) -> Brought | None:
-    """By how much one of the causes lowers the RMS of held-out records, each distance over its own
-    noise.
+    """By how much a cause lowers the RMS of held-out records, each distance over its own noise.
 
     Every fold is predicted by the others with and without the block. The squares that it saves are
     a ratio of sums over the folds, whose interval is Student's t for as few folds as there are
-    (Cochran 1977, 6.4).
-
-    Returns:
-        None where too few folds say something of it, such as of a group that is left out whole.
+    (Cochran 1977, 6.4). None where too few folds say something of it, such as of a group that is
+    left out whole.
     """
     if not folds or choice.in_one_fold(block):
         return None

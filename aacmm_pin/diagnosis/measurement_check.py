@@ -1,6 +1,4 @@
-"""Whether a file of measurements fits an arm at all, and what it lacks, before anything is
-estimated.
-"""
+"""Whether measurements fit an arm, and what they lack, before anything is estimated."""
 
 from __future__ import annotations
 
@@ -52,7 +50,7 @@ class Check(Shown):
         rms: RMS distance of tip and target, set-up fitted and geometry as stated [m]; nan if no
             record has a target.
         calibrated_rms: the same with fitted geometry.
-        predicted_rms: what ``rms`` should be by the uncertainties that arm and records state, see
+        predicted_rms: expected ``rms`` by the uncertainties that arm and records state, see
             :func:`~aacmm_pin.calibration.predicted_residuals.predicted_rms` [m]; nan if the arm
             states none.
         missing: condition that the records do not state, and the causes that cannot be tried
@@ -90,8 +88,8 @@ def check_measurements(
     probe_noise: float | None = None,
     length_noise: float | None = None,
 ) -> Check:
-    """Read an arm and its records, fit the geometry as :func:`aacmm_pin.calibration.calibrate`
-    does and the set-up alone, and say what the records lack.
+    """Fit the geometry as :func:`aacmm_pin.calibration.calibrate` does and the set-up alone, and
+    say what the records lack.
 
     The set-up is what no file states: the place of an external frame, of an unknown target and of
     seats without coordinates.
@@ -99,8 +97,8 @@ def check_measurements(
     Args:
         model: the arm, or its name or file.
         measurements: the records, a table of them, or their file.
-        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise,
-            length_noise: see :func:`aacmm_pin.calibration.calibrate`.
+        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
+            see :func:`aacmm_pin.calibration.calibrate`.
 
     Raises:
         MistakenFileError: one mistake in the file, or two, explain the records.
@@ -153,7 +151,6 @@ def check_measurements(
 
 
 def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
-    """A note for each joint that is outside its limits in some records."""
     outside = outside_limits(records.q, arm.limits)
     notes = []
     for joint in np.flatnonzero(outside.any(axis=0)).tolist():
@@ -167,7 +164,7 @@ def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
 
 
 def _noise_not_stated(model: ErrorModel, records: Measurements, setup: Setup) -> list[str]:
-    """What nobody states the noise of, neither in a file nor in an option."""
+    """What neither a file nor an option states the noise of."""
     unknown = []
     if model.arm.encoder_noise is None and setup.encoder_noise is None:
         unknown.append("readings")

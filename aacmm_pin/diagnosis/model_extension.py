@@ -74,13 +74,13 @@ def choose(
     folds: Index,
     progress: bool = False,
 ) -> Choice:
-    """Explore at the recalibrated arm, refit with what was found, explore again there, until the
-    set stays.
+    """Explore at the recalibrated arm, refit with the causes, explore again there, until the set
+    stays.
 
     A strong cause in few records (a moved seat, a place in the room) makes these look like gross
     errors, which hides it. So where records were excluded, the search is tried with the nearer of
-    them, and those of one time, joint or place, put back too; what it finds is taken if it makes
-    sense of them, of one or two only where there is nothing else, and then not as found.
+    them, and those of one time, joint or place, put back too. Its result is taken if it makes sense
+    of them; of one or two only where there is nothing else, and then not as found.
     """
     choice = _standing(problem_of, first, tuple(library), tuple(others), folds, progress)
     nearer = _put_back(first) & _put_back(choice.fit)
@@ -106,9 +106,7 @@ def _doubtful(choice: Choice, judge: Fit) -> Mask:
 
 
 def _put_back(of_fit: Fit) -> Mask:
-    """The records that count, and those that were excluded but not by far, or that are neighbours
-    (n,).
-    """
+    """The used records, and excluded ones that are near, or that are neighbours (n,)."""
     far = _times_the_limit(of_fit, of_fit.system.deviations, of_fit)
     arm = of_fit.problem.model.arm
     records = of_fit.problem.measurements
@@ -118,9 +116,7 @@ def _put_back(of_fit: Fit) -> Mask:
 
 
 def _times_the_limit(at: Fit, deviations: Array, judge: Fit) -> Array:
-    """Residual of each record (n, 3 or 6), over what a good one may have by the scatter of
-    ``judge`` (n,).
-    """
+    """Residual of each record, over what a good one may have by the scatter of ``judge`` (n,)."""
     has_target = at.observations.has_target
     times = np.zeros(len(deviations))
     limit = chi2_isf(FALSE_EXCLUSION / len(deviations), at.observations.counts[has_target])
@@ -143,8 +139,8 @@ def _standing(
     median model.
 
     Each refit looks for gross errors anew, or is of the records ``used``; the last one then of
-    those that fit with all that was found, where covariates are a part of it. Else it looks for
-    gross errors too; if some of the records ``used`` are, the search begins again without them.
+    those that fit with all that was found, where covariates are a part of it. Else, if some of the
+    records ``used`` are gross errors, the search begins again without them.
     """
     at = first
     effects = list[Effect]()
@@ -204,8 +200,7 @@ class _Before:
     Attributes:
         tips: with all of that set.
         dof: degrees of freedom that it leaves.
-        scatter: of readings and tips beside that; None where the stated noise was all there was to
-            begin with.
+        scatter: of readings and tips beside that; None where the stated noise was all there was.
         ratio, of_readings: of the error that records of one posture share, see
             :class:`RecordNoise`.
     """
@@ -263,8 +258,8 @@ def _extended(
 
 
 def _with_shared_error(at: Fit, choice: Choice, curves: HeldEffects | None = None) -> Fit:
-    """The fit with what an error that records of one posture share, and curves at which it stays,
-    add to its covariance.
+    """The fit, whose covariance includes the error that records of one posture share, and held
+    curves.
     """
     variance = choice.posterior.median_model.variance
     added = choice.noise.added_covariance(at, variance)
@@ -274,9 +269,7 @@ def _with_shared_error(at: Fit, choice: Choice, curves: HeldEffects | None = Non
 
 
 def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
-    """Known causes, beside new ones of their name, whose values are zero to within their U
-    (k = 2).
-    """
+    """Known causes, beside new ones of their name, that are zero to within their U (k = 2)."""
     named = {effect.label for effect in effects if effect.nonlinear.field and not is_change(effect)}
     identities = _identities(effects)
     gone = []
@@ -291,9 +284,7 @@ def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
 def _without(
     at: Fit, noise: RecordNoise, effects: Sequence[Effect], number: int, gone: Sequence[Effect]
 ) -> Effect:
-    """One of the effects, with the likeliest nonlinear parameter if it has replaced a known
-    effect.
-    """
+    """One of the effects, with the likeliest nonlinear parameter if it has replaced a known one."""
     effect = effects[number]
     if effect.label not in {old.label for old in gone} or effect.nonlinear.is_preferred(effect):
         return effect
@@ -339,8 +330,8 @@ def _climbed(
 ) -> Choice:
     """The posterior where a fit with some causes ended, with the noise that the round before found.
 
-    An error curve, which has many parameters, may follow readings that scatter. So in the first
-    round the more probable is taken: the curves, or the scatter of readings in their place.
+    An error curve, which has many parameters, may follow readings that scatter. So the first round
+    takes the more probable: the curves, or the scatter of readings in their place.
     """
     held = [effect for effect in at.problem.model.effects if effect.free_form]
     design = design_of(at, library, others, at.problem.candidates, held)
@@ -363,13 +354,7 @@ def _climbed(
 
 @dataclass(frozen=True, eq=False)
 class _Climb:
-    """What a round has in common for every noise that it is tried with.
-
-    Attributes:
-        candidates: of the round's design.
-        start: the set with which it begins.
-        scatter: see :class:`Choice`.
-    """
+    """What a round has in common for every noise that it is tried with."""
 
     candidates: Candidates
     start: Blocks
@@ -378,9 +363,9 @@ class _Climb:
     def ended(self, left: _Before) -> Posterior:
         """The posterior with the most probable noise.
 
-        What records of one posture share is either noise or what causes do there. So it is tried
-        with what is shared beside the round before, with what that round reckoned with, and with
-        nothing. The most probable of these is taken, each with what its most probable set leaves.
+        What records of one posture share is either noise or what causes do there. So three noises
+        are tried: shared beside the round before, as that round reckoned with, and nothing shared;
+        each then with what its most probable set leaves.
         """
         if not self.noise.repeat:
             return self.with_noise(self.noise)
@@ -398,13 +383,10 @@ class _Climb:
         return RecordNoise.of_postures(at, (self.scatter or at.noise).whitening)
 
     def shared(self, tips: Array, dof: float) -> RecordNoise:
-        """With the error that records of one posture share beside some tips, which leave ``dof``
-        degrees of freedom.
-        """
+        """With the error that records of one posture share beside some tips."""
         return self.noise.likeliest(self.candidates.design.deviations(tips), dof)
 
     def with_noise(self, noise: RecordNoise) -> Posterior:
-        """The posterior with this noise."""
         design = self.candidates.design
         stated = noise_is_known(design.fit) if self.scatter is None else self.scatter.as_stated
         gram = gram_of(design, noise.scaled(stated))
@@ -435,8 +417,8 @@ def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[
 
 
 def _with_variant(variants: Variants, refined: Effect) -> Variants:
-    """With a refined variant in the place of the nearest that was tried: if there were more about
-    the likeliest value than elsewhere, their prior would be larger there.
+    """A refined variant replaces the nearest that was tried: if there were more about the likeliest
+    value than elsewhere, their prior would be larger there.
     """
     nonlinear = refined.nonlinear
     if not nonlinear.field:

@@ -1,6 +1,4 @@
-"""Nonlinear parameters of causes, such as orders, times and time constants: by the evidence of
-values near them.
-"""
+"""Nonlinear parameters of causes, such as orders and times, by the evidence of values near them."""
 
 from __future__ import annotations
 
@@ -42,9 +40,8 @@ def noise_is_known(at: Fit) -> bool:
 
 
 def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:
-    """The causes of the most probable set with their likeliest nonlinear parameters.
-
-    Causes whose parameters are about those of ``before`` stay as before.
+    """The causes of the most probable set with their likeliest nonlinear parameters; those of
+    ``before`` if they are about the same.
     """
     records = choice.fit.problem.measurements
     acting = _acting(choice, choice.top_causes)
@@ -75,9 +72,6 @@ def refined_rivals(choice: Choice) -> list[Effect]:
 
 
 def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
-    """The best other causes in place of ``block``, each with the nonlinear parameters near its
-    own.
-    """
     candidates = choice.candidates
     # Forms of a basis are tried at all values already.
     own_columns = {
@@ -99,7 +93,6 @@ def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
 
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
-    """The causes of some blocks as :func:`evidences` asks for them."""
     acting: list[Variants] = []
     for block in blocks:
         effect = choice.variant(block)
@@ -118,12 +111,12 @@ def evidences(
     Args:
         at: the fit.
         noise: of the records.
-        acting: each cause as it acts; before it the known cause, if it differs from this
-            by its nonlinear parameter.
+        acting: each cause as it acts; before it the known cause, if it differs from this by its
+            nonlinear parameter.
         tried: effects to try, by the number of the cause whose place they take.
 
     Returns:
-        The evidence of each effect, in the same order; none where no effect is to be tried.
+        The evidence of each effect; none where no effect is to be tried.
     """
     if not any(tried.values()):
         return {}
@@ -147,7 +140,7 @@ def evidences(
 
 
 def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
-    """The effect with the largest evidence, or an effect with nearly this evidence and a value that
+    """The effect with the largest evidence, or one with nearly this evidence and a value that
     machines are made with.
     """
     best = int(np.argmax(odds))
@@ -173,9 +166,6 @@ def _at_the_top(tried: Sequence[Effect], odds: Array, best: int) -> Effect:
 
 
 def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
-    """``effect``, or the effect of its label ``before`` if their nonlinear parameters are about the
-    same.
-    """
     for old in before:
         nonlinear = old.nonlinear
         width = nonlinear.prior_sd(old) if old.label == effect.label else 0.0
@@ -210,11 +200,9 @@ def _is_smooth(effect: Effect) -> bool:
 
 
 def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
-    """Half of the distance from a nonlinear parameter to the farther end of its 95 % interval, by
-    the evidence of values near it.
-
-    A time constant that is longer than the records last has far more room upwards than its
-    derivative says.
+    """Half of the distance from a nonlinear parameter to the farther end of its 95 % interval: a
+    time constant that is longer than the records last has far more room upwards than its derivative
+    says.
     """
     if len(tried) < 2:
         return 0.0
@@ -229,9 +217,7 @@ def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
 
 
 def _interval(values: Array, odds: Array) -> tuple[float, float]:
-    """The first and the last of some values that together have 95 % of the probability, by their
-    log odds.
-    """
+    """The ends of 95 % of the probability, by log odds of the values."""
     share = np.cumsum(np.exp(odds - logsumexp(odds)))
     places = np.searchsorted(share, (0.025, 0.975)).clip(max=values.size - 1)
     low, high = values[places].tolist()
@@ -244,7 +230,7 @@ class Step(NamedTuple):
 
     Attributes:
         u: standard uncertainty.
-        low, high: the first and the last of the values that together have 95 % of the probability.
+        low, high: ends of 95 % of the probability.
     """
 
     u: float

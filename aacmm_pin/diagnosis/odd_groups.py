@@ -1,4 +1,4 @@
-"""Groups of records that do not agree with all others: a bar, a seat, a session, a marker that was
+"""Groups of records that do not agree with the others: a bar, a seat, a session, a marker that was
 set up badly.
 """
 
@@ -22,9 +22,9 @@ class OddGroup(Shown):
 
     Attributes:
         name: such as ``bar left``.
-        records: how many it has.
-        times: by how much its records, predicted by the others, are farther off than those are from
-            one another, in units of what residuals at the same postures vary by.
+        records: number of its records.
+        times: distance of its records from their prediction by the others, over that of the others
+            from one another, in units of the scatter of residuals at the same postures.
         p_value: chance of that in a good set, for the best of all groups.
     """
 
@@ -39,7 +39,7 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
 
     Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other
     records, ν₋ their degrees of freedom and n what the group adds to these; Bonferroni's bound over
-    the groups of a kind. The noise is what the residuals vary by, for errors of readings move far
+    the groups of a kind. The noise is the scatter of the residuals, for errors of readings move far
     tips more, and in few directions; records of one posture that share an error count once.
     """
     groups = label_groups(choice.fit.problem.measurements)

@@ -24,8 +24,7 @@ class Posterior:
     Attributes:
         space: the model space that was explored.
         weights: of each set of blocks, the largest first; they add up to one.
-        disagreement: largest difference of an inclusion probability between the searches from the
-            two starts.
+        disagreement: largest difference of an inclusion probability between the two searches.
     """
 
     space: ModelSpace
@@ -34,7 +33,7 @@ class Posterior:
 
     @property
     def agree(self) -> bool:
-        """Whether the searches from the two starts found the same."""
+        """Whether the searches from the two starts agree."""
         return self.disagreement <= THRESHOLDS.agreement
 
     @property
@@ -44,13 +43,13 @@ class Posterior:
 
     @property
     def noise(self) -> RecordNoise:
-        """Noise of the records with which the sets were explored."""
+        """Noise of the records."""
         return self.space.gram.noise
 
     @property
     def log_density(self) -> float:
-        """Log posterior of the most probable set with the noise, up to a constant of these
-        records; the prior odds of an error that postures share are those of all covariates.
+        """Log posterior of the most probable set with the noise, up to a constant of these records;
+        the prior odds of an error that postures share are those of all covariates.
         """
         of_noise = self.noise.log_density(self.space.likelihood.dof)
         if self.noise.ratio:
@@ -68,9 +67,9 @@ class Posterior:
 
     @cached_property
     def median(self) -> Blocks:
-        """The median probability model: the candidates more probable than not (Barbieri,
-        Berger 2004, Ann. Stat. 32); of the candidates of one place those alone that act there
-        together most probably, by their most probable variants together.
+        """The median probability model: the candidates more probable than not (Barbieri, Berger
+        2004, Ann. Stat. 32); of the candidates of one place those that act there together most
+        probably, by their most probable variants together.
         """
         candidates = self.space.candidates
         of_blocks = defaultdict[frozenset[int], float](float)
@@ -108,8 +107,8 @@ class Posterior:
         }
 
     def beside(self, blocks: Blocks, kept: Sequence[int] | None = None) -> Conditional:
-        """What is left beside a set, or beside those of its blocks that are ``kept``, at the set's
-        best widths and amplitude.
+        """What is left beside a set, or beside its blocks ``kept``, at the set's best widths and
+        amplitude.
         """
         best = self.space.marginal(blocks).best
         return self.space.conditional(best if kept is None else best.of(kept))
@@ -126,8 +125,8 @@ class Posterior:
 
     @property
     def without_curves(self) -> Conditional:
-        """What is left beside the most probable set without its causes that can be every function
-        of their places.
+        """What is left beside the most probable set without causes that can be every function of a
+        place.
         """
         candidates = self.space.candidates
         kept = [k for k in self.top if not candidates.free[candidates.owner(k)]]
@@ -139,17 +138,13 @@ class Posterior:
 
     @cached_property
     def by_strength(self) -> list[int]:
-        """Blocks of the median probability model, the one without which it is least probable
-        first.
-        """
+        """Blocks of the median probability model; without the first one it is least probable."""
         without = self.space.removals(self.median)
         return [self.median[k] for k in np.argsort(without, kind="stable").tolist()]
 
     @cached_property
     def causes(self) -> dict[tuple[str, ...], float]:
-        """Probability of each set of causes, by their labels, the most probable first; they add up
-        to one.
-        """
+        """Probability of each set of causes, by their labels, the most probable first."""
         candidates = self.space.candidates
         probability = defaultdict[tuple[str, ...], float](float)
         for blocks, weight in self.weights.items():
@@ -210,8 +205,8 @@ class Posterior:
 
     @cached_property
     def _of_other_sets(self) -> dict[int, Array]:
-        """Of each cause, its mean covariance in the sets that hold it, about the estimate with the
-        causes alone (q, q).
+        """Mean covariance of each cause in the sets that hold it, about the estimate with the
+        causes alone.
         """
         alone = self.causes_alone
         total = {k: 0.0 * alone.covariance[place, place] for k, place in alone.places.items()}
@@ -249,9 +244,7 @@ def best_of_candidates(candidates: Candidates, values: Array) -> dict[int, int]:
 def weights_of(
     values: Mapping[Blocks, float], reach: float = THRESHOLDS.reach
 ) -> dict[Blocks, float]:
-    """Weights of sets by their log posteriors, the largest first; sets out of reach are not among
-    them.
-    """
+    """Weights of sets by their log posteriors, the largest first; without sets out of reach."""
     best = max(values.values())
     near = {blocks: value for blocks, value in values.items() if value > best - reach}
     ordered = sorted(near, key=lambda blocks: (-near[blocks], blocks))

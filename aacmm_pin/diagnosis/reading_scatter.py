@@ -1,6 +1,4 @@
-"""Scatter beside the stated noise and all that was found: of tips, of rotations, and of the
-readings of each joint.
-"""
+"""Scatter beside the stated noise and all that was found: of tips, rotations, and readings."""
 
 from __future__ import annotations
 
@@ -27,15 +25,15 @@ LEAST_VARIANCE = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class ReadingScatter:
-    """Variance components of the residuals beside the noise that is stated (Patterson, Thompson
-    1971, Biometrika 58).
+    """Variance components of the residuals beside the stated noise (Patterson, Thompson 1971,
+    Biometrika 58).
 
     Attributes:
         covariances: of each residual, stated noise and all components (n, 3, 3) [m²]; with
             orientations (n, 6, 6).
         readings: standard deviation of the readings of each joint beyond the stated noise (nq,)
             [rad; m where it slides].
-        at_tips: what that moves tips by, root mean square for each joint (nq,) [m].
+        at_tips: what that moves tips by, root mean square (nq,) [m].
         log_ratios: log likelihood with the scatter of each joint over that without (nq,). All three
             are zero of joints of which it is less than the threshold.
         size: root mean square of a tip's residual by all of these [m].
@@ -65,7 +63,7 @@ class ReadingScatter:
         Args:
             fit: the calibration.
             deviations: residuals (n, 3) [m], with orientations (n, 6) [m, rad].
-            left: part of the residuals' degrees of freedom that all that was fitted has left.
+            left: part of the residuals' degrees of freedom that is left.
             noise: of records that may share an error, which is no scatter of readings.
         """
         counts = fit.used & fit.observations.has_target
@@ -129,12 +127,8 @@ class ReadingScatter:
 
 @dataclass(frozen=True, eq=False)
 class _Components:
-    """``C = N + Σ v_c F_c F_cᵀ`` for the residuals of some records.
-
-    Attributes:
-        stated: N (n, k, k).
-        squares: ``F_c F_cᵀ`` of each component (c, n, k, k).
-        residuals: (n, k).
+    """``C = N + Σ v_c F_c F_cᵀ`` for the residuals of some records: N (n, k, k) is ``stated``, the
+    ``squares`` are F_c F_cᵀ (c, n, k, k), the ``residuals`` (n, k).
     """
 
     stated: Array
@@ -142,7 +136,6 @@ class _Components:
     residuals: Array
 
     def covariances(self, variances: Array) -> Array:
-        """Of each residual (n, k, k)."""
         scatter = np.tensordot(variances, self.squares, 1)
         return self.stated + scatter
 
@@ -162,14 +155,11 @@ class _Components:
         return likeliest
 
     def largest(self, start: Array) -> float:
-        """Log likelihood at the likeliest variances."""
         return self.log_likelihood(self.best(start))
 
     def sure_ratios(self, start: Array, alone: int) -> Array:
         """Log likelihood with each variance from number ``alone`` on over that without it; 0 below
-        the threshold.
-
-        The least sure one is taken out until all are sure.
+        the threshold. The least sure one is taken out until all are sure.
         """
         ratios = np.zeros(start.size)
         chosen = np.arange(start.size) >= alone
@@ -190,7 +180,6 @@ class _Components:
         return ratios[alone:]
 
     def log_likelihood(self, variances: Array) -> float:
-        """Log likelihood, up to a constant."""
         covariances = self.covariances(variances)
         residuals = self.residuals[:, :, None]
         squares = np.sum(residuals * np.linalg.solve(covariances, residuals))

@@ -1,6 +1,4 @@
-"""The noise of records: records of one posture at one target share an error, which has variance
-components of its own.
-"""
+"""The noise of records: records of one posture at one target share an error."""
 
 from __future__ import annotations
 
@@ -34,8 +32,8 @@ SAME_LOG_VARIANCE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class RecordNoise:
-    """The noise of records: what gives each residual unit variance, and the error that records of
-    one posture and one seat, a group, share.
+    """What gives each residual unit variance, and the error that records of one posture and one
+    seat, a group, share.
 
     The whitened residuals of a group have the covariance ``R + ratio² U Uᵀ``: R is the correlation
     of records of one reading, U the displacement by what is shared.
@@ -46,15 +44,14 @@ class RecordNoise:
         numbers: how many numbers a record of each group states (groups,).
         ratio: standard deviation of the shared error over that of a record: root mean square, if
             the readings cause it.
-        of_readings: whether the readings cause the shared error; else it displaces all records of
-            a posture alike, in units of their noise.
+        of_readings: whether the readings cause the shared error; else it displaces all records of a
+            posture alike, in units of their noise.
         log_ratio: log likelihood with the shared error over that without.
         correlation: of records of one reading, whose stated noise they share.
         by_reading: whitened displacement by the readings (n, k, nq), of one on the average.
         readings: standard deviation of each reading that displaces so (nq,) [rad; m where it
             slides].
-        record: standard deviation of a record beside what it shares, in units of its noise; 1 where
-            nothing is shared.
+        record: standard deviation of a record beside what it shares, in units of its noise.
     """
 
     whitening: Array
@@ -94,12 +91,8 @@ class RecordNoise:
 
     @staticmethod
     def of_postures(fit: Fit, whitening: Array) -> RecordNoise:
-        """Of the postures of a fit, whose records share nothing but what is stated of their
-        readings.
-
-        Args:
-            fit: the fit.
-            whitening: of each record (n, 3, 3) [1/m], or (n, 6, 6).
+        """The noise of a fit by its postures, whose records share nothing but what is stated of
+        their readings.
         """
         counts = fit.used & fit.observations.has_target
         group = np.full(len(counts), -1, dtype=np.intp)
@@ -112,7 +105,6 @@ class RecordNoise:
         return noise._with_readings(fit) if noise.repeat else noise
 
     def _with_readings(self, fit: Fit) -> RecordNoise:
-        """The same with what the readings displace."""
         inside = self.group >= 0
         of_counted = self.whitening * inside[:, None, None]
         correlation = fit.noise.correlation(of_counted)
@@ -162,13 +154,11 @@ class RecordNoise:
         return replace(self, group=group, numbers=self.numbers[self.group[inside]])
 
     def log_density(self, dof: float) -> float:
-        """What the shared error adds to the log likelihood beside χ², with ``dof`` degrees of
-        freedom left.
-        """
+        """What the shared error adds to the log likelihood beside χ²."""
         return self.restricted(self.log_volume, dof) - dof * float(np.log(self.record))
 
     def restricted(self, log_volume: Array, dof: float) -> float:
-        """The same of a record's variance of one and log determinants (groups,), all fitted
+        """The same for a record's variance of one and log determinants (groups,), all fitted
         parameters being among what groups share.
         """
         fitted = float(self.numbers @ self.count) - dof
@@ -189,7 +179,7 @@ class RecordNoise:
         return self.correlation.whitened(np.tile(np.eye(self.width), (len(self.group), 1, 1)))
 
     def along(self, rows: Array) -> Array:
-        """Products of the columns with rows (n, k, c), group by group (groups, columns, c)."""
+        """Products of the columns with rows (n, k, c), of each group (groups, columns, c)."""
         return self.sums(self.columns.transpose(0, 2, 1) @ rows)
 
     @cached_property
@@ -219,7 +209,7 @@ class RecordNoise:
         return np.asarray(of_all - unstated * np.log1p(variance * self.count))
 
     def is_about(self, other: RecordNoise) -> bool:
-        """Whether the error of the same postures is about another one, or small beside that of a
+        """Whether the error of the same postures is about the other, or small beside that of a
         record in both.
         """
         change = (self.log_volume - other.log_volume) / self.numbers
@@ -257,7 +247,7 @@ class RecordNoise:
             first = last
 
     def take(self, records: Index) -> RecordNoise:
-        """Of some of the records, whole groups of them."""
+        """The noise of some of the records, whole groups of them."""
         group = self.group[records]
         inside = group >= 0
         groups, local = np.unique(group[inside], return_inverse=True)
@@ -278,8 +268,8 @@ class RecordNoise:
         return self.decorrelated(self.whitening @ flat).reshape(deviations.shape)
 
     def decorrelated(self, rows: Array) -> Array:
-        """Rows (n, …), whitened record by record, with what records share whitened too:
-        ``(I + ratio² U Uᵀ)^-½``.
+        """Rows (n, …), whitened record by record, with what records share whitened too: ``(I +
+        ratio² U Uᵀ)^-½``.
 
         The mean of a group of m, for example, has ``1 + m ratio²`` times the variance of
         independent records.
@@ -300,7 +290,7 @@ class RecordNoise:
         return whitened
 
     def independent(self, deviations: Array) -> Array:
-        """Deviations (n, 3 or 6) [m, rad] as those of records that share nothing are."""
+        """Deviations (n, 3 or 6) [m, rad] as those of records that share nothing."""
         whitened = self.whitened(deviations)
         return np.asarray(np.einsum("nij,nj->ni", self._unwhitening, whitened))
 
@@ -320,20 +310,16 @@ class RecordNoise:
 
     @property
     def _unwhitening(self) -> Array:
-        """What the whitening is undone by, where it does not leave out a part (n, k, k) [m]."""
+        """Inverse of the whitening, where it does not leave out a part (n, k, k) [m]."""
         inverse = np.linalg.pinv(self.whitening, rcond=LEFT_OUT)
         return np.asarray(inverse, np.float64)
 
     def added_covariance(self, fit: Fit, variance: float) -> Array:
         """What the shared error adds to the covariance of a fit's parameters that took records as
-        independent (p, p) [units].
+        independent (p, p) [units]; ``variance`` is a factor on the variances of this noise.
 
         ``A⁻¹ Jᵀ W (V - W⁻¹) W J A⁻¹`` with the covariance V of the records and the fit's weights W
         (Liang, Zeger 1986, Biometrika 73), where that is positive.
-
-        Args:
-            fit: the fit.
-            variance: factor on the variances of this noise.
         """
         if not self.ratio:
             return np.zeros((fit.problem.scales.size,) * 2)
@@ -355,18 +341,17 @@ class RecordNoise:
         return np.asarray(along * np.maximum(values, 0.0) @ along.T)
 
     def scaled(self, stated: bool) -> RecordNoise:
-        """Beside the shared error, records have the noise that the whitening states if it is
-        ``stated``, else as found.
+        """With the noise of the whitening beside the shared error if it is ``stated``, else as
+        estimated.
         """
         record = 1.0 if stated else self.record
         return replace(self, whitening=self.whitening / record, record=record)
 
 
 def reading_units(fit: Fit) -> Array:
-    """Standard deviation of each reading beside those of the others (nq,) [rad; m where it slides]:
-    as stated, else the same for all.
-
-    A joint that slides moves tips by as much as one that turns does on the average.
+    """Standard deviation of each reading beside the others (nq,) [rad; m where it slides]: as
+    stated, else the same for all. A joint that slides then moves tips by as much as one that turns
+    does on the average.
     """
     stated = fit.problem.setup.encoder_noise
     if stated is not None and stated.any():
@@ -414,6 +399,5 @@ def _likeliest(held: RecordNoise, residual: Array, dof: float) -> tuple[float, R
 
 
 def _squared(rows: Array) -> Array:
-    """Sum of ``Rᵀ R`` over rows (n, k, c): (c, c)."""
     stacked = rows.reshape(-1, rows.shape[-1])
     return stacked.T @ stacked

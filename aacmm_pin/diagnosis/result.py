@@ -159,8 +159,8 @@ class Diagnosis(Shown):
         contradicted: stated places that the records contradict.
         findings: causes, strongest first; geometric values beyond their stated uncertainty come
             last.
-        model: recalibrated arm with the causes; without the causes if these do not improve the
-            predictions of held-out records.
+        model: recalibrated arm with the causes; without them if they do not improve the predictions
+            of held-out records.
         before: fit of the set-up alone, with the arm before the diagnosis.
         recalibrated: fit with refitted geometry.
         extended: fit with refitted geometry and the causes.

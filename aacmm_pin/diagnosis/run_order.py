@@ -1,6 +1,4 @@
-"""Whether records that follow each other share an error: a run-order test of each joint and of the
-tip.
-"""
+"""Whether records that follow each other share an error: of a joint, or of the tip."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Frequentist checks beside the posterior, and how much alike the columns of causes are in these
-records.
-"""
+"""Frequentist checks beside the posterior, and how much alike the columns of causes are."""
 
 from __future__ import annotations
 
@@ -49,8 +47,8 @@ def family_wise_p_value(candidates: Candidates, conditional: Conditional, block:
     """Bound of the chance that the posterior odds of any candidate reach those of a block when
     nothing is there.
 
-    The mean of the odds when nothing is there is the prior odds, so that those of all together over
-    the odds are a bound (Markov's inequality).
+    The mean of the odds is then the prior odds, so that those of all together over the odds are a
+    bound (Markov's inequality).
     """
     beside = conditional.all
     gain, volume = gains(beside.information(block)[None], beside.gradient(block)[None])
@@ -63,13 +61,13 @@ def family_wise_p_value(candidates: Candidates, conditional: Conditional, block:
 
 
 def _knows_noise(conditional: Conditional) -> bool:
-    """Whether the noise is what the records' units say, and not found from the same records."""
+    """Whether the noise is as stated, and not estimated from the same records."""
     return conditional.likelihood.stated and conditional.variance == 1.0
 
 
 def _tail(conditional: Conditional, squares: Array, columns: int) -> Array:
     """Chance that columns that do nothing explain so much of χ²: χ² itself, or where the noise is
-    not known the share of it, which is beta distributed.
+    not known its share, which is beta distributed.
     """
     if _knows_noise(conditional):
         return chi2_sf(np.maximum(squares, 0.0), columns)
@@ -80,8 +78,8 @@ def _tail(conditional: Conditional, squares: Array, columns: int) -> Array:
 def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound.
 
-    Parameters are known to within the largest width. Else columns of which the records tell next to
-    nothing would explain everything: an arm that shrinks to a point meets every unknown seat.
+    Parameters are known to within the largest width. Else columns that the records hardly determine
+    would explain everything: an arm that shrinks to a point meets every unknown seat.
     """
     chances = list[float]()
     beside = conditional.all
@@ -145,8 +143,8 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     """How many causes of the library these records would have shown at their typical magnitude, and
     of how many.
 
-    A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least
-    that of the threshold; more where the noise comes from the same records and few degrees of
+    A cause shows if the noncentrality of one parameter, over all variants, geometry refitted, is at
+    least that of the threshold; more where the noise comes from the same records and few degrees of
     freedom, so that Student's evidence is as large.
     """
     space = posterior.space

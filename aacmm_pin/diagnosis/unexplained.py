@@ -1,6 +1,4 @@
-"""What no cause of the library explains: the discrepancy, what it depends on, its size, and groups
-that do not fit in.
-"""
+"""What no cause of the library explains, and what it depends on."""
 
 from __future__ import annotations
 
@@ -195,7 +193,7 @@ class Unexplained(Shown):
 
 
 def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplained:
-    """The discrepancy, and whether structure is left; ``named`` is True if any cause was found."""
+    """The discrepancy, and whether structure is left beside the named causes."""
     covariates = {k: choice.covariate(k) for k in choice.covariates}
     odd = tuple(odd_groups(choice))
     shared = shared_by(choice.fit) or round_excluded(choice.fit, choice.whitened_deviations)
@@ -297,7 +295,6 @@ def exceeds_noise(extended: Fit) -> bool:
 
 
 def _discrepancy(choice: Choice, block: int, name: str) -> DiscrepancySize:
-    """The size of a covariate's part, at its posterior mean."""
     model = choice.posterior.median_model
     weights = choice.design.weights(block)
     entries = model.places[block]
@@ -327,12 +324,8 @@ def _sizes(
     choice: Choice, weights: Array, estimate: Array, covariance: Array
 ) -> tuple[float, float]:
     """Root mean square displacement of the used records' tips that recalibration leaves, and its
-    standard uncertainty [m].
-
-    Args:
-        choice: what was found.
-        weights: of all columns in each parameter (columns, q).
-        estimate, covariance: of the parameters (q,), (q, q).
+    standard uncertainty [m]: by ``weights`` of all columns in each parameter (columns, q), and
+    ``estimate`` (q,) and ``covariance`` (q, q) of these.
     """
     rows = choice.displacement(weights)
     square = np.square(rows @ estimate).sum()

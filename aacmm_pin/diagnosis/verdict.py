@@ -57,8 +57,8 @@ class Evidence:
 
     @property
     def mostly_named(self) -> bool:
-        """Whether held-out records confirm the causes as far as there are any, and those that act
-        without doubt displace tips by more than what has no name.
+        """Whether held-out records do not contradict the causes, and those that act without doubt
+        displace tips by more than what has no name.
         """
         return not self.no_better and self.named > self.nameless
 
