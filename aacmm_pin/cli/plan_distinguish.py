@@ -13,6 +13,7 @@ from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import arm_file_option, note, say
 from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.cli.plan_records import PlannedRecords, plan_records
+from aacmm_pin.measurements import REFERENCE
 from aacmm_pin.planning import plan_measurements
 from aacmm_pin.report import plan_document
 
@@ -60,9 +61,11 @@ def run(
     plan = plan_records(arm, planned, how, choose, plan_document, arm_out)
     if not planned.csv_on_stdout:
         fill = "Fill" if plan.needed else "To check this result, fill"
+        empty = plan.records.columns[plan.records.isna().all()]
+        others = empty[~empty.str.startswith("u_")].difference([*REFERENCE], sort=False)
         say(
-            f"{fill} in x_mm, y_mm, z_mm in {planned.output}. Replace the planned angles by the "
-            "readings."
+            f"{fill} in {', '.join([*REFERENCE, *others])} in {planned.output}. Replace the "
+            "planned angles by the readings."
         )
         note(f"the plan chose its records from {planned.postures} postures (seed {planned.seed})")
     if plan.changes_arm and arm_out is None:

@@ -11,7 +11,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm import Arm, Room, joint_bounds
 from aacmm_pin.calibration import observations_of
-from aacmm_pin.effects import Conditions, State
+from aacmm_pin.effects import CONDITION_ENTRIES, Conditions, State
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, Pool, probe_directions, seats_for
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
@@ -137,8 +137,9 @@ def _conditions(
     if known.marker is not None:  # the first of the existing records
         first = next((label for label in known.marker if label), "")
         chosen["marker"] = np.full(n, first, dtype=object)
-    for name in {"tilt_x", "tilt_y"}.intersection(known.present):  # of the last existing record
-        chosen[name] = np.full(n, getattr(known, name)[-1])
+    for name in known.present:
+        if CONDITION_ENTRIES[name].usual is not None:  # of the last existing record
+            chosen[name] = np.repeat(getattr(known, name)[-1:], n, axis=0)
     if "time" in present:
         chosen["time"] = time
     if links is not None:

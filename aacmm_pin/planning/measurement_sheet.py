@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.effects import CONDITION_ENTRIES
 from aacmm_pin.measurements import REFERENCE, REFERENCE_U, Measurements
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.candidate_records import TIME_STEP
@@ -42,7 +43,8 @@ def planned_records(task: Task, situation: Situation, chosen: list[int]) -> dict
 def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame:
     """The file to complete, with the columns of the existing records.
 
-    Cells of values to measure are empty; coordinates of known seats and constant u stay.
+    Cells of values to measure are empty, such as conditions for which neither the plan nor the
+    existing records have a value; coordinates of known seats and constant u stay.
     """
     stated = records.conditions.seat is not None and existing is not None
     nothing = np.full((records.n, 3), np.nan)
@@ -56,6 +58,12 @@ def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame
     ).to_frame()
     exact = [name for name in table.columns if name.startswith(("theta", "probe_direction"))]
     table[exact] = table[exact].round(SHEET_DECIMALS)
+    for name in records.conditions.present:
+        column, values = CONDITION_ENTRIES[name], getattr(records.conditions, name)
+        known = existing is not None and name in existing.conditions.present
+        if column.usual is not None and np.all(values == column.usual) and not known:
+            pattern = "|".join(column.names).replace("#", r"\d+")
+            table.loc[:, table.columns.str.fullmatch(pattern)] = np.nan
     if REFERENCE[0] not in table:
         for k, name in enumerate(REFERENCE):
             table.insert(records.nq + k, name, nothing[:, k])

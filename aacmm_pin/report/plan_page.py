@@ -259,8 +259,9 @@ def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
         "The figure shows the arm in the first posture (black), and the planned positions of the "
         "tip.",
     )
-    planned = plan.records.filter(regex=COLUMNS_NOT_LISTED)
-    others = plan.records.drop(columns=[*planned, "record"], errors="ignore").astype(str)
+    stated = plan.records.dropna(axis=1, how="all")
+    planned = stated.filter(regex=COLUMNS_NOT_LISTED)
+    others = stated.drop(columns=[*planned, "record"], errors="ignore").astype(str)
     others = others.rename(columns={"temperature_c": "temperature [°C]"})
     # a file that is appended to may have no column record
     label = pd.Series(measurements.record, name="record")

@@ -4,6 +4,7 @@ through diagnose.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,16 @@ from shell import NOISE, done, found, refused, run
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm
-from aacmm_pin.effects import ErrorModel, JointCompliance
+from aacmm_pin.effects import (
+    Displacement,
+    Effect,
+    ErrorModel,
+    JointCompliance,
+    State,
+    Term,
+    about_axis,
+    register,
+)
 from aacmm_pin.measurements import Measurements
 from tests.pages import Page
 
@@ -55,6 +65,36 @@ def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path, sino6):
     assert (first["cause"], first["joint"]) == ("joint_compliance", 2)
     out, _ = done(f"plan distinguish sino6 {PAIR} {QUICK} --existing {both} -o {plan} --force")
     assert "existing records are enough" in out
+
+
+def test_a_condition_that_nobody_set_is_to_be_measured(tmp_path):
+    """A cause of one's own needs it; beside existing records it is as in the last of them."""
+
+    @register
+    @dataclass(frozen=True)
+    class Leaning(Effect):
+        """A joint that turns with the mount."""
+
+        joint: int
+        cause = "leaning"
+        needs = ("tilt_x",)
+        terms = (Term("", "rad", 1e-4, "turn_rad"),)
+
+        def displacements(self, state: State) -> list[Displacement]:
+            tilt = state.conditions.require("tilt_x", self.label)
+            return [about_axis(state, self.joint, np.cos(state.q[:, 1] + tilt)[:, None])]
+
+    old, plan = tmp_path / "old.csv", tmp_path / "plan.csv"
+    words = "plan distinguish sino6 --causes leaning:3 encoder_gain:3 --records 10 --postures 50"
+    words += f" {STATED} -o {plan}"
+    out, _ = done(words)
+    assert "Fill in x_mm, y_mm, z_mm, tilt_x_deg in" in out
+    assert pd.read_csv(plan)["tilt_x_deg"].isna().all()
+    done(f"simulate sino6 --scheme free --records 20 {NOISE} -o {old}")
+    pd.read_csv(old).assign(tilt_x_deg=np.linspace(0.0, 5.0, 20)).to_csv(old, index=False)
+    out, _ = done(words, f"--existing {old} --force")
+    assert "tilt_x_deg" not in out
+    assert (pd.read_csv(plan)["tilt_x_deg"] == 5.0).all()
 
 
 def test_another_mount_comes_as_an_arm_file(tmp_path, sino6):
