@@ -14,8 +14,8 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import Fit, HeldEffects
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
-from aacmm_pin.diagnosis.design_matrix import Design
-from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
+from aacmm_pin.diagnosis.design_matrix import Design, held_effects
+from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, numbers_of
 from aacmm_pin.diagnosis.linear_model import Conditional
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates
 from aacmm_pin.diagnosis.posterior import Posterior
@@ -190,6 +190,19 @@ class Choice:
             values = model.estimate[place] * scales if effect.free_form else ()
             with_values.append(effect.at(values, u))
         return with_values
+
+    def held_curves(self, fit: Fit, effects: Sequence[Effect]) -> HeldEffects:
+        """Curves of the median probability model beside a refit that held them, with the values
+        and the uncertainty of the posterior.
+        """
+        model = self.posterior.median_model
+        of_label = {self.variant(k).label: k for k in self.causes}
+        entries = numbers_of([model.places[of_label[effect.label]] for effect in effects])
+        scales = np.array([term.typical for effect in effects for term in effect.terms])
+        covariance = model.covariance[np.ix_(entries, entries)] * np.outer(scales, scales)
+        u = iter(np.sqrt(np.diag(covariance)))
+        with_u = [effect.at(effect.values, [next(u) for _ in effect.terms]) for effect in effects]
+        return held_effects(fit, with_u, covariance)
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.calibration import Fit, information_of_seats
+from aacmm_pin.calibration import Fit, HeldEffects, information_of_seats
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
@@ -261,6 +261,12 @@ def displacements(fit: Fit, effects: Sequence[Effect]) -> Array:
     """Displacement of all records by each parameter of effects (n, 3 or 6, q) [m/unit]."""
     all_records = np.arange(fit.problem.measurements.n)
     return _Calibrated(fit, all_records).of(tuple(effects))
+
+
+def held_effects(fit: Fit, effects: Sequence[Effect], covariance: Array) -> HeldEffects:
+    """Effects with a joint covariance (q, q) [units] beside the fit that held them."""
+    response = fit.response(displacements(fit, effects))
+    return HeldEffects(tuple(effects), covariance, response)
 
 
 def design_of(

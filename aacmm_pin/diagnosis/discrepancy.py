@@ -13,9 +13,9 @@ from aacmm_pin.calibration import calibrated_model
 from aacmm_pin.calibration.estimation import fit as fit_of
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Carried
-from aacmm_pin.diagnosis.held_curves import held_effects
+from aacmm_pin.diagnosis.design_matrix import held_effects
 from aacmm_pin.diagnosis.model_extension import ProblemOf
-from aacmm_pin.effects import Carrier, Discrepancy, ErrorModel, Part
+from aacmm_pin.effects import Carrier, Discrepancy, Effect, ErrorModel, Part
 
 FACTORS = 10
 """So many independent factors stand for the covariance of a background, beside the size of the
@@ -61,16 +61,19 @@ def described_model(
     covariates = described_by(choice, choice.covariates)
     named = covariate_effects(covariates, _prior_u(choice), taken)
     taken |= {effect.label for effect in named}
-    curves = () if choice.curves is None else choice.curves.effects
-    held = [*curves, *([_background(choice, taken)] if background else [])]
+    held, covariances = list[Effect](), list[Array]()
+    if choice.curves is not None:
+        held += choice.curves.effects
+        covariances.append(choice.curves.covariance)
+    if background:
+        held.append(_background(choice, taken))
+        covariances.append(np.diag(np.square(held[-1].u)))
     causes = choice.with_values(choice.effects)
     estimated = [effect for effect in causes if not effect.free_form]
     refit = fit_of(problem_of([*estimated, *named], held), used=choice.fit.used)
     if not held:
         return calibrated_model(refit)
-    blocks = [] if choice.curves is None else [choice.curves.covariance]
-    blocks += [np.diag(np.square(effect.u)) for effect in held[len(curves) :]]
-    beside = held_effects(refit, held, block_diag(*blocks))
+    beside = held_effects(refit, held, block_diag(*covariances))
     return calibrated_model(replace(refit, added_covariance=beside.added_covariance), beside)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from aacmm_pin.calibration import geometric_parameters
 from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.held_out_gain import Fold, cause_gain
-from aacmm_pin.diagnosis.nonlinear_parameters import Step, step_of
+from aacmm_pin.diagnosis.nonlinear_parameters import NonlinearInterval, interval_of_step
 from aacmm_pin.diagnosis.result import Finding
 from aacmm_pin.diagnosis.significance import aliases_of, family_wise_p_value, retained
 from aacmm_pin.effects import Effect, ErrorModel, slides, values_with_u
@@ -36,10 +36,15 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
     covariance = covariance + _model_uncertainty(choice, block, effect)
     u = np.sqrt(np.diag(covariance))
     effect = effect.at(effect.values, tuple(u))
-    parameter = effect.nonlinear.field
-    is_step = bool(parameter) and not effect.nonlinear.prior_sd(effect)
-    steps = {parameter: step_of(choice, block, parameter)} if is_step else {}
-    nonlinear_values = _nonlinear_values(choice, effect, steps)
+    reported, nonlinear_values = effect, {}
+    interval = _nonlinear_interval(choice, block, effect)
+    if interval is not None:
+        name = effect.nonlinear.field
+        nonlinear_values = {name: (float(getattr(effect, name)), interval.u)}
+        if not is_change(chosen):
+            reported = effect.nonlinear.with_coverage_interval(
+                effect, interval.low, interval.high, choice.fit.problem.measurements
+            )
     replaced = (
         old
         for old in model.effects
@@ -51,9 +56,6 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
     whole_arm = None
     if effect.place is not None and effect.cause in by_label:
         whole_arm, _ = by_label[effect.cause]
-    reported = effect
-    if not is_change(chosen):
-        reported = _with_coverage_intervals(choice, effect, nonlinear_values, steps)
     return Finding(
         effect=reported,
         parameters=values_with_u(effect, covariance),
@@ -79,33 +81,18 @@ def _model_uncertainty(choice: Choice, block: int, effect: Effect) -> Array:
     return np.asarray(scales[:, None] * between_sets * scales)
 
 
-def _with_coverage_intervals(
-    choice: Choice,
-    effect: Effect,
-    nonlinear_values: Mapping[str, tuple[float, float]],
-    steps: Mapping[str, Step],
-) -> Effect:
-    records = choice.fit.problem.measurements
-    intervals = {
-        name: (value - 2.0 * u, value + 2.0 * u) for name, (value, u) in nonlinear_values.items()
-    }
-    intervals |= {name: (step.low, step.high) for name, step in steps.items()}
-    for low, high in intervals.values():
-        effect = effect.nonlinear.with_coverage_interval(effect, low, high, records)
-    return effect
-
-
-def _nonlinear_values(
-    choice: Choice, effect: Effect, steps: Mapping[str, Step]
-) -> dict[str, tuple[float, float]]:
-    """Values of nonlinear parameters (order, time constant, time of a step) that the records
-    determine, with u.
+def _nonlinear_interval(choice: Choice, block: int, effect: Effect) -> NonlinearInterval | None:
+    """Of the nonlinear parameter (order, time constant, time of a step) that the records determine;
+    None without any.
     """
-    u_of_name = {name: step.u for name, step in steps.items()}
-    for (key, name), u in choice.fit.nonlinear_u_of.items():
-        if key == effect.key:
-            u_of_name.setdefault(name, u)
-    return {name: (float(getattr(effect, name)), u) for name, u in u_of_name.items()}
+    name = effect.nonlinear.field
+    if name and not effect.nonlinear.prior_sd(effect):
+        return interval_of_step(choice, block, name)
+    u = choice.fit.nonlinear_u_of.get((effect.key, name))
+    if u is None:
+        return None
+    value = float(getattr(effect, name))
+    return NonlinearInterval(u, value - 2.0 * u, value + 2.0 * u)
 
 
 def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:

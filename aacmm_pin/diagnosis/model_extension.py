@@ -24,7 +24,6 @@ from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
-from aacmm_pin.diagnosis.held_curves import held_curves
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.nonlinear_parameters import (
     evidences,
@@ -253,7 +252,7 @@ def _extended(
         at = refitted(problem_of, within, gone, used)
     at = with_nonlinear_u(at, choice.noise, effects)
     held = [effect for effect in within if effect.free_form]
-    curves = held_curves(choice, at, held) if held else None
+    curves = choice.held_curves(at, held) if held else None
     return replace(choice, fit=_with_shared_error(at, choice, curves), curves=curves)
 
 

@@ -224,9 +224,8 @@ def _interval(values: Array, odds: Array) -> tuple[float, float]:
     return low, high
 
 
-class Step(NamedTuple):
-    """Posterior of a nonlinear parameter at which a cause steps, such as the time of a slip [its
-    unit], over the values near it; each of these stands for the gap around it.
+class NonlinearInterval(NamedTuple):
+    """Of a nonlinear parameter [its unit].
 
     Attributes:
         u: standard uncertainty.
@@ -238,8 +237,10 @@ class Step(NamedTuple):
     high: float
 
 
-def step_of(choice: Choice, block: int, name: str) -> Step:
-    """Posterior of the nonlinear parameter ``name`` of a block."""
+def interval_of_step(choice: Choice, block: int, name: str) -> NonlinearInterval:
+    """Of the nonlinear parameter ``name`` at which a block steps, such as the time of a slip, by
+    the evidence of the values near it; each of these stands for the gap around it.
+    """
     candidates = choice.candidates
     records = choice.fit.problem.measurements
     chosen = choice.variant(block).at(())
@@ -252,4 +253,4 @@ def step_of(choice: Choice, block: int, name: str) -> Step:
     gaps = np.array([effect.nonlinear.gap(effect, records) for effect in tried])
     variances = np.square(values - getattr(chosen, name)) + np.square(gaps) / 12.0
     u = float(np.sqrt(share @ variances))
-    return Step(u, *_interval(values, odds))
+    return NonlinearInterval(u, *_interval(values, odds))

@@ -38,7 +38,6 @@ from aacmm_pin.diagnosis.choice import Choice, divide_seats
 from aacmm_pin.diagnosis.covariates import Covariate, covariates, label_groups
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
-from aacmm_pin.diagnosis.held_curves import held_curves
 from aacmm_pin.diagnosis.linear_model import (
     WIDTHS,
     Base,
@@ -757,7 +756,7 @@ def test_estimates_answer_a_curve_that_a_refit_holds(free_case: Case) -> None:
 
     zero = np.zeros(len(effect.terms))
     at = refit(zero)
-    found = held_curves(choice, at, [effect])
+    found = choice.held_curves(at, [effect])
     own = model.places[curve]
     typical = np.array([term.typical for term in effect.terms])
     wanted = model.covariance[own, own] * np.outer(typical, typical)
