@@ -36,7 +36,7 @@ class Choice:
     Attributes:
         fit: refit of geometry and of the causes of the median probability model.
         posterior: over sets of blocks, linear at the most probable set.
-        library, others: the candidates: causes, covariates.
+        library, all_covariates: the candidates.
         folds: fold of the cross-validation of each record (n,).
         scatter: of readings beyond the stated noise; None where the records show none.
         otherwise: labels of causes and covariates that would be found if excluded records counted,
@@ -49,7 +49,7 @@ class Choice:
     fit: Fit
     posterior: Posterior
     library: tuple[Variants, ...]
-    others: tuple[Covariate, ...]
+    all_covariates: tuple[Covariate, ...]
     folds: Index
     scatter: ReadingScatter | None = None
     otherwise: tuple[str, ...] = ()
@@ -219,7 +219,7 @@ class Choice:
     def covariate(self, block: int) -> Covariate:
         """The covariate of a block."""
         number = self.candidates.owner(block) - self.design.causes
-        return self.others[number]
+        return self.all_covariates[number]
 
     def way(self, block: int) -> Carried:
         """How the covariate of a block acts."""

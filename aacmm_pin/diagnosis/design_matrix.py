@@ -116,11 +116,11 @@ class Family:
             return np.asarray(products.transpose(1, 0, 2))
         return np.asarray(products @ self.forms)
 
-    def gradient(self, left: Array) -> Array:
+    def gradient(self, with_residual: Array) -> Array:
         """Products of the parameters of each block with the residual (b, q), by those of all
         columns (columns,).
         """
-        products = left[self.columns]
+        products = with_residual[self.columns]
         if self.forms is None:
             return products
         return np.asarray(np.tensordot(self.forms, products, (1, 0)))
@@ -272,7 +272,7 @@ def held_effects(fit: Fit, effects: Sequence[Effect], covariance: Array) -> Held
 def design_of(
     fit: Fit,
     library: Sequence[Variants],
-    others: Sequence[Covariate],
+    all_covariates: Sequence[Covariate],
     taken_out: int = 0,
     held: Sequence[Effect] = (),
 ) -> Design:
@@ -281,7 +281,7 @@ def design_of(
     Args:
         fit: the calibration.
         library: causes to consider.
-        others: covariates.
+        all_covariates: covariates to consider.
         taken_out: so many of the estimated effects, the last ones, are candidates and no nuisances:
             what they do is taken out of the tips. What the arm states of a geometric value among
             them, or of a known cause, is a nuisance as well, within its u.
@@ -306,10 +306,10 @@ def design_of(
     columns = _ColumnsOf(fit, kept.size)
     for number, variants in enumerate(library):
         columns.add_cause(number, variants)
-    for number, covariate in enumerate(others, len(library)):
+    for number, covariate in enumerate(all_covariates, len(library)):
         columns.add_covariate(number, covariate)
     labels = [variants[0].label for variants in library]
-    names = (*labels, *(covariate.name for covariate in others))
+    names = (*labels, *(covariate.name for covariate in all_covariates))
     prior = np.zeros((width + within.size, kept.size + 1))
     prior_rows = problem.prior_rows[:, :stays]
     prior[:width, :stays] = prior_rows
@@ -344,7 +344,8 @@ class _ColumnsOf:
 
     def __init__(self, fit: Fit, first: int) -> None:
         self.arm, self.records = fit.problem.model.arm, fit.problem.measurements
-        self.left = float(np.sqrt(np.square(fit.system.deviation[fit.used]).mean()))
+        remaining = float(np.sqrt(np.square(fit.system.deviation[fit.used]).mean()))
+        self.typical_shift = max(TYPICAL_SHIFT, remaining)
         self.last = first
         self.blocks = list[Block]()
         self.sources = list[tuple[slice, Source]]()
@@ -392,7 +393,7 @@ class _ColumnsOf:
         return columns
 
     def _typical_of_covariate(self, way: Carried) -> Array:
-        shift = max(TYPICAL_SHIFT, self.left)
+        shift = self.typical_shift
         sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
         typical = sizes.get(Carrier(way.carrier).kind.unit, shift)
         relative = np.broadcast_to(way.decay, way.functions.shape[1])

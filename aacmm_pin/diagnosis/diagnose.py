@@ -146,8 +146,8 @@ def diagnose(
     repeated += mistakes_of(alone)
     kind, fold_of_record = fold_numbers(alone, rng)
     library = candidates(model, measurements, alone.problem, extra)
-    others = covariates(model.arm, measurements)
-    choice = choose(problem, alone, library, others, fold_of_record, progress is True)
+    all_covariates = covariates(model.arm, measurements)
+    choice = choose(problem, alone, library, all_covariates, fold_of_record, progress is True)
     used = choice.fit.used
     before = fit(problem_of(model, measurements, [], alone.problem.setup), used=used)
     recalibrated = fit(problem([]), used=used)
@@ -323,7 +323,7 @@ def _freed(effect: Effect) -> Effect:
 
 
 def _as_found(
-    model: ErrorModel, stated: bool, findings: Sequence[Finding], left: Unexplained
+    model: ErrorModel, stated: bool, findings: Sequence[Finding], unexplained: Unexplained
 ) -> ErrorModel:
     """The arm, whose effects have the fields that were found, such as between which times a slip
     was; and what is left. Where the noise was not stated, and no structure was found, the scatter
@@ -339,8 +339,8 @@ def _as_found(
         )
         for effect in model.effects
     ]
-    unexplained = [str(note) for note in left.notes]
+    sentences = [str(note) for note in unexplained.notes]
     if stated and model.arm.unexplained:
-        unexplained.append(model.arm.unexplained)
-    arm = model.arm.with_unexplained("; ".join(unexplained))
+        sentences.append(model.arm.unexplained)
+    arm = model.arm.with_unexplained("; ".join(sentences))
     return ErrorModel(arm, tuple(effects))

@@ -46,18 +46,18 @@ def lost(described: Sequence[Described]) -> list[str]:
 
 
 def described_model(
-    known: ErrorModel, choice: Choice, problem_of: ProblemOf, background: bool
+    nominal: ErrorModel, choice: Choice, problem_of: ProblemOf, background: bool
 ) -> ErrorModel:
     """The extended arm, refitted with the discrepancy as effects: covariates are estimated, the
     background is held.
 
     Args:
-        known: the arm as it was, whose labels are taken.
+        nominal: the arm as it was, whose labels are taken.
         choice: the result of the search.
         problem_of: the calibration problem with causes estimated, and with others held.
         background: whether there is a background.
     """
-    taken = {effect.label for effect in known.effects}
+    taken = {effect.label for effect in nominal.effects}
     covariates = described_by(choice, choice.covariates)
     named = covariate_effects(covariates, _prior_u(choice), taken)
     taken |= {effect.label for effect in named}

@@ -99,8 +99,8 @@ class Gram:
         """The products of the other records than those of ``part``, with the same background; they
         take the place of ``part`` in memory.
         """
-        left = np.subtract(self.matrix, part.matrix, out=part.matrix)
-        return replace(self, matrix=left, free=self.free - part.free, origin=self.origin or self)
+        matrix = np.subtract(self.matrix, part.matrix, out=part.matrix)
+        return replace(self, matrix=matrix, free=self.free - part.free, origin=self.origin or self)
 
 
 def _random_numbers(words: str, size: int, rank: int) -> Array:

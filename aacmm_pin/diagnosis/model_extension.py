@@ -69,7 +69,7 @@ def choose(
     problem_of: ProblemOf,
     first: Fit,
     library: Sequence[Variants],
-    others: Sequence[Covariate],
+    all_covariates: Sequence[Covariate],
     folds: Index,
     progress: bool = False,
 ) -> Choice:
@@ -81,14 +81,15 @@ def choose(
     them, and those of one time, joint or place, put back too. Its result is taken if it makes sense
     of them; of one or two only where there is nothing else, and then not as found.
     """
-    choice = _standing(problem_of, first, tuple(library), tuple(others), folds, progress)
+    given = tuple(library), tuple(all_covariates), folds, progress
+    choice = _standing(problem_of, first, *given)
     nearer = _put_back(first) & _put_back(choice.fit)
     least = FEWEST_BACK if choice.causes else 1
     back = int(np.sum(nearer & ~(first.used & choice.fit.used)))
     if back >= max(least, A_FEW * len(nearer)):
         doubtful = _doubtful(choice, choice.fit)
         wider = fit(problem_of([]), used=nearer)
-        again = _standing(problem_of, wider, tuple(library), tuple(others), folds, progress, nearer)
+        again = _standing(problem_of, wider, *given, nearer)
         fewer = int(doubtful.sum() - _doubtful(again, choice.fit).sum())
         if fewer >= FEWEST_BACK:
             choice, again = again, choice
@@ -129,7 +130,7 @@ def _standing(
     problem_of: ProblemOf,
     first: Fit,
     library: tuple[Variants, ...],
-    others: tuple[Covariate, ...],
+    all_covariates: tuple[Covariate, ...],
     folds: Index,
     progress: bool,
     used: Mask | None = None,
@@ -147,7 +148,7 @@ def _standing(
     seen, ends = {frozenset[Any]()}, set[frozenset[Any]]()
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_EXPLORATIONS):
-            choice = _climbed(at, library, others, folds, effects, before)
+            choice = _climbed(at, library, all_covariates, folds, effects, before)
             rounds.update()
             best = refined_causes(choice, effects)
             before = _Before.of(choice)
@@ -185,7 +186,7 @@ def _standing(
         return extended
     good = used & extended.fit.used
     without = fit(problem_of([]), used=good)
-    return _standing(problem_of, without, library, others, folds, progress, good)
+    return _standing(problem_of, without, library, all_covariates, folds, progress, good)
 
 
 def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
@@ -322,7 +323,7 @@ def _explored(choice: Choice) -> Choice:
 def _climbed(
     at: Fit,
     library: tuple[Variants, ...],
-    others: tuple[Covariate, ...],
+    all_covariates: tuple[Covariate, ...],
     folds: Index,
     effects: Sequence[Effect],
     before: _Before | None,
@@ -333,20 +334,20 @@ def _climbed(
     takes the more probable: the curves, or the scatter of readings in their place.
     """
     held = [effect for effect in at.problem.model.effects if effect.free_form]
-    design = design_of(at, library, others, at.problem.candidates, held)
+    design = design_of(at, library, all_covariates, at.problem.candidates, held)
     candidates = Candidates.of(design, library)
-    left = before or _Before(at.point.prediction.poses, at.dof)
+    previous = before or _Before(at.point.prediction.poses, at.dof)
     blocks_of_causes = [b for b in design.blocks if b.candidate < design.causes]  # the first ones
     identities = [library[b.candidate][b.variant].identity for b in blocks_of_causes]
     start = tuple(sorted(identities.index(effect.identity) for effect in effects))
-    climb = _Climb(candidates, start, left.scatter)
-    choice = Choice(at, climb.ended(left), library, others, folds, left.scatter)
+    climb = _Climb(candidates, start, previous.scatter)
+    choice = Choice(at, climb.ended(previous), library, all_covariates, folds, previous.scatter)
     if before is not None or noise_is_known(at):
         return choice
     scatter = choice.scatter_beside(choice.posterior.without_curves)
     if not scatter.readings.any():
         return choice
-    posterior = replace(climb, scatter=scatter).ended(left)
+    posterior = replace(climb, scatter=scatter).ended(previous)
     scattered = replace(choice, posterior=posterior, scatter=scatter)
     return max(choice, scattered, key=lambda one: one.posterior.log_density + one.log_scatter)
 
@@ -359,7 +360,7 @@ class _Climb:
     start: Blocks
     scatter: ReadingScatter | None
 
-    def ended(self, left: _Before) -> Posterior:
+    def ended(self, previous: _Before) -> Posterior:
         """The posterior with the most probable noise.
 
         What records of one posture share is either noise or what causes do there. So three noises
@@ -368,8 +369,8 @@ class _Climb:
         """
         if not self.noise.repeat:
             return self.with_noise(self.noise)
-        starts = [self.shared(left.tips, left.dof)]
-        as_before = replace(self.noise, ratio=left.ratio, of_readings=left.of_readings)
+        starts = [self.shared(previous.tips, previous.dof)]
+        as_before = replace(self.noise, ratio=previous.ratio, of_readings=previous.of_readings)
         for other in (as_before, self.noise):
             if not any(other.is_about(start) for start in starts):
                 starts.append(other)

@@ -50,16 +50,18 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     judge = replace(fit, noise=replace(fit.noise, tips=scatter))
     count = choice.noise.count
     part = count.size / count.sum() if choice.noise.ratio else 1.0
-    whole = chi2_of(judge, fit.used)
+    all_records = chi2_of(judge, fit.used)
     odd = []
     for group in groups:
-        others = chi2_of(judge, fit.used & ~group.records)
-        more = whole.dof - others.dof
-        if more < 1.0 or others.dof < 1.0 or others.value <= 0.0:
+        without_group = chi2_of(judge, fit.used & ~group.records)
+        dof_of_group = all_records.dof - without_group.dof
+        if min(dof_of_group, without_group.dof) < 1.0 or without_group.value <= 0.0:
             continue
-        ratio = max((whole.value - others.value) / more, 0.0) / (others.value / others.dof)
+        variance = max((all_records.value - without_group.value) / dof_of_group, 0.0)
+        ratio = variance / (without_group.value / without_group.dof)
         alike = sum(other.kind == group.kind for other in groups)
-        p_value = min(1.0, alike * float(f_sf(ratio, part * more, part * others.dof)))
+        chance = float(f_sf(ratio, part * dof_of_group, part * without_group.dof))
+        p_value = min(1.0, alike * chance)
         if p_value < THRESHOLDS.odd:
             records = int((fit.used & group.records).sum())
             odd.append(OddGroup(group.name, records, float(np.sqrt(ratio)), p_value))

@@ -53,7 +53,7 @@ class ReadingScatter:
     observations: Observations
 
     @staticmethod
-    def of(fit: Fit, deviations: Array, left: float, noise: RecordNoise) -> ReadingScatter:
+    def of(fit: Fit, deviations: Array, share_left: float, noise: RecordNoise) -> ReadingScatter:
         """By the residuals of all that was found.
 
         The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou,
@@ -63,7 +63,7 @@ class ReadingScatter:
         Args:
             fit: the calibration.
             deviations: residuals (n, 3) [m], with orientations (n, 6) [m, rad].
-            left: part of the residuals' degrees of freedom that is left.
+            share_left: part of the residuals' degrees of freedom that is left.
             noise: of records that may share an error, which is no scatter of readings.
         """
         counts = fit.used & fit.observations.has_target
@@ -79,7 +79,7 @@ class ReadingScatter:
         columns = [*kinds, *np.split(by_reading, by_reading.shape[2], axis=2)]
         rows = [observations.along_normals(eye) @ column for column in columns]
         squares = np.stack([row @ row.transpose(0, 2, 1) for row in rows])
-        enlarged = np.where(np.isfinite(deviations), deviations, 0.0) / np.sqrt(left)
+        enlarged = np.where(np.isfinite(deviations), deviations, 0.0) / np.sqrt(share_left)
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
         stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
         search = _Components(stated[counts], squares[:, counts], enlarged[counts])

@@ -335,8 +335,8 @@ class RecordNoise:
         in_units = np.sqrt(variance) * root.transpose(0, 2, 1) @ weighed
         in_units = self.correlation.weighed_back(in_units)
         shared = self.ratio * self.along(in_units)
-        more = _squared(in_units) + _squared(shared) - _squared(rows)
-        values, vectors = np.linalg.eigh(more)
+        added = _squared(in_units) + _squared(shared) - _squared(rows)
+        values, vectors = np.linalg.eigh(added)
         along = steps @ vectors
         return np.asarray(along * np.maximum(values, 0.0) @ along.T)
 

@@ -64,9 +64,9 @@ class Evidence:
 
 
 def _shows_few_causes(evidence: Evidence) -> bool:
-    seen, of = evidence.visible
+    shown, tried = evidence.visible
     nothing_acts = not evidence.findings and evidence.more < THRESHOLDS.named
-    return nothing_acts and seen <= THRESHOLDS.shown * of
+    return nothing_acts and shown <= THRESHOLDS.shown * tried
 
 
 DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {
@@ -75,7 +75,9 @@ DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {
     "few causes shown": _shows_few_causes,
     "cause not named": lambda evidence: not evidence.findings and bool(evidence.otherwise),
     "below zero": lambda evidence: any(finding.below_zero for finding in evidence.findings),
-    "cause not borne out": lambda evidence: not all(each.borne_out for each in evidence.findings),
+    "cause not borne out": lambda evidence: (
+        not all(finding.borne_out for finding in evidence.findings)
+    ),
     "no better": lambda evidence: evidence.no_better,
     "structure left": lambda evidence: evidence.structure_left,
     "more causes": lambda evidence: evidence.more >= THRESHOLDS.settled,
