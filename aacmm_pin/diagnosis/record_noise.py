@@ -65,11 +65,6 @@ class RecordNoise:
     readings: Array = field(default_factory=lambda: np.zeros(0))
     record: float = 1.0
 
-    @staticmethod
-    def alone(whitening: Array) -> RecordNoise:
-        """Of records that share nothing."""
-        return RecordNoise(whitening, np.arange(len(whitening)), np.ones(len(whitening)))
-
     @cached_property
     def count(self) -> Array:
         """Records of each group (groups,)."""

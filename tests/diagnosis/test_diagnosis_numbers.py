@@ -81,7 +81,8 @@ class Case:
     @property
     def noise(self) -> RecordNoise:
         """As stated; records share nothing."""
-        return RecordNoise.alone(self.fit.noise.whitening)
+        n = self.records.n
+        return RecordNoise(self.fit.noise.whitening, np.arange(n), np.ones(n))
 
     def refit(self, effects: Sequence[Effect], used: NDArray[np.bool_] | None = None) -> Fit:
         return fit(self.problem(effects), used=used)

@@ -150,7 +150,8 @@ class Measured:
     @cached_property
     def space(self) -> ModelSpace:
         design = design_of(self.fit, self.library, self.others)
-        noise = RecordNoise.alone(self.fit.noise.whitening)
+        whitening = self.fit.noise.whitening
+        noise = RecordNoise(whitening, np.arange(len(whitening)), np.ones(len(whitening)))
         return ModelSpace(Candidates.of(design, self.library), gram_of(design, noise), self.stated)
 
 
