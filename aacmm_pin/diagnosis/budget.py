@@ -53,7 +53,7 @@ class BudgetPart(Shown):
 
     @property
     def rms(self) -> float:
-        """Root of the mean square [m]; 0 if that is below zero."""
+        """Root of the mean square [m]; 0 below zero."""
         return float(np.sqrt(max(self.mean_square, 0.0)))
 
     @property

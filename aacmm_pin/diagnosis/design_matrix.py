@@ -134,7 +134,7 @@ class Design:
     Attributes:
         fit: the calibration.
         names: label of each candidate; covariates after the causes.
-        causes: number of causes of the library among them.
+        causes: number of causes among them.
         blocks: what may be admitted.
         sources: what the columns behind the nuisances come from.
         nuisances: number of nuisance columns, which come first.
@@ -143,7 +143,7 @@ class Design:
         known: the nuisances that stand for what is stated of known causes that were taken out.
         prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances
             + 1).
-        tips: (n, 3), in the frame of the references, the causes taken out that are candidates here
+        tips: (n, 3), in the frame of the references, without the causes that are candidates here
             [m]; with orientations (n, 6), see :class:`Prediction`.
     """
 
@@ -279,9 +279,7 @@ def design_of(
     """The columns of every candidate in the arm as calibrated.
 
     Args:
-        fit: the calibration.
-        library: causes to consider.
-        all_covariates: covariates to consider.
+        fit, library, all_covariates: the calibration; causes and covariates to consider.
         taken_out: so many of the estimated effects, the last ones, are candidates and no nuisances:
             what they do is taken out of the tips. What the arm states of a geometric value among
             them, or of a known cause, is a nuisance as well, within its u.

@@ -49,13 +49,7 @@ def described_model(
     nominal: ErrorModel, choice: Choice, problem_of: ProblemOf, background: bool
 ) -> ErrorModel:
     """The extended arm, refitted with the discrepancy as effects: covariates are estimated, the
-    background is held.
-
-    Args:
-        nominal: the arm as it was, whose labels are taken.
-        choice: the result of the search.
-        problem_of: the calibration problem with causes estimated, and with others held.
-        background: whether there is a background.
+    ``background`` is held if there is one. Their labels are none of the nominal arm.
     """
     taken = {effect.label for effect in nominal.effects}
     covariates = described_by(choice, choice.covariates)
@@ -111,7 +105,7 @@ def covariate_effects(
         described: covariates, each with its variant.
         prior_u: prior standard deviations of the coefficients of their functions, those of each on
             all axes together, one covariate after the other (p,) [m, rad, m/m].
-        taken: labels of the arm's effects: another one has a number behind its name.
+        taken: labels that others have: a number is added to the name.
     """
     effects = list[Discrepancy]()
     labels = set(taken)

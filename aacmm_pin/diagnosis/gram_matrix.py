@@ -114,16 +114,11 @@ def numbers_of(columns: list[slice]) -> Index:
 
 
 def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = None) -> Gram:
-    """Inner products of the used records, or of some of them; with the prior, if they are all.
+    """Inner products of the used records, or of those of each fold (n,), in which a seat has
+    coordinates of its own; with the prior, if they are all.
 
     What records of one posture share is taken out with all of them, so that the products of folds
     add up.
-
-    Args:
-        design: the columns.
-        noise: of the records.
-        folds: records of each fold (n,): a seat has coordinates of its own in each. None: all are
-            one.
     """
     used = design.fit.used & design.fit.observations.has_target
     chosen = [used] if folds is None else [used & fold for fold in folds]

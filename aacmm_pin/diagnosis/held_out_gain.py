@@ -64,7 +64,7 @@ class Gain(Shown):
 
     @property
     def beyond_doubt(self) -> bool:
-        """Whether the extended arm predicts held-out records better, by the whole interval."""
+        """Whether the whole interval is a gain."""
         return self.interval[0] > THRESHOLDS.least_gain
 
     def without_causes(self) -> Gain:
@@ -75,7 +75,7 @@ class Gain(Shown):
 
     @property
     def discrepancy_gain(self) -> float:
-        """1 - RMS(with discrepancy)/RMS(extended): what the discrepancy adds to the causes."""
+        """1 - RMS(with discrepancy)/RMS(extended)."""
         return 1.0 - rms(self.with_discrepancy) / rms(self.extended)
 
 
@@ -99,13 +99,8 @@ class Fold:
 
 
 def predicted_folds(choice: Choice, before: Fit, kind: str, progress: Progress) -> list[Fold]:
-    """Leave out every fold in turn; choose and fit with the other records; predict it.
-
-    Args:
-        choice: the result of all records.
-        before: the arm as it was, set-up fitted.
-        kind: of the folds, for the progress bar.
-        progress: whether to show a bar, or a function that wraps the folds.
+    """Leave out every fold in turn; choose and fit with the other records; predict it. ``before``
+    is the arm as it was, set-up fitted.
     """
     of_all = choice.gram_of_folds
     numbers = np.unique(choice.folds[choice.counted]).tolist()
@@ -207,9 +202,8 @@ def cause_gain(choice: Choice, folds: list[Fold], block: int) -> Brought | None:
     """By how much a cause lowers the RMS of held-out records, each distance over its own noise.
 
     Every fold is predicted by the others with and without the block. The squares that it saves are
-    a ratio of sums over the folds, whose interval is Student's t for as few folds as there are
-    (Cochran 1977, 6.4). None where too few folds say something of it, such as of a group that is
-    left out whole.
+    a ratio of sums over the folds, with an interval by Student's t (Cochran 1977, 6.4). None where
+    too few folds say something of it, such as of a group that is left out whole.
     """
     if not folds or choice.in_one_fold(block):
         return None

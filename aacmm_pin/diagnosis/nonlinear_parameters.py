@@ -109,14 +109,10 @@ def evidences(
     one of each ended.
 
     Args:
-        at: the fit.
-        noise: of the records.
+        at, noise: the fit, and the noise of its records.
         acting: each cause as it acts; before it the known cause, if it differs from this by its
             nonlinear parameter.
         tried: effects to try, by the number of the cause whose place they take.
-
-    Returns:
-        The evidence of each effect; none where no effect is to be tried.
     """
     if not any(tried.values()):
         return {}

@@ -54,17 +54,13 @@ class ReadingScatter:
 
     @staticmethod
     def of(fit: Fit, deviations: Array, share_left: float, noise: RecordNoise) -> ReadingScatter:
-        """By the residuals of all that was found.
+        """By the ``deviations`` of records from all that was found, (n, 3) [m], with orientations
+        (n, 6), of whose degrees of freedom the part ``share_left`` is left.
 
         The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou,
         Hu, Qiao, Cho 2019, J. Comput. Graph. Stat. 28); residuals are enlarged by what the fitted
-        parameters have taken from them.
-
-        Args:
-            fit: the calibration.
-            deviations: residuals (n, 3) [m], with orientations (n, 6) [m, rad].
-            share_left: part of the residuals' degrees of freedom that is left.
-            noise: of records that may share an error, which is no scatter of readings.
+        parameters have taken from them. What records share by their ``noise`` is no scatter of
+        readings.
         """
         counts = fit.used & fit.observations.has_target
 

@@ -118,16 +118,13 @@ class RecordNoise:
         return bool(self.count.sum() > self.count.size)
 
     def likeliest(self, deviations: Array, dof: float) -> RecordNoise:
-        """The same groups, which share nothing here, with the likeliest shared error.
+        """The same groups, which share nothing here, with the likeliest shared error, by deviations
+        (n, 3 or 6) [m, rad] with so many degrees of freedom left.
 
         Its size is a restricted maximum likelihood estimate (Patterson, Thompson 1971, Biometrika
         58) with all fitted parameters among what the groups share. An error of the readings is to
         be clearly more probable than one of the noise's shape, and than readings that scatter from
         record to record.
-
-        Args:
-            deviations: residuals (n, 3 or 6) [m, rad].
-            dof: degrees of freedom that are left.
         """
         residual = np.einsum("nij,nj->ni", self.whitening, deviations)
         nothing, likeliest = _likeliest(self, residual, dof)
@@ -299,7 +296,7 @@ class RecordNoise:
 
     @property
     def covariances(self) -> Array:
-        """Of each residual but for what it shares (n, 3, 3) [m²], or (n, 6, 6)."""
+        """Covariance of each residual but for what it shares (n, 3, 3) [m²], or (n, 6, 6)."""
         inverse = self._unwhitening
         return inverse @ inverse.transpose(0, 2, 1)
 

@@ -85,24 +85,22 @@ class Finding(Shown):
 
     @property
     def borne_out(self) -> bool:
-        """Whether held-out records are predicted better with it beyond doubt, as far as there are
-        groups to ask.
+        """Whether held-out records are predicted better with it beyond doubt, or no group can
+        tell.
         """
         return self.brought is None or self.brought.low > 0.0
 
     @property
     def gone(self) -> bool:
-        """Whether it is a cause that was known, and of which nothing is left beyond its U
-        (k = 2).
-        """
+        """Whether it is a known cause of which nothing is left beyond its U (k = 2)."""
         expanded_u = COVERAGE_FACTOR * np.array(self.effect.u)
         within = np.abs(self.effect.values) <= expanded_u
         return self.was is not None and bool(within.all())
 
     @property
     def below_zero(self) -> tuple[str, ...]:
-        """Keys of values that are negative beyond their U (k = 2), though nature has them above
-        zero only.
+        """Keys of values that are negative beyond their U (k = 2), though physics has them
+        positive.
         """
         values = np.array(self.effect.values)
         if self.beside is not None:
@@ -210,9 +208,7 @@ class Diagnosis(Shown):
 
     @property
     def no_better(self) -> bool:
-        """True if held-out records do not clearly confirm that the added causes improve the
-        predictions.
-        """
+        """True if held-out records do not clearly confirm that the causes improve predictions."""
         return "no better" in self.doubts
 
     def cause(self, label: str) -> Effect | None:
@@ -222,10 +218,7 @@ class Diagnosis(Shown):
 
     @property
     def alternatives(self) -> dict[tuple[str, ...], float]:
-        """The probability of each set of causes, most probable first; the probabilities sum to 1.
-
-        Each key is the tuple of the labels of the causes in the set.
-        """
+        """The probability of each set of causes, a tuple of labels; the most probable first."""
         return self.choice.posterior.causes
 
     @property
@@ -245,10 +238,7 @@ class Diagnosis(Shown):
 
     @property
     def cannot_tell_apart(self) -> list[tuple[str, ...]]:
-        """The groups of causes that the records cannot distinguish.
-
-        Each group has the causes in which the most probable set and another probable set differ.
-        """
+        """The groups of causes in which the most probable set and another probable set differ."""
         best, *others = self.alternatives.items()
         acting = set(best[0])
         rivals = [set(labels) for labels, share in others if share >= THRESHOLDS.rival]
@@ -323,9 +313,7 @@ class Diagnosis(Shown):
 
     @property
     def excluded(self) -> pd.DataFrame:
-        """The records with gross errors, also with the causes in the model: row, residual [mm],
-        reason.
-        """
+        """The records with gross errors: row, residual [mm], reason."""
         out = self.extended.excluded
         deviation = self.extended.system.deviation[out]
         table = pd.DataFrame({"row": self.extended.problem.measurements.row[out]})

@@ -108,8 +108,8 @@ def retained(conditional: Conditional, block: int) -> float:
 
 
 def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) -> list[Alias]:
-    """The candidates that may act in the place of a block of the median probability model, most
-    probable first.
+    """The candidates that may act in the place of a block of the median set, most probable
+    first.
     """
     candidates = posterior.space.candidates
     conditional = posterior.without(block)
@@ -140,8 +140,7 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
 
 
 def visible(posterior: Posterior) -> tuple[int, int]:
-    """How many causes of the library these records would have shown at their typical magnitude, and
-    of how many.
+    """How many causes these records would have shown at their typical magnitude, and of how many.
 
     A cause shows if the noncentrality of one parameter, over all variants, geometry refitted, is at
     least that of the threshold; more where the noise comes from the same records and few degrees of

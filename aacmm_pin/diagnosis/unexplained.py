@@ -78,7 +78,7 @@ class ScatteredReadings(Shown):
 
     @property
     def note(self) -> Note:
-        """Note that the readings of this joint scatter more than stated, or than others."""
+        """Note that readings scatter."""
         return Note(
             SCATTER_CODES[self.slides, self.stated], {"joint": self.joint, "scatter": self.scatter}
         )
@@ -103,7 +103,7 @@ class SharedError(Shown):
 
     @property
     def note(self) -> Note:
-        """Note that records of one posture share an error."""
+        """Note that records share an error."""
         return Note("postures_share_error", {"rms": self.rms, "times": two_digits(self.times)})
 
     def __str__(self) -> str:
@@ -164,18 +164,18 @@ class Unexplained(Shown):
 
     @property
     def structure(self) -> bool:
-        """Whether the residuals have structure that is more probable than not."""
+        """Whether structure is more probable than not."""
         return bool(self.depends_on or self.discrepancy or self.apart)
 
     @property
     def strongest(self) -> tuple[str, ...]:
-        """The quantities that the residuals depend on most, for a sentence."""
+        """The quantities that a sentence names."""
         names = ("place" if name in ("x", "y", "z") else name for name in self.depends_on)
         return tuple(dict.fromkeys(names))[:NAMED_QUANTITIES]
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """Notes on covariates that the residuals depend on, and on groups that do not fit in."""
+        """Notes on these quantities, and on groups and records that do not fit in."""
         odd = {group.name: group for group in self.groups}
         covariates = [name for name in self.strongest if name not in odd]
         depends = [Note("depends_on", {"covariates": covariates})] if covariates else []
