@@ -79,8 +79,7 @@ class ReadingScatter:
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
         stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
         search = _Components(stated[counts], squares[:, counts], enlarged[counts])
-        scatters = fit.noise.scatters
-        start = np.square([scatters.tip, scatters.turn])[:alone]
+        start = np.square(fit.noise.scatters)[:alone]
         start = np.maximum(start, LEAST_VARIANCE)
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
         first = FIRST_SHARE * start[0] / np.maximum(lever, LEAST_TIP_LEVER**2)

@@ -277,8 +277,7 @@ def exceeds_noise(extended: Fit) -> bool:
 
     If the noise of the encoders is not stated, that of plain encoders counts as stated.
     """
-    scatters = extended.noise.scatters
-    if extended.chi2_stated is None or max(scatters.tip, scatters.turn) == 0.0:
+    if extended.chi2_stated is None or max(extended.noise.scatters[:2]) == 0.0:
         return False
     squares = np.square(extended.system.deviations)
     explained = np.diagonal(extended.stated_noise, axis1=1, axis2=2)
