@@ -121,13 +121,13 @@ def diagnose(
         probe_noise,
         length_noise,
     )
-    measurements, repeated = counted_once(measurements)
+    measurements, notes = counted_once(measurements)
     derived = measurements.conditions.approach is None and measurements.in_order
     if derived:
         measurements = measurements.with_approach_from_order()
     if measurements.n > THRESHOLDS.most_records:
         data = {"used": THRESHOLDS.most_records, "of": measurements.n}
-        repeated.append(Note("records_spread", data))
+        notes.append(Note("records_spread", data))
         rows = np.linspace(0, measurements.n - 1, THRESHOLDS.most_records)
         measurements = measurements.take(np.round(rows).astype(np.intp))
     as_given, stated_setup = measurements, setup
@@ -136,14 +136,14 @@ def diagnose(
         # What was not explained then is partly in the parameters, and would be missing from the
         # cause that is found now.
         model = model.without_covariance
-        repeated.append(
+        notes.append(
             Note("prior_ignored", {"arm": model.arm.name, "unexplained": model.arm.unexplained})
         )
     rng = rng or np.random.default_rng(1)
     problem = _with_causes(model, measurements, setup)
     alone = first_fit(problem([]))
     _require_residuals(measurements, alone)
-    repeated += mistakes_of(alone)
+    notes += mistakes_of(alone)
     kind, fold_of_record = fold_numbers(alone, rng)
     library = candidates(model, measurements, alone.problem, extra)
     all_covariates = covariates(model.arm, measurements)
@@ -151,12 +151,12 @@ def diagnose(
     used = choice.fit.used
     before = fit(problem_of(model, measurements, [], alone.problem.setup), used=used)
     recalibrated = fit(problem([]), used=used)
-    repeated += session_notes(recalibrated)
-    repeated += _better_frames(model, as_given, stated_setup, recalibrated, choice.fit)
+    notes += session_notes(recalibrated)
+    notes += _better_frames(model, as_given, stated_setup, recalibrated, choice.fit)
     if derived and any(isinstance(effect, JointHysteresis) for effect in choice.effects):
-        repeated.append(Note("approach_from_time"))
+        notes.append(Note("approach_from_time"))
     if model.arm.masses is None:
-        repeated.append(Note("masses_not_stated", {"arm": model.arm.name}))
+        notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
     apart = hold_out and enough_postures(measurements)
     folds = predicted_folds(choice, before, kind, progress) if apart else []
     findings = findings_of(model, choice, folds)
@@ -172,7 +172,6 @@ def diagnose(
         for note in contradicted_places(one)
     }
     named = [finding.label for finding in findings]
-
     budget = budget_of(choice, before, unexplained.discrepancy, unexplained.shared_by_postures)
     without_name = (STRUCTURE, SHARED, BEYOND)
     nameless = sum(part.mean_square for part in budget if part.part in without_name)
@@ -212,7 +211,7 @@ def diagnose(
         unexplained=unexplained,
         noise=choice.fit.noise_rms,
         visible=evidence.visible,
-        assumed=tuple(repeated),
+        assumed=tuple(notes),
         doubts=doubts,
         otherwise=choice.otherwise,
         contradicted=evidence.contradicted,
