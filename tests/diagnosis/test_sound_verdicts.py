@@ -226,7 +226,7 @@ def test_verdicts(sino6, rng):
     data = simulate_measurements(ErrorModel(sino6), "free", 40, rng=rng)
     fit = calibrate(sino6, data, hold_out=False, **NOISE).fit
     stuck = replace(fit, message="60 steps were not enough")
-    noiseless = replace(fit, stated=False, dof=0.0)
+    noiseless = replace(fit, noise_is_stated=False, dof=0.0)
     out = np.arange(40)
     seven, six = (replace(fit, used=out >= count, excluded=out < count) for count in (7, 6))
     sure, below_zero = [finding(0.99)], JointCompliance(2, values=(-1e-6,), u=(1e-6,))
