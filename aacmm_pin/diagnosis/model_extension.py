@@ -421,12 +421,11 @@ def _with_variant(variants: Variants, refined: Effect) -> Variants:
     value than elsewhere, their prior would be larger there.
     """
     nonlinear = refined.nonlinear
-    if not nonlinear.field:
-        return (*variants, refined)
     alike = [
         k
         for k, variant in enumerate(variants)
-        if type(variant) is type(refined)
+        if nonlinear.field
+        and type(variant) is type(refined)
         and not (is_change(variant) or nonlinear.is_preferred(variant))
         and nonlinear.at(variant, nonlinear.value(refined)).identity == refined.identity
     ]

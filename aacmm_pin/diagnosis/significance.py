@@ -32,15 +32,13 @@ class Alias(Shown):
         label: the cause and its place.
         correlation: largest canonical correlation of the two causes' columns, geometry refitted.
         probability: that this cause acts and the finding does not.
-        block: number of its columns in the diagnosis's design.
         effect: the cause; None for a covariate.
     """
 
     label: str
     correlation: float
     probability: float
-    block: int = -1
-    effect: Effect | None = None
+    effect: Effect | None
 
 
 def family_wise_p_value(candidates: Candidates, conditional: Conditional, block: int) -> float:
@@ -134,7 +132,7 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
         alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
         if alike or instead[owner] > THRESHOLDS.worth_listing:
             effect = library[owner][0] if owner < len(library) else None
-            aliases.append(Alias(names[owner], correlation, float(instead[owner]), other, effect))
+            aliases.append(Alias(names[owner], correlation, float(instead[owner]), effect))
     aliases.sort(key=lambda alias: (-alias.probability, -alias.correlation))
     return aliases[:ALIASES]
 

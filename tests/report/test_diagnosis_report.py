@@ -143,7 +143,7 @@ def test_a_place_can_be_certain_and_its_form_open(eccentric):
 
 def test_doubt_is_told_with_the_rivals(eccentric):
     others = [(EncoderEccentricity(2), 0.98, 0.29), (EncoderGain(2), 0.5, 0.0002)]
-    aliases = [Alias(effect.label, r, p, effect=effect) for effect, r, p in others]
+    aliases = [Alias(effect.label, r, p, effect) for effect, r, p in others]
     doubtful = finding(JointCompliance(2, values=(2e-5,), u=(1e-6,)), 0.7, *aliases)
     shares = {"joint_compliance__2": 0.7, "encoder_eccentricity__2": 0.29, "encoder_gain__2": 0.01}
     result = with_sets(replace(eccentric, verdict="ambiguous", findings=(doubtful,)), **shares)
