@@ -470,7 +470,7 @@ def test_the_score_is_chi2_when_nothing_is_there(case: Case) -> None:
     """By noise drawn here; the first draw also by least squares."""
     chosen = some_blocks(case.design)
     case = replace(
-        case, design=with_blocks(case.design, chosen), parts=np.zeros(RECORDS, dtype=np.intp)
+        case, design=with_blocks(case.design, chosen), folds=np.zeros(RECORDS, dtype=np.intp)
     )
     design = case.design
     gram = gram_of(design, case.noise)
@@ -519,7 +519,7 @@ def few(case: Case) -> list[int]:
 @pytest.mark.parametrize("stated", [True, False])
 def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, stated: bool) -> None:
     """P(p ≤ α) ≤ α for the best of all candidates in noise, known or not."""
-    case = replace(case, parts=np.zeros(RECORDS, dtype=np.intp))
+    case = replace(case, folds=np.zeros(RECORDS, dtype=np.intp))
     some = case.choice(only=few(case)).candidates
     gram = gram_of(some.design, case.noise)
     rows = dense(replace(case, design=some.design), case.folds)
@@ -557,7 +557,7 @@ def test_the_largest_odds_when_nothing_is_there(case: Case) -> None:
     """In draws of noise by explicit rows, odds are reached no more often than Markov's bound says;
     p is that bound.
     """
-    case = replace(case, parts=np.zeros(RECORDS, dtype=np.intp))
+    case = replace(case, folds=np.zeros(RECORDS, dtype=np.intp))
     some = case.choice(only=few(case)).candidates
     design = some.design
     gram = gram_of(design, case.noise)
