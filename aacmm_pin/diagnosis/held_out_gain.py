@@ -24,7 +24,7 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 RESAMPLES = 2000
 """Bootstrap resamples of the folds for the 95 % interval of the gain."""
-MODELS = ("nominal", "recalibrated", "extended", "with_discrepancy")
+PREDICTED_BY = ("nominal", "recalibrated", "extended", "with_discrepancy")
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +145,7 @@ def _fold(choice: Choice, before: Fit, of_all: Gram, number: int) -> Fold | None
     return Fold(
         rows=rows,
         chosen=choice.design.labels(chosen),
-        by_model=dict(zip(MODELS, by_model, strict=True)),
+        by_model=dict(zip(PREDICTED_BY, by_model, strict=True)),
         by_median=predicted(of_median),
         without={k: predicted(of_median.of(without_block(median, k))) for k in choice.causes},
     )
@@ -157,7 +157,7 @@ def gain_of(
     """The distances of all folds together, as in :attr:`Choice.counted`. None where no fold has
     anything to be compared with, such as one record only of each unknown seat.
     """
-    distances_by = {model: np.full(choice.folds.size, np.nan) for model in MODELS}
+    distances_by = {model: np.full(choice.folds.size, np.nan) for model in PREDICTED_BY}
     for fold in folds:
         for model, distances_of_fold in fold.by_model.items():
             distances_by[model][fold.rows] = distances_of_fold
