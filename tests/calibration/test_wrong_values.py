@@ -278,21 +278,28 @@ def test_a_ratio_beside_zeros_that_are_all_off() -> None:
     assert "joint = 2, of = 2, ratio = 0.5" in caught.value.mistake
 
 
-def test_halves_in_different_frames_and_copied_columns() -> None:
+@pytest.mark.parametrize(
+    ("drawn", "moved", "session", "words"),
+    [
+        (HOBBY[:3], 300.0, None, "first and the last records each fit the arm"),
+        (HOBBY[:3], 300.0, np.repeat(["a", "b"], 50), "each session fits"),
+        (HOBBY, 0.0, None, "joints 4 and 5 are identical"),
+    ],
+)
+def test_parts_in_different_frames_and_copied_columns(
+    drawn: Rows, moved: float, session: Array | None, words: str
+) -> None:
     """Of arms with few joints, for which there are few mistakes to try before."""
-    for drawn, halves, words in (
-        (HOBBY[:3], True, "first and the last records each fit the arm"),
-        (HOBBY, False, "joints 4 and 5 are identical"),
-    ):
-        plant = Plant.of(drawn, 8)
-        q, places = plant.q.copy(), plant.places.copy()
-        if halves:
-            places[50:] = places[50:, [1, 2, 0]] + [100.0, 0.0, 300.0]
-        else:
-            q[:, 3] = q[:, 4]
-        given, records = arm_of(drawn, False), Measurements.of(q, places * 1e-3)
-        with pytest.raises(AacmmError, match=words):
-            calibrate(given, records, reference_frame="external", hold_out=False)
+    plant = Plant.of(drawn, 8)
+    q, places = plant.q.copy(), plant.places.copy()
+    if moved:
+        places[50:] = places[50:, [1, 2, 0]] + [100.0, 0.0, moved]
+    else:
+        q[:, 3] = q[:, 4]
+    conditions = Conditions(100, session=None if session is None else session.astype(object))
+    records = Measurements.of(q, places * 1e-3, conditions=conditions)
+    with pytest.raises(AacmmError, match=words):
+        calibrate(arm_of(drawn, False), records, reference_frame="external", hold_out=False)
 
 
 def test_rows_that_share_a_mistake() -> None:

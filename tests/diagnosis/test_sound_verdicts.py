@@ -274,7 +274,7 @@ def test_verdicts(sino6, rng):
 
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     model = ErrorModel(sino6, (JointCompliance(2, values=(-3e-5,)),))
-    data = simulate_measurements(model, "free", 100, rng=np.random.default_rng(1))
+    data = simulate_measurements(model, "free", 60, rng=np.random.default_rng(1))
     found = diagnose(sino6, data, hold_out=False, **NOISE)
     assert "joint_compliance:2" not in [finding.label for finding in found.findings]
     assert found.verdict not in ("explained", "no-discrepancy")
