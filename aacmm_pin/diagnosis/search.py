@@ -114,7 +114,9 @@ class Walk:
         expanded: sets, with the log posterior of each with one block more.
         exchanged: sets whose members were exchanged, whatever the variants of their causes.
         gains: gain in log posterior by each block more of sets whose causes differ in their
-            variants alone, such as in the order of a wave: as of the first that was expanded.
+            variants alone, such as in the order of a wave: as of the last that was expanded. Where
+            one is a gain, each of these sets is expanded: with the wrong order, others explain what
+            the wave leaves.
         best: largest log posterior.
         expansions: number of sets whose additions may still be ranked.
     """
@@ -166,7 +168,7 @@ class Walk:
             held = [s for s, w in weights.items() if w >= holds and self._is_unexchanged(s)]
             if open_ and (not (held and exchanges) or weights[open_[0]] >= holds):
                 gains = self.gains.get(self._regardless_of_variants(open_[0]))
-                if gains is None:
+                if gains is None or gains.max() > 0.0:
                     self._expand(open_[0])
                 else:
                     self.expanded[open_[0]] = self.values[open_[0]] + gains
@@ -237,7 +239,7 @@ class Walk:
         """Visit the additions to a visited set that are within reach."""
         self.expansions -= blocks not in self.expanded
         gains = self.space.gains(blocks)
-        self.gains.setdefault(self._regardless_of_variants(blocks), gains)
+        self.gains[self._regardless_of_variants(blocks)] = gains
         self.expanded[blocks] = self.values[blocks] + gains
         self._visit_each(blocks, self.expanded[blocks], blocks)
 
