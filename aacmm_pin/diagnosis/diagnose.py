@@ -194,11 +194,11 @@ def diagnose(
     )
     doubts = doubts_of(evidence)
     if evidence.no_better:
-        extended = calibrated_model(recalibrated)
+        extended, of_model = calibrated_model(recalibrated), recalibrated
     elif with_discrepancy:
-        extended = described_model(model, choice, problem, unexplained.has_background)
+        extended, of_model = described_model(model, choice, problem, unexplained.has_background)
     else:
-        extended = calibrated_model(choice.fit, choice.curves)
+        extended, of_model = calibrated_model(choice.fit, choice.curves), choice.fit
     return Diagnosis(
         verdict=verdict_of(evidence, doubts),
         findings=tuple(findings),
@@ -206,6 +206,7 @@ def diagnose(
         before=before,
         recalibrated=recalibrated,
         extended=choice.fit,
+        of_model=of_model,
         choice=choice,
         held_out=held,
         unexplained=unexplained,

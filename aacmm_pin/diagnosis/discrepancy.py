@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.calibration import calibrated_model
+from aacmm_pin.calibration import Fit, calibrated_model
 from aacmm_pin.calibration.estimation import fit as fit_of
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Carried
@@ -47,9 +47,9 @@ def lost(described: Sequence[Described]) -> list[str]:
 
 def described_model(
     nominal: ErrorModel, choice: Choice, problem_of: ProblemOf, background: bool
-) -> ErrorModel:
-    """The extended arm, refitted with the discrepancy as effects: covariates are estimated, the
-    ``background`` is held if there is one. Their labels are none of the nominal arm.
+) -> tuple[ErrorModel, Fit]:
+    """The extended arm, and its refit with the discrepancy as effects: covariates are estimated,
+    the ``background`` is held if there is one. Their labels are none of the nominal arm.
     """
     taken = {effect.label for effect in nominal.effects}
     covariates = described_by(choice, choice.covariates)
@@ -66,9 +66,10 @@ def described_model(
     estimated = [effect for effect in causes if not effect.free_form]
     refit = fit_of(problem_of([*estimated, *named], held), used=choice.fit.used)
     if not held:
-        return calibrated_model(refit)
+        return calibrated_model(refit), refit
     beside = held_effects(refit, held, block_diag(*covariances))
-    return calibrated_model(replace(refit, added_covariance=beside.added_covariance), beside)
+    refit = replace(refit, added_covariance=beside.added_covariance)
+    return calibrated_model(refit, beside), refit
 
 
 def _prior_u(choice: Choice) -> Array:

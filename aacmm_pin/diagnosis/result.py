@@ -162,6 +162,8 @@ class Diagnosis(Shown):
         before: fit of the set-up alone, with the arm before the diagnosis.
         recalibrated: fit with refitted geometry.
         extended: fit with refitted geometry and the causes.
+        of_model: fit of ``model``, with its placement of the base: another than ``extended`` if the
+            model has no causes, or has the discrepancy.
         choice: search for the set of causes.
         held_out: residuals of records that neither chose the causes nor entered the fit, or None.
         unexplained: structure in the residuals without a cause.
@@ -178,6 +180,7 @@ class Diagnosis(Shown):
     before: Fit
     recalibrated: Fit
     extended: Fit
+    of_model: Fit
     choice: Choice
     held_out: Gain | None
     unexplained: Unexplained

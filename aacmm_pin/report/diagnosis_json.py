@@ -70,7 +70,7 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             not_tried(diagnosis.model.arm, diagnosis.choice.library, records)
         ),
         "cannot_tell_apart": diagnosis.cannot_tell_apart,
-        **bases_in_json(extended),
+        **bases_in_json(diagnosis.of_model),
         "next_measurements": next_measurements(diagnosis),
         **notes_in_json(diagnosis.notes),
     }

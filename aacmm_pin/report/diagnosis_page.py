@@ -450,7 +450,7 @@ def _result(result: Diagnosis, planned: str) -> Iterator[Block]:
     ]
     yield Table(pd.DataFrame(rows), BUDGET, explained=BUDGET_EXPLAINED)
     yield rms_figure(result)
-    yield frame_in_words(result.extended)
+    yield frame_in_words(result.of_model)
     hints = [] if result.extended.noise_is_stated else [UNSTATED]
     if any(corrects_seat(finding.effect) for finding in result.findings):
         hints.append(SEAT_ERRORS)

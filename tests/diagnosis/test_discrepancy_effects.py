@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.file import calibrated
-from aacmm_pin.calibration import calibrate
+from aacmm_pin.calibration import base_placements, calibrate
 from aacmm_pin.calibration.calibrated_arm import joined
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import Carried, covariates
@@ -150,6 +151,23 @@ def test_the_arm_of_a_diagnosis_corrects_what_nothing_explains(plant, tmp_path):
     assert np.square(u).mean() < np.square(0.5 * NOISE)
     again = calibrate(model, plant.measured(100), "geometry", **noise)
     assert again.model.effects == model.effects
+
+
+def test_the_base_is_that_of_the_arm_with_the_discrepancy(plant):
+    data = plant.measured(150)
+    rotation = Rotation.from_rotvec([0.3, -0.2, 0.9])
+    turned = np.add(rotation.apply(data.reference), [1.0, 2.0, -0.5])
+    noise = {"encoder_noise": 1e-9, "reference_noise": NOISE, "hold_out": False}
+    found = diagnose(
+        plant.arm,
+        replace(data, reference=turned),
+        reference_frame="external",
+        with_discrepancy=True,
+        **noise,
+    )
+    (base,) = base_placements(found.of_model)
+    off = found.model.correct(data.q) @ base.rotation.T + base.shift - turned
+    assert np.abs(off.mean(axis=0)).max() < 4.0 * NOISE / np.sqrt(150)
 
 
 def test_what_cannot_be_predicted_is_lost(plant):
