@@ -1,6 +1,6 @@
 """Diagnosis: what the model gets wrong, the cause, the extended model, and the gain."""
 
-from aacmm_pin.diagnosis.budget import STRUCTURE, BudgetPart
+from aacmm_pin.diagnosis.budget import GEOMETRY, STRUCTURE, BudgetPart
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.diagnose import diagnose
@@ -13,9 +13,11 @@ from aacmm_pin.diagnosis.result import Diagnosis, Finding, Place, too_good
 from aacmm_pin.diagnosis.run_order import RunOrder
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import ScatteredReadings, SharedError, Unexplained
+from aacmm_pin.diagnosis.unexplained import BACKGROUND, ScatteredReadings, SharedError, Unexplained
 
 __all__ = [
+    "BACKGROUND",
+    "GEOMETRY",
     "STRUCTURE",
     "THRESHOLDS",
     "Alias",

@@ -135,8 +135,8 @@ class Place:
 
     @property
     def depends_on(self) -> str:
-        """The quantity: ``angle``, ``load``, ``approach`` or ``time``; else the name of the only
-        cause.
+        """The quantity: ``angle``, ``load``, ``approach``, ``temperature`` or ``time``; else the
+        name of the only cause.
         """
         return self.effect.function_of or self.effect.cause
 

@@ -290,6 +290,7 @@ class ThermalExpansion(Effect):
 
     link: int | None = None
     cause = "thermal_expansion"
+    function_of = "temperature"
     needs = ("temperature",)
     terms = (Term("", "1/K", 2e-5, "expansion_per_k", read_in=("µm/(m·K)", 1e-6), positive=True),)
 

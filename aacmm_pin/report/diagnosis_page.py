@@ -13,8 +13,15 @@ import pandas as pd
 
 from aacmm_pin._support.units import MM, UM, count
 from aacmm_pin.calibration import residuals_by_record, rms
-from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, Place, Unexplained
-from aacmm_pin.diagnosis.unexplained import BACKGROUND
+from aacmm_pin.diagnosis import (
+    BACKGROUND,
+    GEOMETRY,
+    THRESHOLDS,
+    Diagnosis,
+    Finding,
+    Place,
+    Unexplained,
+)
 from aacmm_pin.effects import (
     Discrepancy,
     cause_in_words,
@@ -65,6 +72,7 @@ from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
 from aacmm_pin.report.plots.residual_vectors import models, two_models
 from aacmm_pin.report.verdicts import (
     beside_threshold,
+    covariate_in_words,
     labels_in_words,
     named_set,
     verdict_in_words,
@@ -128,7 +136,8 @@ BUDGET = "What the nominal arm gets wrong, by part"
 BUDGET_EXPLAINED = (
     "The mean squares of all parts add up to the mean square residual of the nominal arm, and the "
     "column 'share' states the part of each. A cause counts with the displacement that "
-    "recalibration does not absorb. The geometry is what the other parts leave."
+    "recalibration does not absorb. The geometry is what the other parts leave; the last column "
+    "states the shares without it."
 )
 GROUPS = "Groups of records that disagree with the other records; check their set-up"
 """Captions of tables, and how to read them."""
@@ -277,7 +286,7 @@ def _statements(left: Unexplained) -> Iterator[str]:
             records = f"All {shared.of} excluded records"
         yield f"{records} have {shared.where}."
     if left.acts_on:
-        on = f"{listed([*left.acts_on])} ({p_equals(left.p_value)})"
+        on = f"{listed([*map(covariate_in_words, left.acts_on)])} ({p_equals(left.p_value)})"
         yield f"The residuals depend on {on} in a way that no cause of the library explains."
     elif left.has_background:
         (size,) = (part.rms for part in left.discrepancy if part.covariate == BACKGROUND)
@@ -295,14 +304,10 @@ def _statements(left: Unexplained) -> Iterator[str]:
         yield f"On held-out records, {removes} of the residual that the causes leave."
 
 
-def _quantity(covariate: str) -> str:
-    return "several quantities together" if covariate == BACKGROUND else covariate
-
-
 def _saved_in_words(result: Diagnosis) -> Iterator[str]:
     """Which part of the discrepancy the extended arm contains."""
     parts, lost = [part.covariate for part in result.unexplained.discrepancy], result.not_saved
-    saved = " and on ".join(_quantity(name) for name in parts if name not in lost)
+    saved = " and on ".join(covariate_in_words(name) for name in parts if name not in lost)
     contained = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
     if saved and contained:
         yield f"The extended arm contains the discrepancy that depends on {saved}."
@@ -439,12 +444,16 @@ def _result(result: Diagnosis, planned: str) -> Iterator[Block]:
         BUDGET,
         "Each bar shows the RMS displacement of the tip by one part.",
     )
+    beside_geometry = sum(part.mean_square for part in result.budget if part.part != GEOMETRY)
     rows = [
         {
             "part": part_in_words(result, part),
             "rms_mm": part.rms / MM,
             "u_mm": part.u_rms / MM,
             "share": percent(part.share),
+            "share without geometry": ""
+            if part.part == GEOMETRY
+            else percent(part.mean_square / beside_geometry),
         }
         for part in result.budget
     ]
@@ -630,10 +639,11 @@ def _left(result: Diagnosis) -> Iterator[Block]:
 
 
 def _shape(result: Diagnosis, name: str, way: str) -> Figure:
+    on = covariate_in_words(name)
     return Figure(
         lambda: plots.plot_unexplained(result, name, blank_axes(7.4, 4.0)),
-        f"Structure that depends on {name} and that no cause explains",
-        f"In the structure that depends on {name}, {way}. Each dot is a record.",
+        f"Structure that depends on {on} and that no cause explains",
+        f"In the structure that depends on {on}, {way}. Each dot is a record.",
     )
 
 
@@ -641,10 +651,11 @@ def _shape(result: Diagnosis, name: str, way: str) -> Figure:
 def unexplained_document(left: Unexplained) -> Document:
     """Dependences on columns that no cause explains."""
     sizes = pd.DataFrame(discrepancy_to_dicts(left))
-    forms: dict[str, Format] = {"covariate": _quantity, "probability": probability}
+    forms: dict[str, Format] = {"covariate": covariate_in_words, "probability": probability}
     depends = {"covariate": "depends on"}
     ways = [
-        f"In the structure that depends on {name}, {way}." for name, way in left.acts_on.items()
+        f"In the structure that depends on {covariate_in_words(name)}, {way}."
+        for name, way in left.acts_on.items()
     ]
     groups = pd.DataFrame([asdict(group) for group in left.groups])
     heads = {"name": "group", "times": "relative residuals", "p_value": "p"}

@@ -252,8 +252,8 @@ def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:
         steps.append(f"probe the same places in postures with other angles of {listed(joints)}")
     if {*PLACE} & {*depends_on}:
         steps.append(
-            "measure the same postures with the stand elsewhere, to find whether the room or the "
-            "arm causes the error"
+            "measure the same postures with the stand or the reference instrument elsewhere, to "
+            "find whether the room or the arm causes the error"
         )
     if SCALE in depends_on:
         steps.append(

@@ -14,7 +14,7 @@ import numpy as np
 from aacmm_pin._support.units import UM, count
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import NO_SCATTER, exclusions_of, rms
-from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, Unexplained
+from aacmm_pin.diagnosis import BACKGROUND, THRESHOLDS, Diagnosis, Finding, Unexplained
 from aacmm_pin.diagnosis.result import Verdict
 from aacmm_pin.effects import (
     corrects_seat,
@@ -44,7 +44,8 @@ LEAST_WORTH = 0.005
 """Residuals that fall by less are about the same."""
 COVARIATES = {
     "record": "the order of the records",
-    "place": "the place",
+    "place": "the position of the tip",
+    BACKGROUND: "several quantities together",
 }
 """Covariates whose names need other words."""
 LACKS = {
@@ -241,7 +242,7 @@ def _structure(result: Diagnosis) -> str:
     """Unexplained structure of the residuals, or their size."""
     left = result.unexplained
     sizes, much_larger = _size_left(result)
-    names = [COVARIATES.get(name, name) for name in left.strongest]
+    names = [*map(covariate_in_words, left.strongest)]
     if {*left.depends_on} > {*left.strongest, *"xyz"}:
         names.append("other quantities")
     structure = math.hypot(*(part.rms for part in left.discrepancy))
@@ -393,11 +394,16 @@ def beside_threshold(left: Unexplained) -> str:
     return f"{p_equals(left.p_value)}, threshold {left.threshold:g}"
 
 
+def covariate_in_words(name: str) -> str:
+    """What structure depends on."""
+    return COVARIATES.get(name, name)
+
+
 def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
     """Causes and covariates that labels of the result name."""
     names = []
     for label in labels:
         cause = result.cause(label)
-        on = f"dependence on {label}"
+        on = f"dependence on {covariate_in_words(label)}"
         names.append(on if cause is None else name_in_words(cause, result.model.arm))
     return listed(names)
