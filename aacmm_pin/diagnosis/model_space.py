@@ -191,10 +191,11 @@ def _log_prior_of_candidates(library: Sequence[Variants], count: int) -> Array:
 
 
 def _shares(variants: Variants, log_prior: float, records: Measurements) -> Array:
-    """Log share of each variant in the prior odds of its candidate (variants,).
+    """Log of each variant's prior odds over those of its candidate (variants,).
 
-    A variant with another nonlinear parameter than the known cause is a change of this cause and a
-    new cause, each with these odds.
+    Of a known cause, the first variant is a change of its values, with the odds of the candidate.
+    Each other variant has another nonlinear parameter: it is such a change and a new cause as well,
+    so that its odds are the product of both.
     """
     shares = np.log([effect.nonlinear.prior_probability(effect, records) for effect in variants])
     new_beside_change = len(variants) > 1 and is_change(variants[0]) and variants[0].nonlinear.field

@@ -68,8 +68,10 @@ class Posterior:
     @cached_property
     def median(self) -> Blocks:
         """The median probability model: the candidates more probable than not (Barbieri, Berger
-        2004, Ann. Stat. 32); of the candidates of one place those that act there together most
-        probably, by their most probable variants together.
+        2004, Ann. Stat. 32).
+
+        Of each place only its most probable form has candidates in the model, and each form has its
+        most probable variants.
         """
         candidates = self.space.candidates
         of_blocks = defaultdict[frozenset[int], float](float)

@@ -217,20 +217,24 @@ def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tupl
 
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
-    """Candidates with each joint held in turn: (n, 4) [rad], and the number of their point (n,)."""
+    """Seeds: each joint is held at some angles in turn, and the other three follow in closed form.
+
+    Returns:
+        (n, 4) [rad], and the index of their point (n,).
+    """
     # Off the symmetric angles 0 and ±π.
     angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
     seeds = []
     numbers = []
     for held in range(POSITIONING):
         (b0, b1, b2), c = _chain_with_held(links, held, angles)
-        which, angle = np.indices((len(points), per_turn)).reshape(2, -1)
-        angles_of_three, who = candidates(b0[angle], b1[angle], b2[angle], c[angle], points[which])
+        point, angle = np.indices((len(points), per_turn)).reshape(2, -1)
+        angles_of_three, pair = candidates(b0[angle], b1[angle], b2[angle], c[angle], points[point])
         free = [joint for joint in range(POSITIONING) if joint != held]
         q = np.empty((len(angles_of_three), POSITIONING))
-        q[:, free], q[:, held] = angles_of_three, angles[angle[who]]
+        q[:, free], q[:, held] = angles_of_three, angles[angle[pair]]
         seeds.append(q)
-        numbers.append(which[who])
+        numbers.append(point[pair])
     return np.concatenate(seeds), np.concatenate(numbers)
 
 

@@ -132,13 +132,14 @@ class CharacteristicValue:
 
     @property
     def decided_by(self) -> tuple[float, float, int] | None:
-        """Magnitude, U [m] and number of a smaller error that alone forbids a better verdict, or
-        None.
+        """Magnitude, U [m] and index of a smaller error whose larger U alone forbids a better
+        verdict, or None.
         """
         size, guard = self._sizes
         largest = int(size.argmax())
         if self.verdict == _verdict(size[[largest]], guard[[largest]], self.mpe):
             return None
+        # Non-conformity is proven by the lower end of an interval, all else fails by the upper end.
         sign = -1.0 if self.verdict == "non-conformity" else 1.0
         other = int((size + sign * guard).argmax())
         if other == largest:

@@ -317,8 +317,9 @@ def errors_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
 
 
 def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
-    """Twice the RMS error; an error common to the calibrated lengths changes it at most by twice
-    itself.
+    """Twice the RMS error of all lengths [m].
+
+    Its u is at most twice the largest u of a length, if the calibrated lengths share an error.
     """
     errors = lengths["error"].to_numpy()
     rms = np.sqrt(np.mean(errors**2))

@@ -61,32 +61,36 @@ def plot_accuracy_of_postures(
     inside, ax = paired(postures, accuracy), axes_of(ax, (7.5, 4.2))
     component = postures.component[inside]
     if isinstance(postures, ConfigurationCircle):
-        place = postures.swivel[inside] / DEG
+        abscissa = postures.swivel[inside] / DEG
         ax.set_xlabel("swivel angle (elbow highest at 0°) [°]")
         ax.set(xlim=(-180, 180), xticks=range(-180, 181, 60))
     elif isinstance(postures, ReachingPostures) and not postures.single:
-        place = postures.travel[inside]
+        abscissa = postures.travel[inside]
         ax.set_xlabel("distance along the curve in joint space [rad]")
-        ax.set_xlim(0.0, 1.05 * place.max(initial=0.0) or None)
+        ax.set_xlim(0.0, 1.05 * abscissa.max(initial=0.0) or None)
     else:
-        place, last = component.astype(np.float64), int(postures.component.max())
+        abscissa, last = component.astype(np.float64), int(postures.component.max())
         component = np.ones_like(component)
         ax.set(xlabel="number of the posture", xlim=(0.5, last + 0.5), xticks=range(1, last + 1))
-    handles = _draw_over(place, component, accuracy, ax)
+    handles = _draw_over(abscissa, component, accuracy, ax)
     legend_below(ax, handles=handles, title=None if postures.within_limits.all() else NOT_THERE)
     ax.set_title(f"{accuracy.sources.arm.name}: accuracy of the postures, {accuracy.method}")
     return ax
 
 
-def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes) -> list[Line2D]:
-    """Draw volume (left) and u (right) over ``place`` (n,); return the lines of the legend."""
+def _draw_over(
+    abscissa: Array, component: Index, accuracy: AccuracyVolume, ax: Axes
+) -> list[Line2D]:
+    """Draw volume (left) and u (right) over ``abscissa`` (n,), with a marker for each of a few
+    components (n,); return the lines of the legend.
+    """
     right, numbers, handles = ax.twinx(), np.unique(component), []
-    size = 1.5 if len(numbers) > 1 else 4.0 if len(place) > 20 else 8.0
+    size = 1.5 if len(numbers) > 1 else 4.0 if len(abscissa) > 20 else 8.0
     for axes, values, marker, colour, label in (
         (ax, accuracy.volume / MM3, "o", BLUE, VOLUME_NAME),
         (right, accuracy.u / UM, "x", VERMILLION, U_NAME),
     ):
-        handles += axes.plot(place, values, marker, ms=size, mew=0.9, color=colour, label=label)
+        handles += axes.plot(abscissa, values, marker, ms=size, mew=0.9, color=colour, label=label)
         # From zero, so that a change by two per cent looks like one.
         axes.set_ylim(0.0, ABOVE * values.max(initial=0.0) or None)
     # The scales have the colours of what they are of.
@@ -95,17 +99,17 @@ def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axe
     if 1 < len(numbers) <= len(COMPONENT_MARKERS):
         handles = []
         for k, number in enumerate(numbers):
-            mine = np.flatnonzero(component == number)
-            mine = mine[np.argsort(place[mine], kind="stable")]
-            step = max(1, len(mine) // MARKERS)
+            of_component = np.flatnonzero(component == number)
+            of_component = of_component[np.argsort(abscissa[of_component], kind="stable")]
+            step = max(1, len(of_component) // MARKERS)
             # Shifted, so that coincident components do not hide each other.
-            some = mine[k * step // len(numbers) :: step]
+            marked = of_component[k * step // len(numbers) :: step]
             style: dict[str, Any] = {"marker": COMPONENT_MARKERS[k], "ms": 6, "ls": ""}
-            volume, u = accuracy.volume[some] / MM3, accuracy.u[some] / UM
+            volume, u = accuracy.volume[marked] / MM3, accuracy.u[marked] / UM
             handles += ax.plot(
-                place[some], volume, color=BLUE, label=f"component {number}", **style
+                abscissa[marked], volume, color=BLUE, label=f"component {number}", **style
             )
-            right.plot(place[some], u, color=VERMILLION, mfc="none", **style)
+            right.plot(abscissa[marked], u, color=VERMILLION, mfc="none", **style)
     ax.grid(alpha=0.3)
     return handles
 
