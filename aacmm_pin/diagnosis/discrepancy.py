@@ -86,7 +86,6 @@ def _prior_u(choice: Choice) -> Array:
 
 
 def _background(choice: Choice, taken: Collection[str]) -> Discrepancy:
-    """The background of all covariates as one effect, whose label is none of those ``taken``."""
     design = choice.design
     model = choice.posterior.median_model
     directions = model.base.gram.directions
