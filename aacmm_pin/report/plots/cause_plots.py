@@ -51,7 +51,19 @@ MOST_PARTS = 24
 CURVE_GAP = 0.1
 """Gap without records, in parts of the range, at which the curve breaks off."""
 OF_RECORD = "_of_record"
-COLUMN_UNITS = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "mm": "mm", "s": "s"}
+COLUMN_UNITS = {
+    "deg": "°",
+    "c": "°C",
+    "urad": "µrad",
+    "um_per_m": "µm/m",
+    "mm": "mm",
+    "s": "s",
+    "nm": "N·m",
+    "n": "N",
+    "kg": "kg",
+    "pct": "%",
+    "hpa": "hPa",
+}
 """Units by the ends of column names."""
 
 
