@@ -24,6 +24,7 @@ from aacmm_pin.diagnosis import (
 )
 from aacmm_pin.effects import (
     Discrepancy,
+    JointErrorCurve,
     cause_in_words,
     corrects_seat,
     in_words,
@@ -522,12 +523,17 @@ def _causes(result: Diagnosis) -> Iterator[Block]:
     yield Table(places_table(result), PLACES_LISTED, explained=PLACES_EXPLAINED)
     yield Table(ranking(result), "Causes of error in the extended arm", explained=RANKED)
     waves = []
-    for finding in result.findings:
-        strongest = strongest_waves(finding.effect) or []
-        sizes = [f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in strongest[:WAVES_LISTED]]
+    effects = [finding.effect for finding in result.findings]
+    for curve in (effect for effect in effects if isinstance(effect, JointErrorCurve)):
+        strongest = (strongest_waves(curve) or [])[:WAVES_LISTED]
+        sizes = listed([f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in strongest])
         if sizes:
-            name = capital(in_words(finding.effect, result.model.arm))
-            waves.append(f"{name} has its strongest waves at {listed(sizes)} periods per turn.")
+            name = capital(in_words(curve, result.model.arm))
+            apart = 4.0 * np.pi / (curve.upper_rad - curve.lower_rad)
+            waves.append(
+                f"{name} has its strongest waves at {sizes} periods per turn. In this range of "
+                f"angles, waves less than {apart:.2g} periods per turn apart form one."
+            )
     yield Bullets(waves)
     yield from causes_drawn(result)
 
