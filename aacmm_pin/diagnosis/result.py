@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -147,6 +148,12 @@ class Place:
         return self.probability >= THRESHOLDS.settled and most_probable < THRESHOLDS.named
 
 
+def _order(place: Place) -> tuple[float, float, str]:
+    """By thousandths of the probability, along the arm, by label: not by the order of the rows."""
+    row = place.effect.row
+    return -round(place.probability, 3), math.inf if row is None else row, place.effect.label
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Shown):
     """The result of a diagnosis: the causes of error, the extended arm, and its gain.
@@ -226,7 +233,7 @@ class Diagnosis(Shown):
 
     @property
     def places(self) -> tuple[Place, ...]:
-        """The places where a cause may act, by thousandths of probability and then as along the
+        """The places where a cause may act, most probable first; equally probable ones along the
         arm.
         """
         names = self.choice.design.names
@@ -237,7 +244,7 @@ class Diagnosis(Shown):
             probability = min(sum(labelled.values()), 1.0)
             if effect is not None and probability >= THRESHOLDS.worth_listing:
                 places.append(Place(effect, probability, labelled))
-        return tuple(sorted(places, key=lambda place: -round(place.probability, 3)))
+        return tuple(sorted(places, key=_order))
 
     @property
     def cannot_tell_apart(self) -> list[tuple[str, ...]]:

@@ -70,7 +70,8 @@ def with_names(found: dict[str, Any], old: Measurements, new: Measurements) -> d
     seats = zip(old.conditions.require("seat", ""), new.conditions.require("seat", ""), strict=True)
     text = json.dumps(found, ensure_ascii=False)
     for before, after in dict(seats).items():
-        text = text.replace(f'seat_error:{before}"', f'seat_error:{after}"')
+        for start in ("seat_error:", '"seat": "'):
+            text = text.replace(f'{start}{before}"', f'{start}{after}"')
     other: dict[str, Any] = json.loads(text)
     return other
 
