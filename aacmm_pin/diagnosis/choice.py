@@ -177,13 +177,13 @@ class Choice:
         """
         with_values = []
         for model in (self.posterior.causes_alone, self.posterior.top_model):
-            of_label = {
-                self.variant(k).label: k for k in model.blocks if self.candidates.is_cause(k)
-            }
-            if {effect.label for effect in effects} <= of_label.keys():
+            causes = filter(self.candidates.is_cause, model.blocks)
+            # A curve of another fineness has the same label.
+            block = {(self.variant(k).label, len(self.variant(k).terms)): k for k in causes}
+            if {(effect.label, len(effect.terms)) for effect in effects} <= block.keys():
                 break
         for effect in effects:
-            k = of_label[effect.label]
+            k = block[effect.label, len(effect.terms)]
             place = model.places[k]
             scales = np.array([term.typical for term in effect.terms])
             u = model.scale[place][: scales.size] * scales
