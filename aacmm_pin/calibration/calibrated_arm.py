@@ -108,7 +108,7 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
     joint = joined(arm, names, matrix, " ".join(records))
     all_effects = (*others, *effects)
     code = "scatter_beyond_noise" if fit.noise_is_stated else "scatter_of_unstated_noise"
-    scatters = max(fit.noise.scatters.tip, fit.noise.scatters.turn) > NO_SCATTER
+    scatters = fit.noise.scatters.of_targets > NO_SCATTER
     unexplained = str(Note(code, {"scatter": fit.scatter_in_words})) if scatters else ""
     of_file: dict[str, Any] = {
         "reference_temperature_c": temperature_of(fit),

@@ -111,7 +111,7 @@ class Fit(Solution):
         """Covariance of each residual, with the scatter (n, 3, 3) [m²], or (n, 6, 6)."""
         return self.noise.of_residuals
 
-    @property
+    @cached_property
     def by_reading(self) -> Array:
         """See :meth:`Problem.reading_jacobian`, where the fit ended (n, 3, nq) [m/rad], or (n, 6,
         nq).

@@ -57,6 +57,11 @@ class Scatters(NamedTuple):
     turn: float = 0.0
     seat: float = 0.0
 
+    @property
+    def of_targets(self) -> float:
+        """The larger one of tips [m] and turns [rad]."""
+        return max(self.tip, self.turn)
+
     def covariance(self, width: int) -> Array:
         """Of a residual, by tip and turn alone (3, 3) or (6, 6) [m², rad²]."""
         of_tip = max(self.tip, LEAST_U)

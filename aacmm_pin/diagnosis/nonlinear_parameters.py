@@ -35,7 +35,7 @@ SAME_VALUE = 0.01
 
 def noise_is_known(at: Fit) -> bool:
     """Whether the stated noise is all that the fit found."""
-    return at.noise_is_stated and max(at.noise.scatters[:2]) == 0.0
+    return at.noise_is_stated and at.noise.scatters.of_targets == 0.0
 
 
 def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:

@@ -73,14 +73,10 @@ class Posterior:
         Of each place only its most probable form has candidates in the model, and each form has its
         most probable variants.
         """
-        candidates = self.space.candidates
-        of_blocks = defaultdict[frozenset[int], float](float)
-        for blocks, weight in self.weights.items():
-            for inside in self._by_place(blocks).values():
-                of_blocks[inside] += weight
+        owner, weights = self.space.candidates.owner, self._at_places
         best: dict[frozenset[int], frozenset[int]] = {}
-        for inside in sorted(of_blocks, key=lambda blocks: (-of_blocks[blocks], sorted(blocks))):
-            best.setdefault(frozenset(map(candidates.owner, inside)), inside)
+        for inside in sorted(weights, key=lambda blocks: (-weights[blocks], sorted(blocks))):
+            best.setdefault(frozenset(map(owner, inside)), inside)
         together = [next(iter(forms)) for forms in self.forms.values()]
         acting = itertools.chain.from_iterable(best[owners] for owners in together)
         return tuple(sorted(k for k in acting if self.probability(k) >= THRESHOLDS.named))
@@ -90,23 +86,26 @@ class Posterior:
         """Of each place where something acts, the probability of each form, the most probable
         first: of the candidates that act there together.
         """
+        candidates = self.space.candidates
         of_places = defaultdict[int, dict[frozenset[int], float]](dict)
-        for blocks, weight in self.weights.items():
-            for place, inside in self._by_place(blocks).items():
-                form = frozenset(map(self.space.candidates.owner, inside))
-                of_places[place][form] = of_places[place].get(form, 0.0) + weight
+        for inside, weight in self._at_places.items():
+            forms = of_places[int(candidates.of_blocks[min(inside)])]
+            form = frozenset(map(candidates.owner, inside))
+            forms[form] = forms.get(form, 0.0) + weight
         return {
             place: dict(sorted(forms.items(), key=lambda form: (-form[1], sorted(form[0]))))
             for place, forms in sorted(of_places.items())
         }
 
-    def _by_place(self, blocks: Blocks) -> dict[int, frozenset[int]]:
-        """The blocks of a set, by their places."""
-        of_blocks = self.space.candidates.of_blocks
-        return {
-            int(place): frozenset(k for k in blocks if of_blocks[k] == place)
-            for place in of_blocks[[*blocks]]
-        }
+    @cached_property
+    def _at_places(self) -> dict[frozenset[int], float]:
+        """Probability of the blocks that act together at one place."""
+        places = self.space.candidates.of_blocks.tolist()
+        weights = defaultdict[frozenset[int], float](float)
+        for blocks, weight in self.weights.items():
+            for place in {places[k] for k in blocks}:
+                weights[frozenset(k for k in blocks if places[k] == place)] += weight
+        return weights
 
     def beside(self, blocks: Blocks, kept: Sequence[int] | None = None) -> Conditional:
         """What is left beside a set, or beside its blocks ``kept``, at the set's best widths and

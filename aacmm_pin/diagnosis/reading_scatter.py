@@ -63,7 +63,6 @@ class ReadingScatter:
         readings.
         """
         counts = fit.used & fit.observations.has_target
-
         width = deviations.shape[1]
         observations = fit.observations
         by_reading = fit.by_reading

@@ -165,7 +165,11 @@ class Walk:
             least = THRESHOLDS.expanded * top
             holds = max(min(THRESHOLDS.holds, top), least)
             open_ = [s for s, w in weights.items() if s not in self.expanded and w >= least]
-            held = [s for s, w in weights.items() if w >= holds and self._is_unexchanged(s)]
+            held = [
+                blocks
+                for blocks, weight in weights.items()
+                if weight >= holds and self._regardless_of_variants(blocks) not in self.exchanged
+            ]
             if open_ and (not (held and exchanges) or weights[open_[0]] >= holds):
                 gains = self.gains.get(self._regardless_of_variants(open_[0]))
                 if gains is None or gains.max() > 0.0:
@@ -242,9 +246,6 @@ class Walk:
         self.gains[self._regardless_of_variants(blocks)] = gains
         self.expanded[blocks] = self.values[blocks] + gains
         self._visit_each(blocks, self.expanded[blocks], blocks)
-
-    def _is_unexchanged(self, blocks: Blocks) -> bool:
-        return self._regardless_of_variants(blocks) not in self.exchanged
 
     def _regardless_of_variants(self, blocks: Blocks) -> Candidacy:
         """The candidates of a set, and the variants of its covariates."""

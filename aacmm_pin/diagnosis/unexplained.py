@@ -277,7 +277,7 @@ def exceeds_noise(extended: Fit) -> bool:
 
     If the noise of the encoders is not stated, that of plain encoders counts as stated.
     """
-    if extended.chi2_stated is None or max(extended.noise.scatters[:2]) == 0.0:
+    if extended.chi2_stated is None or extended.noise.scatters.of_targets == 0.0:
         return False
     squares = np.square(extended.system.deviations)
     explained = np.diagonal(extended.stated_noise, axis1=1, axis2=2)

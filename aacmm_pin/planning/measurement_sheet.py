@@ -10,7 +10,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.effects import CONDITION_ENTRIES
-from aacmm_pin.measurements import REFERENCE, REFERENCE_U, Measurements
+from aacmm_pin.measurements import REFERENCE, REFERENCE_U, Measurements, column_of
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.candidate_records import TIME_STEP
 from aacmm_pin.planning.task import Task
@@ -59,11 +59,10 @@ def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame
     exact = [name for name in table.columns if name.startswith(("theta", "probe_direction"))]
     table[exact] = table[exact].round(SHEET_DECIMALS)
     for name in records.conditions.present:
-        column, values = CONDITION_ENTRIES[name], getattr(records.conditions, name)
-        known = existing is not None and name in existing.conditions.present
-        if column.usual is not None and np.all(values == column.usual) and not known:
-            pattern = "|".join(column.names).replace("#", r"\d+")
-            table.loc[:, table.columns.str.fullmatch(pattern)] = np.nan
+        usual, values = CONDITION_ENTRIES[name].usual, getattr(records.conditions, name)
+        in_existing = existing is not None and name in existing.conditions.present
+        if usual is not None and np.all(values == usual) and not in_existing:
+            table[[head for head in map(str, table) if column_of(head).field == name]] = np.nan
     if REFERENCE[0] not in table:
         for k, name in enumerate(REFERENCE):
             table.insert(records.nq + k, name, nothing[:, k])

@@ -194,11 +194,13 @@ def certainty_in_words(result: Diagnosis) -> str:
 def open_forms_in_words(result: Diagnosis) -> str:
     """The places with a certain error of open form; "" without these."""
     places = [place for place in result.places if place.form_is_open]
-    return " ".join(
-        f"{capital(location_in_words(place.effect, result.model.arm))} certainly has an error that "
-        f"depends on {place.depends_on}: {_forms_in_words(result, place)}."
-        for place in places
-    )
+    sentences = []
+    for place in places:
+        location = location_in_words(place.effect, result.model.arm) or "the arm"
+        forms = _forms_in_words(result, place)
+        error = f"an error that depends on {place.depends_on}: {forms}"
+        sentences.append(f"{capital(location)} certainly has {error}.")
+    return " ".join(sentences)
 
 
 def next_set_in_words(result: Diagnosis) -> str:

@@ -94,8 +94,11 @@ def perform(
             for f in (*said["findings"], *_structure(said))
         ],
         "places": [
-            {"cause": p["depends_on"], "joint": p["joint"], "probability": p["probability"]}
-            for p in (*said["places"], *_structure(said))
+            *(
+                {"cause": p["depends_on"], "joint": p["joint"], "probability": p["probability"]}
+                for p in said["places"]
+            ),
+            *_structure(said),
         ],
         "plain_mm": plain.rms_mm,
         "plain_new_mm": plain.rms_new_mm(new),
@@ -197,12 +200,7 @@ def place(cause: str, joint: int | None) -> str | None:
 def _structure(said: Row) -> list[Row]:
     """Structure over the temperature, which no cause of the library has, as a finding."""
     return [
-        {
-            "depends_on": part["covariate"],
-            "cause": part["covariate"],
-            "joint": None,
-            "probability": part["probability"],
-        }
+        {"cause": part["covariate"], "joint": None, "probability": part["probability"]}
         for part in said["discrepancy"]
         if part["covariate"] in WARMTH
     ]
