@@ -250,7 +250,6 @@ def test_an_arm_with_a_joint_that_slides(tmp_path, slide, masses):
     assert not any(f["joint"] == slide for f in found["findings"])
 
 
-@ECCENTRICITY_ALONE
 def test_long_files_are_thinned_evenly(sino6, rng, monkeypatch):
     hidden = EncoderEccentricity(joint=3, values=(1e-4, 0.0))
     data = simulate_measurements(ErrorModel(sino6, (hidden,)), "free", 300, rng=rng)

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from aacmm_pin import Diagnosis, Measurements, diagnose
 from tests.again import again
 from tests.arm_files import by_table
-from tests.few_causes import ECCENTRICITY_ALONE
 from tests.oracle import dh_frames
 
 ROWS = (
@@ -167,7 +166,6 @@ def test_two_waves_of_one_joint() -> None:
     assert orders == {4.0, 25.0}
 
 
-@ECCENTRICITY_ALONE
 def test_the_budget_is_that_of_the_plant() -> None:
     """Of each part, within three standard uncertainties; and it adds up."""
     plant = Plant.of(7)
