@@ -52,6 +52,8 @@ together.
 """
 NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
+SAME_TIPS = 0.2
+"""Tips whose RMS difference is less than this part of the noise are those of one model."""
 LETTERS = 40
 """Of the causes found so far, a bar shows this much."""
 FREEDOM = 10.0
@@ -145,22 +147,22 @@ def _standing(
     at = first
     effects = list[Effect]()
     before = None
-    seen, ends = {frozenset[Any]()}, set[frozenset[Any]]()
+    visited, ends = list[Array](), list[Array]()
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_EXPLORATIONS):
             choice = _climbed(at, library, all_covariates, folds, effects, before)
             rounds.update()
-            best = refined_causes(choice, effects)
+            best = refined_causes(choice, choice.top_causes, effects)
             before = _Before.of(choice)
-            if _identities(best) in seen and before.settled(choice):
-                standing = choice.top_causes
+            stays = _identities(best) == _identities(effects) or before.is_near(choice, visited)
+            visited.append(before.tips)
+            if stays and before.settled(choice):
                 choice = _explored(choice)
-                if choice.top_causes == standing:
+                before = _Before.of(choice)
+                if before.is_near(choice, [visited[-1], *ends]):  # or leads there again and again
                     break
-                best = refined_causes(choice, effects)
-                if _identities(best) in ends:  # the climbs lead elsewhere again and again
-                    break
-                ends.add(_identities(best))
+                ends.append(before.tips)
+                best = refined_causes(choice, choice.top_causes, effects)
             rivals = refined_rivals(choice)
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
             if best:
@@ -173,7 +175,6 @@ def _standing(
                 )
             choice.posterior.space.release()
             effects = best
-            seen.add(_identities(best))
             library = _with_variants(library, [*rivals, *effects])
         else:
             choice = _explored(choice)
@@ -218,6 +219,11 @@ class _Before:
         noise = choice.noise
         return _Before(model.all_tips, model.dof, scatter, noise.ratio, noise.of_readings)
 
+    def is_near(self, choice: Choice, visited: Sequence[Array]) -> bool:
+        """Whether the tips of one of the other rounds are the same, beside the noise."""
+        differences = (choice.noise.whitened(self.tips - tips) for tips in visited)
+        return any(np.sqrt(np.mean(np.square(one))) < SAME_TIPS for one in differences)
+
     def settled(self, choice: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
         if self.scatter is None:
@@ -241,7 +247,7 @@ def _extended(
     A known cause is removed if a cause of its name with another nonlinear parameter is estimated,
     and its own values are zero within their U.
     """
-    effects = [effect.at(()) for effect in choice.effects]
+    effects = refined_causes(choice, choice.causes)
     if not effects:
         return replace(choice, fit=_with_shared_error(first, choice))
     within = choice.with_values(effects)

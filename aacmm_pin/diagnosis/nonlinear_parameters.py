@@ -17,7 +17,7 @@ from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
-from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
+from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import best_of_candidates
 from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.search import without_block
@@ -38,14 +38,14 @@ def noise_is_known(at: Fit) -> bool:
     return at.noise_is_stated and at.noise.scatters.of_targets == 0.0
 
 
-def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:
-    """The causes of the most probable set with their likeliest nonlinear parameters; those of
-    ``before`` if they are about the same.
+def refined_causes(choice: Choice, causes: Blocks, before: Sequence[Effect] = ()) -> list[Effect]:
+    """Some causes, together, with their likeliest nonlinear parameters; those of ``before`` if they
+    are about the same.
     """
     records = choice.fit.problem.measurements
-    acting = _acting(choice, choice.top_causes)
+    acting = _acting(choice, causes)
     best = [variants[-1] for variants in acting]
-    new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
+    new = [k for k, block in enumerate(causes) if not is_change(choice.variant(block))]
     refinements = {k: best[k].nonlinear.refine(best[k], records) for k in new}
     tried = {k: effects for k, effects in refinements.items() if len(effects) > 1}
     for k, odds in evidences(choice.fit, choice.noise, acting, tried).items():
