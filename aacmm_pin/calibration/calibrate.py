@@ -18,7 +18,7 @@ from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import whole_turn_notes
 from aacmm_pin.calibration.calibrated_arm import temperature_of
-from aacmm_pin.calibration.cross_validation import enough_postures
+from aacmm_pin.calibration.cross_validation import enough_postures, rms
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit, redundant
@@ -145,11 +145,11 @@ def calibrate(
         prior: use the stated uncertainties of the arm as information.
         encoder_noise: standard uncertainty of one reading, one number or ``(nq,)`` [rad]; default
             from the arm file.
-        reference_noise: standard uncertainty of each reference coordinate [m], for records without
-            a stated value.
+        reference_noise: standard uncertainty of each reference coordinate [m], for records that
+            state none.
         probe_noise: standard uncertainty of each coordinate of one contact [m].
-        length_noise: standard uncertainty of the length of a ball bar [m], for bars without a
-            stated value; default 50 µm, with a note.
+        length_noise: standard uncertainty of the length of a ball bar [m], for bars that state
+            none; default 50 µm, with a note.
         robust: search for gross errors.
         hold_out: predict held-out records in groups: random groups, seats, sessions, or regions of
             joint angles.
@@ -205,33 +205,22 @@ def calibrate(
         repeated.append(Note("places_unused", {"places": unused}))
     if len(measurements.extra.columns):
         repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
-    calibration = Calibration(
-        after,
-        problem_of(model, measurements, [], setup),
-        (),
-        (*mistakes_of(after), *notes_of(after), *session_notes(after), *repeated),
-    )
-    held = (
-        left_out(calibration.before, after, rng or np.random.default_rng(1), progress)
-        if hold_out
-        else ()
-    )
+    notes = (*mistakes_of(after), *notes_of(after), *session_notes(after), *repeated)
+    calibration = Calibration(after, problem_of(model, measurements, [], setup), (), notes)
+    if not hold_out:
+        return calibration
+    held = left_out(calibration.before, after, rng or np.random.default_rng(1), progress)
     return replace(calibration, held_out=tuple(held))
 
 
 def _chosen(
     parameters: GivenCause | Iterable[GivenCause], model: ErrorModel, measurements: Measurements
 ) -> list[GivenCause]:
-    """Names of sets as they are, causes for their texts.
-
-    Raises:
-        UnknownNameError: see :func:`as_causes`.
-    """
+    """Names of sets as they are, causes for their texts."""
     items = [parameters] if isinstance(parameters, Effect | str) else list(parameters)
     sets = get_args(ParameterSet)
     present = measurements.conditions.present
-    named = named_parameters(model.arm, items)
-    kept = {*sets, *named}
+    kept = {*sets, *named_parameters(model.arm, items)}
     for item in items:
         if isinstance(item, str) and item not in kept and re.split("[:,]", item)[0] not in CAUSES:
             names = [parameter.name for parameter in model.arm.parameters]
@@ -240,9 +229,8 @@ def _chosen(
 
 
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
-    """The records without copies, with notes; ``row`` keeps their lines in the file.
-
-    Records without a seat that state the very same coordinates were measured once, and get a seat.
+    """The records without copies, with notes. Records without a seat that state the very same
+    coordinates were measured once, and get a seat.
     """
     original = originals(measurements)
     copies = np.flatnonzero(original != np.arange(measurements.n))
@@ -269,8 +257,8 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
 def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
     """A note if records of few postures, but for targets of one reading, count as independent."""
     changes = np.diff(measurements.postures) != 0
-    marker = measurements.conditions.marker
-    if marker is not None and setup.encoder_noise is not None:
+    if setup.encoder_noise is not None:
+        marker = measurements.conditions.labels("marker")
         changes |= marker[1:] != marker[:-1]
     postures = 1 + np.count_nonzero(changes)
     if measurements.n <= OFTEN * postures:
@@ -278,26 +266,9 @@ def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
     return [Note("held_postures", {"records": measurements.n, "postures": postures})]
 
 
-def _references_in_other_unit(after: Fit) -> Iterator[Note]:
-    records = after.problem.measurements
-    stating = after.used & records.known
-    if not stating.any():
-        return
-    # NaN: not stated.
-    u = float(np.median(reference_u(records, after.problem.setup, np.nan)[stating]))
-    residual = float(np.sqrt(np.mean(np.square(after.system.deviation[stating]))))
-    data = {"u": u, "residual": residual}
-    if u < BEST_REFERENCE and u < residual / UNIT_RATIO:
-        yield Note("reference_noise_small", data | {"times": residual / u})
-    elif 0.0 < residual < u / UNIT_RATIO:
-        yield Note("reference_noise_large", data | {"times": u / residual})
-
-
 def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
     """A seat for records without one that repeat coordinates of others; and these records."""
-    n = measurements.n
-    labels = measurements.conditions.seat
-    seat = np.full(n, "", dtype=object) if labels is None else labels.copy()
+    seat = measurements.conditions.labels("seat").copy()
     table = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known]
     again = table[table.duplicated([0, 1, 2], keep=False)]
     seated = []
@@ -322,9 +293,9 @@ def _of_relations(after: Fit) -> Iterator[Note]:
         return
     by_relation = deviations_of_relations(after.system)
     worst = int(by_relation.argmax())
-    data: dict[str, Any] = {"deviations": float(by_relation[worst])}
     if by_relation[worst] < ODD_RELATION:
         return
+    data: dict[str, Any] = {"deviations": float(by_relation[worst])}
     kind = observations.relation[worst]
     if kind == OF_BAR:
         touched = {*observations.labels}
@@ -337,16 +308,14 @@ def _of_relations(after: Fit) -> Iterator[Note]:
 
 
 def _of_earlier(after: Fit) -> Iterator[Note]:
-    """Records that the prior comes from, correlated inputs (JCGM 100:2008, F.1.2.3); and what that
-    calibration left unexplained.
-    """
+    """Records behind the prior are correlated inputs (JCGM 100:2008, F.1.2.3)."""
     problem = after.problem
     if not problem.from_earlier:
         return
     used = problem.measurements.take(after.used)
     arm = problem.model.arm
     name = {"arm": arm.name}
-    before = set(problem.known_from)
+    before = {*problem.known_from}
     if again := before.intersection(fingerprints(used)):
         yield Note("records_used_before", {"again": len(again), "records": used.n} | name)
     elif standards := before.intersection(fingerprints_of_standards(used)):
@@ -357,12 +326,18 @@ def _of_earlier(after: Fit) -> Iterator[Note]:
 
 def notes_of_records(after: Fit) -> Iterator[Note]:
     """What looks unusual in the records themselves."""
-    yield from _references_in_other_unit(after)
+    records = after.problem.measurements
+    stating = after.used & records.known
+    if stating.any():
+        # NaN: not stated.
+        u = float(np.median(reference_u(records, after.problem.setup, np.nan)[stating]))
+        residual = rms(after.system.deviation[stating])
+        data = {"u": u, "residual": residual}
+        if u < BEST_REFERENCE and u < residual / UNIT_RATIO:
+            yield Note("reference_noise_small", data | {"times": residual / u})
+        elif 0.0 < residual < u / UNIT_RATIO:
+            yield Note("reference_noise_large", data | {"times": u / residual})
     yield from _of_conditions(after)
-    yield from _of_diameters(after)
-
-
-def _of_diameters(after: Fit) -> Iterator[Note]:
     observations = after.observations
     tips = after.point.prediction.tips
     differences = []
@@ -389,31 +364,25 @@ def _of_conditions(after: Fit) -> Iterator[Note]:
             yield Note("slide_scale_exact", joint)
 
 
-def _of_target(after: Fit) -> Iterator[Note]:
+def _of_calibrated_arm(after: Fit) -> Iterator[Note]:
+    arm = after.problem.model.arm
     for effect in after.effects if after.problem.tip_on_target else ():
         if isinstance(effect, StylusOffset) and effect.marker is None:
             distance = float(np.linalg.norm(effect.values))
-            data = {"distance": distance, "arm": after.problem.model.arm.name}
-            yield Note("target_becomes_tip", data)
-
-
-def _of_open_tip(after: Fit) -> Iterator[Note]:
+            yield Note("target_becomes_tip", {"distance": distance, "arm": arm.name})
     spread = np.linalg.norm(after.undetermined.tip_spread, axis=1) / after.problem.widths
     if spread.any():
         chosen = np.flatnonzero(spread > OPEN * spread.max())
         names = [after.problem.vector.names[k] for k in chosen]
         yield Note("tip_undetermined", {"parameters": names})
-
-
-def _of_temperature(after: Fit) -> Iterator[Note]:
-    stated = after.problem.model.arm.reference_temperature
+    stated = arm.reference_temperature
     temperature = temperature_of(after)
     if abs(temperature - stated) >= TEMPERATURE_TOLERANCE:
         yield Note("temperature_of_lengths", {"temperature": temperature, "stated": stated})
 
 
 def _of_torques(after: Fit) -> Iterator[Note]:
-    """Torques far beyond what the weight of the arm gives, if its masses are known."""
+    """Only if the masses of the arm are known."""
     arm = after.problem.model.arm
     records = after.problem.measurements
     torque = records.conditions.torque
@@ -432,17 +401,15 @@ def _of_torques(after: Fit) -> Iterator[Note]:
 
 
 def _of_noise(after: Fit) -> Iterator[Note]:
-    if after.problem.setup.encoder_noise is None:
+    setup = after.problem.setup
+    if setup.encoder_noise is None:
         yield Note("encoder_noise_estimated")
-    if not after.noise_is_stated:
-        yield from _of_unstated_noise(after)
-    elif after.scatter > 0:
-        yield Note("scatter_added", {"scatter": after.scatter_in_words})
-        yield from _farther_off(after)
-
-
-def _of_unstated_noise(after: Fit) -> Iterator[Note]:
-    unstated_noise = after.problem.setup.unstated(after.problem.measurements)
+    if after.noise_is_stated:
+        if after.scatter > 0:
+            yield Note("scatter_added", {"scatter": after.scatter_in_words})
+            yield from _farther_off(after)
+        return
+    unstated_noise = setup.unstated(after.problem.measurements)
     of_seats = after.noise.scatters.seat
     if after.has_scatter:
         options = [OPTION_OF_NOISE[noise] for noise in unstated_noise]
@@ -475,9 +442,8 @@ def _farther_off(after: Fit) -> Iterator[Note]:
 def contradicted_places(after: Fit) -> Iterator[Note]:
     """Stated places and lengths that the other data, or all excluded records, contradict."""
     records = after.problem.measurements
-    seats = records.conditions.seat
     count = int(after.excluded.sum())
-    at = set() if seats is None else set(seats[after.excluded])
+    at = {*records.conditions.labels("seat")[after.excluded]}
     if len(at) == 1 and count >= SEVERAL and "" not in at:
         yield Note("seat_excluded", {"records": count, "seat": at.pop()})
     yield from _of_relations(after)
@@ -491,9 +457,7 @@ def notes_of(after: Fit) -> Iterator[Note]:
     yield from _of_earlier(after)
     yield from _of_noise(after)
     yield from notes_of_records(after)
-    yield from _of_target(after)
-    yield from _of_open_tip(after)
-    yield from _of_temperature(after)
+    yield from _of_calibrated_arm(after)
     if after.scatter > FAR:
         yield Note("scatter_too_large", {"scatter": after.scatter})
     arm_parameters = zip(problem.vector.arm_parameters, problem.stated, strict=True)

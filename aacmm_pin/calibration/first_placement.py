@@ -64,7 +64,7 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
         by_offset: derivative of the tips by the offsets (n, 3, m).
     """
     records = problem.measurements
-    stating = problem.measurements.known
+    stating = records.known
     positions = _Positions.of(
         tips[stating], records.reference[stating], by_offset[stating], problem.external
     )
@@ -154,16 +154,13 @@ class _Turns:
     @staticmethod
     def of(problem: Problem, lever: float) -> _Turns:
         records = problem.measurements
-        oriented = problem.measurements.oriented
+        oriented = records.oriented
         assert records.orientation is not None  # the caller looks at orientations
         axes = problem.model.arm.chain.walk(records.q[oriented])[0][-1]
         stated = orientation.matrices(records.orientation[oriented])
         by_rotation = lever * np.einsum("nji,nkl->niljk", axes, stated)
-        marker = records.conditions.marker
-        labels = np.full(records.n, "") if marker is None else marker
-        target = np.array(
-            [problem.targets.index(label) for label in labels[oriented]], dtype=np.intp
-        )
+        labels = records.conditions.labels("marker")[oriented]
+        target = np.array([problem.targets.index(label) for label in labels], dtype=np.intp)
         return _Turns(by_rotation.reshape(-1, 9, 9), target)
 
     @property

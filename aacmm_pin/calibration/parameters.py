@@ -109,7 +109,7 @@ def problem_of(
         if model.arm.covariance is not None and (setup.prior or base.arm.covariance)
         else ""
     )
-    targets = () if setup.target == "frame" else _turned_targets(measurements)
+    targets = measurements.conditions.labels("marker")[measurements.oriented].tolist()
     return Problem(
         base,
         vector,
@@ -119,7 +119,7 @@ def problem_of(
         measurements,
         setup,
         tuple(known_from.split()),
-        targets,
+        () if setup.target == "frame" else tuple(dict.fromkeys(targets)),
         tuple(items),
     )
 
@@ -250,16 +250,6 @@ def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
     return effect, np.where(stated, u, assembled), stated
 
 
-def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
-    """With an orientation; "" for one without a label."""
-    marker = measurements.conditions.marker
-    oriented = measurements.oriented
-    if marker is None:
-        marker = np.full(measurements.n, "", dtype=object)
-    labels = marker[oriented].tolist()
-    return tuple(dict.fromkeys(labels))
-
-
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
     """Whether an effect is the place of a target of the records without a u that counts."""
     labels = {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
@@ -293,7 +283,8 @@ def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:
     """One for each marker, one where nobody states that the target is the tip."""
     width = np.full(3, REACH_OF_TARGET)
     unstated = np.zeros(3, dtype=bool)
-    markers = measurements.conditions.marker
-    if markers is not None and any(markers):
-        return [(StylusOffset(str(m)), width, unstated) for m in dict.fromkeys(markers) if m]
-    return [(StylusOffset(), width, unstated)] if target == "unknown" else []
+    markers = dict.fromkeys(filter(None, measurements.conditions.labels("marker").tolist()))
+    offsets = [StylusOffset(marker) for marker in markers]
+    if target == "unknown" and not offsets:
+        offsets = [StylusOffset()]
+    return [(offset, width, unstated) for offset in offsets]

@@ -281,11 +281,10 @@ class Problem:
     @cached_property
     def _target(self) -> Index:
         """Among those of unknown orientation (n,); 0 without one."""
-        marker = self.measurements.conditions.marker
-        numbers: Index = np.zeros(self.measurements.n, dtype=np.intp)
-        if marker is not None:
-            for k, label in enumerate(self.targets):
-                numbers[marker == label] = k
+        marker = self.measurements.conditions.labels("marker")
+        numbers = np.zeros(marker.size, dtype=np.intp)
+        for k, label in enumerate(self.targets):
+            numbers[marker == label] = k
         return numbers
 
     def bends(self, x: Array) -> bool:

@@ -103,12 +103,9 @@ class Setup:
 
     def unstated(self, measurements: Measurements) -> list[str]:
         """Noise that is not stated although χ² needs it."""
-        seats = measurements.conditions.seat
-        touched = seats is not None and (seats != "").any()
-        placed = [measurements.placed[records].any() for records in measurements.seats().values()]
-        stated = np.asarray(np.isfinite(measurements.reference_u).all(axis=1))
         unstated = []
-        if self.reference_noise is None and not stated[measurements.placed].all():
+        reference_u = measurements.reference_u[measurements.placed]
+        if self.reference_noise is None and not np.isfinite(reference_u).all():
             unstated.append("reference coordinates")
         turn_u = measurements.orientation_u
         if turn_u is None:
@@ -116,8 +113,10 @@ class Setup:
         if not np.isfinite(turn_u[measurements.oriented]).all():
             unstated.append("orientations")
         # Without these a seat touched again would have to give the very same tip.
+        seats = measurements.seats().values()
+        placed = [measurements.placed[records].any() for records in seats]
         exact = self.encoder_noise is None or not all(placed)
-        if touched and self.probe_noise is None and exact:
+        if seats and self.probe_noise is None and exact:
             unstated.append("contacts in seats")
         return unstated
 

@@ -72,7 +72,6 @@ class Conditions(Shown):
     """The conditions of n records; an unknown condition is None.
 
     Attributes:
-        n: number of records.
         time: time ``(n,)`` [s].
         temperature: temperature of the whole arm ``(n,)`` [°C].
         link_temperature: temperature of each DH row ``(n, rows)`` [°C].
@@ -107,7 +106,6 @@ class Conditions(Shown):
     session: Labels | None = condition(("session",), "anywhere")
 
     def __post_init__(self) -> None:
-        """Convert and check the arrays."""
         if self.n < 0:
             raise ShapeError(f"conditions have {self.n} records; expected 0 or more")
         for name in self.present:
@@ -143,7 +141,6 @@ class Conditions(Shown):
 
         Args:
             needs: names of conditions.
-            nq: number of joints.
         """
         usual: dict[str, Any] = {}
         for name in {*needs}.difference(self.present):
@@ -172,12 +169,17 @@ class Conditions(Shown):
                 turn[:, k] = angle
         return np.asarray(Rotation.from_rotvec(turn).apply(direction, inverse=True))
 
+    def labels(self, name: str) -> Labels:
+        """Return the labels ``seat``, ``marker`` or ``session`` of each record, ``(n,)``; "" for no
+        label.
+        """
+        labels = getattr(self, name)
+        return np.full(self.n, "", dtype=object) if labels is None else np.asarray(labels)
+
     @cached_property
     def times(self) -> Array:
         """The different times in ascending order [s]; empty if the time is unknown."""
-        if self.time is None:
-            return np.zeros(0)
-        return np.unique(self.time)
+        return np.zeros(0) if self.time is None else np.unique(self.time)
 
     @property
     def present(self) -> tuple[str, ...]:
@@ -186,34 +188,27 @@ class Conditions(Shown):
 
     def odd_temperatures(self, reference: float) -> list[Note]:
         """Return notes on temperatures that are implausible for a workshop; ``reference`` in °C."""
-        found = []
+        notes = []
         for values in (self.temperature, self.link_temperature):
             if values is None or not values.size:
                 continue
-            data = {
-                "least": float(values.min()),
-                "most": float(values.max()),
-                "reference": reference,
-            }
+            data = _range_of(values) | {"reference": reference}
             if data["least"] > HOT_WORKSHOP:
-                found.append(Note("temperatures_high", data))
+                notes.append(Note("temperatures_high", data))
             elif data["most"] < COLD_WORKSHOP:
-                found.append(Note("temperatures_low", data))
-        return found
+                notes.append(Note("temperatures_low", data))
+        return notes
 
     def other_temperatures(self, reference: float) -> list[Note]:
         """Return a note if temperatures differ from the ``reference`` temperature of the lengths
         [°C].
         """
-        values = self.temperature if self.temperature is not None else self.link_temperature
-        if (
-            values is None
-            or not values.size
-            or abs(values - reference).max() < TEMPERATURE_TOLERANCE
-        ):
+        values = self.link_temperature if self.temperature is None else self.temperature
+        if values is None or not values.size:
             return []
-        data = {"least": float(values.min()), "most": float(values.max()), "reference": reference}
-        return [Note("temperatures_other", data)]
+        if abs(values - reference).max() < TEMPERATURE_TOLERANCE:
+            return []
+        return [Note("temperatures_other", _range_of(values) | {"reference": reference})]
 
     @property
     def odd_clock(self) -> list[Note]:
@@ -221,7 +216,7 @@ class Conditions(Shown):
         time = self.time
         if time is None or not time.size or 0.0 <= time.min() <= LONGEST_ON:
             return []
-        return [Note("clock_odd", {"least": float(time.min()), "most": float(time.max())})]
+        return [Note("clock_odd", _range_of(time))]
 
     def require(self, name: str, purpose: str) -> NDArray:  # type: ignore[type-arg]
         """Return the condition ``name``, which ``purpose`` needs.
@@ -264,12 +259,12 @@ class Records(Protocol):
         """True for records with known coordinates of the tip, ``(n,)``."""
 
 
-def _directions(values: ArrayLike) -> Array:
-    """Unit vectors (n, 3), normalised; zeros stay.
+def _range_of(values: Array) -> dict[str, float]:
+    return {"least": float(values.min()), "most": float(values.max())}
 
-    Raises:
-        ShapeError: wrong shape, or a length other than 0 or 1.
-    """
+
+def _directions(values: ArrayLike) -> Array:
+    """Unit vectors (n, 3), normalised; zeros stay."""
     vectors = batch(values, 3, "probe_direction", "1")
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if (is_no_unit(length) & (length > 0.0)).any():

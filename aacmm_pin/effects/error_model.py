@@ -6,10 +6,9 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
@@ -288,8 +287,8 @@ class ErrorModel(Shown):
         returns the tip.
         """
         stated = {effect.place for effect in self.effects if effect.location_field() == "marker"}
-        labels = [] if conditions.marker is None else conditions.marker.tolist()
-        return [label for label in dict.fromkeys(labels) if label and label not in stated]
+        labels = dict.fromkeys(conditions.labels("marker").tolist())
+        return [label for label in labels if label and label not in stated]
 
     def known_at(self, q: ArrayLike) -> Mask:
         """Return whether each cause is known at the angles ``q`` ``(n, nq)``: ``(n, effects)``.
@@ -421,7 +420,6 @@ def static_equilibrium(elastic: list[Effect], state: State) -> State:
 
 
 def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) -> dict[int, Array]:
-    """Sums of the twists of effects and of ``others`` at each place."""
     twists = dict(others)
     for effect in effects:
         for place, twist in effect.exact(state):
@@ -443,23 +441,22 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
     state = State(arm, q, conditions, arm.chain.tip)
     if not effect.needs or any(d.columns.any() for d in effect.displacements(state)):
         return
-    present = [need for need in effect.needs if need in conditions.present]
-    stands = [
-        f"{CONDITION_COLUMNS[need]} has {_in_words(getattr(conditions, need))}" for need in present
-    ]
+    stated = []
+    for need in effect.needs:
+        values = getattr(conditions, need)
+        if values is None:
+            continue
+        if values.dtype == object:
+            labels = [label for label in dict.fromkeys(values) if label]
+            more = f", … ({len(labels)} in all)" if len(labels) > LABELS_LISTED else ""
+            words = ", ".join(labels[:LABELS_LISTED]) + more
+        else:
+            words = f"{values.min():.6g} to {values.max():.6g}"
+        stated.append(f"{CONDITION_COLUMNS[need]} has {words}")
     raise AacmmError(
-        f"{effect.key}: the cause has no effect in {source}, where {'; '.join(stands)}; take "
+        f"{effect.key}: the cause has no effect in {source}, where {'; '.join(stated)}; take "
         "records with other conditions"
     )
-
-
-def _in_words(values: NDArray[Any]) -> str:
-    """The labels in a column, or the range of its numbers."""
-    if values.dtype != object:
-        return f"{values.min():.6g} to {values.max():.6g}"
-    labels = [label for label in dict.fromkeys(values) if label]
-    more = f", … ({len(labels)} in all)" if len(labels) > LABELS_LISTED else ""
-    return ", ".join(labels[:LABELS_LISTED]) + more
 
 
 GivenCause = Effect | str
