@@ -470,7 +470,7 @@ class ArmFile(AnyArmFile):
             }
             key = max(lengths, key=lambda name: abs(lengths[name]))
             raise ValueError(f"{key} is {lengths[key]:g} mm, so that {refused}")
-        size = sum(abs(row.a_mm) + abs(row.d_mm) for row in self.joints)
+        size = self.size
         if size * MM < SMALLEST_ARM:
             raise ValueError(
                 f"the sum of all a_mm and d_mm is {size:g} mm; expected at least "
@@ -484,6 +484,11 @@ class ArmFile(AnyArmFile):
                         f"{size:g} mm, the sum of all lengths of the arm"
                     )
         return self
+
+    @property
+    def size(self) -> float:
+        """Sum of all lengths a and d [mm]."""
+        return sum(abs(row.a_mm) + abs(row.d_mm) for row in self.joints)
 
     @property
     def dh(self) -> DHTable:
@@ -711,7 +716,6 @@ def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | N
     """TOML of ``arm`` with exact numbers.
 
     Args:
-        arm: the file.
         comment: lines at the beginning.
         path: path of the file, for the relative path of a URDF; None is beside the URDF.
     """

@@ -84,13 +84,13 @@ class Mistake:
 
     Attributes:
         kind: of two mistakes of one kind only one is tried at a time.
-        code, data: of the note that names it.
+        code, data: of the note.
         matrix, offset: correct readings are ``matrix`` (nq, nq) times those in the file, plus
             ``offset`` (nq,) [rad, m].
         axes: matrix (3, 3) that the coordinates are multiplied by; uncertainties stay.
-        bar_factor: of the bars' lengths.
+        bar_factor: of the lengths of bars.
         options: of the set-up that were left out.
-        arm: that the records are of; None for the arm as described.
+        arm: None for the arm as described.
         chosen: the records choose its value among many.
     """
 
@@ -107,7 +107,7 @@ class Mistake:
 
     @property
     def changes_tips(self) -> bool:
-        """Whether it is in computed tips, not in coordinates or lengths."""
+        """Not in coordinates or lengths."""
         return "target" in self.options or self.matrix is not None or self.arm is not None
 
     @property
@@ -117,7 +117,7 @@ class Mistake:
         return 10 * self.chosen + sum(of_options[option] for option in self.options)
 
     def undone(self, problem: Problem) -> Problem:
-        """The problem without the mistake."""
+        """Return the problem without the mistake."""
         records = problem.measurements
         length = records.bar_length
         readings = records.readings
@@ -141,14 +141,30 @@ OTHER_FRAME = Mistake("axes", "other_frame", options={"reference_frame": "extern
 
 
 def single_mistakes(problem: Problem) -> Iterator[Mistake]:
-    """Every mistake without a value that the records choose."""
+    """Without values that the records choose."""
     arm = problem.model.arm
+    records = problem.measurements
     yield from _of_readings(problem)
     if isinstance(arm.file, ArmFile):
         yield from _of_table(arm.file)
     if arm.dh is None and not arm.mimics:
         yield from _of_placements(arm)
-    yield from _of_standards(problem)
+    if records.known.any():
+        yield from _of_axes(problem.external)
+        effects = problem.vector.effects
+        has_offset = any(isinstance(effect, StylusOffset) for effect in effects)
+        if problem.setup.target != "unknown" and not has_offset:
+            yield Mistake("target", "target_off_tip", options={"target": "unknown"})
+        units = {} if _is_small(arm.file) else LENGTH_UNITS
+        for (unit, taken), factor in units.items():
+            data = {"unit": unit, "taken": taken}
+            yield Mistake("unit", "coordinates_unit", data, axes=factor * np.eye(3))
+        for k, axis in enumerate("xyz"):
+            yield Mistake("unit", "coordinate_in_metres", {"axis": axis}, axes=_times(k, 1e3, 3))
+    if records.bars():
+        for (unit, taken), factor in LENGTH_UNITS.items():
+            data = {"unit": unit, "taken": taken}
+            yield Mistake("bars", "bars_unit", data, bar_factor=factor)
 
 
 def _of_readings(problem: Problem) -> Iterator[Mistake]:
@@ -157,7 +173,14 @@ def _of_readings(problem: Problem) -> Iterator[Mistake]:
     for j, largest in enumerate(np.abs(readings).max(axis=0)):
         yield _reversed(j, arm.nq)
         slides = arm.chain.prismatic[j]
-        for unit, factor in (SLIDE_UNITS if slides else _units_of_angle(largest)).items():
+        units = SLIDE_UNITS
+        if not slides:
+            units = {"gon": GON}
+            if largest > TURN:
+                units["degrees"] = DEG
+            elif largest <= TURN * DEG:
+                units["radians"] = 1 / DEG
+        for unit, factor in units.items():
             column = "rad" if unit == "degrees" else "deg"
             data = {"joint": j + 1, "unit": unit, "column": column}
             code = "slide_unit" if slides else "joint_angles_unit"
@@ -175,18 +198,8 @@ def _of_readings(problem: Problem) -> Iterator[Mistake]:
         yield Mistake("angles", "angles_unit", data, matrix=factor * np.eye(arm.nq))
 
 
-def _units_of_angle(largest: float) -> dict[str, float]:
-    """Possible units, by the largest angle as it was read [rad], and the factors that undo them."""
-    units = {"gon": GON}
-    if largest > TURN:
-        units["degrees"] = DEG
-    elif largest <= TURN * DEG:
-        units["radians"] = 1 / DEG
-    return units
-
-
-def _times(joint: int, factor: float, nq: int) -> Array:
-    return np.diag(np.where(np.arange(nq) == joint, factor, 1.0))
+def _times(number: int, factor: float, size: int) -> Array:
+    return np.diag(np.where(np.arange(size) == number, factor, 1.0))
 
 
 @cache
@@ -237,8 +250,15 @@ def _of_table(file: ArmFile) -> Iterator[Mistake]:
         for kind, code, data, values in _of_row(file, number):
             arm = _with_values(file, {number: values})
             yield Mistake(f"{kind} {number}", code, data, arm=arm)
-    for code, data, rows in _exchanges(file):
-        yield Mistake("table", code, data, arm=_with_values(file, rows))
+    for number, row in enumerate(file.joints):
+        exchanged = {"a_mm": row.d_mm, "d_mm": row.a_mm}
+        arm = _with_values(file, {number: exchanged})
+        yield Mistake("table", "row_exchanged", {"row": number + 1}, arm=arm)
+    for j, k in combinations(range(len(file.joints)), 2):
+        for keys, code in EXCHANGED.items():
+            rows = {row: file.joints[j + k - row].model_dump(include={*keys}) for row in (j, k)}
+            data = {"rows": (j + 1, k + 1), "value": keys[0][0]}
+            yield Mistake("table", code, data, arm=_with_values(file, rows))
     if 0.0 < max(abs(row.alpha_rad) for row in file.joints) < MOST_IN_RADIANS:
         changed = _scaled(file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
         yield Mistake("table", "table_in_radians", arm=changed)
@@ -268,18 +288,6 @@ def _of_row(file: ArmFile, number: int) -> Iterator[tuple[str, str, _Values, _Va
         yield "kind", "kind_of_joint", {"row": number + 1}, PRISMATIC
 
 
-def _exchanges(file: ArmFile) -> Iterator[tuple[str, _Values, Mapping[int, _Values]]]:
-    """Code and data of each exchange, and the correct rows (from 0)."""
-    rows = file.joints
-    for number, row in enumerate(rows):
-        lengths = {"a_mm": row.d_mm, "d_mm": row.a_mm}
-        yield "row_exchanged", {"row": number + 1}, {number: lengths}
-    for j, k in combinations(range(len(rows)), 2):
-        for keys, code in EXCHANGED.items():
-            exchanged = {row: rows[j + k - row].model_dump(include={*keys}) for row in (j, k)}
-            yield code, {"rows": (j + 1, k + 1), "value": keys[0][0]}, exchanged
-
-
 def _scaled(file: ArmFile, keys: Sequence[str], factor: float) -> Arm:
     rows = [{key: factor * getattr(row, key) for key in keys} for row in file.joints]
     return _with_values(file, dict(enumerate(rows)))
@@ -291,10 +299,7 @@ def _with_values(file: ArmFile, values: Mapping[int, _Values]) -> Arm:
 
 
 def _is_small(file: object) -> bool:
-    if not isinstance(file, ArmFile):
-        return False
-    size = sum(abs(row.a_mm) + abs(row.d_mm) for row in file.joints)
-    return size * MM < SMALL
+    return isinstance(file, ArmFile) and file.size * MM < SMALL
 
 
 def _of_placements(arm: Arm) -> Iterator[Mistake]:
@@ -310,27 +315,6 @@ def _of_placements(arm: Arm) -> Iterator[Mistake]:
             changed = arm.with_joint_axis(joint + 1, axis)
             data = {"joint": joint + 1, "axis": letter}
             yield Mistake(f"axis {joint}", "axis_mistyped", data, arm=changed)
-
-
-def _of_standards(problem: Problem) -> Iterator[Mistake]:
-    records = problem.measurements
-    if records.known.any():
-        yield from _of_axes(problem.external)
-        effects = problem.vector.effects
-        has_offset = any(isinstance(effect, StylusOffset) for effect in effects)
-        if problem.setup.target != "unknown" and not has_offset:
-            yield Mistake("target", "target_off_tip", options={"target": "unknown"})
-        units = {} if _is_small(problem.model.arm.file) else LENGTH_UNITS
-        for (unit, taken), factor in units.items():
-            data = {"unit": unit, "taken": taken}
-            yield Mistake("unit", "coordinates_unit", data, axes=factor * np.eye(3))
-        for k, axis in enumerate("xyz"):
-            axes = np.diag(np.where(np.arange(3) == k, 1e3, 1.0))
-            yield Mistake("unit", "coordinate_in_metres", {"axis": axis}, axes=axes)
-    if records.bars():
-        for (unit, taken), factor in LENGTH_UNITS.items():
-            data = {"unit": unit, "taken": taken}
-            yield Mistake("bars", "bars_unit", data, bar_factor=factor)
 
 
 def _of_axes(external: bool) -> Iterator[Mistake]:
@@ -371,7 +355,7 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
 
 
 def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
-    """Columns in another order; signs and quarter turns of two joints or more."""
+    """Another order; signs and quarter turns of two joints or more."""
     arm = problem.model.arm
     mistakes: list[tuple[Mistake, ...]] = []
     for order in likely_orders(problem):
@@ -387,8 +371,8 @@ def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
 
 def in_words(mistakes: tuple[Mistake, ...]) -> str:
     """One sentence, joints with the opposite sign together."""
-    joints = [one.data["joint"] for one in mistakes if one.code == "joint_reversed"]
     notes = [Note(one.code, one.data) for one in mistakes]
+    joints = [one.data["joint"] for one in mistakes if one.code == "joint_reversed"]
     if len(joints) > 1:
         others = [note for note in notes if note.code != "joint_reversed"]
         notes = [Note("joints_reversed", {"joints": joints}), *others]
