@@ -55,12 +55,18 @@ class Correlation:
 
     @staticmethod
     def of(records: tuple[Index, ...], by_reading: Array) -> Correlation:
-        """From whitened displacements by one standard uncertainty of each reading (n, k, nq); zero
-        for a record that does not count.
+        """From whitened displacements by one u of each reading (n, k, nq); zero for a record that
+        does not count.
         """
         n, width, nq = by_reading.shape
         flat = by_reading.reshape(n * width, nq)
-        factors = [_factor(flat[_rows(group, width)], group.shape[1]) for group in records]
+        factors = []
+        for group in records:
+            columns = flat[_rows(group, width)]
+            covariance = (1.0 - OWN_PART) * columns @ columns.transpose(0, 2, 1)
+            record = np.tile(np.repeat(np.arange(group.shape[1]), 3), width // 3)
+            covariance[:, record[:, None] == record] = 0.0
+            factors.append(np.asarray(np.linalg.cholesky(covariance + np.eye(record.size))))
         return Correlation(records, tuple(factors))
 
     def take(self, chosen: Index) -> Correlation:
@@ -110,21 +116,12 @@ class Correlation:
 
 
 def _rows(records: Index, width: int) -> Index:
-    """Numbers of the rows of groups of records (groups, m) with ``width`` rows each, tips before
-    turns (groups, m width).
+    """Of groups (groups, m) of records with ``width`` rows each, tips before turns: (groups, m
+    width).
     """
     first = width * records[:, :, None]
     parts = [first + np.arange(3 * part, 3 * part + 3) for part in range(width // 3)]
     return np.concatenate([part.reshape(len(records), -1) for part in parts], axis=1)
-
-
-def _factor(columns: Array, size: int) -> Array:
-    covariance = (1.0 - OWN_PART) * columns @ columns.transpose(0, 2, 1)
-    halves = columns.shape[1] // (3 * size)
-    record = np.tile(np.repeat(np.arange(size), 3), halves)
-    covariance[:, record[:, None] == record] = 0.0
-    covariance += np.eye(record.size)
-    return np.asarray(np.linalg.cholesky(covariance))
 
 
 def _transposed(matrices: tuple[Array, ...]) -> tuple[Array, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.measurements import Measurements
 
@@ -28,8 +28,8 @@ class Comparison:
     Attributes:
         kind: ``reference``, ``bar length`` or ``seat`` (distance from the mean of its contacts).
         errors: by each arm (n,) [m].
-        u: RMS standard uncertainty of the references [m]; nan if none is stated.
-        u_tips: of the last arm's tips [m].
+        u: RMS standard uncertainty of the references [m]; nan if not stated.
+        u_tips: of the tips of the last arm [m].
     """
 
     kind: str
@@ -57,12 +57,12 @@ class Comparison:
 
     @property
     def expected(self) -> float:
-        """Standard uncertainty of tips and references together [m]; nan if the arm states none."""
+        """Standard uncertainty of tips and references together [m]; nan if not stated."""
         return math.hypot(self.u_tips, np.nan_to_num(self.u))
 
     @property
     def is_far(self) -> bool:
-        """Whether the last arm's errors are far beyond what is stated."""
+        """Whether the last arm's errors are far beyond the stated uncertainties."""
         return 0.0 < FAR_FROM_U * self.expected < self.rms[-1]
 
     @property
@@ -71,12 +71,8 @@ class Comparison:
         return self.kind == "reference" and self.rms[-1] > MAX_RMS
 
 
-def compare(
-    records: Measurements, tips: Sequence[Array], u_tips: float = math.nan
-) -> Iterator[Comparison]:
-    """Compare the tips (n, 3) [m] of each arm with references, bars and seats; ``u_tips`` is the
-    standard uncertainty of the last arm's [m].
-    """
+def compare(records: Measurements, tips: Sequence[Array], u_tips: float) -> Iterator[Comparison]:
+    """Compare the tips (n, 3) [m] of each arm with references, bars and seats."""
     placed = records.known
     if placed.any():
         u = np.linalg.norm(records.reference_u[placed], axis=1)
@@ -91,9 +87,8 @@ def compare(
     points = (seat for seat in records.seats().values() if not records.on_surface[seat].any())
     seats = [seat for seat in points if len(seat) > 1 and not any(placed[seat])]
     if seats:
-        yield Comparison("seat", len(seats), tuple(_scatter(tip, seats) for tip in tips))
-
-
-def _scatter(tips: Array, seats: list[Index]) -> Array:
-    deviations = [tips[seat] - tips[seat].mean(axis=0) for seat in seats]
-    return np.asarray(np.linalg.norm(np.concatenate(deviations), axis=1))
+        scatters = []
+        for tip in tips:
+            from_mean = [tip[seat] - tip[seat].mean(axis=0) for seat in seats]
+            scatters.append(np.linalg.norm(np.concatenate(from_mean), axis=1))
+        yield Comparison("seat", len(seats), tuple(scatters))

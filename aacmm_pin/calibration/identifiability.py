@@ -26,10 +26,8 @@ redescriptions of the arm move it by 1e-9 m, what records leave open by 1e-4 m a
 
 @dataclass(frozen=True, eq=False)
 class Undetermined:
-    """Directions that the records do not determine, and what they move between the joint limits.
-
-    Attributes:
-        directions: orthonormal (P, k) [scales], the frame's included.
+    """Directions that the records do not determine, orthonormal (P, k) [scales], the frame's
+    included.
     """
 
     problem: Problem
@@ -38,7 +36,7 @@ class Undetermined:
 
     @cached_property
     def spread(self) -> Array:
-        """Standard deviations of the parameters along them (p, k) [units]."""
+        """Standard deviations of the parameters (p, k) [units]."""
         widths = self.problem.widths
         span, size, _ = np.linalg.svd(self.directions[: widths.size], full_matrices=False)
         return np.asarray(widths[:, None] * span[:, size > NEGLIGIBLE_PART])
@@ -60,8 +58,8 @@ class Undetermined:
 
     @cached_property
     def target_directions(self) -> Array:
-        """Those that move the targets, in the frame of the references (P, k) [scales]; others
-        describe the same arm in other words.
+        """Those that move the targets in the frame of the references (P, k) [scales]; others
+        describe the same arm.
         """
         if not self.directions.size:
             return self.directions
@@ -139,9 +137,7 @@ class Observability(Shown):
 
     @staticmethod
     def of(jacobian: Array, records: int) -> Observability:
-        """From the sensitivity (rows, p), nuisances projected out, columns in units of typical
-        errors [m].
-        """
+        """From the sensitivity (rows, p) [m], without nuisances, columns in typical errors."""
         values = np.linalg.svd(jacobian, compute_uv=False) if jacobian.size else np.zeros(1)
         values = values[values > 1e-9 * values[0]]
         if not values.size:
@@ -160,12 +156,7 @@ def _combinations(problem: Problem, directions: Array) -> Array:
     for k, parameter in enumerate(problem.vector.parameters):
         if parameter.unit not in ("m", "rad"):
             typical[k] = problem.widths[k]
-    in_units = directions * problem.scales[:, None] / typical[:, None]
-    return np.asarray(_sparse(in_units.T) * typical)
-
-
-def _sparse(rows: Array) -> Array:
-    rows = rows.copy()
+    rows = (directions * problem.scales[:, None] / typical[:, None]).T.copy()
     for k in range(len(rows)):
         open_rows = np.abs(rows[k:])
         i, j = divmod(int(np.argmax(open_rows)), open_rows.shape[1])
@@ -173,8 +164,9 @@ def _sparse(rows: Array) -> Array:
         rows[k] /= rows[k, j]
         others = np.arange(len(rows)) != k
         rows[others] -= rows[others, j][:, None] * rows[k]
-    small = np.abs(rows) < NEGLIGIBLE_PART * np.abs(rows).max(axis=1, keepdims=True, initial=1e-300)
-    return np.where(small, 0.0, rows)
+    largest = np.abs(rows).max(axis=1, keepdims=True, initial=1e-300)
+    rows[np.abs(rows) < NEGLIGIBLE_PART * largest] = 0.0
+    return np.asarray(rows * typical)
 
 
 def _words(combination: Array, names: list[str]) -> str:

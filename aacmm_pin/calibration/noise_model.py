@@ -75,7 +75,6 @@ class NoiseModel:
     """Observations and their noise.
 
     Attributes:
-        scatters: beyond the stated noise.
         tips: covariance of each tip in the frame of the references, by its reading and the scatter
             (n, 3, 3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
         by_reading: displacement of each tip by one standard uncertainty of each reading (n, 3 or 6,
@@ -101,10 +100,7 @@ class NoiseModel:
         """The noise of a problem's records.
 
         Args:
-            problem: the problem.
             x: values of its parameters (p,), which place the targets that readings move.
-            frame: of the references.
-            scatters: beyond the stated noise.
             observations: if already there.
             seats: points (s, 3) [m], for the normals of surfaces; None: by the tips.
         """
@@ -239,7 +235,16 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
         for label, records in measurements.seats().items()
         if placed[records].any()
     }
-    yield from _bars_between(measurements, setup, stating, u)
+    for bar in measurements.bars():
+        of_ends = [stating[seat] for seat in (bar.seat_a, bar.seat_b) if seat in stating]
+        if len(of_ends) < 2:
+            continue
+        a, b = (measurements.reference[records].mean(axis=0) for records in of_ends)
+        apart = float(np.linalg.norm(a - b))
+        allowed = [*(u[records].max() for records in of_ends), _length_u(bar, setup)]
+        if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
+            data = {"bar": bar.bar, "length": bar.length, "apart": apart}
+            yield Note("bar_contradicted", data)
     for label, records in stating.items():
         at = measurements.reference[records]
         over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME_PLACE)
@@ -248,21 +253,6 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
             apart = float(np.linalg.norm(np.diff(measurements.reference[ends], axis=0)))
             rows = np.sort(measurements.row[ends]).tolist()
             yield Note("seat_contradicted", {"seat": label, "apart": apart, "rows": rows})
-
-
-def _bars_between(
-    measurements: Measurements, setup: Setup, stating: dict[str, Index], u: Array
-) -> Iterator[Note]:
-    for bar in measurements.bars():
-        ends = [stating[seat] for seat in (bar.seat_a, bar.seat_b) if seat in stating]
-        if len(ends) < 2:
-            continue
-        a, b = (measurements.reference[records].mean(axis=0) for records in ends)
-        apart = np.linalg.norm(a - b)
-        allowed = [*(u[records].max() for records in ends), _length_u(bar, setup)]
-        if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
-            data = {"bar": bar.bar, "length": bar.length, "apart": float(apart)}
-            yield Note("bar_contradicted", data)
 
 
 def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.calibrated_arm import moved_file
@@ -22,7 +21,6 @@ def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
     Args:
         model: the arm, or the arm with causes of error; at least one parameter needs an
             uncertainty.
-        rng: random generator.
 
     Raises:
         AacmmError: no parameter has an uncertainty, or an arm with a DH table does not come from a
@@ -36,21 +34,15 @@ def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
             "geometry. State half-widths in the arm file, or with --urdf by "
             "--translation-half-width-mm and --rotation-half-width"
         )
-    geometric = len(model.arm.parameters)
-    vector = ParameterVector(model.arm, model.effects)
-    return ErrorModel(
-        _exact(model.arm, errors[:geometric]), vector.at(vector.values + errors[geometric:])
-    )
-
-
-def _exact(arm: Arm, errors: Array) -> Arm:
+    arm = model.arm
+    of_arm, of_effects = np.split(errors, [len(arm.parameters)])
+    vector = ParameterVector(arm, model.effects)
+    effects = vector.at(vector.values + of_effects)
     if arm.dh is None:
-        return arm.with_placements(errors.reshape(-1, 6), None, exact=True)
-    file = moved_file(
-        arm, {p.name: float(error) for p, error in zip(arm.parameters, errors, strict=True)}
-    )
+        return ErrorModel(arm.with_placements(of_arm.reshape(-1, 6), None, exact=True), effects)
+    names = [parameter.name for parameter in arm.parameters]
+    file = moved_file(arm, dict(zip(names, of_arm.tolist(), strict=True)))
     rows = [row.model_copy(update={"uncertainty": None}) for row in file.joints]
     source = f"drawn within the uncertainties of {arm.source or arm.name}"
-    return Arm.from_file(
-        file.model_copy(update={"joints": rows, "covariance": None, "source": source})
-    )
+    update = {"joints": rows, "covariance": None, "source": source}
+    return ErrorModel(Arm.from_file(file.model_copy(update=update)), effects)

@@ -155,16 +155,12 @@ def _misfits(
             turns = np.cross(np.eye(3), tips[:, :, None]).transpose(0, 1, 3, 2)
             shifts = np.broadcast_to(np.eye(3), turns.shape)
             jacobian = np.concatenate([jacobian, turns, shifts], axis=3)
-        deviations = _after_best_steps(deviations, jacobian)
+        columns = jacobian.reshape(len(tips), -1, jacobian.shape[3])
+        flat = deviations.reshape(len(tips), -1, 1)
+        steps = np.linalg.pinv(columns, SMALLEST_SINGULAR) @ flat
+        deviations = (flat - columns @ steps).reshape(tips.shape)
     distance = np.median(np.linalg.norm(deviations, axis=2), axis=1)
     return np.asarray(distance / np.maximum(travel, SMALLEST_TRAVEL))
-
-
-def _after_best_steps(deviations: Array, jacobian: Array) -> Array:
-    rows = jacobian.reshape(len(jacobian), -1, jacobian.shape[3])
-    flat = deviations.reshape(len(deviations), -1, 1)
-    steps = np.linalg.pinv(rows, SMALLEST_SINGULAR) @ flat
-    return np.asarray((flat - rows @ steps).reshape(deviations.shape))
 
 
 def _judges(records: Measurements) -> tuple[Index, Index | None]:

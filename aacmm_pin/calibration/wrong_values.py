@@ -125,7 +125,6 @@ def _thinned(problem: Problem) -> Problem:
 
 
 def _usual(problem: Problem, geometric: Index) -> Array:
-    """As stated, else the usual one."""
     parameters = [problem.vector.arm_parameters[k] for k in geometric]
     usual = np.array([USUAL[p.unit] for p in parameters if p is not None])
     return np.where(problem.stated[geometric], problem.widths[geometric], usual)
@@ -150,19 +149,23 @@ class _Geometry(NamedTuple):
     @staticmethod
     def of(free: Fit, geometric: Index, usual: Array) -> _Geometry:
         problem = free.problem
-        rows, residual = _rows_of(free, geometric)
-        measured = rows @ (free.point.x - problem.start)[geometric] - residual
-        of_entries = problem.vector.arm_parameters
-        parameters = tuple(p for k in geometric if (p := of_entries[k]) is not None)
+        system = free.system
+        prior = system.prior.rows
+        of_others = prior[(prior[:, geometric] == 0.0).all(axis=1)]
+        together = np.concatenate([of_others, system.measured_triangle])
+        others = np.setdiff1d(np.arange(system.prior.scales.size), geometric)
+        triangle = remaining_triangle(together[:, [*others, *geometric, -1]], others.size)
+        rows = triangle[:, :-1] / system.prior.scales[geometric]
+        least = LEAST_NOISE * np.abs(rows).max()
+        scale = min(1.0, np.sqrt(problem.measurements.n) / least)
+        rows = scale * rows
+        measured = rows @ (free.point.x - problem.start)[geometric] - scale * triangle[:, -1]
+        of_entries = [problem.vector.arm_parameters[k] for k in geometric]
+        parameters = tuple(p for p in of_entries if p is not None)
         chain = problem.model.arm.chain
-        turning = {
-            row
-            for row, slides in zip(chain.moving_rows(), chain.prismatic, strict=True)
-            if not slides
-        }
+        turning = np.array(chain.moving_rows())[~chain.prismatic]
         zeros = [p.kind in ZERO_KINDS and p.joint in turning for p in parameters]
-        numbers = np.flatnonzero(zeros)
-        return _Geometry(parameters, numbers, rows, measured, usual)
+        return _Geometry(parameters, np.flatnonzero(zeros), rows, measured, usual)
 
     def with_free(self, wrong: Index) -> tuple[float, Array]:
         """Decrease of χ², and the errors, with some values free."""
@@ -181,22 +184,6 @@ class _Geometry(NamedTuple):
         cosines = np.zeros_like(products)
         np.divide(products, lengths * lengths[number], out=cosines, where=lengths > 0.0)
         return cosines
-
-
-def _rows_of(free: Fit, geometric: Index) -> tuple[Array, Array]:
-    """Whitened rows of the geometric values (k, p) [1/unit] and residual (k,), all others
-    eliminated.
-    """
-    system = free.system
-    prior = system.prior.rows
-    of_others = prior[(prior[:, geometric] == 0.0).all(axis=1)]
-    together = np.concatenate([of_others, system.measured_triangle])
-    others = np.setdiff1d(np.arange(system.prior.scales.size), geometric)
-    triangle = remaining_triangle(together[:, [*others, *geometric, -1]], others.size)
-    rows = triangle[:, :-1] / system.prior.scales[geometric]
-    largest = np.abs(rows).max()
-    scale = min(1.0, np.sqrt(free.problem.measurements.n) / (LEAST_NOISE * largest))
-    return scale * rows, scale * triangle[:, -1]
 
 
 def _wrong_values(values: _Geometry) -> Iterator[WrongValue]:
