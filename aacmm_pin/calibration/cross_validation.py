@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import scipy
 
 from aacmm_pin._support.checks import Array, Index, Mask
@@ -53,11 +54,9 @@ class HeldOut(Shown):
     Attributes:
         kind: ``records`` (at random, repeats of a posture together; neighbours stay in, which
             flatters), ``seats``, ``sessions``, ``blocks`` (of joints).
-        groups: number of parts.
-        before, after: residuals by the arm as it was, only the set-up fitted, and by the calibrated
-            arm (n,) [m]; nan where there is none.
-        turn_before, turn_after: rotations from the stated orientations (n,) [rad]; nan where none
-            is stated.
+        before, after: residuals by the arm before calibration, only the set-up fitted, and by the
+            calibrated arm (n,) [m]; nan for none.
+        turn_before, turn_after: rotations from the stated orientations (n,) [rad]; nan for none.
     """
 
     kind: str
@@ -105,21 +104,20 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     Repeats of a posture are together.
     """
     records = fit.problem.measurements
-    # Other records say nothing of the frame of a session.
-    session = None if fit.problem.setup.frame_of_session else records.conditions.session
-    for kind, labels in (("seats", records.conditions.seat), ("sessions", session)):
-        if labels is not None and len(set(labels[fit.used]) - {""}) >= FEWEST_GROUPS:
-            groups = together(
-                np.unique(labels.astype(str), return_inverse=True)[1], records.postures
-            )
-            if len(np.unique(groups[fit.used & (labels != "")])) >= FEWEST_GROUPS:
-                return kind, groups
+    for kind in ("seat", "session"):
+        # Other records say nothing of the frame of a session.
+        if kind == "session" and fit.problem.setup.frame_of_session:
+            continue
+        labels = records.conditions.labels(kind)
+        groups = together(pd.factorize(labels)[0], records.postures)
+        if np.unique(groups[fit.used & (labels != "")]).size >= FEWEST_GROUPS:
+            return f"{kind}s", groups
     return "blocks", _blocks(records, FOLDS, rng)
 
 
 def fold_numbers(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """Kind and fold (n,) of what a diagnosis leaves out: seats (those of a bar together), if few,
-    blocks of joint space. Repeats of a posture are together.
+    """Kind and fold (n,) for a diagnosis: seats (those of a bar together), if few, blocks of joint
+    space. Repeats of a posture are together.
     """
     records = fit.problem.measurements
     seat = fit.observations.seat
@@ -148,7 +146,7 @@ def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index
 
 
 def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> Index:
-    """Number of the part, 0 to 9, of each record; records of one label together."""
+    """Part, 0 to 9, of each record; records of one label together."""
     first = np.unique(labels[_in_order(records)], return_index=True)[1]
     part = np.argsort(rng.permutation(first.size)) % FOLDS
     number = np.unique(labels, return_inverse=True)[1]
@@ -232,8 +230,8 @@ def _distances_from_best(tips: Array, records: Measurements) -> Array:
 def held_out(
     before: Fit, after: Fit, rng: np.random.Generator, progress: Progress
 ) -> list[HeldOut]:
-    """Leave out postures at random, then natural groups; predict them by the set-up alone and by
-    everything. Excluded records do not count. With fewer than three postures nothing is left out.
+    """Leave out postures at random, then natural groups, and predict them by both fits. Excluded
+    records do not count. With fewer than three postures nothing is left out.
     """
     records = after.problem.measurements
     used = after.used
