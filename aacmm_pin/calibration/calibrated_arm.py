@@ -25,7 +25,7 @@ UNDETERMINED_PART = 0.999
 
 @dataclass(frozen=True, eq=False)
 class HeldEffects:
-    """Effects with many parameters, such as error curves, beside a fit that held them.
+    """Effects with many parameters, such as error curves, that a fit held.
 
     Attributes:
         effects: at their posterior means, with u.
@@ -38,13 +38,8 @@ class HeldEffects:
     response: Array
 
     @property
-    def names(self) -> list[str]:
-        """Of their parameters (q,)."""
-        return [parameter.name for effect in self.effects for parameter in effect.parameters()]
-
-    @property
     def added_covariance(self) -> Array:
-        """Of the fit's estimates, by their uncertainty (p, p) [units]."""
+        """Of the fit's estimates (p, p) [units]."""
         return self.response @ self.covariance @ self.response.T
 
     def of_effect(self, effect: Effect) -> Array:
@@ -58,12 +53,10 @@ class HeldEffects:
 def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
     """The arm and effects with the estimated values, without the set-up's.
 
-    The u of an effect includes the prior width as far as the records leave it open. The covariance
-    includes what they leave open only where it moves the tip. ``unexplained`` is the scatter beyond
-    the stated noise.
-
-    Effects that the fit ``held`` join the covariance: with the response ``R`` of the estimates and
-    the covariance ``Σ`` of the held parameters, the cross-covariance is ``R Σ``.
+    The u of an effect includes the prior width as far as the records leave it open; the covariance
+    includes this only where it moves the tip. Effects that the fit ``held`` join the covariance:
+    with the response ``R`` of the estimates and the covariance ``Σ`` of the held parameters, the
+    cross-covariance is ``R Σ``.
     """
     problem = fit.problem
     vector = problem.vector
@@ -88,10 +81,6 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
             nonlinear_u = fit.nonlinear_u_of.get((effect.key, effect.nonlinear.field), 0.0)
             effects.append(replace(effect.at(x[entries], alone[entries]), nonlinear_u=nonlinear_u))
     names = [name if known else "" for name, known in zip(vector.names, determined, strict=True)]
-    used = problem.measurements.take(fit.used)
-    records = dict.fromkeys(
-        (*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used))
-    )
     names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.nonlinear_parameters]
     # Between them those of the frame.
     columns = [*range(vector.size), *range(problem.scales.size, len(fit.full_covariance))]
@@ -102,10 +91,13 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
         across = np.zeros((len(matrix), len(held.covariance)))
         across[: vector.size] = held.response[: vector.size] @ held.covariance
         matrix = np.block([[matrix, across], [across.T, held.covariance]])
-        names += held.names
+        for effect in held.effects:
+            names += [parameter.name for parameter in effect.parameters()]
         with_u = {effect.key: effect for effect in held.effects}
         others = tuple(with_u.get(effect.key, effect) for effect in others)
-    joint = joined(arm, names, matrix, " ".join(records))
+    used = problem.measurements.take(fit.used)
+    records = (*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used))
+    joint = joined(arm, names, matrix, " ".join(dict.fromkeys(records)))
     all_effects = (*others, *effects)
     code = "scatter_beyond_noise" if fit.noise_is_stated else "scatter_of_unstated_noise"
     scatters = fit.noise.scatters.of_targets > NO_SCATTER
@@ -130,7 +122,7 @@ def is_of_setup(effect: Effect) -> bool:
 
 
 def temperature_of(fit: Fit) -> float:
-    """Temperature of the calibrated lengths [°C]: the records' mean if no effect depends on it."""
+    """Of the calibrated lengths [°C]: the mean of the records if no effect depends on it."""
     problem = fit.problem
     conditions = problem.measurements.conditions.take(fit.used)
     stated = conditions.temperature
@@ -147,10 +139,8 @@ def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covarianc
     """The covariance of new estimates and the arm's of other parameters.
 
     Args:
-        arm: the arm.
         names: of the parameters (p,); "" for one to leave out.
         matrix: (p, p) [their units].
-        records: fingerprints.
     """
     keep = [i for i, name in enumerate(names) if name and matrix[i, i] > 0]
     chosen = [names[i] for i in keep]
@@ -187,8 +177,8 @@ def moved_arm(
     if arm.dh is None:
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
         moved = arm.with_placements(twists, covariance)
-        warm = update.get("reference_temperature_c", arm.reference_temperature)
         of_urdf = moved.urdf_file.model_copy(update=update)
+        warm = of_urdf.reference_temperature_c
         return replace(moved, reference_temperature=warm, file=of_urdf)
     file = moved_file(arm, steps).model_copy(update={**update, "covariance": covariance})
     return Arm.from_file(file)

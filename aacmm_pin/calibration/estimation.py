@@ -54,7 +54,6 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     degrees of freedom; zero if the stated noise suffices.
 
     Args:
-        problem: what is unknown.
         robust: look for outliers.
         used: the records that belong (n,), if known.
 
@@ -123,11 +122,10 @@ class _Estimation:
         return solution
 
     def without_outliers(self, first: Solution) -> tuple[NoiseModel, Point, Mask]:
-        """Noise, end and records of a search without outliers, judged by the scatter of the better
-        half.
+        """Noise, end and records of a search without outliers, by the scatter of the better half.
 
-        From afar this scatter is what the search has still to go, beside which nothing is an
-        outlier: they are judged again while it falls.
+        From afar this scatter is the way that remains, beside which nothing is an outlier: they
+        are judged again while it falls.
         """
         dof = max(first.chi2.dof, 1.0)
         share = min(1.0, dof / int(self.observations.counts.sum()))
@@ -145,7 +143,7 @@ class _Estimation:
 
     def belonging(self, solution: Solution, dof: float) -> tuple[Solution, Mask]:
         """The search without outliers beside the noise of ``solution``, whose scatter has ``dof``
-        degrees of freedom, and the other records.
+        degrees of freedom; and its records.
         """
         has_target = self.observations.has_target
         count = int(has_target.sum())
@@ -172,7 +170,7 @@ class _Estimation:
         return solution, used
 
     def fit_of_all(self, point: Point) -> Fit | None:
-        """The fit of all records, if the stated noise and prior explain it and each of them.
+        """None unless the stated noise and prior explain the fit and each record.
 
         With few records, a robust search fits some at the expense of others, which then seem
         outliers.

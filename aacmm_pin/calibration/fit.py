@@ -36,11 +36,10 @@ class Fit(Solution):
         noise_is_stated: completely, so that ``chi2_stated`` judges the model.
         used: records that count (n,).
         excluded: outliers (n,).
-        chi2_stated: χ² against the stated noise alone; None where it was not complete.
-        dof: degrees of freedom.
+        chi2_stated: χ² against the stated noise alone; None if it is not complete.
         estimated_nonlinear: effects, by their keys, whose nonlinear parameters (order, time
-            constant) come from these records too; with the least u of each, by its name, where the
-            derivative at its value gives too little.
+            constant) come from these records too; with the least u of each, by its name, if the
+            derivative gives too little.
         added_covariance: of all columns, for an error that several records share (p, p) [units].
     """
 
@@ -62,9 +61,7 @@ class Fit(Solution):
 
     @property
     def scatter(self) -> float:
-        """Scatter of each coordinate beyond the stated noise [m]; 0 where the stated noise
-        suffices.
-        """
+        """Of each coordinate beyond the stated noise [m]; 0 if the stated noise suffices."""
         return self.noise.scatters.tip
 
     @property
@@ -97,7 +94,7 @@ class Fit(Solution):
 
     @property
     def has_scatter(self) -> bool:
-        """Whether there is scatter beyond the stated noise worth a word."""
+        """Whether the scatter beyond the stated noise is worth a word."""
         return max(self.noise.scatters) > NO_SCATTER
 
     @property
@@ -113,9 +110,7 @@ class Fit(Solution):
 
     @cached_property
     def by_reading(self) -> Array:
-        """See :meth:`Problem.reading_jacobian`, where the fit ended (n, 3, nq) [m/rad], or (n, 6,
-        nq).
-        """
+        """See :meth:`Problem.reading_jacobian` (n, 3 or 6, nq) [m/rad]."""
         return self.problem.reading_jacobian(self.point.x, self.point.frame)
 
     @property
@@ -157,8 +152,7 @@ class Fit(Solution):
         return self.distance_of(self.stated_noise)
 
     def distance_of(self, covariance: Array) -> float:
-        """RMS distance of the used tips and targets by covariances of residuals (n, 3, 3) [m²]:
-        [m].
+        """RMS distance of the used tips and targets [m] by covariances of residuals (n, 3, 3) [m²].
 
         Contacts determine a seat without known coordinates, which takes its part of their scatter.
         """
@@ -188,7 +182,7 @@ class Fit(Solution):
 
     @cached_property
     def undetermined(self) -> Undetermined:
-        """What these records leave open, and what that moves."""
+        """What these records leave open."""
         return Undetermined(self.problem, self.point, self.unknown)
 
     @property
@@ -211,7 +205,7 @@ class Fit(Solution):
 
     @property
     def nonlinear_u_of(self) -> dict[tuple[str, str], float]:
-        """Standard uncertainty of each nonlinear parameter, by the effect's key and the field."""
+        """Of each nonlinear parameter, by the effect's key and the field."""
         variances = np.diag(self.full_covariance)[self.problem.scales.size :]
         u = np.sqrt(variances).tolist()
         keys = [(effect.key, name) for _, effect, name, _ in self.nonlinear_parameters]
@@ -219,7 +213,7 @@ class Fit(Solution):
 
     @cached_property
     def nonlinear_parameters(self) -> list[tuple[int, Effect, str, float]]:
-        """Uncertain ones: number of the effect, effect, field, prior standard deviation."""
+        """Number of the effect, effect, field, prior standard deviation."""
         uncertain = []
         for k, effect in enumerate(self.effects):
             nonlinear = effect.nonlinear
@@ -273,7 +267,7 @@ class Fit(Solution):
 
 def redundant(solution: Solution) -> bool:
     """Whether the records suffice to judge which are wrong: no half of them can be fitted whatever
-    they say. A sphere or plane takes three numbers, twice if the noise is not stated.
+    they state. A sphere or plane takes three numbers, twice if the noise is not stated.
     """
     stated = not solution.problem.setup.unstated(solution.problem.measurements)
     open_surfaces = solution.observations.surfaces & ~solution.observations.known

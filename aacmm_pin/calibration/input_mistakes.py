@@ -167,7 +167,6 @@ def _frozen_readings(after: Fit) -> Iterator[Note]:
 
 
 def _shifted_rows(after: Fit) -> Iterator[Note]:
-    """Whether coordinates of most excluded records are a neighbouring row's."""
     records = after.problem.measurements
     tips = after.point.prediction.tips
     out = np.flatnonzero(after.excluded & records.known)
@@ -213,7 +212,6 @@ def _ends(problem: Problem) -> list[Problem]:
 
 
 def _each_fits(parts: Sequence[Problem]) -> bool:
-    """Whether each of several parts fits the arm in some frame."""
     try:
         fits = [fit(OTHER_FRAME.undone(part)) for part in parts]
     except AacmmError:
@@ -238,7 +236,6 @@ def _require_no_mistake_in_a_session(problem: Problem) -> None:
 
 
 def _require_orientations(after: Fit) -> None:
-    """Refuse orientations that do not move with the last body of the arm."""
     problem = after.problem
     point = after.point
     rows = after.used & after.observations.oriented
@@ -272,7 +269,6 @@ def _require_no_mistake(
     """Refuse records that one mistake explains.
 
     Args:
-        problem: the records.
         fitted: median distance after a fit, infinite without one [m].
         thorough: try two mistakes, and several signs and zeros, too.
         options: try options that were left out. Geometry may take up the numbers that they leave
@@ -333,7 +329,6 @@ def _likely(
 def _named(
     source: str, distances: Mapping[tuple[Mistake, ...], float], as_is: float
 ) -> MistakenFileError:
-    """From the median distances without each of the mistakes [m]."""
     most = SIMILAR_RATIO * min(distances.values())
     named = [mistakes for mistakes, distance in distances.items() if distance <= most]
     fewest = [

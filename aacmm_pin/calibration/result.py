@@ -65,11 +65,9 @@ class Calibration(Shown):
     """The result of a calibration: the calibrated arm and numbers for its quality.
 
     Attributes:
-        fit: fit of all parameters.
         setup: least-squares problem of the set-up alone (reference frame, target) with the arm
             before calibration.
         held_out: residuals of held-out records for each kind of group; empty without ``hold_out``.
-        notes: assumptions.
     """
 
     fit: Fit

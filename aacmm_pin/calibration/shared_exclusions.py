@@ -85,7 +85,6 @@ class Exclusions:
     """Whether excluded records are gross errors of single records.
 
     Attributes:
-        excluded, used: numbers of records.
         narrowed: joints that excluded records alone moved over most of the range.
     """
 

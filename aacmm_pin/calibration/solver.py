@@ -84,9 +84,7 @@ class Solution:
     """Where the search ended.
 
     Attributes:
-        system: the linear model there.
         weights: of the records (n,).
-        steps: number of steps tried.
         message: why the search ended before it converged; "" if it converged.
     """
 
@@ -192,8 +190,6 @@ def solve(
     """Search from ``start``; the best point, whether or not the search converged.
 
     Args:
-        problem: what is unknown.
-        noise: of its records.
         start: see :func:`initial_point`.
         weights: of the records (n,), 0 leaves one out.
         robust: weigh records anew in every step.
