@@ -110,7 +110,6 @@ class GravityEffect(LoadedEffect):
     bodies: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Convert lists of files; a load and unknown masses exclude each other."""
         object.__setattr__(self, "bodies", tuple(self.bodies))
         super().__post_init__()
         if self.bodies and self.load_at is not None:

@@ -231,7 +231,6 @@ class Effect(Shown, ABC):
         class with other fields without default must replace this method, or has no candidates.
 
         Args:
-            arm: the arm.
             records: records that must show the cause; None for all places that records could show.
         """
         location = cls.location_field()
@@ -426,7 +425,6 @@ def corrects_seat(effect: Effect) -> bool:
 
 
 def _places(location: str | None, arm: Arm, records: Records | None) -> list[dict[str, Any]]:
-    """The possible values of the field ``location``."""
     places: Sequence[Any] = []
     if location == "joint":
         places = arm.chain.moving_rows()
@@ -443,13 +441,8 @@ def _places(location: str | None, arm: Arm, records: Records | None) -> list[dic
 def tubes(arm: Arm) -> list[int]:
     """Rows of the bodies that are long enough to bend."""
     _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
-    rows = range(1, arm.chain.rows + 1)
-    long_rows = []
-    for row in rows:
-        span = origin[end(row)] - origin[arm.foot(row)]
-        if np.linalg.norm(span) > BENDS:
-            long_rows.append(row)
-    return long_rows
+    spans = {row: origin[end(row)] - origin[arm.foot(row)] for row in range(1, arm.chain.rows + 1)}
+    return [row for row, span in spans.items() if np.linalg.norm(span) > BENDS]
 
 
 def is_row(row: Any) -> bool:
@@ -461,8 +454,7 @@ def is_row(row: Any) -> bool:
 
 def shifts(typical: float, largest: float | None = None) -> tuple[Term, ...]:
     """Three translations along x, y and z, in millimetres in files."""
-    terms = (Term(name, "m", typical, f"{name}_mm", MM, largest=largest) for name in "xyz")
-    return tuple(terms)
+    return tuple(Term(name, "m", typical, f"{name}_mm", MM, largest=largest) for name in "xyz")
 
 
 def rotations(typical: float) -> tuple[Term, ...]:

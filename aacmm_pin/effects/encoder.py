@@ -75,6 +75,8 @@ POINTS_PER_INTERVAL = 4
 """Angles in each interval to represent a function by splines."""
 PER_COEFFICIENT = 2
 """Records for each coefficient of a curve, at least."""
+MOST_WAVES = 6
+"""Waves of a curve that are listed."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ class OfAngle(Effect):
         """Return the finest error curve over the range of the joint; None for the reading of a
         joint with couplings, whose error moves several joints.
         """
-        rows = list(arm.chain.moving_rows())
+        rows = arm.chain.moving_rows()
         if self.joint not in rows:
             return None
         number = rows.index(self.joint)
@@ -183,11 +185,9 @@ class _Periodic(OfAngle):
 
     @property
     def periods_per_turn(self) -> float:
-        """The order k."""
         raise NotImplementedError
 
     def function(self, angle: Array) -> Array:
-        """Return ``cos kθ`` and ``sin kθ``."""
         phase = self.periods_per_turn * angle
         return np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
@@ -218,7 +218,6 @@ class _Periodic(OfAngle):
         return (amplitude * np.cos(phase), amplitude * np.sin(phase))
 
     def readings(self) -> dict[str, Reading]:
-        """Return the forms of amplitude and phase."""
         amplitude = Reading("amplitude", "µrad", 1e6)
         phase = Reading("phase", "°", 1.0 / DEG)
         return {"amplitude_rad": amplitude, "phase_rad": phase}
@@ -563,7 +562,7 @@ class JointHysteresis(Effect):
         return [about_axis(state, self.joint, approach[:, state.joint(self.joint), None])]
 
 
-def strongest_waves(effect: Effect, peaks: int = 6) -> list[tuple[float, float]] | None:
+def strongest_waves(effect: Effect) -> list[tuple[float, float]] | None:
     """Orders [per turn] and amplitudes [rad] of the strongest waves in an error curve; None for
     other effects.
 
@@ -580,5 +579,5 @@ def strongest_waves(effect: Effect, peaks: int = 6) -> list[tuple[float, float]]
     order, power = scipy.signal.periodogram(curve, SAMPLES / revolutions, "hann", **how)
     maxima, _ = scipy.signal.find_peaks(power, height=1e-2 * power.max())
     tops = [k for k in maxima if order[k] * revolutions >= 1.0]
-    strongest = sorted(tops, key=lambda k: -power[k])[:peaks]
+    strongest = sorted(tops, key=lambda k: -power[k])[:MOST_WAVES]
     return [(float(order[k]), float(np.sqrt(2 * power[k]))) for k in strongest]

@@ -37,7 +37,6 @@ class _OfLabel(Effect):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The condition with the labels, if the cause names one."""
         return () if self.place is None else (str(self.location_field()),)
 
     def mask(self, state: State) -> Array:

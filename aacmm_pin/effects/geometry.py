@@ -40,7 +40,6 @@ class _RowValue(Effect):
         return end(row if dh.standard else row - 1)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return a unit translation or rotation."""
         columns = np.zeros((1, 6, 1))
         columns[:, self.component] = 1.0
         return [Displacement(self._moved(state), columns)]

@@ -40,7 +40,6 @@ def joint_commands(
         model: the true arm.
         nominal: the arm in the controller.
         q: commands for the nominal arm ``(n, nq)`` [rad].
-        conditions: conditions of the n postures.
 
     Returns:
         Commands ``(n, nq)`` [rad]; True for each command that arrives within 1 nm (and 1 nrad)
@@ -96,7 +95,6 @@ def joint_commands(
 
 
 def _has_tip_on_target(model: ErrorModel) -> bool:
-    """Whether the tip is a target far from the tip of the described arm."""
     if model.arm.tip_on_target:
         return True
     offsets = [effect for effect in model.effects if isinstance(effect, StylusOffset)]

@@ -145,10 +145,10 @@ def _value(reading: Reading, value: float, expanded: float) -> str:
     expanded = expanded * reading.factor
     if reading.unit == "°" and expanded > FREE_PHASE:
         return f"{reading.name} not determined"
-    if np.isfinite(expanded) and expanded > abs(value) and reading.unit != "°":
+    if abs(value) < expanded < np.inf and reading.unit != "°":
         bound = float(f"{abs(value) + expanded:.2g}")
         return f"{reading.name} below {bound:g} {reading.unit.lstrip('·')} (95 %)".strip()
-    if not np.isfinite(expanded) or expanded <= 0:
+    if not 0.0 < expanded < np.inf:
         text = f"{value:.4g}"
     else:
         digits = 1 - int(np.floor(np.log10(expanded)))
@@ -178,8 +178,8 @@ def typical_magnitude_in_words(effect: Effect) -> str:
     return ", ".join(dict.fromkeys(sizes))
 
 
-def listed(items: Sequence[str], last: str = "and") -> str:
+def listed(items: Sequence[str]) -> str:
     """Items as text: ``a, b and c``."""
     if len(items) < 2:
         return "".join(items)
-    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+    return f"{', '.join(items[:-1])} and {items[-1]}"

@@ -183,7 +183,6 @@ def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tu
     neighbouring causes with the same kind of place are grouped by place.
 
     Args:
-        arm: the arm.
         records: records that must show the causes; None for all causes that records could show.
     """
     arm = as_arm(arm)
@@ -195,11 +194,6 @@ def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tu
 
 
 def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[tuple[Effect, ...]]:
-    """The checked result of :meth:`Effect.candidates`.
-
-    Raises:
-        CauseError: the result has another type.
-    """
     places = cause.candidates(arm, records)
     given = list(places) if isinstance(places, Iterable) else [places]
     for variants in given:

@@ -106,7 +106,6 @@ class Waves:
     Attributes:
         of: ``joint 2``.
         constant: whether the constant is included.
-        order: order k.
     """
 
     of: str
@@ -395,7 +394,6 @@ class Carrier:
         return [Displacement(self._place(state), twist(shifts))]
 
     def _place(self, state: State) -> int:
-        """The place along whose axes the tip moves."""
         if self.what == "before":
             return axis(state.known_row(self.row)) - 1
         return state.arm.chain.tip if self.what == "target" else BASE
@@ -456,7 +454,6 @@ class Discrepancy(Effect):
     Attributes:
         covariate: quantity on which the discrepancy depends, such as ``joint 2 × joint 4``.
         parts: the functions and the changed quantities; several parts share the parameters.
-        size: number of parameters.
     """
 
     covariate: str

@@ -23,9 +23,7 @@ class State:
     which a :class:`~aacmm_pin.effects.Displacement` states its columns.
 
     Attributes:
-        arm: the arm.
         q: joint angles from the readings ``(n, nq)`` [rad].
-        conditions: conditions of the records.
         target: place whose origin is the target.
         twists: displacements of places; see :meth:`Chain.walk`.
         looked_at: another point of the last body near the target, ``(n, 3)`` [m]; None for the

@@ -46,7 +46,6 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
     any. Otherwise all values are zero, which means a typical magnitude.
 
     Args:
-        text: cause, place, fields and parameters.
         model: arm with or without causes, for default values.
         present: conditions of the records (``Conditions.present``), for defaults of fields.
 
@@ -157,23 +156,20 @@ def effect_from(
     missing = [name for name in fields_of(kind) if name not in stated and not hasattr(kind, name)]
     if missing:
         raise AacmmError(f"{kind.cause}: {', '.join(missing)} is missing; expected a value")
+    declared = get_type_hints(kind)
+    fields = {}
+    for name, value in stated.items():
+        try:
+            fields[name] = TypeAdapter(declared[name], config=STRICT).validate_python(value)
+        except ValidationError as error:
+            expected = expected_words(error.errors()[0])
+            came = reprlib.repr(value)
+            raise AacmmError(f"{kind.cause}: {name} is {came}; expected {expected}") from None
     u = dict(uncertainty or {})
-    nonlinear_u = u.pop(kind.nonlinear.field, 0.0)
-    fields = {name: _checked_field(kind, name, value) for name, value in stated.items()}
-    bare = kind(**fields, nonlinear_u=float(nonlinear_u))
+    nonlinear_u = float(u.pop(kind.nonlinear.field, 0.0))
+    bare = kind(**fields, nonlinear_u=nonlinear_u)
     values = bare.from_file(parameters)
     return require_plausible(bare.at(values, values_by_key(bare, u, "uncertainty")))
-
-
-def _checked_field(kind: type[Effect], name: str, value: Any) -> Any:
-    """A field of a file, if it has the declared type."""
-    adapter = TypeAdapter(get_type_hints(kind)[name], config=STRICT)
-    try:
-        return adapter.validate_python(value)
-    except ValidationError as error:
-        expected = expected_words(error.errors()[0])
-        came = reprlib.repr(value)
-        raise AacmmError(f"{kind.cause}: {name} is {came}; expected {expected}") from None
 
 
 def require_plausible(effect: AnyEffect) -> AnyEffect:
@@ -213,25 +209,20 @@ def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | Discre
     for effect in effects:
         if isinstance(effect, Discrepancy):
             entries["discrepancy"].append(effect.filed())
-        else:
-            entries["effects"].append(_entry_of(effect))
+            continue
+        entry: dict[str, Any] = {"cause": effect.cause, "parameters": effect.file_values()}
+        for name in fields_of(type(effect)):
+            value = getattr(effect, name)
+            if value not in (None, ()):
+                entry[name] = list(value) if isinstance(value, tuple) else value
+        uncertainty = {}
+        if any(effect.u):
+            pairs = zip(effect.terms, effect.u, strict=True)
+            uncertainty = {term.key: float(u / term.scale) for term, u in pairs}
+        if effect.nonlinear_u:
+            uncertainty[effect.nonlinear.field] = float(effect.nonlinear_u)
+        entries["effects"].append(EffectEntry.model_validate(entry | {"uncertainty": uncertainty}))
     return entries
-
-
-def _entry_of(effect: Effect) -> EffectEntry:
-    entry: dict[str, Any] = {"cause": effect.cause}
-    for name in fields_of(type(effect)):
-        value = getattr(effect, name)
-        if value not in (None, ()):
-            entry[name] = list(value) if isinstance(value, tuple) else value
-    uncertainty: dict[str, float] = {}
-    if any(effect.u):
-        pairs = zip(effect.terms, effect.u, strict=True)
-        uncertainty = {term.key: float(u / term.scale) for term, u in pairs}
-    if effect.nonlinear_u:
-        uncertainty[effect.nonlinear.field] = float(effect.nonlinear_u)
-    entry |= {"parameters": effect.file_values(), "uncertainty": uncertainty}
-    return EffectEntry.model_validate(entry)
 
 
 def effects_of_file(arm: Arm, path: str) -> tuple[Effect, ...]:
@@ -258,29 +249,23 @@ def effects_of_file(arm: Arm, path: str) -> tuple[Effect, ...]:
 
 
 def _effect_of_entry(entry: EffectEntry | DiscrepancyEntry, arm: Arm) -> Effect:
-    """The cause or the discrepancy of an entry, if it can act on the arm."""
     if isinstance(entry, EffectEntry):
         kind = cause_named(entry.cause)
         effect = effect_from(kind, entry.structure, entry.parameters, entry.uncertainty)
-        _require_all(entry, effect)
+        linear = [term.key for term in effect.terms]
+        by_notation = [*effect.file_values()]
+        names = linear if {*entry.parameters} <= {*linear} else by_notation
+        for what, stated, expected in (
+            ("parameters", entry.parameters, names),
+            ("uncertainty", entry.uncertainty, linear),
+        ):
+            missing = [name for name in expected if name not in stated]
+            if stated and missing:
+                came = f"{what} has only {', '.join(stated)}"
+                raise AacmmError(f"{effect.label}: {came}; expected also {', '.join(missing)}")
         return require_row(require_sign(effect), arm)
     discrepancy = require_plausible(discrepancy_of(entry))
     nothing = np.zeros(0)
     conditions = Conditions(0, time=nothing, temperature=nothing)
     discrepancy.displacements(State(arm, np.zeros((0, arm.nq)), conditions, arm.chain.tip))
     return discrepancy
-
-
-def _require_all(entry: EffectEntry, effect: Effect) -> None:
-    """Refuse an entry with only some of the parameters, or of their u."""
-    linear = [term.key for term in effect.terms]
-    by_notation = [*effect.file_values()]
-    names = linear if {*entry.parameters} <= {*linear} else by_notation
-    for what, stated, expected in (
-        ("parameters", entry.parameters, names),
-        ("uncertainty", entry.uncertainty, linear),
-    ):
-        missing = [name for name in expected if name not in stated]
-        if stated and missing:
-            came = f"{what} has only {', '.join(stated)}"
-            raise AacmmError(f"{effect.label}: {came}; expected also {', '.join(missing)}")
