@@ -643,7 +643,6 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
 
 
 def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) -> Arm:
-    """The arm of a file, with its placements relative to those of ``nominal``."""
     drive = Drive.of(nominal.nq, mimics)
     noise = file.encoder_noise
     model = nominal.copy()
@@ -672,7 +671,6 @@ def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) 
 
 
 def _of_file(file: ArmFile | UrdfArmFile, **fields: Any) -> Arm:
-    """The arm with the content of every file, and ``fields``."""
     axis = None
     if file.stylus is not None:
         axis = unit_vector(file.stylus.axis, "the axis of the stylus")

@@ -91,22 +91,18 @@ class Chain:
         parameters: list[tuple[int, int]],
         mimics: Sequence[Mimic] = (),
     ) -> Chain:
-        """The chain with transforms before ``axis`` 1 … and before ``end`` 0 ….
+        """The chain with transforms (4, 4) [m] before ``axis`` 1 … and before ``end`` 0 ….
 
-        Args:
-            axes, ends: transforms (4, 4) [m], one more of the ends.
-            joints: joint of each axis, -1 if rigid.
-            slides, parameters: see :class:`Chain`.
-            mimics: joints that follow others.
+        ``joints``: of each axis, -1 if rigid.
         """
         constant = [np.eye(4), ends[0]]
         moved = [-1, -1]
         for before_axis, before_end, number in zip(axes, ends[1:], joints, strict=True):
             constant += [before_axis, before_end]
             moved += [int(number), -1]
-        of_parameters = np.array(parameters, dtype=np.intp).reshape(-1, 2)
         constant.append(np.eye(4))
         moved.append(-1)
+        of_parameters = np.array(parameters, dtype=np.intp).reshape(-1, 2)
         drive = Drive.of(len(slides), mimics)
         return Chain(np.stack(constant), np.array(moved), slides, of_parameters, drive)
 
@@ -144,7 +140,7 @@ class Chain:
 
     def moving_axes(self) -> list[int]:
         """The places that joints move, with joints that follow others, in order."""
-        return [int(place) for place in np.flatnonzero(self.moved >= 0)]
+        return np.flatnonzero(self.moved >= 0).tolist()
 
     def joint_rows(self) -> list[int]:
         """The rows (from 1) with a joint, also one that follows another, in order."""
@@ -152,8 +148,7 @@ class Chain:
 
     def moving_rows(self) -> list[int]:
         """The rows (from 1) with an independent joint, in order."""
-        places = np.flatnonzero(self.joint >= 0)
-        return [int(place) // 2 for place in places]
+        return (np.flatnonzero(self.joint >= 0) // 2).tolist()
 
     def links(self) -> Array:
         """Constant transforms L of ``L_0 Rz(q_1) L_1 … Rz(q_m) L_m`` (Tz for prismatic joints): (m
@@ -223,8 +218,12 @@ class Chain:
                 frames = self._frames(q[part], {})
                 position[part] = frames[-1, 3].T
                 for k, (place, component) in enumerate(twists.tolist()):
-                    if place != NO_PLACE:
-                        columns[:, k, part] = _derivative(frames, place, component)
+                    if place == NO_PLACE:
+                        continue
+                    along = frames[place, component % 3]
+                    if component >= OMEGA_X:
+                        along = cross(along, frames[-1, 3] - frames[place, 3])
+                    columns[:, k, part] = along
         return position, columns.transpose(2, 0, 1)
 
     def beyond_reach(self) -> str:
@@ -325,16 +324,6 @@ class Chain:
         constants = self.constant.copy()
         constants[places] = constants[places] @ exp(same[before_joint])
         return constants, {place: twist for place, twist in twists.items() if place not in places}
-
-
-def _derivative(frames: Array, place: int, component: int) -> Array:
-    """Derivative of the last origin by a twist component of a place (3, n); frames (places, 4, 3,
-    n).
-    """
-    along = np.asarray(frames[place, component % 3])
-    if component < OMEGA_X:
-        return along
-    return cross(along, frames[-1, 3] - frames[place, 3])
 
 
 def _screw_axis(twists: Array) -> int | None:

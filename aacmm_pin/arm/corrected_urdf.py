@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -24,7 +23,6 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     placement_after)``.
 
     Args:
-        arm: the arm.
         tip_shift: translation of the tip in its own axes (3,) [m], or None.
 
     Raises:
@@ -56,7 +54,16 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     if not motions:
         return content
     for name, motion in motions.items():
-        _move(joints[name], motion)
+        origin = joints[name].find("origin")
+        if origin is None:
+            origin = etree.SubElement(joints[name], "origin")
+        shift, angles = (
+            np.array(origin.get(key, "0 0 0").split(), dtype=np.float64) for key in ("xyz", "rpy")
+        )
+        moved = pin.SE3(from_roll_pitch_yaw(angles), shift) * motion
+        numbers = {"xyz": moved.translation, "rpy": roll_pitch_yaw(moved.rotation)}
+        for key, values in numbers.items():
+            origin.set(key, " ".join(f"{value:.17g}" for value in values))
     tree = robot.getroottree()
     return bytes(
         etree.tostring(tree, xml_declaration=True, encoding=tree.docinfo.encoding or "utf-8")
@@ -71,20 +78,6 @@ def _joint_of_tip(joints: dict[str, Element], arm: Arm) -> str:
         f"{arm.name}: no fixed joint carries the frame {arm.tip!r} alone; to shift the tip, add a "
         "fixed joint before this frame to the URDF"
     )
-
-
-def _move(joint: Element, motion: Any) -> None:
-    """Multiply the origin of a joint by ``motion`` from the right."""
-    origin = joint.find("origin")
-    if origin is None:
-        origin = etree.SubElement(joint, "origin")
-    shift, angles = ([float(v) for v in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
-    placement = pin.SE3(from_roll_pitch_yaw(np.array(angles)), np.array(shift)) * motion
-    for key, values in (
-        ("xyz", placement.translation),
-        ("rpy", roll_pitch_yaw(placement.rotation)),
-    ):
-        origin.set(key, " ".join(f"{value:.17g}" for value in values))
 
 
 def from_roll_pitch_yaw(angles: Array) -> Array:

@@ -40,11 +40,7 @@ _COLORS = {
 
 def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
     """URDF of ``arm`` [m, rad]: joints with limits, simple visuals, inertials from the stated
-    masses.
-
-    Args:
-        arm: the arm file; its other effects do not matter.
-        with_stylus_offset: shift ``tip`` by the ``stylus_offset`` of the arm.
+    masses. ``with_stylus_offset``: shift ``tip`` by the ``stylus_offset`` of the arm.
     """
     robot = ET.Element("robot", name=_printable(arm.name))
     source = _printable(arm.source or arm.name)
@@ -58,28 +54,19 @@ def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
         link = _add_row(
             robot, link, number, row, arm.convention == "standard-dh", number == len(arm.joints)
         )
-    tip = ET.SubElement(robot, "link", name="tip")
-    _draw(tip, "stylus", STYLUS_RADIUS)
-    _joint(
-        robot, "tip_fixed", "fixed", link, tip, _stylus_offset(arm) if with_stylus_offset else _ZERO
-    )
-    ET.indent(robot)
-    return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
-
-
-def _stylus_offset(arm: ArmFile) -> Triple:
-    """The tip in the last frame [m]."""
-    offset = _ZERO
-    for effect in arm.effects:
+    offset = _ZERO  # of the tip in the last frame [m]
+    for effect in arm.effects if with_stylus_offset else ():
         if effect.cause == "stylus_offset" and effect.structure.get("marker") is None:
             offset = tuple(effect.parameters.get(f"{axis}_mm", 0.0) * MM for axis in "xyz")
-    return offset
+    tip = fixed_link(robot, link, "tip", offset, _ZERO)
+    _draw(tip, "stylus", STYLUS_RADIUS)
+    ET.indent(robot)
+    return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
 
 def _add_row(
     robot: ET.Element, parent: ET.Element, number: int, row: Row, standard: bool, last: bool
 ) -> ET.Element:
-    """Append links and joints of one row after the link ``parent``; return its frame link."""
     a = row.a_mm * MM
     d = row.d_mm * MM
     tilt = (row.alpha_rad, 0.0, 0.0)
@@ -150,8 +137,8 @@ def _joint(
     kind: str,
     parent: ET.Element,
     child: ET.Element,
-    xyz: Sequence[float] = _ZERO,
-    rpy: Sequence[float] = _ZERO,
+    xyz: Sequence[float],
+    rpy: Sequence[float],
 ) -> ET.Element:
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(joint, "parent", link=parent.attrib["name"])
@@ -179,8 +166,7 @@ def _draw(
 
 
 def _origin(element: ET.Element, xyz: Sequence[float], rpy: Sequence[float]) -> None:
-    origin = ET.SubElement(element, "origin", xyz=_text(*xyz))
-    origin.set("rpy", _text(*rpy))
+    ET.SubElement(element, "origin", xyz=_text(*xyz), rpy=_text(*rpy))
 
 
 def _text(*values: float) -> str:

@@ -18,7 +18,6 @@ class Poses(Shown):
     """The placements and Jacobians of one frame of an arm, by Pinocchio at the first use.
 
     Attributes:
-        model: Pinocchio model.
         q: postures ``(n, nq)`` [rad; m for a prismatic joint], with the columns of joints that
             follow others.
         frame_id: number of the frame in Pinocchio.

@@ -78,7 +78,6 @@ class Room:
     Collisions of the arm with itself or the table do not count.
 
     Attributes:
-        arm: the arm.
         above: height of the table over the base origin, against gravity [m], or None.
     """
 

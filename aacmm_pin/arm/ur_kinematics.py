@@ -69,7 +69,6 @@ class UrKinematics:
         controller.
 
         Args:
-            path: the file.
             robot: name in :data:`UR_ROBOTS`, such as ``ur5e``, to whose table ``calibration.conf``
                 adds.
 
@@ -156,17 +155,14 @@ def placements_of_dh(table: Array) -> list[Array]:
     second, axis = ends[1], frames[2][:3, 2]
     normal = second[:3, 2]
     beyond = normal @ (frames[2][:3, 3] - second[:3, 3]) / (normal @ axis)
+    # The smallest rotation of the normal into the axis, by Rodrigues' formula.
+    across = skew(np.cross(normal, axis)[None])[0]
+    rotation = np.eye(3) + across + across @ across / (1.0 + normal @ axis)
     third = np.eye(4)
-    third[:3, :3] = _smallest_rotation(normal, axis) @ second[:3, :3]
+    third[:3, :3] = rotation @ second[:3, :3]
     third[:3, 3] = frames[2][:3, 3] - beyond * axis
     chain = [np.eye(4), frames[0], second, third, *frames[3:], ends[-1]]
     return [np.linalg.solve(before, after) for before, after in itertools.pairwise(chain)]
-
-
-def _smallest_rotation(one: Array, other: Array) -> Array:
-    """The rotation (3, 3) of a unit vector into a nearly parallel one, by Rodrigues' formula."""
-    across = skew(np.cross(one, other)[None])[0]
-    return np.asarray(np.eye(3) + across + across @ across / (1.0 + one @ other))
 
 
 def _xyz_rpy(placement: Array) -> tuple[list[float], list[float]]:
@@ -179,11 +175,11 @@ def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
         hint = f"state the robot of {place} with --ur-robot"
         raise UnknownNameError("robot", robot, list(UR_ROBOTS), hint)
     (a2, a3), (d1, d4, d5, d6) = UR_ROBOTS[robot]
-    nominal: dict[str, tuple[float, ...]] = {
-        "theta": 6 * (0.0,),
-        "d": (d1, 0.0, 0.0, d4, d5, d6),
-        "a": (0.0, a2, a3, 0.0, 0.0, 0.0),
-        "alpha": UR_ALPHA,
+    nominal = {
+        "theta": np.zeros(6),
+        "d": np.array([d1, 0.0, 0.0, d4, d5, d6]),
+        "a": np.array([0.0, a2, a3, 0.0, 0.0, 0.0]),
+        "alpha": np.array(UR_ALPHA),
     }
     parser = configparser.ConfigParser(
         strict=False, interpolation=None, inline_comment_prefixes=("#", ";")
@@ -193,7 +189,15 @@ def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
     except configparser.Error as error:
         raise ArmFileError(place, "", " ".join(str(error).split())) from None
     stated = {key: value for section in parser.values() for key, value in section.items()}
-    deltas = [_list_of(stated, place, f"delta_{name}") for name in nominal]
+    deltas = []
+    for key in (f"delta_{name}" for name in nominal):
+        if key not in stated:
+            raise ArmFileError(place, key, "missing; expected six numbers")
+        try:
+            values = json.loads(stated[key])
+        except json.JSONDecodeError:
+            values = stated[key]
+        deltas.append(_numbers(values, place, key))
     by_maker = np.array([*nominal.values()])
     by_table = placements_of_dh(by_maker)
     placements = placements_of_dh(by_maker + deltas)
@@ -209,16 +213,6 @@ def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
     return UrKinematics(robot, placements)
 
 
-def _list_of(stated: dict[str, str], place: str, key: str) -> Array:
-    if key not in stated:
-        raise ArmFileError(place, key, "missing; expected six numbers")
-    try:
-        values = json.loads(stated[key])
-    except json.JSONDecodeError:
-        values = stated[key]
-    return _numbers(values, place, key)
-
-
 def _of_yaml(text: str, place: str) -> UrKinematics:
     try:
         content = yaml.safe_load(text)
@@ -231,11 +225,11 @@ def _of_yaml(text: str, place: str) -> UrKinematics:
     for link in UR_LINKS:
         key = f"kinematics.{link}"
         values = kinematics.get(link)
-        values = values if isinstance(values, dict) else {}
-        missing = [name for name in UR_KEYS if name not in values]
+        stated = values if isinstance(values, dict) else {}
+        missing = [name for name in UR_KEYS if name not in stated]
         if missing:
             raise ArmFileError(place, key, f"{', '.join(missing)} missing; expected numbers")
-        numbers = _numbers([values[name] for name in UR_KEYS], place, key)
+        numbers = _numbers([stated[name] for name in UR_KEYS], place, key)
         if np.linalg.norm(numbers[:3]) > LONGEST_LINK or np.abs(numbers[3:]).max() > 2.0 * np.pi:
             raise ArmFileError(
                 place,
