@@ -129,7 +129,7 @@ class Chain:
     @property
     def prismatic(self) -> Mask:
         """True for independent joints that are prismatic (nq,)."""
-        return np.asarray(self.slides[self.drive.independent])
+        return self.slides[self.drive.independent]
 
     @cached_property
     def joint(self) -> NDArray[np.intp]:

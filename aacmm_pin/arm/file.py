@@ -690,7 +690,7 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
     key = "".join(parts).removeprefix(".")
     match item["type"]:
         case "extra_forbidden":
-            kinds: dict[str, type[BaseModel]] = {
+            kinds = {
                 "joints": Row if kind is ArmFile else UrdfJoint,
                 "urdf": Urdf,
                 "uncertainty": Uncertainty,

@@ -59,7 +59,7 @@ def spread_postures(arm: Arm, count: int, q: Array) -> Array:
     low = np.where(endless, np.where(slides, q.min(axis=0), -np.pi), low)
     high = np.where(endless, np.where(slides, q.max(axis=0), np.pi), high)
     part = spread_angles(count, arm.nq) / (2 * np.pi) + 0.5
-    return np.asarray(low + (high - low) * part)
+    return low + (high - low) * part
 
 
 def _endless(arm: Arm) -> Mask:

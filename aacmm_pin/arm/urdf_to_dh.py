@@ -59,7 +59,7 @@ def dh_file(arm: Arm) -> ArmFile:
             "a DH table"
         )
     rotation, origin = (part[:, 0] for part in chain.walk(np.zeros((1, arm.nq))))
-    rows: list[tuple[Row, int | None]] = []  # with the number of the joint, from 0
+    rows = []  # with the number of the joint, from 0
     frame = np.eye(4)
     frames = []
     for joint, place in enumerate([*chain.moving_axes(), chain.tip], start=-1):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -295,7 +295,7 @@ def _of_relations(after: Fit) -> Iterator[Note]:
     worst = int(by_relation.argmax())
     if by_relation[worst] < ODD_RELATION:
         return
-    data: dict[str, Any] = {"deviations": float(by_relation[worst])}
+    data = {"deviations": float(by_relation[worst])}
     kind = observations.relation[worst]
     if kind == OF_BAR:
         touched = {*observations.labels}

@@ -73,7 +73,7 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
         np.linalg.norm(of_tip, axis=1) > NEGLIGIBLE_PART * unknown
     )
     alone = np.hypot(u[: vector.size], unknown)
-    effects: list[Effect] = []
+    effects = []
     for effect, entries in vector:
         if is_of_setup(effect):
             determined[entries] = False
@@ -102,7 +102,7 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
     code = "scatter_beyond_noise" if fit.noise_is_stated else "scatter_of_unstated_noise"
     scatters = fit.noise.scatters.of_targets > NO_SCATTER
     unexplained = str(Note(code, {"scatter": fit.scatter_in_words})) if scatters else ""
-    of_file: dict[str, Any] = {
+    of_file = {
         "reference_temperature_c": temperature_of(fit),
         "unexplained": unexplained,
         "tip_on_target": problem.tip_on_target or arm.tip_on_target,

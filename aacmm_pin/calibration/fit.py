@@ -262,7 +262,7 @@ class Fit(Solution):
             vector = replace(self.problem.vector, effects=tuple(effects))
             moved = replace(self.problem, vector=vector)
             poses.append(moved.poses(self.point.x, self.point.frame))
-        return np.asarray(poses[0] - poses[1]) / (2 * OF_WIDTH * width)
+        return (poses[0] - poses[1]) / (2 * OF_WIDTH * width)
 
 
 def redundant(solution: Solution) -> bool:

@@ -68,8 +68,8 @@ class Columns:
     def of(state: State, effects: Iterable[Effect], given: Iterable[Effect] = ()) -> Columns:
         """From the nominal arm in its records."""
         vector = ParameterVector(state.arm, tuple(effects))
-        varying: list[_Varying] = []
-        places: list[int] = []
+        varying = []
+        places = []
         twists: list[Array] = []
         numbers: list[int] = []
         of_reference: list[bool] = []

@@ -65,7 +65,7 @@ class UnitSteps(NamedTuple):
     @property
     def best(self) -> Array:
         """The Gauss–Newton step (p,)."""
-        return np.asarray(-(self.steps @ self.along))
+        return -(self.steps @ self.along)
 
     @property
     def reduction(self) -> float:

@@ -129,7 +129,7 @@ class SeatElimination:
         rows = -self._relation_jacobian @ along.reshape(-1, along.shape[2])
         rows[:, -1] += self._relation_residual
         if len(rows):
-            rows = np.asarray(solve_triangular(self.relation_factor, rows, lower=True))
+            rows = solve_triangular(self.relation_factor, rows, lower=True)
         return rows
 
     def _by_seats(self, by_ends: Array) -> Array:

@@ -305,7 +305,7 @@ def _relations(
     that is not stated is a guess, large enough for each. Planes are one body at n places if no
     relation connects these.
     """
-    stated: list[tuple[str, str, tuple[str, float, float], bool]] = []
+    stated = []
     for bar in measurements.bars():
         guessed = setup.length_noise is None and not np.isfinite(bar.u)
         length = (OF_BAR, bar.length, max(_length_u(bar, setup), LEAST_U))

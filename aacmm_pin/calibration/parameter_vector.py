@@ -88,7 +88,7 @@ class ParameterVector:
     @cached_property
     def typical(self) -> Array:
         """Typical magnitude of each entry (p,) [their units]."""
-        typical: list[float] = []
+        typical = []
         for effect in self.effects:
             typical += [term.typical for term in effect.terms]
         return np.array(typical)

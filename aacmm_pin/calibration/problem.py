@@ -318,7 +318,7 @@ def _turn(rotation: Array, columns: Array) -> None:
 
 def inverse_distances(distance: Array) -> Array:
     """Weights (n,) of the next round of a least sum of distances (Weiszfeld)."""
-    return np.asarray(1.0 / np.maximum(distance, 1e-3 * np.median(distance) + 1e-9))
+    return 1.0 / np.maximum(distance, 1e-3 * np.median(distance) + 1e-9)
 
 
 def registered(tips: Array, references: Array) -> Frame:

@@ -254,7 +254,7 @@ def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
         yield Scale(axis, f"tip_{axis}_mm", values[:, None])
     yield Scale("scale", "distance_mm", np.linalg.norm(tips, axis=1, keepdims=True))
     for column in records.covariate_columns():
-        cells: pd.Series = pd.Series(column.values)
+        cells = pd.Series(column.values)
         if column.entry is UNKNOWN_COLUMN:
             numbers = as_numbers(cells)
             cells = cells.astype(str) if numbers is None else numbers
@@ -280,7 +280,7 @@ def _neighbours(scale: Scale, like: Index, excluded: Mask) -> tuple[Index, float
     out = excluded[like]
     count = like.size
     k = int(out.sum())
-    least: tuple[Index, float] = like[:0], 1.0
+    least = like[:0], 1.0
     if k < FEWEST_TOGETHER:
         return least
     some = np.linspace(0, k - 1, min(k, MOST_CENTRES)).round().astype(np.intp)
@@ -316,10 +316,8 @@ def round_excluded(fit: Fit, residuals: Array) -> Shared | None:
     residuals = residuals / size[:, None]
     tips = fit.problem.model.arm.positions(fit.problem.measurements.q) / MM
     place = Scale("place", "the tip", tips)
-    sizes: Index = np.array(
-        [size for size in NEIGHBOURS if 2 * size <= has_target.sum()], dtype=np.intp
-    )
-    best: Shared | None = None
+    sizes = np.array([size for size in NEIGHBOURS if 2 * size <= has_target.sum()], dtype=np.intp)
+    best = None
     for centre in np.flatnonzero(out) if sizes.size else ():
         distance = np.where(has_target, np.linalg.norm(tips - tips[centre], axis=1), np.inf)
         order = np.argsort(distance, kind="stable")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.distributions import chi2_isf, chi2_sf
 from aacmm_pin.calibration.first_placement import placed
 from aacmm_pin.calibration.least_squares import bounded_step
@@ -146,7 +146,7 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     entries = [
         np.r_[entries] for effect, entries in problem.vector if isinstance(effect, StylusOffset)
     ]
-    offsets: Index = np.concatenate([np.arange(0), *entries])
+    offsets = np.concatenate([np.arange(0), *entries])
     offsets = offsets[~problem.stated[offsets]]
     tips = prediction.tips
     enough = stating.sum() >= FEWEST_PLACED

@@ -500,7 +500,7 @@ class Counterbalance(Effect):
             if abs(constant[end(self.joint)][2, :3] @ following) < 0.5:
                 return np.asarray(state.rotation[end(self.joint)] @ following)
         span = state.span(self.joint)
-        return np.asarray(span / length_of(span, state, self.joint, self.label))
+        return span / length_of(span, state, self.joint, self.label)
 
 
 @dataclass(frozen=True)

@@ -174,7 +174,7 @@ class Conditions(Shown):
         label.
         """
         labels = getattr(self, name)
-        return np.full(self.n, "", dtype=object) if labels is None else np.asarray(labels)
+        return np.full(self.n, "", dtype=object) if labels is None else labels
 
     @cached_property
     def times(self) -> Array:
@@ -272,7 +272,7 @@ def _directions(values: ArrayLike) -> Array:
         raise ShapeError(
             f"probe_direction has {came}; expected 1, or 0 for records without a direction"
         )
-    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
+    return vectors / np.where(length > 0.0, length, 1.0)
 
 
 def labels_of(name: str, values: ArrayLike, n: int) -> Labels:

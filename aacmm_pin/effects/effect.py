@@ -425,7 +425,7 @@ def corrects_seat(effect: Effect) -> bool:
 
 
 def _places(location: str | None, arm: Arm, records: Records | None) -> list[dict[str, Any]]:
-    places: Sequence[Any] = []
+    places = []
     if location == "joint":
         places = arm.chain.moving_rows()
     elif location == "link":

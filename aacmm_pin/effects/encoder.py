@@ -131,7 +131,7 @@ class OfAngle(Effect):
         """
         assert isinstance(basis, JointErrorCurve)
         angle, inverse = _fitting(basis.lower_rad, basis.upper_rad, basis.coefficients)
-        return np.asarray(inverse @ self.function(angle))
+        return inverse @ self.function(angle)
 
 
 @cache

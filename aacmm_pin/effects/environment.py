@@ -309,7 +309,7 @@ class ThermalExpansion(Effect):
             temperature = of_rows.mean(axis=1)
         else:
             temperature = conditions.require("temperature", self.label)
-        return np.asarray(temperature - state.arm.reference_temperature)
+        return temperature - state.arm.reference_temperature
 
 
 def _stylus_axis(effect: Effect, arm: Arm) -> Array:

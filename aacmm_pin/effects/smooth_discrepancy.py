@@ -166,7 +166,7 @@ class Moment:
         row = _row_of(self.of)
         moment = state.along_axis(row, state.moment_at_axis(row))
         less = Waves(self.of, constant=True).values(state) @ self.less_nm
-        return np.asarray((moment - less)[:, None])
+        return (moment - less)[:, None]
 
 
 @dataclass(frozen=True)
@@ -529,7 +529,7 @@ class Discrepancy(Effect):
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """Return notes about records outside the fitted range of time or temperature."""
-        notes: dict[str, Note] = {}
+        notes = {}
         for cosines in self._functions:
             if not (isinstance(cosines, Cosines) and cosines.of in RECORDED):
                 continue

@@ -55,8 +55,8 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
     """
     cause, *details = re.split("[:,]", text, maxsplit=1)
     kind = cause_named(cause)
-    fields: dict[str, Any] = {}
-    parameters: dict[str, float] = {}
+    fields = {}
+    parameters = {}
     for name, value in _items(text, details, kind):
         if name in fields or name in parameters:
             raise AacmmError(f"{text!r}: {name} occurs twice; expected each name once")
@@ -210,7 +210,7 @@ def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | Discre
         if isinstance(effect, Discrepancy):
             entries["discrepancy"].append(effect.filed())
             continue
-        entry: dict[str, Any] = {"cause": effect.cause, "parameters": effect.file_values()}
+        entry = {"cause": effect.cause, "parameters": effect.file_values()}
         for name in fields_of(type(effect)):
             value = getattr(effect, name)
             if value not in (None, ()):
@@ -233,7 +233,7 @@ def effects_of_file(arm: Arm, path: str) -> tuple[Effect, ...]:
     """
     if arm.file is None:
         return ()
-    entries: dict[str, EffectEntry | DiscrepancyEntry] = {}
+    entries = {}
     for section in ("effects", "discrepancy"):
         for k, entry in enumerate(getattr(arm.file, section), start=1):
             entries[f"{section}[{k}]"] = entry
