@@ -12,7 +12,7 @@ import os
 import re
 import reprlib
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
@@ -320,19 +320,31 @@ class Covariance(_Part):
             raise ValueError("correlation has a negative eigenvalue; expected a correlation matrix")
         return self
 
+    @staticmethod
+    def of(names: Sequence[str], u: Array, correlation: Array, records: str) -> Covariance:
+        """From all u (p,) and correlations (p, p)."""
+        return Covariance(
+            parameters=tuple(names),
+            standard_uncertainty_si=tuple(u.tolist()),
+            correlation=tuple(tuple(row[:i]) for i, row in enumerate(correlation.tolist())),
+            records=records,
+        )
+
     def restricted(self, names: Iterable[str]) -> Covariance | None:
         """The part for parameters in ``names``, or None."""
         among = set(names)
         keep = [i for i, name in enumerate(self.parameters) if name in among]
         if not keep:
             return None
-        matrix = self.matrix_of_correlation()[np.ix_(keep, keep)].tolist()
-        return Covariance(
-            parameters=tuple(self.parameters[i] for i in keep),
-            standard_uncertainty_si=tuple(self.standard_uncertainty_si[i] for i in keep),
-            correlation=tuple(tuple(row[:i]) for i, row in enumerate(matrix)),
-            records=self.records,
-        )
+        chosen = [self.parameters[i] for i in keep]
+        u = np.array(self.standard_uncertainty_si)[keep]
+        correlation = self.matrix_of_correlation()[np.ix_(keep, keep)]
+        return Covariance.of(chosen, u, correlation, self.records)
+
+    @property
+    def u(self) -> dict[str, float]:
+        """Standard uncertainties by the names of the parameters [their SI units]."""
+        return dict(zip(self.parameters, self.standard_uncertainty_si, strict=True))
 
     def matrix_of_correlation(self) -> Array:
         """The full matrix (p, p)."""
@@ -559,14 +571,11 @@ def calibrated(
     """The parameters, with u and the bound ± k u of those in the ``covariance``."""
     if covariance is None:
         return tuple(parameters)
-    u = dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
-    with_uncertainty = []
-    for parameter in parameters:
-        if parameter.name in u:
-            its_u = u[parameter.name]
-            parameter = replace(parameter, u=its_u, half_width=COVERAGE_FACTOR * its_u)
-        with_uncertainty.append(parameter)
-    return tuple(with_uncertainty)
+    by_name = {parameter.name: parameter for parameter in parameters}
+    for name, u in covariance.u.items():
+        if name in by_name:
+            by_name[name] = replace(by_name[name], u=u, half_width=COVERAGE_FACTOR * u)
+    return tuple(by_name.values())
 
 
 def bundled_arms() -> list[str]:

@@ -147,21 +147,13 @@ def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covarianc
     matrix = matrix[np.ix_(keep, keep)]
     u = np.sqrt(np.diag(matrix))
     correlation = np.clip(matrix / np.outer(u, u), -1.0, 1.0)
-    if arm.covariance is not None:
-        old = [i for i, name in enumerate(arm.covariance.parameters) if name not in names]
-        chosen += [arm.covariance.parameters[i] for i in old]
-        u = np.append(u, np.array(arm.covariance.standard_uncertainty_si)[old])
-        correlation = block_diag(
-            correlation, arm.covariance.matrix_of_correlation()[np.ix_(old, old)]
-        )
-    if not chosen:
-        return None
-    return Covariance(
-        parameters=tuple(chosen),
-        standard_uncertainty_si=tuple(u.tolist()),
-        correlation=tuple(tuple(row[:i]) for i, row in enumerate(correlation.tolist())),
-        records=records,
-    )
+    before = arm.covariance
+    others = None if before is None else before.restricted({*before.parameters}.difference(names))
+    if others is not None:
+        chosen += others.parameters
+        u = np.append(u, others.standard_uncertainty_si)
+        correlation = block_diag(correlation, others.matrix_of_correlation())
+    return Covariance.of(chosen, u, correlation, records) if chosen else None
 
 
 def moved_arm(

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.arm import Arm, end
+from aacmm_pin.arm import Arm, Covariance, end
 from aacmm_pin.calibration.parameter_vector import (
     ParameterVector,
     geometric_parameters,
@@ -49,6 +49,7 @@ _Unknown = tuple[Effect, Array, Mask]
 
 
 PARALLEL_SINE = 0.1
+"""Below it, axes are nearly parallel: DH has no value for one tilt."""
 
 
 def problem_of(
@@ -92,30 +93,28 @@ def problem_of(
             chosen += [
                 unknown for unknown in _geometry(model.arm, setup) if unknown[0].label not in asked
             ]
-    chosen += _of_names(model.arm, {name for names in named.values() for name in names}, setup)
-    labels = [effect.label for effect, _, _ in chosen]
-    keys = [effect.key for effect, _, _ in chosen]
+    chosen += _of_names(model.arm, set().union(*named.values()), setup)
+    effects = tuple(effect for effect, _, _ in chosen)
+    labels = [effect.label for effect in effects]
+    keys = [effect.key for effect in effects]
     for key in keys:
         if keys.count(key) > 1:
             raise AacmmError(f"{key} occurs twice; expected each parameter once")
-    fixed = tuple(e for e in model.effects if e.label not in labels)
+    base = model.restricted(tuple(e for e in model.effects if e.label not in labels))
+    vector = ParameterVector(base.arm, effects)
     widths = np.concatenate([np.empty(0), *(w for _, w, _ in chosen)])
     stated = np.concatenate([np.empty(0, dtype=bool), *(s for _, _, s in chosen)])
-    base = model.restricted(fixed)
-    vector = ParameterVector(base.arm, tuple(e for e, _, _ in chosen))
-    correlation = _correlation(model.arm, vector, np.where(stated, widths, np.nan))
-    known_from = (
-        model.arm.covariance.records
-        if model.arm.covariance is not None and (setup.prior or base.arm.covariance)
-        else ""
-    )
+    covariance = model.arm.covariance
+    known_from = ""
+    if covariance is not None and (setup.prior or base.arm.covariance):
+        known_from = covariance.records
     targets = measurements.conditions.labels("marker")[measurements.oriented].tolist()
     return Problem(
         base,
         vector,
         widths,
         stated,
-        correlation,
+        _correlation(covariance, vector.names, np.where(stated, widths, np.nan)),
         measurements,
         setup,
         tuple(known_from.split()),
@@ -190,27 +189,21 @@ def length_held(problem: Problem) -> Effect | None:
     return max(sizes, key=lambda effect: sizes[effect]).at(())
 
 
-def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
+def _correlation(covariance: Covariance | None, names: list[str], stated: Array) -> Array:
     """Of the prior (p, p), from the arm's file.
 
     Parameters with another ``stated`` u (p,) than the file's, such as a cause that may have
     changed, are uncorrelated.
     """
     correlation = np.eye(stated.size)
-    if arm.covariance is None:
+    if covariance is None:
         return correlation
-    names = vector.names
-    place = {name: i for i, name in enumerate(arm.covariance.parameters)}
-    u = np.array(arm.covariance.standard_uncertainty_si)
-    unchanged = [
-        i
-        for i, name in enumerate(names)
-        if name in place and np.isclose(stated[i], u[place[name]], rtol=1e-9, atol=0.0)
-    ]
-    in_file = [place[names[i]] for i in unchanged]
-    correlation[np.ix_(unchanged, unchanged)] = arm.covariance.matrix_of_correlation()[
-        np.ix_(in_file, in_file)
-    ]
+    u = covariance.u
+    u_of_file = [u.get(name, np.nan) for name in names]
+    unchanged = np.flatnonzero(np.isclose(stated, u_of_file, rtol=1e-9, atol=0.0))
+    in_file = [covariance.parameters.index(names[k]) for k in unchanged]
+    of_file = covariance.matrix_of_correlation()[np.ix_(in_file, in_file)]
+    correlation[np.ix_(unchanged, unchanged)] = of_file
     return correlation
 
 
@@ -220,7 +213,10 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
     else:
         parameters = [p for p in arm.parameters if not (setup.prior and p.half_width == 0.0)]
         effects = [of_parameter(arm, parameter) for parameter in parameters]
-        effects += [LinkTilt(row) for row in _before_parallel_axes(arm)]
+        for row in range(1, arm.dh.rows):
+            twist = arm.dh.alpha[row - 1 if arm.dh.standard else row]
+            if arm.dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL_SINE:
+                effects.append(LinkTilt(row if arm.dh.standard else row + 1))
     unknowns = [_geometric(arm, effect, setup.prior) for effect in effects]
     for k, effect in enumerate(effects):
         if setup.held is not None and effect.label == setup.held.label:
@@ -229,17 +225,6 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
             widths = np.array([possible[term.unit] for term in effect.terms])
             unknowns[k] = effect, widths, np.ones(widths.size, dtype=bool)
     return unknowns
-
-
-def _before_parallel_axes(arm: Arm) -> list[int]:
-    """Rows whose axis is nearly parallel to the next joint's: DH has no value for one tilt."""
-    dh = arm.require_dh("geometry by DH rows")
-    parallel = []
-    for row in range(1, dh.rows):
-        twist = dh.alpha[row - 1] if dh.standard else dh.alpha[row]
-        if dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL_SINE:
-            parallel.append(row if dh.standard else row + 1)
-    return parallel
 
 
 def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:

@@ -201,10 +201,7 @@ class ErrorModel(Shown):
 
         The covariance in the arm file replaces the u of each parameter that it names.
         """
-        covariance = self.arm.covariance
-        u = {}
-        if covariance is not None:
-            u = dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
+        u = {} if self.arm.covariance is None else self.arm.covariance.u
         of_effects = [p for effect in self.effects for p in effect.parameters()]
         return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
 
