@@ -510,8 +510,7 @@ class Arm(Shown):
         """Compute the origin of frame ``at`` (default the tip) at ``q`` ``(n, nq)`` [rad]: ``(n,
         3)`` [m].
         """
-        chain_to = self._chain_to(at)
-        return chain_to.positions(batch(q, self.nq, "q", "rad"))
+        return self._chain_to(at).positions(batch(q, self.nq, "q", "rad"))
 
     def sensitivity(self, q: Array, at: str | None = None) -> Array:
         """Compute ∂(origin of frame ``at``)/∂parameters at ``q`` ``(n, nq)`` [rad]: ``(n, 3, p)``
@@ -527,8 +526,7 @@ class Arm(Shown):
         """Compute ∂(origin of frame ``at``)/∂q at ``q`` ``(n, nq)`` [rad]: ``(n, 3, nq)``
         [m/rad].
         """
-        chain_to = self._chain_to(at)
-        return chain_to.position_and_jacobian(batch(q, self.nq, "q", "rad"))[1]
+        return self._chain_to(at).position_and_jacobian(batch(q, self.nq, "q", "rad"))[1]
 
     def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
         """Compute the exact positions for parameter errors, without linearisation.

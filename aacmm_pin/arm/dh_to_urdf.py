@@ -60,6 +60,11 @@ def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
             offset = tuple(effect.parameters.get(f"{axis}_mm", 0.0) * MM for axis in "xyz")
     tip = fixed_link(robot, link, "tip", offset, _ZERO)
     _draw(tip, "stylus", STYLUS_RADIUS)
+    return xml_text(robot)
+
+
+def xml_text(robot: ET.Element) -> str:
+    """The file of the root element of a URDF."""
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 

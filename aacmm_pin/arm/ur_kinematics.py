@@ -19,7 +19,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import screws, skew
 from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw, roll_pitch_yaw
-from aacmm_pin.arm.dh_to_urdf import fixed_link, moving_link
+from aacmm_pin.arm.dh_to_urdf import fixed_link, moving_link, xml_text
 from aacmm_pin.arm.pinocchio_model import built_model
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 
@@ -121,8 +121,7 @@ class UrKinematics:
             names = f"{child}_link", f"{joint}_joint"
             link = moving_link(root, link, *names, "revolute", UR_LIMITS, *_xyz_rpy(placement))
         fixed_link(root, link, "tool0", *_xyz_rpy(self.placements[-1]))
-        ET.indent(root)
-        return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+        return xml_text(root)
 
     def arm(self) -> Arm:
         """Return the arm with its tip at ``tool0``."""

@@ -70,16 +70,15 @@ def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
         ArmFileError: the file cannot be read, is no URDF, or is implausible; names the link or
             joint.
     """
+    name = str(path)
     content = content_of(
-        path, MAX_URDF_BYTES, "a URDF", lambda message: ArmFileError(str(path), "", message)
+        path, MAX_URDF_BYTES, "a URDF", lambda message: ArmFileError(name, "", message)
     )
-    refuse_ur_file(str(path))
-    robot = parsed_urdf(content, str(path))
+    refuse_ur_file(name)
+    robot = parsed_urdf(content, name)
     links = len(robot.findall("link"))
     if links > MAX_LINKS:
-        raise ArmFileError(
-            str(path), "", f"the file has {links} links; expected at most {MAX_LINKS}"
-        )
+        raise ArmFileError(name, "", f"the file has {links} links; expected at most {MAX_LINKS}")
     etree.strip_elements(robot, *IGNORED, with_tail=False)
     for path_of_place in CHECKED_PLACES:
         for element in robot.iterfind(path_of_place):
@@ -92,9 +91,9 @@ def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
             _check_limits(joint)
     followers = _followers(joints)
     etree.strip_elements(robot, "mimic", with_tail=False)
-    model = built_model(etree.tostring(robot, encoding="unicode"), str(path))
-    for name, joint in joints.items():
-        if joint.get("type") != "fixed" and name not in model.names:
+    model = built_model(etree.tostring(robot, encoding="unicode"), name)
+    for joint_name, joint in joints.items():
+        if joint.get("type") != "fixed" and joint_name not in model.names:
             raise _refused(joint, "this joint is in a cycle of links; expected one tree")
     return model, hashlib.sha256(content).hexdigest(), followers
 
@@ -146,7 +145,7 @@ def _numbers(element: Element, name: str, default: str, largest: float) -> list[
         raise _refused(
             element, f"{name} is {text[:80]!r}; expected {count} number{'s' * (count > 1)}"
         )
-    if any(not abs(value) <= largest for value in values):
+    if not all(abs(value) <= largest for value in values):
         hint = "; check that these are radians" if name == "rpy" else ""
         if element.tag == "limit":
             hint = "; without limits, use type continuous"
