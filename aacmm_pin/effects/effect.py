@@ -356,9 +356,7 @@ class Effect(Shown, ABC):
         parameters = []
         for term, value, u in zip(self.terms, self.values, self.u, strict=True):
             name = f"{self.key}.{term.name}" if term.name else self.key
-            parameters.append(
-                Parameter(name, self.cause, self.row, term.unit, value, None, u, "arm")
-            )
+            parameters.append(Parameter(name, self.cause, self.row, term.unit, value, None, u))
         return tuple(parameters)
 
 

@@ -6,7 +6,7 @@ import json
 import math
 import re
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -229,12 +229,6 @@ def product_of(functions: Sequence[Smooth], state: State) -> Array:
         products = np.einsum("na,nb->nab", columns, values)
         columns = products.reshape(state.n, columns.shape[1] * values.shape[1])
     return columns
-
-
-def needs_of(functions: Iterable[Smooth]) -> tuple[str, ...]:
-    """Conditions that the functions depend on."""
-    names = dict.fromkeys(each.of for each in functions)
-    return tuple(name for name in names if name in RECORDED)
 
 
 def as_filed(functions: Smooth) -> dict[str, Any]:
@@ -492,7 +486,8 @@ class Discrepancy(Effect):
     @property
     def needs(self) -> tuple[str, ...]:
         """The conditions on which the functions depend."""
-        return needs_of(self._functions)
+        names = dict.fromkeys(functions.of for functions in self._functions)
+        return tuple(name for name in names if name in RECORDED)
 
     @property
     def terms(self) -> tuple[Term, ...]:
