@@ -337,7 +337,15 @@ def notes_of_records(after: Fit) -> Iterator[Note]:
             yield Note("reference_noise_small", data | {"times": residual / u})
         elif 0.0 < residual < u / UNIT_RATIO:
             yield Note("reference_noise_large", data | {"times": u / residual})
-    yield from _of_conditions(after)
+    arm = after.problem.model.arm
+    yield from whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
+    yield from records.conditions.odd_temperatures(arm.reference_temperature)
+    yield from _of_torques(after)
+    for j in np.flatnonzero(arm.chain.prismatic) + 1:
+        joint = {"joint": int(j)}
+        yield Note("slide_units", joint)
+        if not (records.known.any() or records.lengths()):
+            yield Note("slide_scale_exact", joint)
     observations = after.observations
     tips = after.point.prediction.tips
     differences = []
@@ -349,19 +357,6 @@ def notes_of_records(after: Fit) -> Iterator[Note]:
     middle = float(np.median(differences)) if differences else 0.0
     if abs(middle) >= OTHER_DIAMETER:
         yield Note("sphere_diameters", {"off": middle})
-
-
-def _of_conditions(after: Fit) -> Iterator[Note]:
-    arm = after.problem.model.arm
-    records = after.problem.measurements
-    yield from whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
-    yield from records.conditions.odd_temperatures(arm.reference_temperature)
-    yield from _of_torques(after)
-    for j in np.flatnonzero(arm.chain.prismatic) + 1:
-        joint = {"joint": int(j)}
-        yield Note("slide_units", joint)
-        if not (records.known.any() or records.lengths()):
-            yield Note("slide_scale_exact", joint)
 
 
 def _of_calibrated_arm(after: Fit) -> Iterator[Note]:

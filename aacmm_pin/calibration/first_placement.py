@@ -9,6 +9,7 @@ linear in the same way.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -68,18 +69,16 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
     positions = _Positions.of(
         tips[stating], records.reference[stating], by_offset[stating], problem.external
     )
-    place = (
-        _nearest(positions, [])
-        if problem.external
-        else _weighted([positions], np.eye(3), turning=False)
-    )
-    if problem.external and problem.turns and problem.targets:
-        together = _nearest(positions, [_Turns.of(problem, positions.spread)])
-        near, nearest = (
-            np.median(positions.distances(*candidate[:2])) for candidate in (together, place)
-        )
-        place = together if near < NEARER * nearest else place
-    solution, _ = positions.solved(*place[:2])
+    if not problem.external:
+        place = _weighted([positions], np.eye(3), turning=False)
+    else:
+        place = _nearest([positions])
+        if problem.turns and problem.targets:
+            together = _nearest([positions, _Turns.of(problem, positions.spread)])
+            near = np.median(positions.distances(together.rotation, together.weights))
+            nearest = np.median(positions.distances(place.rotation, place.weights))
+            place = together if near < NEARER * nearest else place
+    solution, _ = positions.solved(place.rotation, place.weights)
     offsets, shift = np.split(solution, [by_offset.shape[2]])
     rotation = place.rotation.T
     return Frame(rotation, positions.middle + (rotation @ shift if shift.size else 0.0)), offsets
@@ -185,8 +184,7 @@ class _Turns:
         return self.by_rotation - mean[self.target]
 
 
-def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
-    parts: list[_Positions | _Turns] = [positions, *turns]
+def _nearest(parts: Sequence[_Positions | _Turns]) -> _Place:
     form = _sum([part.form(np.ones(part.n)) for part in parts])
     cube = scipy.spatial.transform.Rotation.create_group("O").as_matrix()
     rotations, values = _descended(form, cube)
@@ -194,13 +192,13 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
     for rotation in rotations[np.argsort(values)]:
         if all(np.linalg.norm(rotation - other) > ROTATION_TOLERANCE for other in distinct):
             distinct.append(rotation)
-    return min(
-        (_weighted(parts, rotation) for rotation in distinct[:BASINS]),
-        key=lambda place: place.total,
-    )
+    places = [_weighted(parts, rotation) for rotation in distinct[:BASINS]]
+    return min(places, key=lambda place: place.total)
 
 
-def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: bool = True) -> _Place:
+def _weighted(
+    parts: Sequence[_Positions | _Turns], rotation: Array, *, turning: bool = True
+) -> _Place:
     """Weighted anew by the inverse distances (Weiszfeld)."""
     weights = [np.ones(part.n) for part in parts]
     before = np.inf

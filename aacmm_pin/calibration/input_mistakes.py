@@ -92,7 +92,9 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         _require_no_mistake_in_a_session(problem)
         _require_no_mistake(problem, np.inf, thorough=True, options=True)
         raise
-    if _far_in_a_session(after):
+    distances = pd.Series(np.linalg.norm(after.system.deviation, axis=1))
+    session = problem.measurements.conditions.session
+    if session is not None and (distances.groupby(session).median() >= FAR).any():
         _require_no_mistake_in_a_session(problem)
     travel = _travel(problem) if after.scatter > FAR else np.inf
     unlike = after.scatter > UNLIKE * travel
@@ -181,12 +183,6 @@ def _shifted_rows(after: Fit) -> Iterator[Note]:
         if np.mean(shifted < SHIFTED_REMAINS * stated) > MOST_OF_ROWS:
             data = {"rows": records.row[inside].tolist(), "where": where}
             yield Note("some_rows_shifted", data)
-
-
-def _far_in_a_session(after: Fit) -> bool:
-    distances = pd.Series(np.linalg.norm(after.system.deviation, axis=1))
-    session = after.problem.measurements.conditions.session
-    return session is not None and bool((distances.groupby(session).median() >= FAR).any())
 
 
 def _by_session(problem: Problem) -> list[Problem]:

@@ -129,21 +129,19 @@ class Columns:
 
     def bends(self, x: Array) -> bool:
         """Whether any effect is elastic with the values ``x`` (p,)."""
-        values = [x[entries] for _, entries in self._elastic]
-        return any(effect.elastic for effect in self.given) or any(map(np.any, values))
+        bends = [x[entries].any() for _, entries in self._elastic]
+        return any(bends) or any(effect.elastic for effect in self.given)
 
     def at(self, x: Array) -> State:
         """The arm with all effects, at the values ``x`` (p,)."""
         state = replace(self.state, twists=self._twists(x, False))
         elastic = [effect for effect in self.given if effect.elastic]
-        elastic += [
-            effect.at(tuple(x[entries])) for effect, entries in self._elastic if x[entries].any()
-        ]
-        state = static_equilibrium(elastic, state) if elastic else state
+        elastic += [effect.at(x[entries]) for effect, entries in self._elastic if x[entries].any()]
+        state = static_equilibrium(elastic, state)
         of_reference = self._twists(x, True)
-        return (
-            replace(state, twists=_sum(dict(state.twists), of_reference)) if of_reference else state
-        )
+        if not of_reference:
+            return state
+        return replace(state, twists=_sum(dict(state.twists), of_reference))
 
     def jacobian(self, state: State, more: int = 0) -> Array:
         """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; turns as in
@@ -180,7 +178,7 @@ class Columns:
         for effect, entries in self.vector:
             is_linear = effect.elastic or type(effect).exact is Effect.exact
             if not is_linear and effect.of_reference == of_reference and x[entries].any():
-                for place, twist in effect.at(tuple(x[entries])).exact(self.state):
+                for place, twist in effect.at(x[entries]).exact(self.state):
                     _sum(twists, {place: twist})
         return twists
 

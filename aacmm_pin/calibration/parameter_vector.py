@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -58,13 +59,8 @@ class ParameterVector:
     @cached_property
     def slices(self) -> tuple[slice, ...]:
         """The entries of each effect."""
-        slices = []
-        start = 0
-        for effect in self.effects:
-            end = start + len(effect.terms)
-            slices.append(slice(start, end))
-            start = end
-        return tuple(slices)
+        ends = accumulate((len(effect.terms) for effect in self.effects), initial=0)
+        return tuple(slice(*pair) for pair in pairwise(ends))
 
     def __iter__(self) -> Iterator[tuple[Effect, slice]]:
         return zip(self.effects, self.slices, strict=True)
@@ -98,8 +94,7 @@ class ParameterVector:
         """The arm's parameter that each entry changes; None if it is not geometric."""
         parameters: list[Parameter | None] = []
         for effect in self.effects:
-            own_parameters = geometric_parameters(self.arm, effect)
-            parameters += own_parameters or [None] * len(effect.terms)
+            parameters += geometric_parameters(self.arm, effect) or [None] * len(effect.terms)
         return tuple(parameters)
 
     @property
@@ -126,16 +121,13 @@ class ParameterVector:
     @property
     def stated_values(self) -> Array:
         """The arm's value of each entry, to which the effect's adds (p,); 0 if not geometric."""
-        values = [0.0 if p is None else p.value for p in self.arm_parameters]
-        return np.array(values)
+        return np.array([0.0 if p is None else p.value for p in self.arm_parameters])
 
     @cached_property
     def stated_u(self) -> Array:
         """The arm's standard uncertainty of each entry (p,); 0 if not geometric."""
-        u = [0.0 if p is None else p.u for p in self.arm_parameters]
-        return np.array(u)
+        return np.array([0.0 if p is None else p.u for p in self.arm_parameters])
 
     def at(self, x: Array) -> tuple[Effect, ...]:
         """The effects with values ``x`` (p,)."""
-        effects = [effect.at(tuple(x[entries])) for effect, entries in self]
-        return tuple(effects)
+        return tuple(effect.at(x[entries]) for effect, entries in self)

@@ -211,7 +211,7 @@ class Problem:
         """Derivative of each record's target by the readings (n, 3 or 6, nq) [m/rad], in the axes
         of the references, by the nominal arm with targets at the values ``x`` (p,).
         """
-        effects = [*self.model.effects, *(e.at(tuple(x[entries])) for e, entries in self.vector)]
+        effects = (*self.model.effects, *self.vector.at(x))
         of_targets = [effect for effect in effects if isinstance(effect, StylusOffset)]
         state = Columns.of(self._drawn, (), of_targets).at(np.zeros(0))
         shifts, turns = self.model.arm.chain.jacobian(state.rotation, state.origin, state.position)

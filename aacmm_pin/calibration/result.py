@@ -163,11 +163,10 @@ class Calibration(Shown):
         table = pd.DataFrame({"parameter": vector.names, "unit": units})
         table["unit"] = table["unit"].replace("m", "mm")
         factor = np.where(table["unit"] == "mm", MM, 1.0)
-        table["before"] = before / factor
-        table["after"] = (before + change) / factor
-        table["change"] = change / factor
-        table["u"] = u / factor
-        table["U"] = COVERAGE_FACTOR * u / factor
+        expanded = COVERAGE_FACTOR * u
+        values = {"before": before, "after": before + change, "change": change, "u": u}
+        for name, value in (values | {"U": expanded}).items():
+            table[name] = value / factor
         as_stated = problem.stated & (u > UNCHANGED * problem.widths)
         hardly = u > np.where(problem.stated, LESS, HARDLY_KNOWN) * problem.widths
         ways = ["in combination", "as stated", "hardly"]

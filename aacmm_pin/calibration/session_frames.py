@@ -59,15 +59,15 @@ def in_first_frame(
 def _in_one_frame(
     model: ErrorModel, records: Measurements, setup: Setup
 ) -> tuple[Measurements, Setup]:
-    first, *others = sessions_of(records)
-    stated = records.conditions.require("session", "reference frame")
+    labels = sessions_of(records)
+    stated = records.conditions.labels("session")
     records = _without_frames(records)
-    session = records.conditions.require("session", "reference frame")
+    session = records.conditions.labels("session")
     frames = {}
-    for label in (first, *others):
+    for label in labels:
         alone = replace(records.take(session == label), source=f"{records.source}: session {label}")
         frames[label] = _registration(model, alone, setup)
-    stays = frames.pop(first)
+    stays = frames.pop(labels[0])
     moved = {}
     for label, frame in frames.items():
         of_session = session == label
@@ -86,9 +86,8 @@ def _without_frames(records: Measurements) -> Measurements:
     none.
     """
     conditions = records.conditions
-    session = conditions.require("session", "reference frame").copy()
-    stated = session.copy()
-    session[~records.placed] = ""
+    stated = conditions.labels("session")
+    session = np.where(records.placed, stated, "")
     for rows in records.seats().values():
         placed = rows[records.placed[rows]]
         if placed.size:

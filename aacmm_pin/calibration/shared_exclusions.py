@@ -316,7 +316,8 @@ def round_excluded(fit: Fit, residuals: Array) -> Shared | None:
     residuals = residuals / size[:, None]
     tips = fit.problem.model.arm.positions(fit.problem.measurements.q) / MM
     place = Scale("place", "the tip", tips)
-    sizes = np.array([size for size in NEIGHBOURS if 2 * size <= has_target.sum()], dtype=np.intp)
+    sizes = np.array(NEIGHBOURS)
+    sizes = sizes[2 * sizes <= has_target.sum()]
     best = None
     for centre in np.flatnonzero(out) if sizes.size else ():
         distance = np.where(has_target, np.linalg.norm(tips - tips[centre], axis=1), np.inf)

@@ -143,11 +143,10 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     x = problem.start
     stating = problem.measurements.known
     prediction = problem.predict(x, frame)
-    entries = [
-        np.r_[entries] for effect, entries in problem.vector if isinstance(effect, StylusOffset)
-    ]
-    offsets = np.concatenate([np.arange(0), *entries])
-    offsets = offsets[~problem.stated[offsets]]
+    is_offset = np.zeros(x.size, dtype=bool)
+    for effect, entries in problem.vector:
+        is_offset[entries] = isinstance(effect, StylusOffset)
+    offsets = np.flatnonzero(is_offset & ~problem.stated)
     tips = prediction.tips
     enough = stating.sum() >= FEWEST_PLACED
     at, stated = tips[stating], problem.measurements.reference[stating]
