@@ -58,7 +58,7 @@ class Arm(Shown):
     """A serial arm with its Pinocchio model and, if available, its DH table.
 
     Attributes:
-        name: name of the arm in titles and messages.
+        name: name in titles and messages.
         model: Pinocchio model, which you must not change.
         tip: name of the frame whose origin is the tip.
         limits: joint limits ``(nq, 2)`` [rad].
@@ -101,22 +101,18 @@ class Arm(Shown):
 
     @property
     def without_uncertainty(self) -> tuple[str, ...]:
-        """The names of the geometric parameters without stated uncertainty, which count as
-        exact.
-        """
+        """The geometric parameters without stated uncertainty, which count as exact."""
         exact = (p for p in self.parameters if p.half_width is None and p.u == 0)
         return tuple(parameter.name for parameter in exact)
 
     @property
     def unexplained(self) -> str:
-        """The structure that the last calibration or diagnosis did not explain, as text."""
+        """The structure that the last calibration or diagnosis did not explain."""
         return "" if self.file is None else self.file.unexplained
 
     @property
     def tip_on_target(self) -> bool:
-        """True if a calibration estimated the place of the target on the last body, and moved the
-        tip there.
-        """
+        """True if a calibration moved the tip to the estimated place of the target."""
         return self.file is not None and self.file.tip_on_target
 
     @staticmethod
@@ -376,9 +372,7 @@ class Arm(Shown):
         return by_angles @ self.coupling_matrix if self.couplings else by_angles
 
     def with_unexplained(self, text: str) -> Arm:
-        """Return the arm whose file states the structure that no cause explained, perhaps
-        shortened.
-        """
+        """Return the arm whose file states structure that no cause explained, perhaps shortened."""
         short = textwrap.shorten(text, MOST_UNEXPLAINED, placeholder=" …")
         return replace(
             self,
@@ -392,7 +386,7 @@ class Arm(Shown):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The names of all joints from the base to the tip, including joints that follow others."""
+        """All joints from the base to the tip, including joints that follow others."""
         return tuple(self.model.names[1:])
 
     @property
@@ -450,9 +444,7 @@ class Arm(Shown):
 
     @cached_property
     def masses(self) -> Array | None:
-        """The mass of the body after each ``axis`` of the chain, ``(rows,)`` [kg]; None without
-        masses.
-        """
+        """The mass of the body after each ``axis``, ``(rows,)`` [kg]; None without masses."""
         masses = np.array([inertia.mass for inertia in self.model.inertias.tolist()[1:]])
         return self._over_rows(masses) if masses.any() else None
 
@@ -568,9 +560,7 @@ class Arm(Shown):
         return self._chain_to(at)
 
     def _on_axis(self, joint: int, point: Array) -> Array:
-        """A point (3,) [m] of the frame of Pinocchio's ``joint``, from 0, in the axes of its
-        place.
-        """
+        """A point (3,) [m] of the frame of a joint (from 0), in the axes of its place."""
         turned = onto_z(self.joint_axes[joint]).T @ point
         if self.dh is not None and not self.dh.standard:
             turned[2] -= self.dh.d[self.dh.moving][joint]
@@ -697,7 +687,7 @@ GivenArm = Arm | str | Path
 
 
 def as_arm(given: object, name: str = "arm") -> Arm:
-    """An arm itself, or that of a name or path.
+    """An arm itself, or by name or path.
 
     Raises:
         UnknownNameError, ArmFileError: see :meth:`Arm.load`.

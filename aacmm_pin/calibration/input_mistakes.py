@@ -266,10 +266,10 @@ def _require_no_mistake(
 
     Args:
         fitted: median distance after a fit, infinite without one [m].
-        thorough: try two mistakes, and several signs and zeros, too.
+        thorough: try two mistakes, and several signs and zeros.
         options: try options that were left out. Geometry may take up the numbers that they leave
             open: a tip that is off by a length of the last row is no mistake.
-        after: a fit, for one wrong value of the arm before options.
+        after: a fit, for one wrong value of the arm.
     """
     if problem.setup.frame_of_session:
         problem = _of_first_session(problem)
@@ -408,8 +408,8 @@ def _median(deviation: Array) -> float:
 
 
 class _Misfits:
-    """Distances of tips and targets by the arm as described, with frame and targets unknown,
-    without some mistakes. Tips, and what was touched, are computed once.
+    """Distances by the arm as described, with frame and targets unknown, without some mistakes.
+    Tips, and what was touched, are computed once.
     """
 
     def __init__(self, problem: Problem) -> None:

@@ -53,8 +53,8 @@ class Columns:
     """Effects on the records of one arm.
 
     Attributes:
-        state: the nominal arm.
-        vector: the parameters of the effects.
+        state: of the nominal arm.
+        vector: of the effects.
         given: other effects, with constant values.
     """
 
@@ -122,9 +122,7 @@ class Columns:
 
     @property
     def alike(self) -> Index:
-        """Numbers of the parameters that displace a place of the arm by the same twist in every
-        record.
-        """
+        """Numbers of the parameters that displace the arm by the same twist in every record."""
         return np.unique(self.same.number[~self.same.of_reference])
 
     def bends(self, x: Array) -> bool:
@@ -144,8 +142,8 @@ class Columns:
         return replace(state, twists=_sum(dict(state.twists), of_reference))
 
     def jacobian(self, state: State, more: int = 0) -> Array:
-        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; turns as in
-        :func:`aacmm_pin.effects.sensitivity`. Behind them are so many zero columns ``more``.
+        """:func:`aacmm_pin.effects.sensitivity` of all parameters in ``state``, and so many zero
+        columns ``more``.
         """
         total = np.zeros((state.coordinates, self.vector.size + more, state.n)).transpose(2, 0, 1)
         if self.same.place.size:

@@ -55,9 +55,7 @@ ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
 
 
 class UnitSteps(NamedTuple):
-    """Steps of unit variance that span all of which something is known (p, k), and the residual
-    along each (k,).
-    """
+    """Steps of unit variance along all that is known (p, k), and the residual along each (k,)."""
 
     steps: Array
     along: Array
@@ -75,7 +73,7 @@ class UnitSteps(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known of the parameters beforehand.
+    """What is known beforehand.
 
     Attributes:
         rows: whitened, the residual last (k, p + 1) [scales].
@@ -176,7 +174,7 @@ class LinearModel:
 
     @property
     def determined(self) -> float:
-        """How many parameters the rows determine, beyond their prior."""
+        """How many parameters the rows determine beyond the prior."""
         steps = self.solution.steps
         by_prior = np.square(self.prior.rows[:, :-1] @ steps).sum()
         return float(steps.shape[1] - by_prior)
@@ -194,8 +192,8 @@ class LinearModel:
 
 
 def normal_solution(information: Array, gradient: Array) -> UnitSteps | None:
-    """From products of the columns with one another (p, p) and the residual (p,); None if some
-    directions are hardly known.
+    """From products of the columns with one another (p, p) and the residual (p,); None for hardly
+    known directions.
     """
     lengths = np.sqrt(np.diagonal(information))
     if not (lengths.size and (lengths > MOVABLE).all()):
@@ -245,7 +243,7 @@ class BoundedStep(NamedTuple):
 
     Attributes:
         parameters: (p,) [units].
-        length: in units of the columns' lengths.
+        length: in lengths of the columns.
         predicted: how much it lowers χ² of a linear problem.
         reduction: how much the Gauss–Newton step does.
     """
@@ -323,9 +321,7 @@ def inverse_of_factor(factor: Array) -> Array:
 
 
 def solve_lower(factor: Array, right: Array) -> Array:
-    """``L⁻¹ R``, row by row in memory: as ``Rᵀ L⁻ᵀ``, half the time of LAPACK's solver with its
-    copies.
-    """
+    """``L⁻¹ R``, row by row in memory: as ``Rᵀ L⁻ᵀ``, in half the time of LAPACK's solver."""
     rows = np.ascontiguousarray(right).T
     solved = dtrsm(1.0, factor.T, rows, side=1, lower=0, overwrite_b=False)
     return np.asarray(solved.T)

@@ -51,7 +51,7 @@ class SeatElimination:
 
     @property
     def cost(self) -> float:
-        """χ² of stated coordinates and relations with the seats where they are."""
+        """χ² of stated coordinates and relations at these points."""
         of_ties = np.square(self._seat_residual).sum() + np.square(self._relation_residual).sum()
         return float(of_ties)
 
@@ -91,12 +91,11 @@ class SeatElimination:
         return sums.reshape(len(sums), *shape)
 
     def eliminated(self, rows: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Whitened rows (n, 3 or 6, c) with the seats at their best; the last column is the
-        residual.
+        """Whitened rows (n, 3 or 6, c), the residual last, with the seats at their best.
 
         Returns:
-            ``Qᵀ R`` (s, 3, c); and the records' rows (n, 3 or 6, c), in place, the seats' own (s,
-                3, c), and one for each relation (b, c).
+            ``Qᵀ R`` (s, 3, c); and rows of the records (n, 3 or 6, c), in place, of the seats (s,
+                3, c), and of relations (b, c).
         """
         along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
         ties = np.zeros_like(along)
@@ -113,8 +112,8 @@ class SeatElimination:
         return self._seat_sums(projected, places)
 
     def squares(self, along: Array, seats: Index, relations: Index) -> tuple[Array, Array]:
-        """Rows whose squares some ``seats`` and ``relations`` add to those of the records, and take
-        from them (m, c). ``along``: ``Qᵀ R`` of all records (s, 3, c), the residual last.
+        """Rows whose squares some seats and relations add to those of the records, and take from
+        them (m, c). ``along``: ``Qᵀ R`` of all records (s, 3, c), the residual last.
         """
         ties = self._seat_residual
         along = along.copy()
@@ -191,12 +190,12 @@ class Linearisation(LinearModel):
 
     Attributes:
         distance: squared Mahalanobis distance of each tip from its target (n,); NaN without one.
-        turn_distance: of each rotation from the stated orientation, given the tip's deviation (n,);
-            NaN without one.
+        turn_distance: of each rotation from the stated one, given the tip's deviation (n,); NaN
+            without one.
         deviations: tip minus target (n, 3) [m], NaN without one; with orientations (n, 6), then the
             rotation from the stated one [rad], zero without one.
         free: rows less the coordinates of seats that they determine.
-        seats_cost: χ² with the seats where they are, without the prior.
+        seats_cost: χ² with the seats at these points, without the prior.
         along_seats: what the elimination took out of the rows (s, 3, p + 1).
     """
 
@@ -223,9 +222,7 @@ class Linearisation(LinearModel):
 def linearise(
     prediction: Prediction, prior: Prior, noise: NoiseModel, points: Array, weights: Array
 ) -> Linearisation:
-    """The linear model of a prediction, with the seats at ``points`` (s, 3) [m] and ``weights`` of
-    the records (n,), 1 for full.
-    """
+    """The linear model with the seats at ``points`` (s, 3) [m] and ``weights`` of records (n,)."""
     observations = noise.observations
     p = prediction.jacobian.shape[2]
     has_target = observations.has_target

@@ -77,9 +77,9 @@ class NoiseModel:
     Attributes:
         tips: covariance of each tip in the frame of the references, by its reading and the scatter
             (n, 3, 3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
-        by_reading: displacement of each tip by one standard uncertainty of each reading (n, 3 or 6,
-            nq) [m, rad]; (n, 3 or 6, 0) where readings have no noise.
-        together: records that share a reading, see :func:`one_reading`.
+        by_reading: displacement of each tip by one u of each reading (n, 3 or 6, nq) [m, rad]; (n,
+            3 or 6, 0) if readings have no noise.
+        together: see :func:`one_reading`.
     """
 
     scatters: Scatters
@@ -97,10 +97,10 @@ class NoiseModel:
         observations: Observations | None = None,
         seats: Array | None = None,
     ) -> NoiseModel:
-        """The noise of a problem's records.
+        """The noise of the records.
 
         Args:
-            x: values of its parameters (p,), which place the targets that readings move.
+            x: parameters (p,), which place the targets that readings move.
             observations: if already there.
             seats: points (s, 3) [m], for the normals of surfaces; None: by the tips.
         """
@@ -124,9 +124,7 @@ class NoiseModel:
         return NoiseModel(scatters, observations, tips, by_reading, together)
 
     def correlation(self, whitening: Array) -> Correlation:
-        """Of residuals whitened by these (n, 3, 3), or (n, 6, 6); zero for a record that does not
-        count.
-        """
+        """Of residuals whitened by these (n, 3, 3), or (n, 6, 6); zero does not count."""
         width = whitening.shape[2]
         return Correlation.of(self.together, whitening @ self.by_reading[:, :width])
 
@@ -137,8 +135,8 @@ class NoiseModel:
 
     @cached_property
     def whitening(self) -> Array:
-        """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6); zero for turns that
-        are not stated, and along a sphere. A triangle: turns do not change the first three numbers.
+        """To unit variance (n, 3, 3) [1/m], or (n, 6, 6); zero for turns that are not stated, and
+        along a sphere. A triangle: turns do not change the first three numbers.
         """
         whitening = np.linalg.inv(np.linalg.cholesky(self.of_residuals))
         whitening[~self.observations.oriented, 3:] = 0.0
@@ -223,7 +221,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
 
 
 def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> Iterator[Note]:
-    """Seats and bars whose stated coordinates are farther apart than their noise allows."""
+    """Seats and bars with stated coordinates farther apart than their noise allows."""
     u = reference_u(measurements, setup, max(scatters.tip, scatters.seat))
     placed = measurements.placed
     seat, labels = _numbered(measurements)

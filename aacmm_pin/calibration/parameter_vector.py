@@ -32,9 +32,7 @@ DH_KIND_OF_EFFECT: dict[type[Effect], str] = {
 
 
 def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
-    """The arm's parameters that an effect changes, in the order of its terms; none if it is not
-    geometric.
-    """
+    """The arm's parameters that an effect changes, in the order of its terms."""
     if isinstance(effect, JointPlacement):
         return [p for p in arm.parameters if p.joint == effect.joint]
     kind = DH_KIND_OF_EFFECT.get(type(effect))
@@ -66,7 +64,7 @@ class ParameterVector:
         return zip(self.effects, self.slices, strict=True)
 
     def of_sessions(self) -> Iterator[tuple[str, slice]]:
-        """Labels of the sessions with unknown frames of references, and their entries."""
+        """Sessions with unknown frames of references, and their entries."""
         for effect, entries in self:
             if isinstance(effect, ReferenceFrame) and effect.session is not None:
                 yield effect.session, entries
@@ -104,7 +102,7 @@ class ParameterVector:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The entries with name, unit and value; geometric ones by the arm's names."""
+        """Of each entry; geometric ones by the arm's names."""
         parameters: list[Parameter] = []
         for effect in self.effects:
             parameters += effect.parameters()
@@ -120,12 +118,12 @@ class ParameterVector:
 
     @property
     def stated_values(self) -> Array:
-        """The arm's value of each entry, to which the effect's adds (p,); 0 if not geometric."""
+        """The arm's values, to which the effects' add (p,); 0 if not geometric."""
         return np.array([0.0 if p is None else p.value for p in self.arm_parameters])
 
     @cached_property
     def stated_u(self) -> Array:
-        """The arm's standard uncertainty of each entry (p,); 0 if not geometric."""
+        """Standard uncertainties of the arm's values (p,); 0 if not geometric."""
         return np.array([0.0 if p is None else p.u for p in self.arm_parameters])
 
     def at(self, x: Array) -> tuple[Effect, ...]:

@@ -61,7 +61,7 @@ def problem_of(
     """The unknowns that ``parameters`` names, and those of the set-up (target, frame).
 
     Raises:
-        AacmmError: the same twice.
+        AacmmError: a parameter occurs twice.
     """
     items = [parameters] if isinstance(parameters, str) else list(parameters)
     named_causes = {item.label for item in items if isinstance(item, Effect)}
@@ -124,9 +124,7 @@ def problem_of(
 
 
 def named_parameters(arm: Arm, items: Iterable[str | Effect]) -> dict[str, list[str]]:
-    """Names of geometric parameters that each name or pattern, such as ``theta_offset*``, stands
-    for.
-    """
+    """Geometric parameters that each name or pattern, such as ``theta_offset*``, stands for."""
     names = [parameter.name for parameter in arm.parameters]
     matches = {item: fnmatch.filter(names, item) for item in items if isinstance(item, str)}
     return {item: those for item, those in matches.items() if those}
@@ -236,7 +234,7 @@ def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
 
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
-    """Whether an effect is the place of a target of the records without a u that counts."""
+    """Whether it is the place of a target of the records, without a u that counts."""
     labels = {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
     return effect.label in labels and not _is_known_place(effect, setup)
 
@@ -250,9 +248,7 @@ def known_places(model: ErrorModel, measurements: Measurements, setup: Setup) ->
 def unused_places(
     model: ErrorModel, measurements: Measurements, setup: Setup, asked: Collection[str]
 ) -> list[str]:
-    """Labels of the places of markers that are estimated anew for want of a u, unless ``asked``
-    for.
-    """
+    """Labels of the places of markers that are estimated anew for want of a u."""
     if not setup.prior:
         return []
     targets = [effect for effect in model.effects if is_reestimated(effect, setup, measurements)]

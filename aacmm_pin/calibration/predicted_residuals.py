@@ -13,8 +13,8 @@ ROUNDING_OF_PRODUCTS = 1e-12
 
 
 def predicted_rms(at: Fit) -> float:
-    """RMS distance of tip and target that the stated uncertainties predict after a fit [m]; nan if
-    the arm states no uncertainty, or no record has a target.
+    """RMS distance of tip and target that the stated uncertainties predict after a fit [m]; nan
+    without uncertainties of the arm, or targets.
 
     The fit takes a part of the errors: with the columns A of parameters and seats, weights W and
     ``C = (Aᵀ W A + P)⁻¹`` of ISO/IEC Guide 98-3 (JCGM 100:2008, eq. 13) for ``e - A C Aᵀ W e``, e

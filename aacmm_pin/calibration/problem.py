@@ -81,8 +81,8 @@ class Prediction:
     """Tips in the frame of the references, and their derivative.
 
     Attributes:
-        poses: tips (n, 3) [m]; with orientations (n, 6), then the turn from the stated orientation
-            to the target's, in the axes of the references, zero where none is stated [rad].
+        poses: tips (n, 3) [m]; with orientations (n, 6), then the turn from the stated one to the
+            target's, in the axes of the references, zero if none is stated [rad].
         jacobian: by the unknown parameters, then the base's twist if the frame is unknown, then the
             turns of the targets (n, 3 or 6, p) [m/unit, rad/unit].
     """
@@ -101,14 +101,13 @@ class Problem:
     """An arm, its records, and which effects have unknown values.
 
     Attributes:
-        model: what stays as it is.
+        model: what stays.
         vector: the unknown parameters, without the frame; the search starts at their values.
-        widths: how far each parameter may be off before anything was measured (p,) [units].
+        widths: how far each parameter may be off beforehand (p,) [units].
         stated: whether that is a stated standard uncertainty, not a wide bound (p,).
         correlation: of the stated widths (p, p).
         known_from: fingerprints of the records behind the arm's file.
-        targets: labels of the targets whose orientation on the tip is unknown; their turns are the
-            last columns.
+        targets: labels of targets with unknown orientation; their turns are the last columns.
         asked: sets and names of parameters, and causes.
         candidates: number of the last effects, which a search may give up again.
         held: directions in which the parameters stay at their start (k, p) [widths].
@@ -139,7 +138,7 @@ class Problem:
 
     @property
     def external(self) -> bool:
-        """Whether the frame of the references is unknown; its six columns come last."""
+        """Whether the frame of the references is unknown."""
         return self.setup.external
 
     @property
@@ -208,8 +207,8 @@ class Problem:
         return Columns.of(self._drawn, self.vector.effects, self.model.effects)
 
     def reading_jacobian(self, x: Array, frame: Frame) -> Array:
-        """Derivative of each record's target by the readings (n, 3 or 6, nq) [m/rad], in the axes
-        of the references, by the nominal arm with targets at the values ``x`` (p,).
+        """∂(target)/∂(readings) (n, 3 or 6, nq) [m/rad] in the axes of the references, by the
+        nominal arm with targets at the values ``x`` (p,).
         """
         effects = (*self.model.effects, *self.vector.at(x))
         of_targets = [effect for effect in effects if isinstance(effect, StylusOffset)]
@@ -292,9 +291,8 @@ class Problem:
         return self._columns.bends(x)
 
     def elastic_jacobian_correction(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
-        """What the derivative of the poses leaves out: a displaced arm bends otherwise (n, 3 or 6,
-        columns) [m/unit]. Only for parameters that displace all records alike: others hardly
-        matter.
+        """What the derivative leaves out: a displaced arm bends otherwise (n, 3 or 6, columns)
+        [m/unit]. Only for parameters that displace all records alike: others hardly matter.
         """
         correction = np.zeros_like(prediction.jacobian)
         for k in self._columns.alike:
@@ -322,11 +320,9 @@ def inverse_distances(distance: Array) -> Array:
 
 
 def registered(tips: Array, references: Array) -> Frame:
-    """The frame with the least sum of distances of ``tips`` and ``references`` (n, 3), robust to
-    gross errors.
-
-    Kabsch's solution (Acta Cryst. A32, 1976), weighted anew; for fewer than three records with the
-    least rotation.
+    """The frame with the least sum of distances of ``tips`` and ``references`` (n, 3): Kabsch's
+    solution (Acta Cryst. A32, 1976), weighted anew; for fewer than three records with the least
+    rotation.
     """
     weights = np.ones(len(tips))
     before = np.inf

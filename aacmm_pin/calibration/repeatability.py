@@ -43,12 +43,11 @@ class Repeatability(Shown):
 
     Attributes:
         posture: number of the posture of each repeat (n,), from 0.
-        deviations: tip, by the repeat's own readings, minus target, minus the mean of its posture
-            (n, 3) [m].
+        deviations: tip minus target, minus the mean of its posture (n, 3) [m].
         clock: time of each repeat (n,) [s], or its line in the file.
         residuals: tip minus target of all used records after calibration (k, 3) [m].
         reference_u: stated standard uncertainty of a reference coordinate, RMS over the repeats
-            [m]; nan if it is not stated, or if the reference is that of a seat.
+            [m]; nan if not stated, or of a seat.
     """
 
     posture: Index
@@ -123,8 +122,8 @@ class Repeatability(Shown):
 
 
 def repeatability_of(fit: Fit) -> Repeatability | None:
-    """What the used records of a fit show; None without repeats. Contacts with spheres and planes
-    do not count, because only their normal is measured.
+    """None without repeats. Contacts with spheres and planes do not count, because only their
+    normal is measured.
     """
     records, conditions = fit.problem.measurements, fit.problem.measurements.conditions
     seat = None if conditions.seat is None else np.where(records.placed, "", conditions.seat)

@@ -39,10 +39,8 @@ def in_first_frame(
     model: ErrorModel, records: Measurements, setup: Setup
 ) -> tuple[Measurements, Setup]:
     """The records with all references in the frame of the first session, if each has its own, and
-    probe directions in that of the base; and the set-up.
-
-    Sessions are registered with the tips of the arm as described; the rotation that this leaves is
-    nothing beside a deflection.
+    probe directions in that of the base; and the set-up. Tips of the arm as described register the
+    sessions; the rotation that this leaves is nothing beside a deflection.
 
     Raises:
         AacmmError: a record with a reference has no session, or a session too few references for a
@@ -96,8 +94,8 @@ def _without_frames(records: Measurements) -> Measurements:
 
 
 def session_notes(fit: Fit) -> Iterator[Note]:
-    """Whether the frame of each session is another, or agrees with the first, by the Mahalanobis
-    distance of the estimated displacement from zero.
+    """Whether the frame of each session agrees with the first, by the Mahalanobis distance of the
+    estimated displacement from zero.
     """
     moved = fit.problem.setup.moved_frames
     for session, entries in fit.problem.vector.of_sessions():

@@ -28,10 +28,10 @@ class Setup:
 
     Attributes:
         encoder_noise: of each joint (nq,) [rad].
-        moved_frames: rotation (3, 3) and shift (3,) [m] that brought the references of a session,
-            by its label, into the frame of the first.
-        held: the largest length of an arm, which stays as stated if the records have neither
-            coordinates nor lengths.
+        moved_frames: rotation (3, 3) and shift (3,) [m] that brought the references of each session
+            into the frame of the first.
+        held: the largest length of an arm, which stays if the records have neither coordinates nor
+            lengths.
 
     Raises:
         UnknownNameError: no such frame or target.
@@ -72,9 +72,7 @@ class Setup:
         probe_noise: float | None = None,
         length_noise: float | None = None,
     ) -> Setup:
-        """From the keywords of the public functions; the default noise of the encoders is the
-        arm's.
-        """
+        """From the keywords of public functions; the default encoder noise is the arm's."""
         encoder = arm.encoder_noise
         if encoder_noise is not None:
             stated = np.asarray(encoder_noise, dtype=np.float64)

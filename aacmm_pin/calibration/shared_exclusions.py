@@ -39,7 +39,7 @@ class Shared:
 
     Attributes:
         p_value: chance if gross errors are scattered, over all covariates.
-        where: values of the covariate there, in words.
+        where: in words.
         excluded, records: numbers of records there.
         of: number of all excluded records.
     """
@@ -82,11 +82,7 @@ class Narrowed:
 
 @dataclass(frozen=True)
 class Exclusions:
-    """Whether excluded records are gross errors of single records.
-
-    Attributes:
-        narrowed: joints that excluded records alone moved over most of the range.
-    """
+    """Whether excluded records are gross errors of single records."""
 
     excluded: int
     used: int
@@ -149,8 +145,8 @@ def _narrowed(fit: Fit) -> Iterator[Narrowed]:
 
 
 def shared_by(fit: Fit) -> Shared | None:
-    """What the excluded records share that the used ones do not; None if nothing. A label says
-    most, then the stretch of time, then the smallest chance.
+    """What the excluded records share and the used ones do not. A label says most, then time, then
+    the smallest chance.
     """
     arm = fit.problem.model.arm
     unlikely = clusters(arm, fit.problem.measurements, fit.excluded, fit.used)
@@ -210,9 +206,8 @@ class Scale(NamedTuple):
 
 
 def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> list[Cluster]:
-    """By each scale, the neighbours with ``excluded`` records (n,) and few ``used`` ones whose
-    chance is less than :data:`TOGETHER`, by Bonferroni's bound. Records of one posture share an
-    error and count once.
+    """By each scale, neighbours with many ``excluded`` records (n,), whose chance is less than
+    :data:`TOGETHER` by Bonferroni's bound. Records of one posture share an error and count once.
     """
     postures = records.postures
     single = np.zeros(records.n, dtype=bool)
@@ -307,8 +302,7 @@ def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
 
 def round_excluded(fit: Fit, residuals: Array) -> Shared | None:
     """The ball round an excluded record in which records deviate in one direction; None if that is
-    chance. ``residuals``: of variance one beside what was found (n, 3); of excluded ones only
-    directions count.
+    chance. ``residuals``: of variance one (n, 3); of excluded ones only directions count.
     """
     out = fit.excluded
     has_target = fit.observations.has_target
@@ -336,8 +330,6 @@ def round_excluded(fit: Fit, residuals: Array) -> Shared | None:
 
 
 def as_numbers(values: Iterable[object]) -> pd.Series | None:
-    """A column as numbers; None for labels: text, or no more than :data:`MOST_LABELS` different
-    numbers.
-    """
+    """None for labels: text, or at most :data:`MOST_LABELS` different numbers."""
     numbers = pd.to_numeric(pd.Series(values), errors="coerce")
     return numbers if numbers.notna().all() and numbers.nunique() > MOST_LABELS else None

@@ -55,9 +55,7 @@ MISFIT = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where the search stands: parameters, frame, the seats' points (s, 3) [m], and the prediction
-    there.
-    """
+    """Where the search stands; ``seats`` are points (s, 3) [m]."""
 
     x: Array
     frame: Frame
@@ -108,7 +106,7 @@ class Solution:
 
     @cached_property
     def chi2(self) -> Chi2:
-        """χ², and rows that count less what the data determine of the parameters."""
+        """χ², and rows that count less the parameters that they determine."""
         residual = self.system.residual
         excluded = int(self.observations.counts[self.weights == 0.0].sum())
         return Chi2(
@@ -297,7 +295,7 @@ class _Search:
         return point, self.system(point)
 
     def seats_at_best(self, point: Point, system: Linearisation) -> tuple[Point, Linearisation]:
-        """No step of the parameters may seem to lower what the relations add to χ²."""
+        """So that no step of the parameters seems to lower what the relations add to χ²."""
         if not len(self.noise.observations.ends):
             return point, system
         still = np.zeros(self.problem.scales.size)
@@ -326,7 +324,7 @@ def solution_at(problem: Problem, noise: NoiseModel, point: Point, weights: Arra
 
 
 def chi2_of(solution: Solution, records: Mask) -> Chi2:
-    """χ² of some records (n,), prior included, with all refitted to them alone, to first order."""
+    """χ² of some records (n,) and the prior, after a fit to them alone, to first order."""
     observations = solution.observations
     seat = np.where(records, observations.seat, -1)
     one_part = np.zeros(records.size, dtype=np.intp)

@@ -17,8 +17,8 @@ def deleted_distances(solution: Solution) -> Array:
     """Squared distance of each record from where the *others* put its target, over the variance of
     both (n,); infinite without a target.
 
-    A record pulls an unknown point towards itself; without it, the point is as uncertain as the
-    others of its seat make it; bars do not count.
+    A record pulls an unknown point towards itself; without it, the others of its seat determine the
+    point; bars do not count.
     """
     observations = solution.observations
     covariance = solution.noise.of_residuals[:, :3, :3].copy()

@@ -35,8 +35,7 @@ def _variance_component(
     solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float
 ) -> float:
     """Of tips [m], or of rotations [rad] given the deviations of their tips; that of ``solution``
-    if no degrees of freedom are left. ``open_`` coordinates of seats have ``dof_of_seats`` of their
-    own.
+    without degrees of freedom. ``open_`` coordinates of seats have ``dof_of_seats``.
     """
     noise = solution.noise
     stated_noise = noise.without_scatter
@@ -113,9 +112,9 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
 
 
 def information_of_seats(solution: Solution) -> tuple[Array, Array, Array, Array]:
-    """Information on each seat (s, 3, 3) [1/m²], without relations; the diagonal by its stated
-    coordinates (s, 3); the part of each record at a seat (records, 3, 3); and the pull by its
-    deviation (records, 3, 3) [1/m²].
+    """Information on each seat (s, 3, 3) [1/m²], without relations; the diagonal by stated
+    coordinates (s, 3); the part of each record at a seat, and the pull by its deviation (records,
+    3, 3).
     """
     observations = solution.observations
     touched = np.flatnonzero(observations.seat >= 0)

@@ -44,9 +44,7 @@ SMALLEST_TRAVEL = 1e-9
 
 
 class Turned(NamedTuple):
-    """What undoes a wrong column: the sign of the angles of a joint (from 0), then an added angle
-    [°].
-    """
+    """What undoes a wrong column: the sign of the angles of a joint (from 0), then a shift [°]."""
 
     joint: int
     sign: int
@@ -54,9 +52,7 @@ class Turned(NamedTuple):
 
 
 def likely_columns(problem: Problem) -> list[tuple[Turned, ...]]:
-    """The best combinations of two joints or more, of those alike the simplest first; none without
-    references and seats.
-    """
+    """The best combinations of two joints or more, of those alike the simplest first."""
     tried = [*_combinations(problem.model.arm.chain.prismatic)]
     nq = problem.model.arm.nq
     signs = np.ones((len(tried), nq))
@@ -75,7 +71,7 @@ def likely_columns(problem: Problem) -> list[tuple[Turned, ...]]:
 
 
 def likely_orders(problem: Problem) -> list[tuple[int, ...]]:
-    """The best orders of the columns: the joint (from 0) of each column. None for many joints."""
+    """The joint (from 0) of each column, best first; none for many joints."""
     nq = problem.model.arm.nq
     if nq > MANY_JOINTS:
         return []
@@ -86,9 +82,7 @@ def likely_orders(problem: Problem) -> list[tuple[int, ...]]:
 
 
 def likely_ratios(problem: Problem) -> list[float]:
-    """For each joint the best factor of its readings, with any zeros of the joints; none without
-    references and seats.
-    """
+    """For each joint the best factor of its readings, with any zeros of the joints."""
     ratios = []
     nq = problem.model.arm.nq
     for joint in range(nq):

@@ -63,7 +63,6 @@ class WrongValue(NamedTuple):
     """What the records give instead of a value of the arm file.
 
     Attributes:
-        note: parameter, stated value and value by the records.
         errors: to be added to values of the arm file, by the name of the parameter [m, rad].
     """
 
@@ -73,7 +72,7 @@ class WrongValue(NamedTuple):
 
 def wrong_value(after: Fit) -> WrongValue | None:
     """The wrong geometric value of the arm file, or all zeros; None if values are about as stated,
-    if no single one explains the others, or if another is wrong with it corrected.
+    if none explains the others, or if another is wrong with it corrected.
     """
     values = _free_geometry(after)
     if values is None:

@@ -116,9 +116,9 @@ class Effect(Shown, ABC):
     """A cause of error with the values of its parameters.
 
     A subclass states ``cause``, ``terms``, :meth:`displacements`, and fields such as its place
-    (``joint``, ``link``, ``seat`` or ``marker``) or an order. All other attributes have defaults
-    that a subclass may replace. A subclass may also state ``load``, the name of the quantity to
-    which the displacement is proportional, for pictures.
+    (``joint``, ``link``, ``seat`` or ``marker``) or an order. All other attributes have defaults. A
+    subclass may also state ``load``, the name of the quantity to which the displacement is
+    proportional, for pictures.
 
     Attributes:
         values: values of the parameters in the order of ``terms`` [SI]; () for zero.
@@ -127,9 +127,9 @@ class Effect(Shown, ABC):
     """
 
     cause: ClassVar[str]
-    """The name of the cause in files and commands."""
+    """The name in files and commands."""
     words: ClassVar[str] = ""
-    """The name of the cause in outputs; "" for ``cause`` with spaces."""
+    """The name in outputs; "" for ``cause`` with spaces."""
     elastic: ClassVar[bool] = False
     """True if the displacement depends on the deflected posture, and so on other displacements."""
     of_reference: ClassVar[bool] = False
@@ -141,18 +141,18 @@ class Effect(Shown, ABC):
     along_slide: ClassVar[bool] = True
     """True if rad in the units of the parameters means m at a prismatic joint."""
     prior_weight: ClassVar[float] = 1.0
-    """The prior weight of the cause relative to other causes."""
+    """The prior weight relative to other causes."""
     function_of: ClassVar[str] = ""
-    """What the displacement is a function of, such as ``angle``: causes of one joint or body with
-    the same word are forms of one place; "" for a place of its own.
+    """What the displacement depends on, such as ``angle``: causes of one joint or body with the
+    same word are forms of one place; "" for a place of its own.
     """
     free_form: ClassVar[bool] = False
     """True if the cause can be every function of its place, so that it acts there alone."""
     remedy: ClassVar[str] = ""
     """What to do with the records, if the set-up and not the arm has the error; else ""."""
     follows: ClassVar[str] = ""
-    """The name of the cause without which this cause is not tried at a place, such as the first
-    periodic error; "" for none.
+    """The cause without which this cause is not tried at a place, such as the first periodic error;
+    "" for none.
     """
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
     """The field whose value the records determine by trial; :attr:`key` contains the value."""
@@ -250,26 +250,24 @@ class Effect(Shown, ABC):
                 yield effects
 
     def basis(self, arm: Arm, records: Records) -> Effect | None:
-        """Return an effect whose functions can represent those of this cause in the records, or
-        None.
-        """
+        """Return an effect whose functions can represent this cause in the records, or None."""
         return None
 
     def in_basis(self, basis: Effect) -> Array:
-        """Return the parameters of :meth:`basis` for one unit of each parameter ``(b, p)``."""
+        """Return the parameters of the basis for one unit of each parameter ``(b, p)``."""
         return np.eye(len(basis.terms))[:, : len(self.terms)]
 
     @classmethod
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Return default values of optional fields for an arm and the conditions of the records."""
+        """Return defaults of optional fields for an arm and the conditions of the records."""
         return {}
 
     @classmethod
     @cache  # asked for thousands of times in a calibration
     def location_field(cls) -> str | None:
-        """Return the field of the place, one of :data:`LOCATION_FIELDS`; None for the whole arm."""
+        """Return one of :data:`LOCATION_FIELDS`; None for the whole arm."""
         return next((name for name in LOCATION_FIELDS if name in fields_of(cls)), None)
 
     @property
@@ -293,8 +291,7 @@ class Effect(Shown, ABC):
 
     @property
     def key(self) -> str:
-        """The label with the nonlinear value, such as ``…,order=7``, different for each variant at
-        a place.
+        """The label with the nonlinear value, such as ``…,order=7``, different for each variant.
 
         The value has six digits; a time since 1970 also has milliseconds.
         """
@@ -324,14 +321,12 @@ class Effect(Shown, ABC):
         return replace(self, values=tuple(values), u=tuple(u))
 
     def file_values(self) -> dict[str, float]:
-        """Return the values with the names and units of a file; default one number for each
-        term.
-        """
+        """Return the values with the names and units of a file."""
         pairs = zip(self.terms, self.values, strict=True)
         return {term.key: value / term.scale for term, value in pairs}
 
     def file_jacobian(self) -> Array:
-        """Return ∂(values of the file)/∂(values), ``(numbers of the file, p)``."""
+        """Return ∂(values of the file)/∂(values), ``(numbers, p)``."""
         return np.diag([1.0 / term.scale for term in self.terms])
 
     def from_file(self, file_values: Mapping[str, float]) -> tuple[float, ...]:
@@ -343,7 +338,7 @@ class Effect(Shown, ABC):
         return values_by_key(self, file_values, "parameter")
 
     def readings(self) -> dict[str, Reading]:
-        """Return the name, unit and factor in outputs for each number of a file."""
+        """Return the form in outputs of each number of a file."""
         return {term.key: term.reading for term in self.terms}
 
     @property
@@ -462,10 +457,8 @@ def rotations(typical: float) -> tuple[Term, ...]:
 
 
 def sensitivity(effect: Effect, state: State) -> Array:
-    """Compute ∂(position of the target)/∂parameters, ``(n, 3, p)`` [m/unit].
-
-    With ``state.with_rotation``, the result also has the rotation of the last body, ``(n, 6, p)``
-    [m/unit, rad/unit].
+    """Compute ∂(position of the target)/∂parameters, ``(n, 3, p)`` [m/unit]; with
+    ``state.with_rotation`` also the rotation of the last body, ``(n, 6, p)`` [m/unit, rad/unit].
     """
     total = np.zeros((state.n, state.coordinates, len(effect.terms)))
     for displacement in effect.displacements(state):
@@ -476,10 +469,7 @@ def sensitivity(effect: Effect, state: State) -> Array:
 
 def point_sensitivity(state: State, displacement: Displacement) -> Array:
     """Displacement of the target by a displaced place, ``R (v + ω × r)`` with the lever r: ``(n, 3,
-    p)``.
-
-    With ``state.with_rotation`` also the rotation ``R ω``, ``(n, 6, p)``, as in
-    ``LOCAL_WORLD_ALIGNED``.
+    p)``; with ``state.with_rotation`` also ``R ω``: ``(n, 6, p)``, as in ``LOCAL_WORLD_ALIGNED``.
     """
     rotation = state.rotation[displacement.place]
     columns = displacement.columns
@@ -512,8 +502,8 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
 
 
 def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
-    """Rotations of all joints whose angles contain the reading of ``row``, to which ``columns`` (n,
-    p) [rad] are added.
+    """Rotations of all joints whose angles contain the reading of ``row``, by errors ``columns``
+    (n, p) [rad] of the reading.
     """
     chain = state.arm.chain
     ratios = chain.drive.matrix @ state.arm.coupling_matrix[:, state.joint(row)]
@@ -536,9 +526,7 @@ def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
 
 
 def extra_uncertainty_effects(effect: Effect) -> tuple[Effect, ...]:
-    """Effects with value zero whose u is the uncertainty of ``effect`` beyond the u of its
-    values.
-    """
+    """Effects with value zero whose u is the uncertainty beyond the u of the values."""
     nonlinear = effect.nonlinear
     terms = nonlinear.extrapolation_terms(effect)
     if effect.nonlinear_u and nonlinear.prior_sd(effect):
@@ -548,11 +536,7 @@ def extra_uncertainty_effects(effect: Effect) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class UncertaintyOf(Effect):
-    """The base class of uncertainties of a cause beyond the u of its values.
-
-    Attributes:
-        base: the cause.
-    """
+    """The base class of uncertainties of a cause beyond the u of its values."""
 
     base: Effect
     cause = "uncertainty"
@@ -579,7 +563,7 @@ class UncertaintyOf(Effect):
 
 
 class NonlinearSensitivity(UncertaintyOf):
-    """Deviation of the nonlinear parameter of a cause, such as a time constant."""
+    """Deviation of a nonlinear parameter, such as a time constant."""
 
     cause = "nonlinear_sensitivity"
 

@@ -86,8 +86,8 @@ class ErrorModel(Shown):
 
     @staticmethod
     def of(model: GivenModel) -> ErrorModel:
-        """Return ``model`` as an error model: unchanged, or from an arm, its name or its path with
-        the causes of the arm file.
+        """Return a model unchanged, or that of an arm, its name or its path with the causes of the
+        arm file.
 
         Raises:
             UnknownNameError, ArmFileError: see :meth:`load`.
@@ -170,7 +170,7 @@ class ErrorModel(Shown):
 
     @property
     def without_covariance(self) -> ErrorModel:
-        """The model without the covariance, and with exact parameters in place of those in it."""
+        """The model without the covariance; parameters in it are exact."""
         if self.arm.covariance is None:
             return self
         names = {*self.arm.covariance.parameters}
@@ -397,7 +397,7 @@ def displaced(
 
 
 def static_equilibrium(elastic: list[Effect], state: State) -> State:
-    """The state in which the weights act on the deflected arm.
+    """The state in equilibrium.
 
     Raises:
         AacmmError: the iteration does not converge.
@@ -429,7 +429,7 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
 
     Args:
         effect, arm: the effect and the arm.
-        q, conditions: joint angles ``(n, nq)`` [rad] and conditions.
+        q, conditions: of the records ``(n, nq)`` [rad].
         source: name of the records in messages.
 
     Raises:
@@ -463,7 +463,7 @@ GivenCause = Effect | str
 def as_causes(
     causes: GivenCause | Iterable[GivenCause], model: ErrorModel, present: Collection[str] = ()
 ) -> tuple[Effect, ...]:
-    """Causes, or texts for :func:`cause_of`, as a tuple; a single one counts as a list.
+    """Causes, or texts for :func:`cause_of`; a single one counts as a list.
 
     Raises:
         UnknownNameError, AacmmError: see :func:`cause_of`; an item has another type.

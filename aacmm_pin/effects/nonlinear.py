@@ -27,7 +27,7 @@ KNOWN_TO = 3.0
 class Nonlinear(Generic[E]):
     """The nonlinear parameter of a cause, whose value the records determine by trial.
 
-    A search tries the values of :meth:`grid`, and refines the most probable value with
+    A search tries the values of :meth:`grid`, and refines the most probable one with
     :meth:`refine`. All methods have defaults for a cause without nonlinear parameter.
 
     Attributes:
@@ -60,15 +60,11 @@ class Nonlinear(Generic[E]):
         return self.words.format(value=value, minutes=value / 60.0)
 
     def grid(self, records: Records | None) -> Sequence[float]:
-        """Return the values to try; by default none, so that the class must state values in
-        ``candidates``.
-        """
+        """Return the values to try; default none, so that ``candidates`` must state them."""
         return ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
-        """Return the effect with values near its own, in ascending order; by default only the
-        effect itself.
-        """
+        """Return the effect with values near its own, in ascending order; default itself."""
         return [effect]
 
     def prior_sd(self, effect: E) -> float:
@@ -78,33 +74,23 @@ class Nonlinear(Generic[E]):
         return 0.0
 
     def prior_probability(self, effect: E, records: Records) -> float:
-        """Return the prior probability of the value, up to a common factor; by default equal for
-        all values.
-        """
+        """Return the prior probability of the value, up to a common factor."""
         return 1.0
 
     def is_preferred(self, effect: E) -> bool:
-        """Return whether the value of the effect is common in machines, and so more probable than
-        neighbouring values.
-        """
+        """Return whether the value is common in machines, and so more probable than neighbours."""
         return False
 
     def gap(self, effect: E, records: Records) -> float:
-        """Return the time between the two records between which the cause steps; 0 for a cause
-        without step.
-        """
+        """Return the time between the two records around a step; 0 for a cause without step."""
         return 0.0
 
     def with_coverage_interval(self, effect: E, low: float, high: float, records: Records) -> E:
-        """Return the effect with the 95 % interval from ``low`` to ``high`` of its value; by
-        default unchanged.
-        """
+        """Return the effect with the 95 % interval of its value; default unchanged."""
         return effect
 
     def extrapolation_terms(self, effect: E) -> tuple[Effect, ...]:
-        """Return effects with value zero whose u describes the uncertainty outside the records; by
-        default none.
-        """
+        """Return effects with value zero whose u is the uncertainty outside the records."""
         return ()
 
 
@@ -131,9 +117,7 @@ class TimeConstant(Nonlinear[E]):
         return 2.0 * self.value(effect)
 
     def prior_probability(self, effect: E, records: Records) -> float:
-        """Return the prior probability of the time constant: log-normal, with a factor of three,
-        outside the range of usual time constants.
-        """
+        """Return a log-normal probability, with a factor of three, outside usual time constants."""
         value = self.value(effect)
         usual = np.clip(value, WARM_UP_TIMES[0], WARM_UP_TIMES[-1])
         factors = np.log(value / usual) / np.log(KNOWN_TO)

@@ -46,14 +46,14 @@ class State:
 
     @property
     def rotation(self) -> Array:
-        """The axes of every place in the base, as columns, ``(places, n, 3, 3)``:
-        ``rotation[axis(2)][:, :, 2]`` is z of joint 2.
+        """The axes of every place as columns, ``(places, n, 3, 3)``: ``rotation[axis(2)][:, :, 2]``
+        is z of joint 2.
         """
         return self._frames[0]
 
     @property
     def origin(self) -> Array:
-        """The origin of every place in the base, ``(places, n, 3)`` [m]."""
+        """The origin of every place, ``(places, n, 3)`` [m]."""
         return self._frames[1]
 
     @property
@@ -68,7 +68,7 @@ class State:
 
     @property
     def position(self) -> Array:
-        """The origin of the target, or of ``looked_at``, in the base, ``(n, 3)`` [m]."""
+        """The origin of the target, or ``looked_at``, ``(n, 3)`` [m]."""
         if self.looked_at is not None:
             return self.looked_at
         return np.asarray(self.origin[self.target])
@@ -142,20 +142,18 @@ class State:
         )
 
     def span(self, row: int) -> Array:
-        """Return the vector from the bearing to the end of body ``row`` in the base, ``(n, 3)``
-        [m].
-        """
+        """Return the vector from the bearing to the end of body ``row``, ``(n, 3)`` [m]."""
         bearing = self.bearing(row)
         return np.asarray(self.origin[end(row)] - self.origin[bearing])
 
     @property
     def down(self) -> Array:
-        """The unit vector along gravity in the base, ``(n, 3)``."""
+        """The unit vector along gravity, ``(n, 3)``."""
         return self.conditions.in_tilted_base(-self.arm.up)
 
     @cached_property
     def gravity(self) -> Array:
-        """The acceleration of gravity in the base, ``(n, 3)`` [m/s²]."""
+        """The acceleration of gravity, ``(n, 3)`` [m/s²]."""
         return self.conditions.in_tilted_base(self.arm.gravity)
 
     def moment_at_axis(self, row: int) -> Array:
@@ -173,7 +171,7 @@ class State:
         return np.asarray(np.einsum("ni,ni...->n...", z, vectors))
 
     def weight_beyond(self, row: int) -> Array:
-        """Return the weight of all bodies after ``row`` in the base, ``(n, 3)`` [N]."""
+        """Return the weight of all bodies after ``row``, ``(n, 3)`` [N]."""
         mass = self.masses[row:].sum()
         return np.asarray(mass * self.gravity)
 
