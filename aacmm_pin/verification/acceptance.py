@@ -46,7 +46,6 @@ descriptions).
 IN_RANGE = ("length-uni", "length-bi")
 """Tests to which :data:`LONGEST_PART` applies."""
 MOST_LACKING = 3
-"""Missing items to name, at most."""
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
 SHOWN_AS: dict[str, str] = {"non-conformity": "nonconformity", "neither": "inconclusive"}
@@ -132,8 +131,8 @@ class CharacteristicValue:
 
     @property
     def decided_by(self) -> tuple[float, float, int] | None:
-        """Magnitude, U [m] and index of a smaller error whose larger U alone forbids a better
-        verdict, or None.
+        """Magnitude, U [m] and index of a smaller error whose U alone forbids a better verdict, or
+        None.
         """
         size, guard = self._sizes
         largest = int(size.argmax())
@@ -334,22 +333,19 @@ def accept(
             parts = [of_test[of_test["row"].isin(rows)] for rows in evaluated.rows]
             places = tuple(map(Place.of, parts))
             figures.append(CharacteristicValue(source, definition, evaluated, limit, places))
-    notes = [*points.notes, *doubts(first, of_first, measuring_range)]
+    notes = [*points.notes]
+    notes += [note.with_place(first) for note in doubts(of_first, measuring_range)]
     notes += [why.with_place(", ".join(names)) for why, names in unfit.items()]
     if left_out := [name for name in limits if name not in {d.name for d in wanted}]:
         notes.append(Note("mpe_of_other_standard", {"figures": left_out, "standard": standard}))
     notes += _notes(figures, measuring_range)
-    longest = {} if measuring_range is None else _longest_lengths(of_first)
+    longest: dict[Any, float] = {}
+    if measuring_range is not None:
+        in_range = of_first[of_first["test"].isin(IN_RANGE)]
+        longest = in_range.groupby("test", sort=False)["length"].max().to_dict()
     return AcceptanceResult(
         str(path), tuple(figures), tuple(notes), points.stated, measuring_range, longest, data
     )
-
-
-def _longest_lengths(points: pd.DataFrame) -> dict[str, float]:
-    """The longest calibrated length of each test that asks for one [m]."""
-    asking = points[points["test"].isin(IN_RANGE)]
-    longest = asking.groupby("test", sort=False)["length"].max()
-    return {str(test): float(length) for test, length in longest.items()}
 
 
 def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
@@ -396,13 +392,16 @@ def _notes(
     judged = [figure for figure in figures if figure.verdict is not None]
     unstated = [f for f in judged if math.isnan(f.evaluated.u) and not f.stated]
     partly = [f for f in judged if f.stated and f.stated < len(f.evaluated.errors)]
+    by_code: dict[str, list[CharacteristicValue]] = {"guard_band_zero": [], "no_guard_band": []}
+    for figure in unstated:
+        alone = figure.definition.name.startswith(UNCALIBRATED)
+        by_code["no_guard_band" if alone else "guard_band_zero"].append(figure)
+    by_code["some_guard_bands_zero"] = partly
     notes = []
-    for code, alone in (("guard_band_zero", False), ("no_guard_band", True)):
-        of_code = [f for f in unstated if f.definition.name.startswith(UNCALIBRATED) == alone]
-        if of_code:
-            notes.append(Note(code, {"figures": _names(of_code)}))
-    if partly:
-        notes.append(Note("some_guard_bands_zero", {"figures": _names(partly)}))
+    for code, of_code in by_code.items():
+        names = [*dict.fromkeys(figure.definition.name for figure in of_code)]
+        if names:
+            notes.append(Note(code, {"figures": names}))
     far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.value), MM)]
     for name, mpe in {f.definition.name: f.mpe for f in far}.items():
         notes.append(Note("mpe_large", {"figure": name, "mpe": mpe, "times": FAR_BELOW}))
@@ -420,7 +419,3 @@ def _notes(
     if measuring_range is None and any(f.definition.test in IN_RANGE for f in figures):
         notes.append(Note("measuring_range_unknown"))
     return tuple(notes)
-
-
-def _names(figures: Sequence[CharacteristicValue]) -> list[str]:
-    return [*dict.fromkeys(figure.definition.name for figure in figures)]

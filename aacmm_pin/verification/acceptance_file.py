@@ -95,12 +95,20 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
         name: points.assign(**dict(zip("xyz", at.T, strict=True)))
         for name, at in coordinates.items()
     }
-    stated = {name: _different(table[name]) for name in CHECK_COLUMNS if name in table}
+    stated: dict[str, tuple[Any, ...]] = {}
+    for name in CHECK_COLUMNS:
+        if name not in table:
+            continue
+        cells = table[name].str.strip()
+        texts = cells[cells != ""].drop_duplicates()
+        numbers = pd.to_numeric(texts, errors="coerce")
+        are_labels = numbers.isna().any()
+        stated[name] = tuple(texts) if are_labels else tuple(sorted({*numbers.tolist()}))
     return ProbedPoints(sets, (*read_as, *notes), stated)
 
 
 def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
-    """The coordinates of the file (n, 3) [m]; None if it has none."""
+    """(n, 3) [m]."""
     given = [name for name in REFERENCE if name in table]
     if not given:
         return None
@@ -116,22 +124,12 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
     return values.block(REFERENCE) * MM
 
 
-def _different(cells: pd.Series) -> tuple[Any, ...]:
-    """Each number or label in a column once."""
-    stripped = cells.str.strip()
-    texts = stripped[stripped != ""].drop_duplicates()
-    numbers = pd.to_numeric(texts, errors="coerce")
-    return tuple(texts) if numbers.isna().any() else tuple(sorted({*numbers.tolist()}))
-
-
 def _by_arms(
     table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel], unfilled: list[str]
 ) -> tuple[dict[str, Array], list[Note]]:
     """The tip by each arm with its effects (n, 3) [m], and notes on the readings.
 
-    Raises:
-        MeasurementFileError: there are no readings; ``unfilled`` columns are empty in every row.
-        AacmmError: the readings are outside the range of an effect.
+    ``unfilled`` columns are empty in every row.
     """
     if models and not any(map(is_reading, table)):
         theta = [name for name in unfilled if is_reading(name)]

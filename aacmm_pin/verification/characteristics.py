@@ -44,9 +44,7 @@ EDITIONS = {ISO: "ISO 10360-12:2016", ASME: "ASME B89.4.22-2004"}
 RULE_OF = "ISO 14253-1:2013"
 """Edition of the decision rule."""
 StandardName = Literal["iso10360-12", "asme-b89.4.22"]
-"""Values of ``standard``."""
 STANDARDS: dict[str, str] = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
-"""Names of the standards."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +52,11 @@ class Definition:
     """A characteristic.
 
     Attributes:
-        name: its name.
-        standard: its standard without edition, see :data:`EDITIONS`.
+        standard: without edition, see :data:`EDITIONS`.
         test_name: name of the test in the standard.
         test: name of the test in acceptance files.
         evaluate: function of the probed points of the test.
-        counted: what is counted: ``probed point`` or ``length``.
+        counted: ``probed point`` or ``length``.
         column: the characteristic is omitted if this column is empty in all rows of the test.
     """
 

@@ -5,6 +5,7 @@ diameters.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 import pandas as pd
@@ -18,11 +19,11 @@ from aacmm_pin.verification.places import Place, coordinates_of
 from aacmm_pin.verification.spheres import FEWEST_POINTS, FittedSphere, fitted_sphere
 
 COPY_TOLERANCE = 5e-7
-"""Coordinates within this tolerance are a copy rounded to a micrometre or finer [m]."""
+"""Nearer coordinates are a copy rounded to a micrometre or finer [m]."""
 PART_OF_RANGE = 0.1
 """Positions of a test extend over more than this part of the measuring range."""
 CLOSE = 3e-3
-"""If all probed points of a test are within this extent, they may be in another unit [m]."""
+"""A smaller extent of a test may be in another unit [m]."""
 IMPLAUSIBLE_LENGTH_FACTOR = 2.0
 """No arm measures a length too long or too short by this factor."""
 UNIT_FACTOR_TOLERANCE = 0.02
@@ -32,15 +33,11 @@ WRONG_SIZE = 1e-3
 LEAST_DISTANCE_FROM_SPHERE = 5e-5
 """Shorter distances of a probed point from its sphere give no note [m]."""
 TIMES_SMALLER = 50.0
-"""If the points of a position scatter less than the others by this factor, they may be in another
-unit.
-"""
+"""Points of a position that scatter so much less than the others may be in another unit."""
 CHANCE = 1e-4
 """Probability of a distance from the sphere below which a note names a probed point."""
 TIMES_ITS_LIKE = 10.0
-"""Spheres of too few points to find the outlier give a note if their form is so many medians of the
-others.
-"""
+"""Spheres of few points give a note if their form is so many medians of the others."""
 
 
 def check_unit(probed_points: pd.DataFrame) -> None:
@@ -66,74 +63,70 @@ def check_unit(probed_points: pd.DataFrame) -> None:
             )
 
 
-def doubts(
-    source: str, probed_points: pd.DataFrame, measuring_range: float | None = None
-) -> Iterator[Note]:
+def doubts(probed_points: pd.DataFrame, measuring_range: float | None) -> Iterator[Note]:
     """Notes on the probed points of one set of coordinates; ``measuring_range`` in m."""
     at = coordinates_of(probed_points)
     tree = scipy.spatial.KDTree(at)
     distances, _ = tree.query(at, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)
     copies = int(np.isfinite(distances[:, 1]).sum())  # the first is the distance from itself
     if copies:
-        yield Note("touches_copied", {"copies": copies, "touches": len(at)}).with_place(source)
+        yield Note("touches_copied", {"copies": copies, "touches": len(at)})
     for test, of_test in probed_points.groupby("test", sort=False):
-        extent = float(np.ptp(of_test[["x", "y", "z"]].to_numpy(), axis=0).max())
-        several = of_test["position"].nunique() > 1
+        by_position = of_test.groupby("position", sort=False)[["x", "y", "z"]]
+        extent = float(np.ptp(coordinates_of(of_test), axis=0).max())
+        several = by_position.ngroups > 1
         data = {"test": test, "extent": extent}
         if extent < CLOSE and (several or test != "single-point"):
-            yield Note("test_small", data).with_place(source)
+            yield Note("test_small", data)
         elif several and measuring_range is not None and extent < PART_OF_RANGE * measuring_range:
-            yield Note("test_small_in_range", {**data, "range": measuring_range}).with_place(source)
-        if test == "single-point":
-            yield from (note.with_place(source) for note in _too_small(of_test))
-        spheres = [*_spheres(of_test)]
-        yield from (
-            note.with_place(source) for note in (*_outliers(spheres), *_wrong_sizes(spheres))
-        )
+            yield Note("test_small_in_range", {**data, "range": measuring_range})
+        if test != "single-point":
+            yield from _of_spheres(of_test)
+        elif several:
+            extents = by_position.agg(np.ptp).max(axis=1)
+            for position, extent in extents.items():
+                others = float(extents.drop(position).median())
+                if 0.0 < extent * TIMES_SMALLER < others:  # of copies there is a note
+                    data = {"extent": float(extent), "others": others}
+                    yield Note("position_small", data).with_place(f"position {position}")
 
 
-def _too_small(probed_points: pd.DataFrame) -> Iterator[Note]:
-    extents = probed_points.groupby("position", sort=False)[["x", "y", "z"]].agg(np.ptp).max(axis=1)
-    for position, extent in extents.items():
-        others = float(extents.drop(position).median()) if len(extents) > 1 else 0.0
-        if 0.0 < extent * TIMES_SMALLER < others:  # of copies there is a note
-            yield Note("position_small", {"extent": float(extent), "others": others}).with_place(
-                f"position {position}"
-            )
-
-
-def _spheres(probed_points: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:
-    """The spheres of a test with more than four probed points."""
-    by = (
-        ["feature", "position"]
-        if probed_points["test"].iloc[0] == "sphere"
-        else [*LENGTH_KEY, "feature"]
-    )
-    for _, group in probed_points.groupby(by, sort=False):
-        try:
-            if len(group) > FEWEST_POINTS and group["test"].iloc[0] != "single-point":
-                yield group, fitted_sphere(coordinates_of(group))
-        except AacmmError:  # a note states that its characteristics have no value
-            continue
-
-
-def _outliers(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
-    """Notes on outliers, and on spheres of five or six points with a large form."""
+def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
+    """Notes on outliers, on spheres of five or six points with a large form, and on diameters with
+    implausible errors, or errors near the probe diameter.
+    """
+    by = ["feature", "position"]
+    if of_test["test"].iloc[0] != "sphere":
+        by = [*LENGTH_KEY, "feature"]
+    spheres = []
+    for _, group in of_test.groupby(by, sort=False):
+        if len(group) > FEWEST_POINTS:
+            with suppress(AacmmError):  # a note states that its characteristics have no value
+                spheres.append((group, fitted_sphere(coordinates_of(group))))
     forms = np.array([sphere.form for _, sphere in spheres])
+    wrong_sizes = []
     for k, (group, sphere) in enumerate(spheres):
         point, distance = _outlier(group, sphere)
         if point is not None:
             yield Note("touch_off_sphere", {"distance": distance}).with_place(str(Place.of(point)))
-        elif len(spheres) > 2 and sphere.form > max(
-            TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), LEAST_DISTANCE_FROM_SPHERE
-        ):
-            yield Note("touches_off_sphere", {"form": sphere.form}).with_place(str(Place.of(group)))
+        elif len(spheres) > 2:
+            usual = float(np.median(np.delete(forms, k)))
+            if sphere.form > max(TIMES_ITS_LIKE * usual, LEAST_DISTANCE_FROM_SPHERE):
+                place = str(Place.of(group))
+                yield Note("touches_off_sphere", {"form": sphere.form}).with_place(place)
+        error = size_error(group, sphere)
+        probe = group["probe_diameter"].iloc[0]
+        if abs(error) > WRONG_SIZE or 0.9 * probe < abs(error) < 1.1 * probe:
+            wrong_sizes.append((group, error))
+    if wrong_sizes:
+        group, error = max(wrong_sizes, key=lambda wrong: abs(wrong[1]))
+        more = f" and {len(wrong_sizes) - 1} more" if len(wrong_sizes) > 1 else ""
+        code = "sphere_too_large" if error > 0 else "sphere_too_small"
+        yield Note(code, {"difference": abs(error)}).with_place(f"{Place.of(group)}{more}")
 
 
 def _outlier(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
-    """The point farther from the sphere of the others than chance explains, and its distance
-    [m].
-    """
+    """The point farther from the sphere of the others than chance explains, and its distance."""
     points = coordinates_of(group)
     free = np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
     studentised = np.zeros(len(free))
@@ -153,18 +146,3 @@ def _outlier(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | 
     chance = 2 * len(group) * stdtr(dof, -distance * free[suspect] / scatter)
     far = distance > LEAST_DISTANCE_FROM_SPHERE and chance < CHANCE
     return (group.iloc[[suspect]] if far else None), distance
-
-
-def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[Note]:
-    """Notes on diameters with implausible errors, or errors near the probe diameter."""
-    wrong = []
-    for group, sphere in spheres:
-        error = size_error(group, sphere)
-        probe = group["probe_diameter"].iloc[0]
-        if abs(error) > WRONG_SIZE or 0.9 * probe < abs(error) < 1.1 * probe:
-            wrong.append((group, error))
-    if wrong:
-        group, error = max(wrong, key=lambda of: abs(of[1]))
-        more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
-        code = "sphere_too_large" if error > 0 else "sphere_too_small"
-        yield Note(code, {"difference": abs(error)}).with_place(f"{Place.of(group)}{more}")

@@ -27,7 +27,6 @@ from aacmm_pin.verification.spheres import (
 LENGTH_KEY = ("length_id", "position", "repeat")
 """Labels of a measured length."""
 SPHERE = ("feature", "position")
-"""Labels of a sphere."""
 MOST_DIAMETER_FACTOR = 4.0
 """Largest ratio of the standard uncertainties of diameter and points. With more, 25 points are
 within about 45° of their middle, nine within 60°.
@@ -46,7 +45,6 @@ class Evaluated:
         value: nan if points are missing.
         u: nan if not stated.
         had, missing: numbers of points or lengths.
-        why_incomplete: reason in words.
         errors: all errors of which the value is the largest, each with its u (n, 2) [m].
         rows: lines of the points of each error.
         lacking: names of what was begun, or is present elsewhere, and is missing here.
@@ -96,7 +94,7 @@ class Needed(NamedTuple):
     """Nested groups that a test value needs, such as positions of lengths.
 
     Attributes:
-        levels: labels that distinguish the groups, and number of groups in each group of the level
+        levels: labels that distinguish the groups, and their number in each group of the level
             above.
         each: rows in each of the innermost groups.
     """
@@ -105,7 +103,7 @@ class Needed(NamedTuple):
     each: int
 
     def missing(self, table: pd.DataFrame) -> int:
-        """Number of missing rows, of all needed groups and of every incomplete one."""
+        """Number of missing rows, of all groups and of every incomplete one."""
         if not self.levels:
             return max(self.each - len(table), 0)
         (by, count), *inner = self.levels
@@ -220,7 +218,7 @@ def _is_in_part(points: pd.DataFrame, accurate: bool) -> Mask:
 
 
 def _sphere(points: pd.DataFrame) -> FittedSphere:
-    """The least-squares sphere; an error names feature and rows."""
+    """An error names feature and rows."""
     try:
         return fitted_sphere(coordinates_of(points))
     except AacmmError as error:
@@ -239,7 +237,7 @@ class OfLengths:
         missing: number of missing lengths, from the table of measured lengths.
         lacking: their names, from the probed points and this table.
         both_sides: whether the ends are probed from opposite sides, which adds the probe diameter.
-        errors: errors of the table of measured lengths.
+        errors: of the table of measured lengths.
     """
 
     missing: Callable[[pd.DataFrame], int]
@@ -265,12 +263,26 @@ class OfLengths:
 
 
 def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
-    """Lengths with both ends probed: labels, calibrated length, its u, error [m], and rows."""
+    """Lengths with both ends probed: labels, calibrated length, its u, error [m], and rows.
+
+    Raises:
+        AacmmError: a length has not two features of one point each, or of enough for a sphere.
+    """
     labels = [*LENGTH_KEY]
     at = ["x", "y", "z"]
     ends = points.groupby([*labels, "feature"], sort=False)
     sizes = ends.size()
-    _check_ends(points, sizes.reset_index(name="points"))
+    counts = sizes.reset_index(name="points")
+    features = counts.groupby(labels)["feature"].transform("size")
+    bad = counts["points"].between(2, FEWEST_POINTS - 1) | (features > 2)
+    if bad.any():
+        wrong = counts[bad].iloc[:1][labels]
+        its_ends = counts.merge(wrong, on=labels)
+        came = ", ".join(f"{n} of {name}" for name, n in its_ends[["feature", "points"]].to_numpy())
+        raise AacmmError(
+            f"{Place.of(points.merge(wrong, on=labels))}: {came}; expected two features, each with "
+            f"1 probed point or with {FEWEST_POINTS} or more points all over a sphere"
+        )
     first = points.drop_duplicates([*labels, "feature"])
     centres = first.set_index([*labels, "feature"])[at].astype(np.float64)
     for end in sizes.index[sizes > 1]:
@@ -287,22 +299,6 @@ def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
     rows = [tuple(lines[of_length[length]].tolist()) for length in stated.index]
     lengths = stated.rename(columns={"u_length": "u"})
     return lengths.assign(error=errors, rows=pd.Series(rows, stated.index)).reset_index()
-
-
-def _check_ends(points: pd.DataFrame, ends: pd.DataFrame) -> None:
-    """Refuse a length without two features of one point each, or of enough for a sphere."""
-    labels = [*LENGTH_KEY]
-    features = ends.groupby(labels)["feature"].transform("size")
-    bad = ends["points"].between(2, FEWEST_POINTS - 1) | (features > 2)
-    if not bad.any():
-        return
-    first = ends[bad].iloc[:1][labels]
-    of_first = ends.merge(first, on=labels)
-    came = ", ".join(f"{n} of {name}" for name, n in of_first[["feature", "points"]].to_numpy())
-    raise AacmmError(
-        f"{Place.of(points.merge(first, on=labels))}: {came}; expected two features, each with 1 "
-        f"probed point or with {FEWEST_POINTS} or more points all over a sphere"
-    )
 
 
 def _with_one_end(points: pd.DataFrame) -> Iterator[Place]:

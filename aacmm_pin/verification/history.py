@@ -59,7 +59,7 @@ class ControlChart:
     Attributes:
         arm: the coordinates, as ``source`` in :class:`CharacteristicValue`.
         figure: name of the characteristic.
-        times: times of the checks (n,), ascending.
+        times: of the checks (n,), ascending.
         values: magnitudes (n,) [m], the latest check last; signs of largest errors vary.
         mpe: maximum permissible error of the latest check [m]; nan if not given.
         failed: nonconforming values (n,).
@@ -163,28 +163,29 @@ class History(Shown):
         Raises:
             MeasurementFileError: the file is damaged.
         """
+        name = str(path)
         if not Path(path).exists():
             return cls()
-        # It is written again.
-        if not Path(path).is_file() or is_workbook(measurement_file(str(path))):
+        # The file is written again.
+        if not Path(path).is_file() or is_workbook(measurement_file(name)):
             raise MeasurementFileError(
-                str(path),
+                name,
                 None,
                 "",
                 "this is no regular file, or a workbook; expected the CSV file of a history",
             )
-        content = measurement_file(str(path))
+        content = measurement_file(name)
         for line, text in enumerate(content.splitlines(), start=1):
             if text.lstrip().startswith(b"#"):
                 raise MeasurementFileError(
-                    str(path),
+                    name,
                     line,
                     "",
                     "this line is a comment; expected no comments, because accept rewrites the "
                     "file; delete this line",
                 )
-        table, lines, *_ = read_table(str(path), content)
-        problems = Problems(str(path), lines)
+        table, lines, *_ = read_table(name, content)
+        problems = Problems(name, lines)
         if sorted(table.columns) != sorted(HISTORY_COLUMNS):
             problems.add(
                 "",
@@ -193,35 +194,29 @@ class History(Shown):
             )
             problems.stop()
         checks = table.loc[:, list(HISTORY_COLUMNS)]
-        cells = {name: table[name].str.strip() for name in HISTORY_COLUMNS}
-        expected = "{!r}; expected a time such as 2026-01-31T09:30:00+00:00"
-        times = pd.to_datetime(cells["time"], format="ISO8601", utc=True, errors="coerce")
-        problems.at(times.isna().to_numpy(), "time", expected, table["time"].to_numpy())
-        checks["time"] = times
-        for name in ("value_mm", "U_mm", "mpe_mm"):
-            numbers = pd.to_numeric(cells[name], errors="coerce").astype(np.float64)
-            bad = ~np.isfinite(numbers.to_numpy())
-            if name != "value_mm":
-                bad &= (cells[name] != "").to_numpy()
-            problems.at(bad, name, "{!r}; expected a number", table[name].to_numpy())
-            checks[name] = numbers
-        for name, known in (
-            ("figure", {d.name for d in DEFINITIONS}),
-            ("verdict", {"", *WORST_FIRST}),
-        ):
-            problems.at(
-                ~table[name].isin(known).to_numpy(),
-                name,
-                f"{{!r}}; expected one of {', '.join(sorted(known - {''}))}",
-                table[name].to_numpy(),
-            )
-        twice = checks.duplicated(["time", "instrument", "arm", "figure"]).to_numpy()
-        problems.at(
-            twice,
-            "figure",
-            "{!r} occurs twice in this check; expected each characteristic once",
-            table["figure"].to_numpy(),
+
+        def refuse(bad: pd.Series, column: str, expected: str) -> None:
+            cells = table[column].to_numpy()
+            problems.at(bad.to_numpy(), column, f"{{!r}}{expected}", cells)
+
+        times = pd.to_datetime(
+            table["time"].str.strip(), format="ISO8601", utc=True, errors="coerce"
         )
+        refuse(times.isna(), "time", "; expected a time such as 2026-01-31T09:30:00+00:00")
+        checks["time"] = times
+        for column in ("value_mm", "U_mm", "mpe_mm"):
+            cells = table[column].str.strip()
+            numbers = pd.to_numeric(cells, errors="coerce").astype(np.float64)
+            may_be_empty = column != "value_mm"
+            readable = numbers.abs().lt(np.inf) | (may_be_empty & (cells == ""))
+            refuse(~readable, column, "; expected a number")
+            checks[column] = numbers
+        verdicts: list[str] = ["", *WORST_FIRST]
+        for column, known in (("figure", [d.name for d in DEFINITIONS]), ("verdict", verdicts)):
+            names = ", ".join(filter(None, sorted(known)))
+            refuse(~table[column].isin(known), column, f"; expected one of {names}")
+        twice = checks.duplicated(["time", "instrument", "arm", "figure"])
+        refuse(twice, "figure", " occurs twice in this check; expected each characteristic once")
         problems.stop()
         return cls(checks, from_file=True)
 
@@ -254,10 +249,10 @@ class History(Shown):
                 checks = self.checks.copy()
                 for name in ("U_mm", "mpe_mm", "verdict"):  # a check without a verdict may get one
                     checks.loc[judged["index"], name] = judged[f"{name}_y"].to_numpy()
-                kept = replace(
-                    self, checks=checks, time=check["time"].iloc[0], instrument=instrument
+                earlier, appended = check["time"].iloc[0], len(judged) > 0
+                return replace(
+                    self, checks=checks, time=earlier, instrument=instrument, appended=appended
                 )
-                return replace(kept, appended=len(judged) > 0)
             if then == time and same:  # with characteristics that it did not have
                 old = pd.MultiIndex.from_frame(both[["arm", "figure"]])
                 table = table[~pd.MultiIndex.from_frame(table[["arm", "figure"]]).isin(old)]
@@ -276,8 +271,8 @@ class History(Shown):
         return self.checks[names == instrument.strip().casefold()]
 
     def charts(self) -> tuple[ControlChart, ...]:
-        """A chart for each characteristic of the latest check, but for those of :data:`HALF` beside
-        their double.
+        """A chart for each characteristic of the latest check; those of :data:`HALF` have none
+        beside their double.
         """
         if self.time is None:
             return ()

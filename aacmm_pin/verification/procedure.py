@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -155,12 +156,9 @@ class Procedure(Shown):
             )
         points = planned[expected[:3]].to_numpy() * MM
         q = arm.joint_angles(planned[angles].to_numpy() * DEG)
-        stated = [
-            name
-            for name in map(str, table)
-            if not (name.startswith(PLANNED) or name in REFERENCE or is_reading(name))
-        ]
-        return Procedure(arm, table[stated], q, points)
+        empty = [name for name in table if name in REFERENCE or is_reading(name)]
+        stated = table.drop(columns=[*empty, *table.filter(regex=f"^{PLANNED}")])
+        return Procedure(arm, stated, q, points)
 
 
 def acceptance_procedure(
@@ -232,28 +230,25 @@ def _shoulder(arm: Arm) -> Array:
     return np.asarray(origin[second, 0])
 
 
+@dataclass(eq=False)
 class _Layout:
-    """The points so far, over one pool of postures."""
+    """The points so far: cells, point (3,) and posture (nq,) of each."""
 
-    def __init__(
-        self,
-        pool: Pool,
-        sphere_diameter: float,
-        probe_diameter: float,
-        rng: np.random.Generator,
-    ) -> None:
-        self.pool, self.rng = pool, rng
-        self.sphere_diameter, self.probe_diameter = sphere_diameter, probe_diameter
+    pool: Pool
+    sphere_diameter: float
+    probe_diameter: float
+    rng: np.random.Generator
+
+    def __post_init__(self) -> None:
         self.probed: list[tuple[dict[str, Any], Array, Array]] = []
         self.taken: list[Array] = []
-        self.shoulder = _shoulder(pool.arm)
-        self.distance = np.linalg.norm(pool.tips - self.shoulder, axis=1)
+        self.shoulder = _shoulder(self.pool.arm)
+        self.distance = np.linalg.norm(self.pool.tips - self.shoulder, axis=1)
         self.reach = float(self.distance.max())
 
     def fill(
         self, standard: str | None, measuring_range: float | None, lengths: Sequence[float] | None
     ) -> None:
-        """Add all points that the characteristics of a standard need."""
         wanted = {d.test for d in definitions(standard)}
         all_lengths = bool({"length-uni", "length-bi"} & wanted)
         parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
@@ -262,11 +257,8 @@ class _Layout:
             longest = 2 / 3 * (2 * self.reach if measuring_range is None else measuring_range)
             lengths = [step * np.ceil(longest * k / LENGTHS / step) for k in parts]
         bars = sorted(lengths)
-        if (
-            not len(set(bars)) == len(bars) == len(parts)
-            or not np.all(np.isfinite(bars))
-            or min(bars) <= 0
-        ):
+        different = len(set(bars)) == len(bars) == len(parts)
+        if not (different and np.isfinite(bars).all() and min(bars) > 0):
             came = ", ".join(f"{x / MM:g}" for x in bars)
             purpose = "both standards" if standard is None else STANDARDS[standard]
             raise AacmmError(
@@ -290,12 +282,11 @@ class _Layout:
             self.ball_bars(*(bars[parts.index(part)] for part in BALL_BARS.values()))
 
     def probe_point(self, point: Array, q: Array, **cells: Any) -> None:
-        """Add a point (3,) near the posture ``q`` (nq,)."""
         self.probed.append((cells, point, q))
 
     def place(self, low: float, high: float, each: int) -> tuple[Array, Array]:
-        """A point (3,) between these parts of the reach, about as high as joint 2, that ``each``
-        postures reach, and the postures.
+        """A point (3,) between these parts of the reach, about as high as joint 2, and ``each``
+        postures that reach it.
         """
         tips = self.pool.tips
         inside = (self.distance >= low * self.reach) & (self.distance < high * self.reach)
@@ -318,7 +309,7 @@ class _Layout:
         return found.points[0], found.postures[0]
 
     def spheres(self, wanted: set[str]) -> None:
-        """Add spheres near and far, for all tests that need one."""
+        """Near and far, for all tests that need one."""
         diameters = {
             "feature_diameter_mm": self.sphere_diameter / MM,
             "probe_diameter_mm": self.probe_diameter / MM,
@@ -330,13 +321,12 @@ class _Layout:
                 self._round(center, postures, 25, test="sphere", **cells)
             if "location" in wanted:
                 for k in range(5):
-                    numbered = {"test": "location", "repeat": k + 1, **cells}
-                    self._round(center, postures[k : k + 1], 5, **numbered)
+                    posture = postures[k : k + 1]
+                    self._round(center, posture, 5, test="location", repeat=k + 1, **cells)
             if "effective-diameter" in wanted and name == "near":
+                cells["test"] = "effective-diameter"
                 for repeat in range(1, 4):
-                    self._round(
-                        center, postures, 9, test="effective-diameter", repeat=repeat, **cells
-                    )
+                    self._round(center, postures, 9, repeat=repeat, **cells)
 
     def _round(self, center: Array, postures: Array, count: int, **cells: Any) -> None:
         """Add ``count`` points over the half of a sphere from which the stylus comes."""
@@ -345,7 +335,7 @@ class _Layout:
             normals = _half_sphere(count, self.pool.arm.up)
             best = np.arange(count) % len(postures)
         else:
-            rotation = self.pool.arm.chain.walk(postures)[0]
+            rotation, _ = self.pool.arm.chain.walk(postures)
             tool = rotation[self.pool.arm.chain.tip] @ stylus
             mean = tool.mean(axis=0)
             pole = -mean / np.linalg.norm(mean) if len(postures) > 1 else -tool[0]
@@ -356,7 +346,6 @@ class _Layout:
             self.probe_point(points[k], postures[best[k]], **cells)
 
     def single_points(self) -> None:
-        """Add one point in ten postures at each of three distances."""
         for name, zone in SEAT_ZONES.items():
             point, postures = self.place(*zone, 10)
             for q in postures:
@@ -380,7 +369,7 @@ class _Layout:
         aside: Array,
         cells: dict[str, Any],
     ) -> None:
-        """Add all lengths of a bar in every repeat; its ends are probed ``aside`` of them."""
+        """Add all lengths of a bar in every repeat, probed ``aside`` (3,) of its ends."""
         for repeat in range(REPEATS):
             for number, length in enumerate(lengths, start=1):
                 row = cells | {"repeat": repeat + 1, "length_id": f"L{number}"}
@@ -393,9 +382,8 @@ class _Layout:
         """Start and direction of the bar, in seven places far from each other."""
         up = self.pool.arm.up
         level = np.linalg.svd(up[None])[2][1:]
-        wanted = [*level, up] + [
-            (a * level[0] + b * level[1] + up) / np.sqrt(3) for a in (-1, 1) for b in (-1, 1)
-        ]
+        signs = np.array([*product((-1, 1), repeat=2)])
+        wanted = [*level, up, *((signs @ level + up) / np.sqrt(3))]
         reached = float(np.quantile(self.pool.thinness(self.pool.tips[:CANDIDATES]), 0.98))
         placed: list[tuple[Array, Array]] = []
         for aim in wanted:
@@ -421,8 +409,8 @@ class _Layout:
         return placed
 
     def _bar_starts(self, direction: Array, lengths: Array, reached: float) -> Array:
-        """Tips (n, 3) [m] where a bar in this direction may begin, so that all of its points are in
-        the room, and closer than ``reached`` to the tips of many postures.
+        """Tips (n, 3) [m] where a bar in this direction may begin. All of its points are in the
+        room, and closer than ``reached`` to the tips of many postures.
         """
         pool = self.pool
         starts = pool.tips[self.rng.permutation(len(pool.tips))[:CANDIDATES]]
@@ -433,17 +421,17 @@ class _Layout:
         return starts
 
     def ball_bars(self, *lengths: float) -> None:
-        """Add ball bars of two lengths in ten places each."""
+        """Two lengths in ten places each."""
         for name, length in zip(BALL_BARS, lengths, strict=True):
-            sizes = {"length_mm": length / MM, "probe_diameter_mm": self.probe_diameter / MM}
+            cells: dict[str, Any] = {"test": "volumetric", "length_id": f"{name} ball bar"}
+            cells |= {"length_mm": length / MM, "probe_diameter_mm": self.probe_diameter / MM}
             for place, bar in enumerate(bars_for(self.pool, 10, length, 2, self.rng), start=1):
-                cells: dict[str, Any] = {"test": "volumetric", "length_id": f"{name} ball bar"}
-                cells |= {"position": f"{name} {place}", **sizes}
+                cells["position"] = f"{name} {place}"
                 for feature, point, q in zip("AB", bar.points, bar.postures, strict=True):
                     self.probe_point(point, q[0], feature=feature, **cells)
 
     def procedure(self, arm: Arm, seed: int | None) -> Procedure:
-        """The procedure, with exact postures."""
+        """With exact postures."""
         rows, points, chosen = (np.array(values) for values in zip(*self.probed, strict=True))
         q, arrived = brought_to(self.pool.state_of, chosen, points, joint_bounds(arm))
         if not arrived.all():
@@ -460,9 +448,7 @@ class _Layout:
 
 
 def _half_sphere(count: int, pole: Array) -> Array:
-    """``count`` even directions over the half about ``pole`` (n, 3): spiral of Saff and
-    Kuijlaars.
-    """
+    """``count`` even directions over the half about ``pole`` (n, 3): spiral of Saff, Kuijlaars."""
     number = np.arange(count)
     height = 1 - number / max(count - 1, 1) * (1 - RIM)
     turn = number * np.pi * (3 - np.sqrt(5))

@@ -24,8 +24,7 @@ class FittedSphere(NamedTuple):
     """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances [m].
 
     ``diameter_factor`` is the ratio of the standard uncertainties of diameter and points,
-    ``residuals`` the radial distances outwards (n,) [m], ``leverages`` the parts of the errors of
-    the points that the sphere follows (n,).
+    ``residuals`` are radial, outwards (n,) [m]; ``leverages`` (n,).
     """
 
     center: Array
@@ -78,8 +77,7 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
 
 
 def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
-    """Centre (3,) and diameter [m] of the smallest sphere around ``points`` (n, 3), exact (Welzl
-    1991).
+    """Centre (3,) and diameter [m] of the smallest sphere around ``points`` (n, 3) (Welzl 1991).
 
     Raises:
         ShapeError: no point, a wrong shape, or numbers that are not finite.
@@ -93,22 +91,17 @@ def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
 
 
 def _welzl(points: list[Array], on: list[Array]) -> tuple[Array, float]:
-    """The smallest sphere around ``points`` through the points ``on``."""
-    center, radius = _through(on)
+    """The smallest sphere around ``points`` through up to four points ``on``."""
+    center, radius = np.zeros(3), -1.0  # contains no point
+    if on:
+        edges = np.array(on[1:]).reshape(-1, 3) - on[0]
+        offset = np.zeros(3)
+        if len(edges):
+            offset, *_ = np.linalg.lstsq(2 * edges, np.sum(edges**2, axis=1))
+        center, radius = on[0] + offset, float(np.linalg.norm(offset))
     if len(on) == 4:
         return center, radius
     for k, point in enumerate(points):
         if np.linalg.norm(point - center) > radius * (1 + INSIDE):
             center, radius = _welzl(points[:k], [*on, point])
     return center, radius
-
-
-def _through(on: list[Array]) -> tuple[Array, float]:
-    """The smallest sphere through up to four points; a radius of -1 contains none."""
-    if not on:
-        return np.zeros(3), -1.0
-    edges = np.array(on[1:]).reshape(-1, 3) - on[0]
-    offset = np.zeros(3)
-    if len(edges):
-        offset, *_ = np.linalg.lstsq(2 * edges, np.sum(edges**2, axis=1))
-    return on[0] + offset, float(np.linalg.norm(offset))
