@@ -32,7 +32,6 @@ class Situation:
     The columns are the parameters of every fit, then three for each seat, then the causes.
 
     Attributes:
-        set_up: how the arm stands.
         pool: records that could be taken.
         scales: unit of each parameter of every fit, its prior u.
         nuisances: number of columns that are not of causes.
@@ -55,9 +54,7 @@ class Situation:
     def of(
         task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
     ) -> Situation:
-        """The rows in this set-up; if the set-up changes the arm file, existing records do not
-        count.
-        """
+        """If the set-up changes the arm file, existing records do not count."""
         existing = None if set_up.changes_arm else task.existing
         pool = candidates(task, set_up, postures, rng)
         old = () if existing is None else observations_of(existing, task.setup).labels
@@ -88,13 +85,13 @@ class Situation:
 
     @property
     def information(self) -> Array:
-        """Information of what is known (width, width)."""
+        """(width, width)."""
         return self.known.T @ self.known
 
     def power(
         self, chosen: list[int] | None, pair: Pair, sizes: Sequence[Array], times: float = 1.0
     ) -> Power:
-        """How well a choice distinguishes two of the causes."""
+        """How well a choice distinguishes two causes."""
         blocks = [self.blocks[cause] for cause in pair]
         return power_of(self.triangle(chosen, times), blocks, [sizes[cause] for cause in pair])
 
@@ -103,8 +100,9 @@ class Situation:
         return Separation.of(self.triangle(chosen), self.blocks, sizes)
 
     def triangle(self, chosen: list[int] | None, times: float = 1.0) -> Array:
-        """R of the information ``S = RᵀR`` about the causes, with all other parameters refitted,
-        from the chosen records (None: the whole pool), each taken ``times``.
+        """R of the information ``S = RᵀR`` about the causes, with all other parameters refitted.
+
+        The chosen records (None: the whole pool) are each taken ``times``.
         """
         records = self.rows if chosen is None else self.rows[chosen]
         rows = np.sqrt(times) * records.reshape(-1, records.shape[2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import compress
 
 import numpy as np
 import pandas as pd
@@ -49,8 +50,8 @@ def for_two(
     Args:
         task: the task.
         split: two causes; all-zero values stand for the typical magnitude.
-        postures: postures to choose from.
-        records: number of records.
+        postures: to choose from.
+        records: their number.
         as_it_stands: exclude a load and another mount.
         rng: for the conditions of the records.
         steps: counts the records, perhaps wrapped to show progress.
@@ -164,7 +165,6 @@ def for_all(
 def _chosen(
     situation: Situation, sizes: Sequence[Array], pairs: Sequence[Pair], steps: Iterable[int]
 ) -> list[int]:
-    """Numbers of the records of the pool that distinguish the worst of the pairs best."""
     rows = situation.rows
     flat = rows.reshape(-1, rows.shape[2])
     loose = np.where(np.arange(rows.shape[2]) < situation.nuisances, 0.0, LOOSE)
@@ -177,9 +177,7 @@ def _chosen(
 
 
 def _enough(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> int | None:
-    """Approximate number of records like the chosen ones that suffice; None if beyond
-    :data:`MORE`.
-    """
+    """Approximate number of records like the chosen ones that suffice; None beyond :data:`MORE`."""
     for times in MORE:
         if situation.power(chosen, PAIR, sizes, times).probability >= DECIDED:
             return int(np.ceil(times * len(chosen)))
@@ -187,8 +185,8 @@ def _enough(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> 
 
 
 def _matched(situation: Situation, split: tuple[Effect, Effect], sizes: list[Array]) -> list[Array]:
-    """Sizes, where a cause without values gets those that make its effect in existing records most
-    similar to the effect of the other cause, if this has values.
+    """Sizes with new ones of a cause without values, if the other has values: the effects of both
+    in existing records are then most similar.
     """
     stated = [any(effect.values) for effect in split]
     if stated[0] == stated[1]:
@@ -203,7 +201,6 @@ def _matched(situation: Situation, split: tuple[Effect, Effect], sizes: list[Arr
 
 
 def _sizes_in_words(split: tuple[Effect, Effect], before: Power | None) -> Iterator[Note]:
-    """Notes on the sizes of :func:`_matched`."""
     for effect, other in (split, split[::-1]):
         if any(effect.values):
             continue
@@ -212,20 +209,16 @@ def _sizes_in_words(split: tuple[Effect, Effect], before: Power | None) -> Itera
         if before is not None and any(other.values):
             yield Note("planned_as_large_as", {**data, "other": other.label})
         else:
-            yield Note(
-                "planned_at_typical_magnitude", {**data, "size": typical_magnitude_in_words(effect)}
-            )
+            size = typical_magnitude_in_words(effect)
+            yield Note("planned_at_typical_magnitude", {**data, "size": size})
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     """Why no posture distinguishes two causes, in words; "" if some do."""
-    undetectable = [
-        effect.label
-        for effect, alone in zip(split, power.alone, strict=True)
-        if alone <= UNDETECTABLE
-    ]
-    if undetectable:
-        return f"no posture shows {' or '.join(undetectable)}"
+    undetectable = np.array(power.alone) <= UNDETECTABLE
+    if undetectable.any():
+        labels = compress((effect.label for effect in split), undetectable)
+        return f"no posture shows {' or '.join(labels)}"
     if not power.same:
         return ""
     if power.open == (False, False):

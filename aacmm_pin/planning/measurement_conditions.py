@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -28,8 +29,7 @@ class MeasurementConditions:
     """Set-up and use of the arm during the planned measurements.
 
     Attributes:
-        words: changes to make; () if the arm stays as it is.
-        model: the arm so set up.
+        words: changes to make.
         sides: joints (from 1) that approach their postures from either side.
         warmer: temperature rise of part of the records [K].
         warm_up: duration of the warm-up of the arm during the records [s].
@@ -59,29 +59,27 @@ def possible_conditions(
     changes = list(_changes(model.arm, causes, reference_temperature))
     for count in range(len(changes) + 1):
         for some in combinations(changes, count):
-            fields = {name: value for _, change in some for name, value in change.items()}
-            last = MeasurementConditions(tuple(words for words, _ in some), model, **fields)
+            words = tuple(text for text, _ in some)
+            fields = ChainMap(*(change for _, change in some))
+            last = MeasurementConditions(words, model, **fields)
             yield last
     file = model.arm.file
     if isinstance(file, ArmFile) and any(effect.elastic for effect in causes):
-        for words, changed in _loads_and_mounts(model.arm, file):
+        for text, changed in _loads_and_mounts(model.arm, file):
             arm = Arm.from_file(file.model_copy(update=changed))
-            yield replace(
-                last,
-                words=(*last.words, words),
-                model=ErrorModel(arm, model.effects),
-                changes_arm=True,
-            )
+            changed_model = ErrorModel(arm, model.effects)
+            words = (*last.words, text)
+            yield replace(last, words=words, model=changed_model, changes_arm=True)
 
 
 Change = tuple[str, dict[str, Any]]
-"""What has to be done, in words, and the fields that it changes."""
+"""Text, and the changed fields."""
 
 
 def _changes(
     arm: Arm, causes: tuple[Effect, ...], reference_temperature: float
 ) -> Iterator[Change]:
-    """Each condition that a cause depends on and that a person can choose."""
+    """Conditions of the causes that a person can choose."""
     rows = arm.chain.moving_rows()
     joints = sorted(
         {rows.index(e.row) + 1 for e in causes if "approach" in e.needs and e.row in rows}
@@ -103,7 +101,17 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
     if arm.masses is not None:
         rows = arm.chain.moving_rows()
         row = rows[-2] if len(rows) > 1 else rows[-1]
-        yield str(Note("hang_load", {"load": LOAD, "link": row})), _loaded(arm, file, row)
+        rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+        frame = end(row) if file.convention == "standard-dh" else axis(row)
+        place = rotation[frame][0].T @ (origin[end(row)] - origin[frame])[0] / MM
+        joints = list(file.joints)
+        body = joints[row - 1]
+        before = body.mass_kg or 0.0
+        mass = before + LOAD
+        centre = (before * np.array(body.com_mm or (0.0, 0.0, 0.0)) + LOAD * place) / mass
+        update = {"mass_kg": mass, "com_mm": tuple(centre.tolist())}
+        joints[row - 1] = body.model_copy(update=update)
+        yield str(Note("hang_load", {"load": LOAD, "link": row})), {"joints": joints}
     if not arm.gravity.any():
         return
     about = int(np.argmin(np.abs(arm.gravity)))
@@ -111,22 +119,5 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
         turn = Rotation.from_euler("xyz"[about], -degrees, degrees=True)
         gravity = np.round(turn.apply(arm.gravity), 6) + 0.0
         numbers = ", ".join(f"{g:g}" for g in gravity)
-        words = str(
-            Note("turn_mount", {"degrees": degrees, "axis": "xyz"[about], "gravity": numbers})
-        )
-        yield words, {"gravity_m_s2": tuple(gravity.tolist())}
-
-
-def _loaded(arm: Arm, file: ArmFile, row: int) -> dict[str, Any]:
-    """The change of the arm file for a mass at the end of body ``row``."""
-    rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
-    frame = end(row) if file.convention == "standard-dh" else axis(row)
-    place = rotation[frame][0].T @ (origin[end(row)] - origin[frame])[0] / MM
-    rows = list(file.joints)
-    body = rows[row - 1]
-    before = body.mass_kg or 0.0
-    centre = (before * np.array(body.com_mm or (0.0, 0.0, 0.0)) + LOAD * place) / (before + LOAD)
-    rows[row - 1] = body.model_copy(
-        update={"mass_kg": before + LOAD, "com_mm": tuple(centre.tolist())}
-    )
-    return {"joints": rows}
+        data = {"degrees": degrees, "axis": "xyz"[about], "gravity": numbers}
+        yield str(Note("turn_mount", data)), {"gravity_m_s2": tuple(gravity.tolist())}

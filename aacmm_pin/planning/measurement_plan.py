@@ -31,8 +31,8 @@ class Tried(Shown):
 
     Attributes:
         words: changes to make.
-        power: power with a plan in this set-up; with its whole pool if no records can distinguish
-            the causes.
+        power: with a plan in this set-up; with its whole pool if no records can distinguish the
+            causes.
         why_not: why no posture distinguishes the causes; "" if some do.
     """
 
@@ -139,6 +139,11 @@ class MeasurementPlan(PlanOfRecords):
 
     def summary(self) -> dict[str, Any]:
         """Return the content of the JSON file with the schema ``aacmm-pin/plan/1``."""
+        pairs: dict[str, Any] | None = None
+        if self.pairs is not None:
+            told = self.pairs["told"]
+            untold = self.pairs[~told].to_dict("records")
+            pairs = {"count": len(told), "told": int(told.sum()), "untold": untold}
         return {
             "schema": PLAN_SCHEMA,
             "split": [effect.key for effect in self.split],
@@ -156,7 +161,7 @@ class MeasurementPlan(PlanOfRecords):
                 | _power(tried.power)
                 for tried in self.tried
             ],
-            "pairs": _pairs(self.pairs),
+            "pairs": pairs,
             **self.summary_of_records(),
         }
 
@@ -170,12 +175,3 @@ def _power(power: Power) -> dict[str, Any]:
         "alone": list(power.alone),
         "probability": power.probability,
     }
-
-
-def _pairs(pairs: pd.DataFrame | None) -> dict[str, Any] | None:
-    """Numbers of pairs and of distinguished pairs, and the rows of the others."""
-    if pairs is None:
-        return None
-    told = int(pairs["told"].sum())
-    untold = pairs[~pairs["told"]].to_dict("records")
-    return {"count": len(pairs), "told": told, "untold": untold}

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.effects import CONDITION_ENTRIES
 from aacmm_pin.measurements import REFERENCE, REFERENCE_U, Measurements, column_of
 from aacmm_pin.planning.candidate_design import Situation
@@ -22,7 +22,13 @@ SHEET_DECIMALS = 6
 def planned_records(task: Task, situation: Situation, chosen: list[int]) -> dict[str, Any]:
     """Fields of :class:`PlanOfRecords`: the chosen records in order, and the file to complete."""
     records = situation.pool.take(np.array(chosen))
-    records = records.take(_order(records))
+    conditions = records.conditions
+    # Early before late, cold before warm, seat by seat, then by joint 1: the arm swings round once.
+    keys: list[NDArray[Any]] = list(np.round(records.q, 2).T[::-1])
+    if conditions.seat is not None:
+        keys.append(conditions.seat.astype(str))
+    keys += [key for key in (conditions.temperature, conditions.time) if key is not None]
+    records = records.take(np.lexsort(keys))
     conditions = records.conditions
     if conditions.time is not None:
         steps = TIME_STEP * np.arange(records.n)  # at least, between ascending times
@@ -43,17 +49,16 @@ def planned_records(task: Task, situation: Situation, chosen: list[int]) -> dict
 def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame:
     """The file to complete, with the columns of the existing records.
 
-    Cells of values to measure are empty, such as conditions for which neither the plan nor the
-    existing records have a value; coordinates of known seats and constant u stay.
+    Cells to measure are empty, such as conditions for which neither the plan nor the existing
+    records have a value. Coordinates of known seats and constant u stay.
     """
     stated = records.conditions.seat is not None and existing is not None
+    has_u = stated and np.isfinite(records.reference_u).all()
     nothing = np.full((records.n, 3), np.nan)
     table = replace(
         records,
         reference=records.reference if stated else nothing,
-        reference_u=records.reference_u
-        if stated and np.isfinite(records.reference_u).all()
-        else nothing,
+        reference_u=records.reference_u if has_u else nothing,
         conditions=replace(records.conditions, torque=None),
     ).to_frame()
     exact = [name for name in table.columns if name.startswith(("theta", "probe_direction"))]
@@ -76,17 +81,3 @@ def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame
         if name in old and name not in table and old[name].nunique(dropna=False) == 1
     }
     return table.reindex(columns=[*old.columns, *added]).assign(**unchanging)
-
-
-def _order(records: Measurements) -> Index:
-    """Early before late, cold before warm, seat by seat, then by joint 1: the arm swings round
-    once.
-    """
-    conditions = records.conditions
-    keys: list[Array] = list(np.round(records.q, 2).T[::-1])
-    if conditions.seat is not None:
-        keys.append(
-            np.unique(conditions.seat.astype(str), return_inverse=True)[1].astype(np.float64)
-        )
-    keys += [key for key in (conditions.temperature, conditions.time) if key is not None]
-    return np.asarray(np.lexsort(keys), dtype=np.intp)

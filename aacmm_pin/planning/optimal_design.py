@@ -45,9 +45,7 @@ def chosen_records(
 
 
 def d_optimality(rows: Array) -> Score:
-    """Log determinant of the information about all unknowns: Bayesian D-optimality (Chaloner,
-    Verdinelli 1995).
-    """
+    """Log determinant of the information: Bayesian D-optimality (Chaloner, Verdinelli 1995)."""
 
     def score(information: Array) -> Array:
         scatter = np.eye(3) + rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)

@@ -96,10 +96,8 @@ def plan_measurements(
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)
     present = () if existing is None else existing.conditions.present
-    wanted = usual_causes(model) if split is None else split
-    causes, usable, left_out = _usable(
-        as_causes(wanted, model, present), existing, split is not None
-    )
+    wanted = as_causes(usual_causes(model) if split is None else split, model, present)
+    causes, usable, left_out = _usable(wanted, existing, split is not None)
     require_separable(causes, model.arm)
     if scheme == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
         raise AacmmError(
@@ -188,10 +186,9 @@ def prepared(
     return task, places, tuple(notes)
 
 
-Usable = tuple[tuple[Effect, ...], Measurements | None, tuple[Note, ...]]
-
-
-def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bool) -> Usable:
+def _usable(
+    causes: tuple[Effect, ...], existing: Measurements | None, named: bool
+) -> tuple[tuple[Effect, ...], Measurements | None, tuple[Note, ...]]:
     """The causes and the existing records that can be used together, and notes on the others.
 
     If records lack a condition of a cause, the records do not count if the causes were ``named``;
@@ -202,15 +199,16 @@ def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bo
     stated = set(existing.conditions.present)
     if "link_temperature" in stated:
         stated.add("temperature")
-    lacking = [(effect, need) for effect in causes for need in effect.needs if need not in stated]
+    lacking = [effect for effect in causes if not stated.issuperset(effect.needs)]
     if not lacking:
         return causes, existing, ()
-    data: dict[str, Any] = {"source": existing.source}
+    needs: set[str] = set()
+    for effect in lacking:
+        of_cause = f" ({effect.label})" if named else ""
+        needs |= {need + of_cause for need in effect.needs if need not in stated}
+    data: dict[str, Any] = {"source": existing.source, "needs": sorted(needs)}
     if named:
-        data["needs"] = sorted({f"{need} ({effect.label})" for effect, need in lacking})
         return causes, None, (Note("records_not_counted", data),)
-    silent = [effect for effect, _ in lacking]
-    data["needs"] = sorted({need for _, need in lacking})
-    data["causes"] = [*dict.fromkeys(effect.label for effect in silent)]
-    others = tuple(effect for effect in causes if effect not in silent)
+    data["causes"] = [*dict.fromkeys(effect.label for effect in lacking)]
+    others = tuple(effect for effect in causes if effect not in lacking)
     return others, existing, (Note("causes_left_out", data),)

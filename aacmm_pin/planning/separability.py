@@ -92,7 +92,7 @@ class Separation(NamedTuple):
 
     @staticmethod
     def of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Separation:
-        """From records with the triangle ``r`` (``S = RᵀR``), which has a block of columns of each
+        """From records with the triangle ``r`` (``S = RᵀR``), with a block of columns of each
         cause.
         """
         effects = np.hstack([r[:, block] @ size for block, size in zip(blocks, sizes, strict=True)])
@@ -126,7 +126,7 @@ class Separation(NamedTuple):
 
 
 def _is_open(distances: Array, alone: Array) -> Mask:
-    """Whether causes have detectable effects that others cannot have."""
+    """Causes with detectable effects that others cannot have."""
     return np.asarray((alone > UNDETECTABLE) & (distances > SAME_FRACTION * alone))
 
 

@@ -19,7 +19,6 @@ class Task:
     """The task of a plan.
 
     Attributes:
-        model: the arm.
         causes: causes to distinguish, all parameters zero.
         existing: records to evaluate together with the new ones.
         setup: how records are taken, with the noise of readings, references and contacts.
