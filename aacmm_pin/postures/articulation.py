@@ -26,16 +26,13 @@ def articulations(arm: Arm, q: Array) -> list[str]:
     rotation, origin = arm.chain.walk(q)
     axes = arm.chain.moving_axes()
     tips = origin[arm.chain.tip]
-    words = (
-        _elbows(arm, origin[axes[1]], origin[axes[2:]], tips) if len(axes) > 3 else [""] * len(q)
-    )
-    if arm.stylus_axis is None:
-        return words
-    styluses = _directions(arm, tips, rotation[arm.chain.tip] @ arm.stylus_axis)
-    return [
-        ", ".join(filter(None, both))
-        for both in zip(words, (f"stylus {word}" for word in styluses), strict=True)
-    ]
+    words: list[list[str]] = []
+    if len(axes) > 3:
+        words.append(_elbows(arm, origin[axes[1]], origin[axes[2:]], tips))
+    if arm.stylus_axis is not None:
+        styluses = _directions(arm, tips, rotation[arm.chain.tip] @ arm.stylus_axis)
+        words.append([f"stylus {word}" for word in styluses])
+    return [*map(", ".join, zip(*words, strict=True))] or [""] * len(q)
 
 
 def places(arm: Arm, points: Array) -> pd.DataFrame:
@@ -48,17 +45,13 @@ def places(arm: Arm, points: Array) -> pd.DataFrame:
     x = points @ level
     y = points @ np.cross(arm.up, level)
     bearing = np.round(np.arctan2(y, x) / DEG) + 0.0
-    return pd.DataFrame(
-        {
-            "distance_mm": np.hypot(x, y) / MM,
-            "bearing_deg": bearing,
-            "height_mm": points @ arm.up / MM,
-        }
-    ).round(0)
+    columns = {"distance_mm": np.hypot(x, y) / MM, "bearing_deg": bearing}
+    columns["height_mm"] = points @ arm.up / MM
+    return pd.DataFrame(columns).round(0)
 
 
 def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
-    """The side of each elbow; ``joints`` (k, n, 3) [m]."""
+    """``joints`` (k, n, 3) [m]."""
     line = tips - shoulder
     length = np.linalg.norm(line, axis=1)[:, None]
     line = line / np.maximum(length, 1e-12)
@@ -70,10 +63,8 @@ def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
     angle = np.arctan2(np.sum(np.cross(above, elbow) * line, axis=1), np.sum(above * elbow, axis=1))
     side = np.round(angle / (np.pi / 2)).astype(int) % 4
     straight = np.linalg.norm(elbow, axis=1) < STRAIGHT_ELBOW * length[:, 0]
-    return [
-        "arm straight" if is_straight else f"elbow {SIDES[k]}"
-        for k, is_straight in zip(side, straight, strict=True)
-    ]
+    words = np.char.add("elbow ", SIDES)[side]
+    return [*np.where(straight, "arm straight", words).tolist()]
 
 
 def _directions(arm: Arm, tips: Array, direction: Array) -> list[str]:

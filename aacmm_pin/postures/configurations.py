@@ -132,8 +132,7 @@ class ConfigurationCircle(PosturesAtPoint):
         if self.reason:
             return f"{where}, has no posture, because {self.reason}"
         inside = f"of which {self.within_limits.sum()} are within the joint limits"
-        part = "flexibility (share of swivel angles)"
-        flexibility = f"The {part} is {self.flexibility()}"
+        flexibility = f"The flexibility (share of swivel angles) is {self.flexibility()}"
         curves = f"{len(self)} postures on {self.component.max()} closed curves"
         return f"{where}, has {curves}, {inside}. {flexibility}"
 
@@ -225,8 +224,7 @@ def configuration_circles(
         if number in curves.unfinished:
             notes.append(Note("search_ended"))
         at = arm.tip if tip else WRIST
-        circle = _sampled(arm, point, at, components, count, tuple(notes))
-        circles.append(circle)
+        circles.append(_sampled(arm, point, at, components, count, tuple(notes)))
     return circles
 
 
@@ -254,7 +252,6 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
 def _sampled(
     arm: Arm, point: Array, at: str, components: Components, count: int, notes: tuple[Note, ...]
 ) -> ConfigurationCircle:
-    """Postures evenly spaced along the path of the elbow."""
     q = np.empty((0, arm.nq))
     component = np.empty(0, dtype=np.intp)
     if components.curves:
@@ -266,7 +263,6 @@ def _sampled(
         )
         q = into_limits(components.full(moving_q), arm.limits)
         notes += tuple(missing_notes(missing))
-    swivel = components.swivel.angle(q, np.broadcast_to(point, (len(q), 3)))
     reason = ""
     if not len(q):
         reason = "; ".join(map(str, notes)) or _why_not(components, point)
@@ -276,7 +272,7 @@ def _sampled(
         at=at,
         q=q,
         component=component + 1,
-        swivel=swivel,
+        swivel=components.swivel.angle(q, point),
         broken=outside_limits(q, arm.limits),
         components=components,
         reason=reason,
@@ -287,14 +283,11 @@ def _sampled(
 
 def _why_not(components: Components, point: Array) -> str:
     shoulder = components.swivel.shoulder
-    wrist = components.wrist
-    distance = float(np.linalg.norm(point - shoulder))
-    if wrist is None:
-        return str(Note("stylus_axis_unreachable", {"distance": distance}))
-    nearest, farthest = reach_of_wrist(wrist, shoulder)
-    return str(
-        Note("wrist_out_of_reach", {"distance": distance, "nearest": nearest, "farthest": farthest})
-    )
+    data = {"distance": float(np.linalg.norm(point - shoulder))}
+    if components.wrist is None:
+        return str(Note("stylus_axis_unreachable", data))
+    data["nearest"], data["farthest"] = reach_of_wrist(components.wrist, shoulder)
+    return str(Note("wrist_out_of_reach", data))
 
 
 def _sides(signs: NDArray[np.intp]) -> str:
@@ -306,8 +299,7 @@ class Reach(NamedTuple):
 
     Attributes:
         sectors: sectors of the swivel angle at each point.
-        arc_fraction: working over theoretical range of the swivel angle (m,); nan without a
-            theoretical range.
+        arc_fraction: working over theoretical range of the swivel angle (m,); nan without a range.
         reachable: points that a posture reaches, without regard to limits (m,).
         complete: points of which all postures are known (m,).
     """
@@ -319,7 +311,7 @@ class Reach(NamedTuple):
 
 
 def reach_of_points(
-    arm: Arm, points: Array, sectors: int, purpose: str, axis: ArrayLike | None = None
+    arm: Arm, points: Array, sectors: int, purpose: str, axis: ArrayLike | None
 ) -> Reach:
     """Reachability of ``points`` (m, 3) [m] by the wrist, or by the tip with the stylus along
     ``axis`` (3,), over equal ``sectors`` of the swivel angle; errors name the ``purpose``.

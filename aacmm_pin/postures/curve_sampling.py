@@ -20,7 +20,7 @@ from aacmm_pin.postures.wrist_ik import Wrist
 FINER = 16
 """Parts of each piece between vertices to measure a path."""
 STILL = 1e-9
-"""A shorter path along a whole curve gives no measure of it [m, rad]."""
+"""A shorter path along a whole curve is no path [m, rad]."""
 ARC_BINS = 3600
 """Resolution of the arc fraction: a tenth of a degree of swivel."""
 SAME_SWIVEL = 1e-10
@@ -58,10 +58,9 @@ class Components:
     """Closed curves of postures of one arm that reach one or many points.
 
     Attributes:
-        swivel: swivel angles of the arm.
-        equations: equations of the curves.
+        equations: of the curves.
         points: working points (m, 3) [m].
-        curves: the curves, each with the number of its point.
+        curves: each with the number of its point.
         wrist: completes postures from joints 1 to 4; None if the curves have all joints.
     """
 
@@ -75,18 +74,13 @@ class Components:
         """All joints (n, nq) from the joints of the curves."""
         return q if self.wrist is None else self.wrist.full(q)
 
-    @property
-    def nq(self) -> int:
-        """Number of joints of a posture."""
-        return self.swivel.dh.nq
-
     @cached_property
     def _frames(self) -> Array:
         return self.swivel.frames(self.points)
 
     def angle(self, q: Array, problem: Index) -> Array:
-        """Swivel angles of postures of the curves (n, k) at points with the numbers (n,): (n,)
-        [rad].
+        """Swivel angles (n,) [rad] of postures of the curves (n, k) at points with the numbers
+        (n,).
         """
         return self.swivel.angle_in(self._frames[problem], self.full(q))
 
@@ -109,11 +103,10 @@ class Components:
         """The part of the chord of each piece inside the limits; see :func:`inside_part`."""
         joints = pieces.start.shape[1]
         first, last = inside_part(pieces.start, pieces.end, limits[:joints])
-        if (
-            self.wrist is not None
-            and outside_limits(into_limits(self.wrist.rest, limits[joints:]), limits[joints:]).any()
-        ):
-            last = np.zeros_like(last)
+        if self.wrist is not None:
+            held = into_limits(self.wrist.rest, limits[joints:])
+            if outside_limits(held, limits[joints:]).any():
+                last = np.zeros_like(last)
         return first, last
 
     def outside(self, limits: Array) -> Mask:
@@ -176,7 +169,7 @@ def evenly(
     """``count`` solutions on each curve, evenly spaced along a path.
 
     Args:
-        equations: equations of the curves.
+        equations: of the curves.
         curves: at least one.
         count: number of solutions of each curve.
         path: from solutions in order along a curve (m, k) to places (m, any). If they stand still,
@@ -184,7 +177,7 @@ def evenly(
 
     Returns:
         at most (curves * count, k) [rad], the number of the curve of each, and the number of
-        solutions that were not found (nearly degenerate arm).
+            solutions that were not found (nearly degenerate arm).
     """
     guesses = []
     for vertices in _finer(equations, curves):
@@ -201,9 +194,7 @@ def evenly(
 
 
 def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
-    """Each curve with solutions between its vertices; the first is repeated at the end if
-    closed.
-    """
+    """Solutions between the vertices of each curve; the first is repeated at the end if closed."""
     finer = []
     for curve in curves:
         q = curve.q
@@ -291,8 +282,7 @@ def _solutions_at_swivel(
 
 def sector_centres(sectors: int) -> Array:
     """Swivel angles of the centres of equal sectors (sectors,) [rad]; at 0 the elbow is highest."""
-    width = 2 * np.pi / sectors
-    return np.asarray(width * np.arange(sectors))
+    return np.asarray(2 * np.pi / sectors * np.arange(sectors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +291,7 @@ class Sectors:
 
     Attributes:
         q: the postures inside the limits (n, nq) [rad].
-        sector: number of the sector of each (n,).
+        sector: of each (n,).
         point: number of the point of each (n,).
         theoretical: centres with a posture, without regard to limits (points, sectors).
         working: centres with a posture in ``q`` (points, sectors).
@@ -319,7 +309,8 @@ class Sectors:
         theoretical, working = np.zeros((2, len(components.points), sectors), dtype=bool)
         if not components.curves:
             none = np.empty(0, dtype=np.intp)
-            return Sectors(np.empty((0, components.nq)), none, none, theoretical, working)
+            q = np.empty((0, len(limits)))
+            return Sectors(q, none, none, theoretical, working)
         pieces = components.segments
         centres = sector_centres(sectors)
         piece, sector, ahead = _swivel_crossings(pieces, centres)
@@ -359,7 +350,7 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
 
 
 def arc_fractions(components: Components, limits: Array) -> Array:
-    """Working over theoretical range of the swivel angle of each point: (m,); nan without a
+    """Working over theoretical range of the swivel angle of each point (m,); nan without a
     range.
     """
     m = len(components.points)
@@ -381,8 +372,8 @@ def arc_fractions(components: Components, limits: Array) -> Array:
 
 
 def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Index:
-    """Number of the ``ARC_BINS`` of a turn whose centres are covered by arcs from ``start`` over
-    ``turn``: (points,).
+    """Number of the ``ARC_BINS`` of a turn with the centre on an arc from ``start`` over ``turn``:
+    (points,).
     """
     bins = ARC_BINS
     a_radian = bins / (2 * np.pi)

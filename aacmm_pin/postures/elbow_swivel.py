@@ -20,12 +20,7 @@ UPRIGHT = 1e-9
 
 @dataclass(frozen=True)
 class Swivel:
-    """Swivel angles of one arm.
-
-    Attributes:
-        dh: its table.
-        up: unit vector against gravity (3,).
-    """
+    """Swivel angles of one arm; ``up`` is the unit vector against gravity (3,)."""
 
     dh: DHTable
     up: Array
@@ -45,9 +40,9 @@ class Swivel:
         frame = self.dh.place(3 if self.dh.standard else 4)
         return self.dh.chain.cut(frame).positions(q)
 
-    def angle(self, q: Array, points: Array) -> Array:
-        """Swivel angles at ``q`` (n, nq) with working points (n, 3): (n,) [rad] in [-π, π]."""
-        return self.angle_in(self.frames(points), q)
+    def angle(self, q: Array, point: Array) -> Array:
+        """Swivel angles at ``q`` (n, nq) with one working point (3,): (n,) [rad] in [-π, π]."""
+        return self.angle_in(self.frames(point[None, :]), q)
 
     def frames(self, points: Array) -> Array:
         """Directions of the swivel angles 0 and π/2 (m, 2, 3), of equal length, at points (m,
@@ -63,8 +58,8 @@ class Swivel:
         return np.stack([reference, np.cross(axis, reference)], axis=1)
 
     def angle_in(self, frames: Array, q: Array) -> Array:
-        """Swivel angles at ``q`` (n, nq) in the :meth:`frames` of their points (n, 2, 3): (n,)
-        [rad].
+        """Swivel angles (n,) [rad] at ``q`` (n, nq) in the :meth:`frames` of their points (n or 1,
+        2, 3).
         """
         upwards, sideways = np.einsum("nki,ni->kn", frames, self.elbow(q) - self.shoulder)
         return np.asarray(np.arctan2(sideways, upwards))

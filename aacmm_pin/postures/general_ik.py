@@ -175,8 +175,14 @@ def reaching_postures(
         finds = Isolated(equations, q=np.empty((0, arm.nq)))
         outcome = search(finds, arm.nq, most_starts)
         q = finds.q
-        component = np.arange(len(finds.q))
-        notes = [*_families(finds, outcome), *_next_to_singular(finds, outcome)]
+        component = np.arange(len(q))
+        notes = _families(finds, outcome)
+        near = np.flatnonzero(flattest(equations, q)[0] < NEARLY_SINGULAR)
+        if near.size:
+            notes.append(Note("nearly_singular", {"postures": (near + 1).tolist()}))
+        if outcome.stalled:
+            data = {"stalled": outcome.stalled, "starts": outcome.starts}
+            notes.append(Note("starts_stalled", data))
     else:
         finds = SelfMotion(equations)
         outcome = search(finds, arm.nq, most_starts)
@@ -190,16 +196,14 @@ def reaching_postures(
     notes += [Note("arm_degenerate")] * outcome.degenerate
     reason = "" if len(q) else "; ".join(map(str, notes)) or f"{outcome}, out of reach"
     q = into_limits(q, arm.limits)
-    swivel = _swivel(arm, q, conditions.point)
-    broken = outside_limits(q, arm.limits)
     return ReachingPostures(
         arm,
         conditions.point,
         arm.tip,
         q,
         component + 1,
-        swivel,
-        broken,
+        _swivel(arm, q, conditions.point),
+        outside_limits(q, arm.limits),
         conditions,
         curves,
         outcome,
@@ -220,12 +224,13 @@ def _conditions(
     slides = np.flatnonzero(arm.chain.prismatic) + 1
     if slides.size:
         raise UnsupportedArmError(
-            f"{arm.name}: joint {', '.join(str(j) for j in slides)} is prismatic; expected "
+            f"{arm.name}: joint {', '.join(map(str, slides))} is prismatic; expected "
             "revolute joints to enumerate postures"
         )
     if arm.mimics:
+        copies = ", ".join(str(mimic.joint) for mimic in arm.mimics)
         raise UnsupportedArmError(
-            f"{arm.name}: joint {', '.join(str(mimic.joint) for mimic in arm.mimics)} mimics "
+            f"{arm.name}: joint {copies} mimics "
             "another joint; expected independent joints to enumerate postures"
         )
     if axis is not None and rotation is not None:
@@ -269,11 +274,9 @@ def _rotation(values: ArrayLike) -> Array:
     matrix = vector(matrix.ravel(), 9, "rotation", "1").reshape(3, 3)
     deviation = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
     if deviation > ORTHONORMAL or np.linalg.det(matrix) < 0:
-        what = (
-            f"a deviation of {deviation:.1e} from orthonormal"
-            if deviation > ORTHONORMAL
-            else "the matrix is a reflection"
-        )
+        what = "the matrix is a reflection"
+        if deviation > ORTHONORMAL:
+            what = f"a deviation of {deviation:.1e} from orthonormal"
         raise ShapeError(f"rotation: {what}; expected a right-handed orthonormal matrix")
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ right)
@@ -282,29 +285,13 @@ def _rotation(values: ArrayLike) -> Array:
 def _families(finds: SolutionSet, found: Search) -> list[Note]:
     if finds.family is None:
         return []
-    data = {
-        "families": finds.families,
-        "arrivals": found.arrived,
-        "posture": in_degrees(finds.family),
-    }
-    return [Note("singular_families_unlisted", data)]
-
-
-def _next_to_singular(single: Isolated, found: Search) -> list[Note]:
-    """Notes on nearly singular postures and stalled starts."""
-    ratio, _ = flattest(single.equations, single.q)
-    near = np.flatnonzero(ratio < NEARLY_SINGULAR)
-    notes = []
-    if near.size:
-        notes.append(Note("nearly_singular", {"postures": (near + 1).tolist()}))
-    if found.stalled:
-        notes.append(Note("starts_stalled", {"stalled": found.stalled, "starts": found.starts}))
-    return notes
+    data = {"families": finds.families, "arrivals": found.arrived}
+    posture = in_degrees(finds.family)
+    return [Note("singular_families_unlisted", {**data, "posture": posture})]
 
 
 def _swivel(arm: Arm, q: Array, point: Array) -> Array:
-    """Swivel angles, if the first four rows of a DH table are joints; else nan."""
+    """nan unless the first four rows of a DH table are joints."""
     if arm.dh is None or arm.dh.rows <= ELBOW_JOINT or not arm.dh.moving[:ELBOW_JOINT].all():
         return np.full(len(q), np.nan)
-    points = np.broadcast_to(point, (len(q), 3))
-    return Swivel(arm.dh, arm.up).angle(q, points)
+    return Swivel(arm.dh, arm.up).angle(q, point)

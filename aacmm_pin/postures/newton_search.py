@@ -26,7 +26,6 @@ from aacmm_pin.postures.solution_curves import (
 )
 
 ROUND = 256
-"""Starts of one round."""
 ENOUGH = 300
 """Arrivals in a row without a new solution that end a search."""
 STARTS_WITHOUT_ARRIVAL = 1024
@@ -43,9 +42,7 @@ ALONG = np.array([0.02, 0.04, 0.08])
 ABOUT_THERE = 0.3
 """Part of a step along a family by which it may end elsewhere."""
 MOST_SINGLE = 16
-"""Six revolute joints have at most so many postures for a pose (Primrose 1986); more are a
-family.
-"""
+"""Six revolute joints have at most so many postures for a pose (Primrose 1986)."""
 MOST_BESIDE = 8
 """Finds beside each other to look for; close to a singular pose there is no end of them."""
 
@@ -95,7 +92,6 @@ class SolutionSet:
     """A collection of solutions.
 
     Attributes:
-        equations: the equations.
         hits: arrivals at each find.
         family: a singular solution that belongs to no find (k,), or None.
         families: number of arrivals at such solutions.
@@ -116,7 +112,7 @@ class SolutionSet:
         raise NotImplementedError
 
     def _count_families(self, q: Array, regular: Mask) -> int:
-        """Count singular solutions; return the number after the first one of a new family, or 0."""
+        """Return the number after the first singular solution of a new family, or 0."""
         self.families += int((~regular).sum())
         if self.family is not None or regular.all():
             return 0
@@ -161,7 +157,6 @@ class Isolated(SolutionSet):
         self.hits.append(0)
 
     def _number(self, q: Array) -> int | None:
-        """The number of the find that ``q`` (k,) is, or None."""
         gap = wrapped(self.q - q)
         distance = np.linalg.norm(gap, axis=1)
         for number in np.argsort(distance):
@@ -255,7 +250,10 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
     ):
         some = spread[starts : starts + ROUND]
         q, good = equations.polish(some)
-        stalled += _stalled(equations, q[~good])
+        residual = np.abs(equations(q[~good])[0]).max(axis=1, initial=0.0)
+        # Others of these would have arrived with more steps.
+        beside = q[~good][residual < STALLED_BELOW]
+        stalled += int((flattest(equations, beside)[0] < NEARLY_SINGULAR).sum())
         q = q[good]
         newest = finds.add(q) if len(q) else 0
         since_new = len(q) - newest + (0 if newest else since_new)
@@ -264,12 +262,3 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
     ended = finds.ended or (since_new < ENOUGH and (arrived > 0 or starts < STARTS_WITHOUT_ARRIVAL))
     flat = degenerate(equations, spread[:ROUND])
     return Search(starts, arrived, stalled, tuple(finds.hits), since_new, ended, flat)
-
-
-def _stalled(equations: Equations, q: Array) -> int:
-    """Number of unsuccessful ends (n, k) beside a nearly singular solution."""
-    values, _ = equations(q)
-    residual = np.abs(values).max(axis=1, initial=0.0)
-    beside = q[residual < STALLED_BELOW]  # others of these would have arrived with more steps
-    ratio, _ = flattest(equations, beside)
-    return int((ratio < NEARLY_SINGULAR).sum())

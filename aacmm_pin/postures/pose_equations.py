@@ -14,7 +14,6 @@ from aacmm_pin.postures import continuation
 from aacmm_pin.postures.continuation import MOST_POLISHES, POINT, POINT_AND_AXIS
 
 POSE = 6
-"""Number of equations of a whole pose."""
 Z_AXIS = np.array([0.0, 0.0, 1.0])
 
 
@@ -35,8 +34,9 @@ class Equations:
 
     @staticmethod
     def of_axis(links: Array, points: Array, tool: Array, axis: Array) -> Equations:
-        """The tip at ``points`` (m, 3) [m], with its unit vector ``tool`` (3,) along ``axis`` (3,);
-        ``links`` (n + 1, 4, 4) and all vectors but ``tool`` in the base.
+        """The tip at ``points`` (m, 3) [m], with its unit vector ``tool`` (3,) along ``axis`` (3,).
+
+        ``links`` (n + 1, 4, 4) and all vectors but ``tool`` are in the base.
         """
         upright = rotation_between(axis, Z_AXIS)
         turned = _in_axes(links, upright)
@@ -45,7 +45,7 @@ class Equations:
 
     def __call__(self, q: Array, problem: Index | int = 0) -> tuple[Array, Array]:
         """Values (n, k) [m, rad] and derivatives (n, k, joints) at ``q`` (n, joints) [rad];
-        ``problem`` numbers (n,), or one for all.
+        ``problem`` numbers (n,), or one.
         """
         _, equations, _ = self._newton(q, problem, 0)
         return equations[:, :, -1], equations[:, :, :-1]
@@ -78,7 +78,6 @@ class PoseConditions:
     """Conditions on the tip of a chain of revolute joints.
 
     Attributes:
-        chain: the arm.
         point: place of the tip (3,) [m].
         tool: unit direction in the tip's frame along ``axis`` (3,), or None.
         axis: unit direction in the base (3,), or None.
@@ -104,7 +103,7 @@ class PoseConditions:
         return self.chain.nq - self.count
 
     def equations(self) -> Equations:
-        """The equations of these conditions, one problem."""
+        """The equations of one problem."""
         links = self.chain.links()
         points = self.point[None]
         if self.rotation is not None:

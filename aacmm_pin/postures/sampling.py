@@ -55,18 +55,15 @@ def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tup
             active = active[far]
             miss = miss[far]
             jacobian = tip_jacobian(state)[far]
-            q[active] = np.clip(q[active] + _step(jacobian, miss), bounds[:, 0], bounds[:, 1])
+            transposed = jacobian.transpose(0, 2, 1)
+            damping = 0.1 * np.einsum("ni,ni->n", miss, miss)[:, None, None] * np.eye(3)
+            square = jacobian @ transposed + damping
+            square += 1e-15 * np.eye(3)  # an arm with fewer joints than directions has no inverse
+            step = (transposed @ np.linalg.solve(square, miss[:, :, None]))[:, :, 0]
+            longest = np.abs(step).max(axis=1, keepdims=True)
+            step *= LONGEST_STEP / np.maximum(longest, LONGEST_STEP)
+            q[active] = np.clip(q[active] + step, *bounds.T)
     return q, arrived
-
-
-def _step(jacobian: Array, miss: Array) -> Array:
-    damping = 0.1 * np.einsum("ni,ni->n", miss, miss)[:, None, None] * np.eye(3)
-    square = jacobian @ jacobian.transpose(0, 2, 1) + damping
-    square += 1e-15 * np.eye(3)  # an arm with fewer joints than directions has no inverse
-    pull = np.linalg.solve(square, miss[:, :, None])
-    step = (jacobian.transpose(0, 2, 1) @ pull)[:, :, 0]
-    longest = np.abs(step).max(axis=1, keepdims=True)
-    return np.asarray(step * (LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
 
 
 def agile(state: State) -> Mask:
@@ -82,13 +79,10 @@ def posture_features(arm: Arm, q: Array) -> Array:
     """Numbers whose distance tells how different postures are: a full turn gives 0, a small turn δ
     gives δ.
     """
-    bounds = joint_bounds(arm)
     slides = arm.chain.prismatic
+    low, high = joint_bounds(arm)[slides].T
     turns = q[:, ~slides]
-    span = bounds[slides, 1] - bounds[slides, 0]
-    return np.concatenate(
-        [np.cos(turns), np.sin(turns), (q[:, slides] - bounds[slides, 0]) / span], axis=1
-    )
+    return np.hstack([np.cos(turns), np.sin(turns), (q[:, slides] - low) / (high - low)])
 
 
 def spread_out(features: Array, count: int, apart: float) -> Index:

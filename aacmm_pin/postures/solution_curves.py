@@ -42,7 +42,7 @@ class CurveSearch:
     """The curves of one problem through seeds so far.
 
     Attributes:
-        equations: equations of all problems.
+        equations: of all problems.
         problem: number of this problem.
         steps: remaining steps along curves.
     """
@@ -91,7 +91,7 @@ class Curves:
     """The curves of some problems.
 
     Attributes:
-        equations: equations of all problems.
+        equations: of all problems.
         curves: sorted by the number of their problem.
         families: by problem, a singular solution on none of its curves, of a family with more
             dimensions.
@@ -161,8 +161,8 @@ def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[
 def _regular(equations: Equations, q: Array, problem: Index) -> Mask:
     """Solutions (n, k + 1) that are not singular: (n,).
 
-    ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, bounds the smallest ratio; only
-    if small, the ratios are computed.
+    ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, bounds the smallest ratio. Only
+    if it is small, the ratios are computed.
     """
     jacobian = equations(q, problem)[1]
     gram = jacobian @ jacobian.transpose(0, 2, 1)

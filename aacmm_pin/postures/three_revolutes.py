@@ -79,8 +79,8 @@ def _affine_point(b2: Array, c: Array) -> Array:
 
 
 def _affine_right_side(b1: Array, u: Array, c: Array, b2: Array, w: Array, rows: Array) -> Array:
-    """h as an affine function of (1, cos φ3, sin φ3): (n, 2, 3). |u|² is affine: |B2 Rz c|² - |c|²
-    - |t2|² is.
+    """h as an affine function of (1, cos φ3, sin φ3): (n, 2, 3). |B2 Rz c|² - |c|² - |t2|² is
+    affine, so |u|² is.
     """
     shift = b2[:, :3, 3]
     along = np.einsum("ni,nik->nk", shift, u)
@@ -94,7 +94,7 @@ def _affine_right_side(b1: Array, u: Array, c: Array, b2: Array, w: Array, rows:
 
 
 def _square(vectors: Array) -> Array:
-    """|v|² of vectors (n, 3): (n,)."""
+    """(n, 3) to (n,)."""
     return np.asarray(np.square(vectors).sum(axis=1))
 
 

@@ -16,7 +16,6 @@ from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate, f
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, POSITIONING, Wrist, with_spread, wrist_curves
 
 SPREAD = 600
-"""Evenly spread starts."""
 DIRECTIONS = 48
 """Turns of the body about the stylus."""
 
@@ -45,8 +44,11 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[
     """Angles (n, 6) [rad] close to solutions, and the number of their point (n,)."""
     links = dh.chain.links()
     to_tip = links[6]
-    stylus_in_6 = to_tip[:3, :3] @ stylus
-    bodies = _bodies_about(axis, stylus_in_6)
+    angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
+    turns = np.zeros((DIRECTIONS, 6))
+    turns[:, 3:] = angles[:, None] * axis
+    # Orientations of the body after joint 6 with the stylus along the axis.
+    bodies = exp(turns)[:, :3, :3] @ rotation_between(to_tip[:3, :3] @ stylus, axis)
     # The origin of frame 5 is that of the axes of joint 6, in modified DH but for the length of
     # row 6.
     back = bodies @ to_tip[:3, 3]
@@ -55,21 +57,11 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[
     curves = wrist_curves(wrist, places, FEW_PER_TURN).curves
     if not curves:
         return np.empty((0, dh.nq)), np.empty(0, dtype=np.intp)
-    point, body = np.divmod(
-        np.repeat([c.problem for c in curves], [len(c.q) for c in curves]), DIRECTIONS
-    )
+    problems = [c.problem for c in curves]
+    point, body = np.divmod(np.repeat(problems, [len(c.q) for c in curves]), DIRECTIONS)
     q = wrist.full(np.concatenate([c.q for c in curves]))
     seeds, vertex = _wrist_angles(q, following(curves), bodies[body], links)
     return seeds, point[vertex]
-
-
-def _bodies_about(axis: Array, stylus: Array) -> Array:
-    """Orientations (n, 3, 3) of the body after joint 6 with ``stylus`` along ``axis``."""
-    angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
-    turns = np.zeros((DIRECTIONS, 6))
-    turns[:, 3:] = angles[:, None] * axis
-    rotation = exp(turns)[:, :3, :3]
-    return rotation @ rotation_between(stylus, axis)
 
 
 def _wrist_angles(q: Array, after: Index, body: Array, links: Array) -> tuple[Array, Index]:

@@ -80,7 +80,7 @@ class Wrist:
         Args:
             dh: a table whose first five rows are joints.
             rest: held angles (nq - 4,) [rad]; default closest to 0 inside ``limits``.
-            limits: limits of all joints (nq, 2) [rad], or None.
+            limits: of all joints (nq, 2) [rad], or None.
 
         Raises:
             ShapeError: ``rest`` has another shape or is not finite.
@@ -91,11 +91,9 @@ class Wrist:
             nearest = into_limits(held, limits[POSITIONING:])
             # Exactly 0 where that is inside.
             held = np.clip(nearest, *limits[POSITIONING:].T) - nearest
-        offsets = dh.theta_offset[:WRIST_ROW].copy()
-        offsets[-1] += held[0]
-        moving = [True] * POSITIONING + [False]
         rows = dh.values()[:WRIST_ROW]
-        rows[:, -1] = offsets
+        rows[-1, -1] += held[0]
+        moving = [True] * POSITIONING + [False]
         return Wrist(table(rows, dh.convention, moving), held)
 
     @property
@@ -108,11 +106,9 @@ class Wrist:
     @property
     def held(self) -> str:
         """The held joint and its distance from the wrist, in words."""
-        angle = self.rest[0] / DEG
-        lever = self.lever / MM
         return (
-            f"the axis of joint {WRIST_ROW}, held at {angle:.4g}°, is {lever:.4g} mm from "
-            f"frame{WRIST_ROW}"
+            f"the axis of joint {WRIST_ROW}, held at {self.rest[0] / DEG:.4g}°, is "
+            f"{self.lever / MM:.4g} mm from frame{WRIST_ROW}"
         )
 
     @property
@@ -124,12 +120,11 @@ class Wrist:
 
     def full(self, q: Array) -> Array:
         """All joints from the first four: (n, nq) [rad]."""
-        held = np.tile(self.rest, (len(q), 1))
-        return np.hstack([q, held])
+        return np.hstack([q, np.tile(self.rest, (len(q), 1))])
 
 
 def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
-    """Least and largest distance of the wrist from ``shoulder`` (3,) [m], without regard to limits
+    """Least and largest distance of the wrist from ``shoulder`` (3,), without regard to limits
     [m].
     """
 
@@ -175,18 +170,14 @@ def _extremes(
         value, gradient = of_place(place[0])
         return sign * float(value), sign * gradient @ jacobian[0]
 
+    search = partial(
+        scipy.optimize.minimize, signed, method="BFGS", jac=True, options={"gtol": 1e-9}
+    )
     extremes = []
     for sign in (1.0, -1.0):
         starts = grid[np.argsort(sign * values)[:STARTS]]
-        search = partial(
-            scipy.optimize.minimize,
-            signed,
-            args=(sign,),
-            method="BFGS",
-            jac=True,
-            options={"gtol": 1e-9},
-        )
-        extremes.append(sign * min(float(search(q).fun) for q in starts))
+        ends = [search(q, args=(sign,)) for q in starts]
+        extremes.append(sign * min(float(end.fun) for end in ends))
     return extremes[0], extremes[1]
 
 
@@ -208,8 +199,8 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
 
 
 def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:
-    """Seeds (n, joints) [rad] and numbers of their problems (n,), plus ``count`` spread seeds for
-    each problem.
+    """Seeds (n, joints) [rad] and their problems (n,), plus ``count`` spread seeds for each
+    problem.
     """
     spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
     number = np.repeat(np.arange(problems), count)
@@ -217,34 +208,21 @@ def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tupl
 
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
-    """Seeds: each joint is held at some angles in turn, and the other three follow in closed form.
-
-    Returns:
-        (n, 4) [rad], and the index of their point (n,).
+    """Seeds (n, 4) [rad], and the index of their point (n,): each joint is held at some angles in
+    turn, and the other three follow in closed form.
     """
     # Off the symmetric angles 0 and ±π.
     angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
+    turns = screws(angles, 0.0, 2)
+    point, angle = np.indices((len(points), per_turn)).reshape(2, -1)
     seeds = []
     numbers = []
     for held in range(POSITIONING):
-        (b0, b1, b2), c = _chain_with_held(links, held, angles)
-        point, angle = np.indices((len(points), per_turn)).reshape(2, -1)
-        angles_of_three, pair = candidates(b0[angle], b1[angle], b2[angle], c[angle], points[point])
-        free = [joint for joint in range(POSITIONING) if joint != held]
-        q = np.empty((len(angles_of_three), POSITIONING))
-        q[:, free], q[:, held] = angles_of_three, angles[angle[pair]]
+        constants = [np.broadcast_to(link, turns.shape) for link in links[: POSITIONING + 1]]
+        constants[held : held + 2] = [constants[held] @ turns @ links[held + 1]]
+        b0, b1, b2 = (transforms[angle] for transforms in constants[:3])
+        free, pair = candidates(b0, b1, b2, constants[3][angle, :3, 3], points[point])
+        q = np.insert(free, held, angles[angle[pair]], axis=1)
         seeds.append(q)
         numbers.append(point[pair])
     return np.concatenate(seeds), np.concatenate(numbers)
-
-
-def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array], Array]:
-    """B0, B1, B2 (n, 4, 4) and c (n, 3) of the three free joints."""
-    turns = screws(angles, 0.0, 2)
-    constants = [np.broadcast_to(links[0], turns.shape)]
-    for joint in range(POSITIONING):
-        if joint == held:
-            constants[-1] = constants[-1] @ turns @ links[joint + 1]
-        else:
-            constants.append(np.broadcast_to(links[joint + 1], turns.shape))
-    return constants[:3], np.ascontiguousarray(constants[3][:, :3, 3])
