@@ -72,11 +72,8 @@ def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Drawn(Effect):
-    """A cause with other values in every record; its one parameter is their share that acts, 1.
-
-    Attributes:
-        of: the cause.
-        drawn: values of its parameters in each record (n, p).
+    """A cause with other values in every record ``drawn`` (n, p); its one parameter is their share
+    that acts, 1.
     """
 
     of: Effect
@@ -95,7 +92,7 @@ class _Drawn(Effect):
         return self.of.displacements(state)
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
-        """Twists (n, 6), computed record by record if the cause is not linear in its values."""
+        """Record by record if the cause is not linear in its values."""
         if type(self.of).exact is Effect.exact:
             drawn = self.drawn[:, :, None]
             return [(d.place, (d.columns @ drawn)[:, :, 0]) for d in self.displacements(state)]
@@ -114,8 +111,6 @@ class _Drawn(Effect):
 
 
 class _DrawnElastic(_Drawn):
-    """A drawn cause that depends on the elastic deflection of the arm."""
-
     elastic = True
 
 
@@ -128,12 +123,12 @@ def exact_volume(
 
     Args:
         sources: parameters with an uncertainty.
-        draws: draws for the volume of each posture, and again for the covariance.
+        draws: for the volume of each posture, and again for the covariance.
         piece: postures (n, nq) [rad], their conditions, and a generator for each.
 
     Returns:
         volume (n,) [m³], covariance (n, 3, 3) [m²], and change of the volume by half of the draws
-        (n,) [m³].
+            (n,) [m³].
     """
     q, conditions, generators = piece
     volume = np.empty(len(q))
@@ -153,7 +148,7 @@ def exact_volume(
 
 
 def _hull_volume(points: Array) -> float:
-    """Volume of the convex hull of points (m, 3) [m³]; 0 for points in a plane."""
+    """Of points (m, 3) [m³]; 0 for points in a plane."""
     centred = points - points.mean(axis=0)
     across = centred @ np.linalg.svd(centred, full_matrices=False)[2][-1]
     if np.ptp(across) <= FLAT * np.abs(points).max():

@@ -19,8 +19,8 @@ class SinglePoint(Shown):
 
     Attributes:
         n: number of records.
-        sigma: experimental standard deviation of the position over all records, with the divisor n
-            - 1 (eqs. 16, 17) [m].
+        sigma: experimental standard deviation of the position, with the divisor n - 1 (eqs. 16, 17)
+            [m].
         part: root mean square distance between the records of the high-accuracy part and the mean
             of *all* records (eqs. 18, 19) [m]; NaN without a high-accuracy part.
         rest: root mean square distance of the other records from the mean of all records [m].

@@ -2,8 +2,8 @@
 
 Correlated sources are replaced by their principal axes where independent ones are needed. With D =
 diag(u) and the correlation matrix R = V λ Vᵀ, the columns of ``D V √λ`` are independent sources
-with the covariance ``D R D``. Where eigenvalues coincide, the axes are not unique. Then the
-accuracy volume jumps with the slightest correlation, but the covariance does not.
+with the covariance ``D R D``. If eigenvalues coincide, the axes are not unique. Then the accuracy
+volume jumps with the slightest correlation, but the covariance does not.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,19 +80,16 @@ class ErrorSources(Shown):
                 its parameters are correlated.
         """
         model, not_passed = _with_effects(model)
-        extra_effects = (
-            extra for effect in model.effects for extra in extra_uncertainty_effects(effect)
-        )
+        extra_effects = chain.from_iterable(map(extra_uncertainty_effects, model.effects))
         model = replace(model, effects=(*model.effects, *extra_effects))
         left_out = _lacking(model, q, conditions)
         not_included = tuple(dict.fromkeys((*not_passed, *(effect.label for effect in left_out))))
         arm = model.arm
         covariance = model.covariance()
-        stated = _noise(model.arm, encoder_noise)
         silent = {
             p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()
         }
-        noise = arm.encoder_noise if stated is None else stated
+        noise = arm.encoder_noise if encoder_noise is None else _noise(arm, encoder_noise)
         candidates = list(arm.parameters)
         u = np.sqrt(np.diag(covariance)).tolist()
         for p, its_u in list(zip(model.parameters, u, strict=True))[len(candidates) :]:
@@ -121,7 +119,7 @@ class ErrorSources(Shown):
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The effects of the arm whose conditions are given."""
-        of_arm = [e for e in self.model.effects if not e.of_reference]
+        of_arm = (e for e in self.model.effects if not e.of_reference)
         return tuple(e for e in of_arm if e not in self.left_out)
 
     @property
@@ -157,22 +155,21 @@ class ErrorSources(Shown):
 
     @cached_property
     def axes(self) -> Array | None:
-        """Principal axes ``V √λ`` of the sources as columns (p, p), the identity for uncorrelated
-        ones; None if all are independent. ``axes @ axes.T`` is the correlation.
+        """Principal axes ``V √λ`` of the sources as columns (p, p); None if all are independent.
+        ``axes @ axes.T`` is the correlation.
         """
         if self.correlation is None:
             return None
         axes = np.eye(len(self.parameters))
-        count, group = scipy.sparse.csgraph.connected_components(
-            self.correlation != 0, directed=False
-        )
+        linked = self.correlation != 0
+        count, group = scipy.sparse.csgraph.connected_components(linked, directed=False)
         for number in range(count):
             mine = np.flatnonzero(group == number)
-            values, vectors = np.linalg.eigh(self.correlation[np.ix_(mine, mine)])
-            # What rounded correlations leave below zero is no variance.
-            axes[np.ix_(mine, mine)] = (
-                vectors * np.sqrt(np.maximum(values, 0.0)) if len(mine) > 1 else 1.0
-            )
+            if len(mine) > 1:
+                block = np.ix_(mine, mine)
+                values, vectors = np.linalg.eigh(self.correlation[block])
+                # What rounded correlations leave below zero is no variance.
+                axes[block] = vectors * np.sqrt(np.maximum(values, 0.0))
         return axes
 
     def positions(self, q: Array) -> Array:
@@ -191,9 +188,8 @@ class ErrorSources(Shown):
         arm = self.arm
         columns = np.array(self.columns)
         if not self.effects:
-            of_parameters = arm.sensitivity(q, self.at)[
-                :, :, columns[columns < len(arm.parameters)]
-            ]
+            of_arm = columns[columns < len(arm.parameters)]
+            of_parameters = arm.sensitivity(q, self.at)[:, :, of_arm]
             joints = columns - len(self.model.parameters)
             noise = arm.by_readings(arm.jacobian(q, self.at))[:, :, joints[joints >= 0]]
             return np.concatenate([of_parameters, noise], axis=2)
@@ -273,12 +269,9 @@ class ErrorSources(Shown):
         return table.sort_values("share", ascending=False, ignore_index=True)
 
 
-def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
-    if encoder_noise is None:
-        return None
-    noise_of_joints = (
-        np.full(arm.nq, encoder_noise) if np.ndim(encoder_noise) == 0 else encoder_noise
-    )
+def _noise(arm: Arm, encoder_noise: ArrayLike) -> Array:
+    is_one = np.ndim(encoder_noise) == 0
+    noise_of_joints = np.full(arm.nq, encoder_noise) if is_one else encoder_noise
     noise = vector(noise_of_joints, arm.nq, "encoder_noise", "rad")
     plausible.ENCODER_NOISE.check(noise, "encoder_noise")
     return noise
@@ -303,16 +296,11 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
 
     labels = []
     for entry in model.file.effects:
-        where = next(
-            (
-                entry.structure[k]
-                for k in ("joint", "link", "seat", "marker")
-                if k in entry.structure
-            ),
-            None,
-        )
-        if entry.cause not in CAUSES or not CAUSES[entry.cause].of_reference:
-            labels.append(entry.cause if where is None else f"{entry.cause}:{where}")
+        if entry.cause in CAUSES and CAUSES[entry.cause].of_reference:
+            continue
+        fields = [name for name in ("joint", "link", "seat", "marker") if name in entry.structure]
+        place = "".join(f":{entry.structure[name]}" for name in fields[:1])
+        labels.append(entry.cause + place)
     labels += [discrepancy_of(entry).label for entry in model.file.discrepancy]
     return alone, labels
 

@@ -34,16 +34,12 @@ Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 COVERED = (0.954, 0.993)
-"""Coverage of U = 2 u of a position, u² = u_x² + u_y² + u_z², for normal errors in one direction,
-and isotropic ones.
-"""
+"""Coverage of U = 2 u of a position, for normal errors in one direction, and isotropic ones."""
 ELLIPSOID_COVERAGE_FACTOR = 2.7954834829151074
-"""k = 2.80 of the 95 % ellipsoid of a normal distribution in three dimensions (JCGM 102:2011, table
-1).
-"""
+"""Of the 95 % ellipsoid of a normal distribution in three dimensions (JCGM 102:2011, table 1)."""
 POSTURES_AT_ONCE = 16_384
-"""Postures of one task, enough for both compiled loops. With 2048, too few for the loops, 200 000
-postures of SINO6 take 1.0 s in place of 0.3 s.
+"""Postures of one task, enough for both compiled loops. With 2048, 200 000 postures of SINO6 take
+1.0 s in place of 0.3 s.
 """
 DRAWN_AT_ONCE = 4
 """Postures of one task of ``monte-carlo``."""
@@ -78,8 +74,8 @@ class AccuracyVolume(Shown):
 
     @property
     def u(self) -> Array:
-        """The standard uncertainty of the position ``(n,)`` [m]: root sum of squares of x, y and
-        z.
+        """The standard uncertainty of the position ``(n,)`` [m]: root sum of squares of x, y
+        and z.
         """
         return _u(self.covariance)
 
@@ -303,12 +299,9 @@ def accuracy_volume(
         size = DRAWN_AT_ONCE
         work = partial(exact_volume, sources, whole(draws, FEWEST_DRAWS, "draws"))
         pieces = ((*piece, rng.spawn(len(piece[0]))) for piece in _parts(q, conditions, size))
-    with (
-        bar(
-            drawn or len(q) > MANY, "Monte Carlo" if drawn else "accuracy", "posture", total=len(q)
-        ) as moving,
-        results(work, pieces, workers) as worked,
-    ):
+    task = "Monte Carlo" if drawn else "accuracy"
+    posture_bar = bar(drawn or len(q) > MANY, task, "posture", total=len(q))
+    with posture_bar as moving, results(work, pieces, workers) as worked:
         for number, values in worked:
             part = slice(number * size, (number + 1) * size)
             for whole_, some in zip((volume, covariance, error), values, strict=False):
@@ -322,7 +315,7 @@ def accuracy_volume(
 def _parts(
     q: Array, conditions: Conditions | None, size: int = POSTURES_AT_ONCE
 ) -> Iterator[tuple[Array, Conditions | None]]:
-    """Parts of the postures, with their conditions; one record of conditions holds for all."""
+    """One record of conditions holds for all postures."""
     for part in chunks(len(q), size):
         some = q[part]
         if conditions is None:

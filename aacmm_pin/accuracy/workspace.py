@@ -1,5 +1,5 @@
-"""Maps of flexibility and accuracy over the half-plane y = 0, x ≥ 0, which joint 1 rotates about
-z.
+"""Maps of flexibility and accuracy over the half-plane y = 0, x ≥ 0, which joint 1 rotates
+about z.
 """
 
 from __future__ import annotations
@@ -50,7 +50,6 @@ CELLS_AT_ONCE = 768
 TIP_CELLS_AT_ONCE = 48
 """A cell of the tip takes a hundred times as long as one of the wrist."""
 MAP = "a map of the workspace"
-"""Name in error messages."""
 PROBES = 64
 """Postures whose accuracy identifies a model with its causes and conditions."""
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
@@ -83,7 +82,7 @@ class Variable(NamedTuple):
     """A variable of a map.
 
     Attributes:
-        name: name in the file.
+        name: in the file.
         source: key of the results of a cell.
         unit: key of :data:`UNITS`.
         text: long name.
@@ -187,10 +186,7 @@ class WorkspaceMap(Shown):
     @property
     def incomplete(self) -> int:
         """The number of cells for which the search did not find all postures."""
-        if "complete" not in self.data:
-            return 0
-        complete = self.data["complete"].values
-        return int(np.sum(complete == 0))
+        return int((self.data["complete"] == 0).sum()) if "complete" in self.data else 0
 
     @property
     def not_included(self) -> tuple[str, ...]:
@@ -245,12 +241,10 @@ class WorkspaceMap(Shown):
         if self.unreachable == x * z:
             return f"{where}, all out of reach{unknown}"
         mean = float(self.data["flexibility"].mean())
+        flexibility = f"; the mean flexibility is {mean:.3f}" if np.isfinite(mean) else ""
         return (
             f"{where}, of which {self.unreachable} are out of reach and {full} have postures in "
-            "all sectors"
-            + (f"; the mean flexibility is {mean:.3f}" if np.isfinite(mean) else "")
-            + unknown
-            + omission(self.not_included)
+            f"all sectors{flexibility}{unknown}{omission(self.not_included)}"
         )
 
 
@@ -321,10 +315,8 @@ def map_workspace(
         for number, arrays in worked:
             arrays_of[number] = arrays
             moving.update(len(arrays["reachable"]))
-    merged = {
-        name: np.concatenate([arrays_of[number][name] for number in range(len(pieces))])
-        for name in arrays_of[0]
-    }
+    parts = [arrays_of[number] for number in range(len(pieces))]
+    merged = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     seconds = time.perf_counter() - started
     data = _dataset(merged, x, z, arm.nq)
     working_point: dict[str, Any] = {"working_point": probe.sources.at}
@@ -430,17 +422,14 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
 def _probe(
     model: Arm | ErrorModel, conditions: Conditions | None, method: Method, axis: Array | None
 ) -> AccuracyVolume:
-    """The accuracy of a few postures, which refuses before the work what the first cell would
-    refuse.
-    """
-    if method == "monte-carlo" or method not in METHODS:
-        raise UnknownNameError(
-            "method of a map", method, [m for m in METHODS if m != "monte-carlo"]
-        )
+    """The accuracy of a few postures; refuses before the work what the first cell would refuse."""
+    methods: list[str] = [name for name in METHODS if name != "monte-carlo"]
+    if method not in methods:
+        raise UnknownNameError("method of a map", method, methods)
     if conditions is not None and conditions.n != 1:
         raise ShapeError(f"conditions have {conditions.n} records; expected 1, for all cells")
     arm = ErrorModel.arm_of(model)
-    q = np.clip(spread_angles(PROBES, arm.nq), arm.limits[:, 0], arm.limits[:, 1])
+    q = np.clip(spread_angles(PROBES, arm.nq), *arm.limits.T)
     return accuracy_volume(model, q, conditions=conditions, at=_frame(arm, axis), method=method)
 
 
@@ -451,10 +440,25 @@ def map_caveats(
     the uncertainties do not include.
 
     Args:
-        arm: the arm.
         extent, axis: as in :func:`map_workspace`.
     """
-    notes = [] if axis is not None else _wrist_caveats(arm, extent)
+    notes: list[Note] = []
+    if axis is None:
+        wrist = Wrist.of_arm(arm, MAP)
+        if extent is not None:
+            box = _extent(arm, extent)
+            reached = box_of_wrist(wrist)
+            beyond = (reached - box) * OUTWARDS_OF_BOX > NEGLIGIBLE_SHIFT
+            names = ("x below", "x above", "z below", "z above")
+            ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
+            sides = [f"{name} {at:.4g} mm (to {end:z.0f} mm)" for name, at, end, cut in ends if cut]
+            if sides:
+                notes.append(Note("extent_cuts_reach", {"sides": ", ".join(sides)}))
+        notes += wrist.notes
+        angles = enumerate(wrist.rest / DEG, start=WRIST_ROW)
+        held = [f"joint {number} at {angle:.4g}°" for number, angle in angles if angle]
+        if held:
+            notes.append(Note("joints_held", {"joints": " and ".join(held)}))
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
         notes.append(Note("first_joint_limited"))
@@ -464,29 +468,6 @@ def map_caveats(
     if abs(arm.up[2]) < 1 - 1e-12:
         notes.append(Note("gravity_off_first_axis"))
     return (*notes, *caveats(arm, arm.without_uncertainty))
-
-
-def _wrist_caveats(arm: Arm, extent: ArrayLike | None) -> list[Note]:
-    """Notes on the reach outside the extent, and on joints that are held."""
-    wrist = Wrist.of_arm(arm, MAP)
-    notes = wrist.notes
-    held = [
-        f"joint {number} at {angle:.4g}°"
-        for number, angle in enumerate(wrist.rest / DEG, start=WRIST_ROW)
-        if angle
-    ]
-    if held:
-        notes.append(Note("joints_held", {"joints": " and ".join(held)}))
-    if extent is None:
-        return notes
-    box = _extent(arm, extent)
-    reached = box_of_wrist(wrist)
-    beyond = (reached - box) * OUTWARDS_OF_BOX > NEGLIGIBLE_SHIFT
-    names = ("x below", "x above", "z below", "z above")
-    ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
-    sides = [f"{name} {at:.4g} mm (to {end:z.0f} mm)" for name, at, end, cut in ends if cut]
-    cuts = [Note("extent_cuts_reach", {"sides": ", ".join(sides)})] if sides else []
-    return cuts + notes
 
 
 def _middles(low: float, high: float, count: int) -> Array:
