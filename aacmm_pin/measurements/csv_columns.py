@@ -30,14 +30,14 @@ class Column:
 
     Attributes:
         field: attribute of measurements, conditions or probed points with the values; "" if they
-            stay unchanged in :attr:`aacmm_pin.Measurements.extra`.
+            stay in :attr:`aacmm_pin.Measurements.extra`.
         names: one for each component; # stands for the numbers 1, 2, … of joints, or of DH rows for
             temperatures.
         covariate: effects to compare residuals with: ``anywhere``: translations of the tip,
             rotations of joints, changes of lengths; ``joints``: all but lengths; ``groups``:
             records with one label may be excluded together; ``none``. Excluded records are compared
             with all but ``none``.
-        unit: unit of the numbers in the file; "" for labels.
+        unit: in the file; "" for labels.
         range: possible numbers in SI; None for any.
         may_be_empty: whether a row may state no number; a label may always be missing.
         above_zero: whether zero is invalid, as for a standard uncertainty.
@@ -94,9 +94,7 @@ class Column:
         return [name for name in self.names if name in names]
 
     def quantity(self, name: str) -> str:
-        """The quantity of its column ``name``, such as ``torque 2``; the name if it has no
-        attribute.
-        """
+        """The quantity of its column ``name``, such as ``torque 2``; else the name."""
         if not self.field:
             return name
         number = number_in(name, self.names[0]) if self.is_numbered else None
@@ -205,7 +203,7 @@ PROBED_POINT_COLUMNS = (
     Column("u_length", ("u_length_mm",), "none", "mm", plausible.LENGTH_NOISE, True),
     _PROBE_DIAMETER,
 )
-"""Further columns of an acceptance file."""
+"""Further ones of an acceptance file."""
 RELATION_COLUMNS = (
     Column("a", ("feature_a",), "none"),
     Column("b", ("feature_b",), "none"),
@@ -214,7 +212,6 @@ RELATION_COLUMNS = (
     Column("angle", ("angle_deg",), "none", "°", Range(0.0, math.pi, "rad")),
     Column("angle_u", ("u_angle_deg",), "none", "°", plausible.TURN_NOISE, above_zero=True),
 )
-"""The columns of a table of relations between planes."""
 LABELS = tuple(
     column.names[0] for column in RECORD_COLUMNS if column.is_label and column.covariate != "none"
 )

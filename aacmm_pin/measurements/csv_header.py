@@ -37,11 +37,10 @@ SPELLING_SIMILARITY = 0.9
 OF_ANGLES = ("deg", "rad", "mrad", "gon", "arcsec")
 OTHER_UNITS = {*OF_ANGLES, "m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm"}
 SPELLED = {"°c": "c", "°": "deg", "θ": "theta"}
-"""Signs in names, and our letters for them."""
 
 
 def check_header(names: Sequence[object], nq: int | None, problems: Problems) -> None:
-    """Check the names of columns of a measurement file; ``nq`` joints, None for any number.
+    """Check the names of columns of a measurement file; None for any number of joints ``nq``.
 
     Raises:
         MeasurementFileError: a name is missing, repeated, misspelt, or needs another column.
@@ -107,7 +106,7 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
 def checked_names(
     names: Sequence[object], columns: Sequence[Column], problems: Problems
 ) -> list[str]:
-    """The names of a file with these columns, as text, with known names in place of similar ones.
+    """The names of a file as text, with known names in place of similar ones.
 
     Raises:
         MeasurementFileError: too many are unknown; other mistakes go to ``problems``.
@@ -145,8 +144,8 @@ def checked_names(
 
 
 def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> str | None:
-    """The known name or form that was meant: with the same letters, or a missing one that is
-    similar or has another unit; else None.
+    """The name or form that was meant: with the same letters, or a missing one that is similar or
+    has another unit; else None.
     """
     with_unit = f"{name.lower()}_mm"
     if with_unit in REFERENCE and with_unit not in present:
@@ -184,7 +183,6 @@ def _stem(name: str) -> str:
 
 
 def _letters(name: str) -> str:
-    """The letters and digits of a name, with signs spelled out."""
     text = name.casefold()
     for sign, letters in SPELLED.items():
         text = text.replace(sign, letters)

@@ -1,8 +1,8 @@
 """The cells of a CSV file or an Excel workbook (``*.xlsx``, with openpyxl, the extra ``excel``), as
 text.
 
-pandas fills short rows up, and does not count blank lines and line ends in quotes; Python's reader
-states the line of each row for error messages.
+pandas fills short rows up, and does not count blank lines and line ends in quotes. Python's reader
+states the line of each row.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ DECIMAL_SIGNS = {".": "point", ",": "comma"}
 
 
 class Row(NamedTuple):
-    """The number of a line, and its cells."""
+    """A line of a file."""
 
     line: int
     cells: list[str]
@@ -64,13 +64,13 @@ class Row(NamedTuple):
 
 
 class Dialect(NamedTuple):
-    """Separator of cells, and decimal sign."""
+    """How a file states cells and numbers."""
 
     separator: str = ","
     decimal_sign: str = "."
 
     def text(self, table: pd.DataFrame) -> str:
-        """The CSV text of a table with the columns of a file, in this dialect."""
+        """The CSV text of a table with the columns of a file."""
         columns: dict[Any, Any] = dict(table.items())
         if self.decimal_sign == ",":
             for k in _numeric([str(name) for name in table]):
@@ -79,8 +79,8 @@ class Dialect(NamedTuple):
 
 
 class CsvTable(NamedTuple):
-    """The content of a file: cells as text, with decimal points; the line of each record (n,);
-    notes on unusual properties; and its dialect.
+    """Cells as text with decimal points, the line of each record (n,), and notes on unusual
+    properties.
     """
 
     table: pd.DataFrame
@@ -98,7 +98,7 @@ def measurement_file(path: str) -> bytes:
     """The content of a measurement file.
 
     Raises:
-        MeasurementFileError: the file cannot be read.
+        MeasurementFileError: it cannot be read.
     """
     expected = "a measurement file (*.csv)"
     return content_of(
@@ -147,12 +147,8 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
 
 
 def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[Row]:
-    """The rows of the first sheet that are not empty: numbers as Python writes them, formulas as
-    their values, with empty cells up to the last name of the header.
-
-    Raises:
-        MeasurementFileError: openpyxl is missing, or cannot read the file; the file is too large,
-            or empty.
+    """Rows of the first sheet that are not empty: numbers as Python writes them, formulas as their
+    values, with empty cells up to the last name of the header.
     """
     try:
         import openpyxl  # optional
@@ -232,9 +228,7 @@ def _separator(line: str) -> str:
 
 
 def _has_names(cells: Sequence[str]) -> bool:
-    """Whether cells have the name of a known column, or nearly two names, or nearly the only
-    one.
-    """
+    """Whether cells have a known name, or nearly two, or nearly the only one."""
     names = [cell.strip(' "') for cell in cells]
     if any(column_of(name.lower(), ACCEPTANCE_FILE) is not UNKNOWN_COLUMN for name in names):
         return True
@@ -243,11 +237,7 @@ def _has_names(cells: Sequence[str]) -> bool:
 
 
 def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
-    """All lines that are not empty.
-
-    Raises:
-        MeasurementFileError: quotes are invalid.
-    """
+    """All lines that are not empty."""
     end = 0
     lines = io.StringIO(text, newline="")
     reader = csv.reader(lines, strict=True, delimiter=separator, skipinitialspace=spaced)
@@ -268,12 +258,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
 def _records(
     path: str, rows: Sequence[Row], ways: list[str]
 ) -> tuple[list[str], Index, list[list[str]]]:
-    """The header, and lines and cells of the records.
-
-    Raises:
-        MeasurementFileError: there are only comments, or rows above the header or of units below
-            it; a row has another number of cells, or begins with # but may be a record.
-    """
+    """The header, and lines and cells of the records."""
     stated = [row for row in rows if not row.is_comment]
     if not stated:
         raise MeasurementFileError(
@@ -344,11 +329,7 @@ def _numeric(header: Sequence[str]) -> list[int]:
 def _decimal_sign_of(
     header: Sequence[str], columns: Sequence[Sequence[str]], problems: Problems
 ) -> str:
-    """The decimal sign of most numbers.
-
-    Raises:
-        MeasurementFileError: a number has another one.
-    """
+    """The decimal sign of most numbers, which the others must have."""
     signs = {k: np.array([*map(_decimal_sign, columns[k])]) for k in _numeric(header)}
     commas, points = (sum(np.sum(of == sign) for of in signs.values()) for sign in ",.")
     usual, other = (",", ".") if commas > points else (".", ",")
@@ -362,23 +343,16 @@ def _decimal_sign_of(
 
 
 def _decimal_sign(cell: object) -> str:
-    """The decimal sign of a number, or ""."""
     match = _NUMBER.fullmatch(str(cell))
     return match[1] if match else ""
 
 
 def _with_sign(cells: Iterable[Any], sign: str) -> list[Any]:
-    """The cells, with this decimal sign in numbers."""
     signs = [(cell, _decimal_sign(cell)) for cell in cells]
     return [str(cell).replace(stated, sign) if stated else cell for cell, stated in signs]
 
 
 def _text(path: str, content: bytes) -> str:
-    """The content as text.
-
-    Raises:
-        MeasurementFileError: it is no text, or empty.
-    """
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -439,7 +413,6 @@ def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataF
 
 
 def _check_labels(path: str, file: CsvTable, others: pd.Series, other: str) -> None:
-    """Refuse a label that is repeated, or missing in the other file."""
     problems = Problems(path, file.lines)
     labels = file.table["record"]
     cells = labels.to_numpy()

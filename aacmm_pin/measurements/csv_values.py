@@ -30,8 +30,8 @@ Cells = NDArray[np.object_]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """The n rows of a table by the names of columns, each (n,): numbers in units of the file,
-    labels, and text.
+    """The n rows of a table by the names of columns, each (n,): numbers in units of the file, and
+    text.
     """
 
     n: int
@@ -47,13 +47,11 @@ class Values:
         return self.columns.get(name, np.full(self.n, "", dtype=object))
 
     def names(self, entry: Column) -> list[str]:
-        """The columns of an entry, in the order of components or numbers."""
+        """The columns of an entry, in order."""
         return entry.among(self.columns)
 
     def field(self, entry: Column) -> NDArray[Any] | None:
-        """The columns of an entry in SI, or None: (n,), or (n, columns) for several or numbered
-        ones.
-        """
+        """The columns of an entry in SI, or None: (n,), or (n, columns)."""
         names = self.names(entry)
         if not names:
             return None
@@ -112,8 +110,8 @@ def check_numbers(
     possible: Range | None,
     problems: Problems,
 ) -> None:
-    """Check numbers (n, k), whose components are called ``places``, against a column and the
-    ``possible`` range in their unit.
+    """Check numbers (n, k) of ``places`` against a column, and the ``possible`` range in their
+    unit.
     """
     stated = ~np.isnan(numbers)
     partly = stated.any(axis=1) & ~stated.all(axis=1)

@@ -47,9 +47,9 @@ class Pool:
     Attributes:
         room: the arm and the room of its tip.
         state_of: the arm with its errors that do not depend on conditions.
-        q: postures (n, nq) [rad].
+        q: (n, nq) [rad].
         tips: (n, 3) [m].
-        tree: search tree of the tips.
+        tree: of the tips.
     """
 
     room: Room
@@ -79,9 +79,7 @@ class Pool:
 
     def thinness(self, points: Array, most: float = np.inf) -> Array:
         """Radius about each point (n, 3) with the nearest tips of the pool: large if few postures
-        reach it [m].
-
-        Infinite from ``most`` on, to save time.
+        reach it [m]. Infinite from ``most`` on, to save time.
         """
         distances, _ = self.tree.query(points, k=LEAST_GUESSES, distance_upper_bound=most)
         return np.asarray(distances[:, -1])
@@ -162,7 +160,7 @@ def bars_for(
 ) -> list[Place]:
     """Ball bars of ``length`` [m] in ``wanted`` places, each end with ``each`` postures.
 
-    One end is a random tip, the other lies towards another one, where postures are as dense as at
+    One end is a random tip. The other lies towards another tip, where postures are as dense as at
     seats.
 
     Raises:
@@ -199,7 +197,7 @@ def visits(counts: Index, session: Index, rng: np.random.Generator) -> tuple[Ind
 
     Args:
         counts: records of each point (k,).
-        session: session of each record, ascending (n,), n the sum of the counts.
+        session: of each record, ascending (n,).
         rng: draws the order of points in a session, and of postures at a point.
 
     Returns:

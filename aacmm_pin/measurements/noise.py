@@ -56,7 +56,7 @@ class Noise:
         """Noise of an arm with ``nq`` joints; ``encoder`` is (nq,), or one number [rad].
 
         Raises:
-            ShapeError: ``encoder`` has another number of entries, or is not finite.
+            ShapeError: ``encoder`` has another number of entries.
             AacmmError: a number is negative, not finite, or implausible.
         """
         of_encoders = np.full(nq, encoder, dtype=float) if np.ndim(encoder) == 0 else encoder

@@ -17,19 +17,15 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.measurements.relations import of_planes
 
 NOTHING_KNOWN = 1e-4
-"""The smallest information for a known seat [1/m²]; a seat with less may be anywhere within 100
-m.
-"""
+"""Smallest information for a known seat [1/m²]; with less it may be anywhere within 100 m."""
 
 
 NOTHING_BESIDE = 1e-3
-"""The relative standard deviation of the part of a deviation that does not count."""
+"""Relative standard deviation of the part of a deviation that does not count."""
 WILD_CONTACT = 1e-4
-"""Distance from a sphere [m] from which a contact has less weight in the first estimate of the
-centre.
-"""
+"""Distance from a sphere from which a contact has less weight in the first centre [m]."""
 LEAST_WIDTH = 1e-3
-"""Contacts of a plane that lie nearer together than this do not show how it is tilted [m]."""
+"""Contacts of a plane nearer together do not show its tilt [m]."""
 OF_BAR = "bar"
 """The relation of two seats at a known distance."""
 
@@ -68,17 +64,15 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
 
 
 def normal_of_plane(points: Array) -> Array:
-    """Return the unit normal ``(3,)`` of the best plane through points ``(m, 3)`` [m]; its sign is
-    arbitrary.
-    """
+    """Return a unit normal ``(3,)`` of the best plane through points ``(m, 3)`` [m]."""
     about = points - points.mean(axis=0)
     *_, directions = np.linalg.svd(about, full_matrices=False)
     return np.asarray(directions[2])
 
 
 def clusters_of(ends: Index, seats: int) -> Index:
-    """Return the number of the cluster of each of the seats, ``(seats,)``; pairs ``ends`` ``(b,
-    2)`` connect all seats of a cluster.
+    """Return the number of the cluster of each seat, ``(seats,)``; pairs ``ends`` ``(b, 2)``
+    connect seats.
     """
     graph = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(seats, seats))
     _, number = connected_components(graph, directed=False)
@@ -97,25 +91,24 @@ class Observations:
     Attributes:
         reference: known coordinates ``(n, 3)`` [m]; NaN if unknown or if the record touches a seat.
         seat: index of the seat that the record touches ``(n,)``; -1 for no seat.
-        covariance: covariance of the target of each record, without the covariance of the arm,
-            ``(n, 3, 3)`` [m²]. If any record states an orientation: ``(n, 6, 6)``, with the
-            rotation after the position [rad²].
-        labels: labels of the seats ``(s,)``.
+        covariance: of the target of each record, without the covariance of the arm, ``(n, 3, 3)``
+            [m²]. If any record states an orientation: ``(n, 6, 6)``, with the rotation after the
+            position [rad²].
+        labels: of the seats ``(s,)``.
         stated: stated coordinates of the seats ``(s, 3)`` [m]; NaN if not stated.
         stated_u: standard uncertainty of ``stated`` ``(s, 3)`` [m]; NaN if not stated.
         ends: indices of the two seats of each relation ``(b, 2)``.
         relation: kind of each relation ``(b,)``: a bar, or a distance, angle or tilt of two planes.
         value: calibrated values of the relations ``(b,)`` [m, rad].
-        value_u: standard uncertainties of the values ``(b,)`` [m, rad].
-        oriented: True for records that state an orientation ``(n,)``.
+        value_u: their standard uncertainties ``(b,)`` [m, rad].
+        oriented: records that state an orientation ``(n,)``.
         radius: distance between the tip and the seat if the seat is the centre of a sphere ``(n,)``
             [m]; NaN if the tip is at the seat.
-        on_plane: True for records that touch a plane ``(n,)``. The centre of the ball is then on a
-            parallel plane, and the seat is the point of the parallel plane nearest to ``anchor``.
-        anchor: a point as far from the plane of each seat as the contacts are from their mean
-            ``(s, 3)`` [m], RMS and at least 1 mm; NaN if the seat is no plane.
-        normal: normal of the sphere or plane at each record ``(n, 3)``; zero if the tip is at the
-            seat.
+        on_plane: records that touch a plane ``(n,)``. The centre of the ball is then on a parallel
+            plane, and the seat is the point of the parallel plane nearest to ``anchor``.
+        anchor: a point as far from the plane of each seat as the contacts are from their mean ``(s,
+            3)`` [m], RMS and at least 1 mm; NaN if the seat is no plane.
+        normal: of the sphere or plane at each record ``(n, 3)``; zero if the tip is at the seat.
         by_place: derivative of the distance between a record and its plane by the seat, times -1,
             ``(n, 3)``.
     """
@@ -145,8 +138,8 @@ class Observations:
 
     @property
     def counts(self) -> Index:
-        """The number of coordinates that each record states, ``(n,)``: 0 without target, 1 for a
-        sphere or plane, 3 for a point, and 3 more for an orientation.
+        """The number of coordinates of each record, ``(n,)``: 0 without target, 1 for a sphere or
+        plane, 3 for a point, and 3 more for an orientation.
         """
         of_tip = np.where(self.on_surface, 1, 3)
         return np.asarray(self.has_target * of_tip + 3 * (self.has_target & self.oriented))
@@ -158,7 +151,7 @@ class Observations:
 
     @property
     def on_surface(self) -> Mask:
-        """True for records that touch a sphere or a plane, ``(n,)``; only their deviation along the
+        """True for records that touch a sphere or a plane, ``(n,)``: only their deviation along the
         normal counts.
         """
         return self.on_sphere | self.on_plane
@@ -183,8 +176,8 @@ class Observations:
         return self.spheres | self.planes
 
     def with_normals(self, tips: Array, points: Array) -> Observations:
-        """Return the observations with the normals of spheres and planes, for tips ``(n, 3)`` and
-        seats at ``points`` ``(s, 3)`` [m].
+        """Return the observations with normals, for tips ``(n, 3)`` and seats at ``points`` ``(s,
+        3)`` [m].
         """
         normal = np.zeros((len(tips), 3))
         touches = self.on_sphere
@@ -213,8 +206,8 @@ class Observations:
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def by_seats(self, whitening: Array) -> Array:
-        """Return the derivative of whitened deviations by the seats, ``(n, r, 3)``, for
-        ``whitening`` rows ``(n, r, 3 or 6)``.
+        """Return the derivative of whitened deviations by the seats ``(n, r, 3)``; ``whitening`` is
+        ``(n, r, 3 or 6)``.
         """
         derivative = -whitening[:, :, :3]
         touches = self.on_plane
@@ -241,7 +234,7 @@ class Observations:
         return np.asarray(along + beside)
 
     def _projections(self, width: int) -> Array:
-        """Projections onto the part of deviations that counts (n, width, width)."""
+        """(n, width, width)."""
         projections = np.tile(np.eye(width), (len(self.normal), 1, 1))
         normal = self.normal[self.on_surface]
         projections[self.on_surface, :3, :3] = normal[:, :, None] * normal[:, None, :]
@@ -260,14 +253,13 @@ class Observations:
 
     @cached_property
     def clusters(self) -> Index:
-        """The number of the cluster of each seat, ``(s,)``; relations connect all seats of a
+        """The number of the cluster of each seat, ``(s,)``; relations connect the seats of a
         cluster.
         """
         return clusters_of(self.ends, len(self.labels))
 
     def start(self, tips: Array) -> Array:
-        """Return first estimates of the coordinates of the seats, ``(s, 3)`` [m], from tips ``(n,
-        3)`` [m].
+        """Return first estimates of the seats, ``(s, 3)`` [m], from tips ``(n, 3)`` [m].
 
         The estimate is the stated value, else the median of the tips; of a sphere the fitted
         centre, of a plane the mean of its tips.
@@ -288,7 +280,7 @@ class Observations:
 
     def targets(self, points: Array) -> Array:
         """Return the target of each tip, ``(n, 3)`` [m], for seats at ``points`` ``(s, 3)``; NaN
-        for records without target.
+        without target.
         """
         touched = self.seat >= 0
         targets = self.reference.copy()
@@ -302,7 +294,7 @@ class Observations:
         Args:
             poses: positions of the tip, and rotations relative to the target if stated, ``(n, 3 or
                 6)`` [m, rad].
-            points: coordinates of the seats ``(s, 3)`` [m].
+            points: the seats ``(s, 3)`` [m].
         """
         deviations = poses.copy()
         deviations[:, :3] -= self.targets(points)
@@ -315,9 +307,7 @@ class Observations:
         return deviations
 
     def of_seats(self, points: Array) -> Array:
-        """Return the residuals of the stated coordinates of seats over their u, ``(s, 3)``; zero if
-        not stated.
-        """
+        """Return the residuals of the stated seats over their u, ``(s, 3)``; zero if not stated."""
         known = self.known[:, None]
         return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
 
@@ -339,10 +329,7 @@ class Observations:
         return (values - self.value) / self.value_u, by_ends / self.value_u[:, None, None]
 
     def divided(self, part: Index) -> tuple[Observations, Index, Index]:
-        """Return the observations with separate seats in each part of the records.
-
-        Args:
-            part: number of the part of each record ``(n,)``.
+        """Return the observations with separate seats in each ``part`` ``(n,)`` of the records.
 
         Returns:
             The observations; the old index and the part of each new seat ``(s',)``.

@@ -20,7 +20,7 @@ def matrices(quaternions: Array) -> Array:
 
 def as_quaternions(form: tuple[str, ...], numbers: Array) -> Array:
     """Quaternions (n, 4), scalar first, from columns of ``form``, one of :data:`ORIENTATIONS`, in
-    units of the file (n, 4) or (n, 3); NaN stays.
+    units of the file; NaN stays.
 
     Angles are about the axes of :data:`ROTATION_ORDERS`; roll, pitch and yaw are ``Rz(yaw)
     Ry(pitch) Rx(roll)``.
@@ -45,9 +45,7 @@ def quaternions(orientations: Array) -> Array:
 
 
 def turns(orientation: Array, start: Array) -> Array:
-    """Rotation vectors ``log(R Sᵀ)`` (n, 3) [rad] from ``start`` S to ``orientation`` R, in their
-    common axes.
-    """
+    """Rotation vectors ``log(R Sᵀ)`` (n, 3) [rad] from ``start`` S to ``orientation`` R."""
     way = orientation @ start.transpose(0, 2, 1)
     return np.asarray(scipy.spatial.transform.Rotation.from_matrix(way).as_rotvec())
 

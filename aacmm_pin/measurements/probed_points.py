@@ -35,7 +35,6 @@ NEEDED = {
 }
 """The tests, and the columns that their rows must fill in."""
 POINT_FIELDS = {column.names[0]: column.field for column in PROBED_POINT_COLUMNS}
-"""Field of a point for each column."""
 LENGTH_TESTS = tuple(test for test, needed in NEEDED.items() if "length_mm" in needed)
 ONE_VALUE = {
     ("length_id", "position", "repeat"): ("length_mm", "probe_diameter_mm", "u_length_mm"),
@@ -77,7 +76,16 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
             points[column.field] = values.block(column.names)
             lengths.append(column.field)
     _check_tests(points, problems)
-    _state_one_value(points, problems)
+    for labels, columns in ONE_VALUE.items():
+        tests = [test for test, needed in NEEDED.items() if columns[0] in needed]
+        of_these = points["test"].isin(tests)
+        groups = points.groupby(["test", *labels]).ngroup()
+        for name in columns:
+            stated = points[POINT_FIELDS[name]].to_numpy()
+            is_stated = of_these & np.isfinite(stated)
+            first = problems.of_other_values(name, stated, is_stated, groups, ", ".join(labels))
+            filled = np.where(of_these & (first >= 0), stated[first], stated)
+            points[POINT_FIELDS[name]] = filled
     points[lengths] *= MM
     return points
 
@@ -98,21 +106,6 @@ def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
                 name,
                 f"empty cell; expected a value, because test {test} needs {name}",
             )
-
-
-def _state_one_value(points: pd.DataFrame, problems: Problems) -> None:
-    """Require one calibrated value for all points of a length or sphere, and fill in empty
-    cells.
-    """
-    for labels, names in ONE_VALUE.items():
-        tests = [test for test, needed in NEEDED.items() if names[0] in needed]
-        of_these = points["test"].isin(tests)
-        groups = points.groupby(["test", *labels]).ngroup()
-        for name in names:
-            values = points[POINT_FIELDS[name]].to_numpy()
-            stated = of_these & np.isfinite(values)
-            first = problems.of_other_values(name, values, stated, groups, ", ".join(labels))
-            points[POINT_FIELDS[name]] = np.where(of_these & (first >= 0), values[first], values)
 
 
 def has_probed_points(table: pd.DataFrame) -> bool:
@@ -169,9 +162,7 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
 
 
 def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
-    """Seat, bar and sphere of each probed point, in columns of a measurement file, and its
-    ``kind``: ``point``, ``bar``, ``sphere`` or "".
-    """
+    """Columns of a measurement file, and ``kind``: ``point``, ``bar``, ``sphere`` or ""."""
     test, feature, position = (points[name] for name in ("test", "feature", "position"))
     place = ["test", "length_id", "position"]
     labels = [points[name] for name in place]

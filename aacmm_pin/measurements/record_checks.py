@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
 
@@ -49,8 +47,17 @@ def check_records(values: Values, problems: Problems) -> None:
     Raises:
         MeasurementFileError: they do not.
     """
-    if theta := values.names(DEGREES):
-        _check_degrees(theta, values.block(theta), problems)
+    theta = values.names(DEGREES)
+    degrees = values.block(theta) if theta else np.empty((0, 0))
+    if looks_like_radians(degrees):
+        in_radians = span(named(THETA["rad"], len(theta)))
+        problems.add(
+            span(theta),
+            f"all angles of {len(degrees)} records lie within ±{np.abs(degrees).max():.4g}°; "
+            "expected degrees, but these numbers may be radians. If they are radians, rename the "
+            f"columns {in_radians}. If they are degrees, convert them to radians and use these "
+            "names.",
+        )
     check_values(values, MEASUREMENT_FILE, problems)
     _check_references(values, problems)
     for name in values.names(column_of(f"{APPROACH[:-1]}1")):
@@ -63,8 +70,8 @@ def check_records(values: Values, problems: Problems) -> None:
 
 
 def looks_like_radians(degrees: Array) -> bool:
-    """Whether ``degrees`` (n, nq) are radians: at least 5 records, and the largest angle between 1
-    and 2π.
+    """Whether ``degrees`` (n, nq) are radians: at least 5 records, and the largest between 1 and
+    2π.
 
     Measurements rotate several joints by tens of degrees.
     """
@@ -75,7 +82,7 @@ def looks_like_radians(degrees: Array) -> bool:
 
 
 def mostly_like_radians(degrees: Array) -> bool:
-    """Whether most of ``degrees`` (n, nq) are below 2π, as radians of few records or of an endless
+    """Whether most of ``degrees`` (n, nq) are below 2π, as radians of few records or an endless
     wrist.
     """
     sizes = np.abs(degrees[degrees != 0.0])
@@ -95,23 +102,8 @@ def rounding_steps(angles: Array) -> Array:
     return np.where(different < ENOUGH_ANGLES, 0.0, steps)
 
 
-def _check_degrees(theta: Sequence[str], degrees: Array, problems: Problems) -> None:
-    if looks_like_radians(degrees):
-        largest = np.abs(degrees).max()
-        in_radians = span(named(THETA["rad"], len(theta)))
-        problems.add(
-            span(theta),
-            f"all angles of {len(degrees)} records lie within ±{largest:.4g}°; expected degrees, "
-            f"but these numbers may be radians. If they are radians, rename the columns "
-            f"{in_radians}. If they are degrees, convert them to radians and use these names.",
-        )
-
-
 def _check_references(values: Values, problems: Problems) -> None:
-    """Refuse placeholders for missing references, and incomplete seats and orientations.
-
-    No arm has its tip at the origin in every record, except for one seat there.
-    """
+    """No arm has its tip at the origin in every record, except for one seat there."""
     coordinates = values.block(REFERENCE)
     complete = np.isfinite(coordinates).all(axis=1)
     number = np.count_nonzero(complete)
@@ -144,9 +136,7 @@ def _check_references(values: Values, problems: Problems) -> None:
 
 
 def _check_features(values: Values, problems: Problems) -> None:
-    """Require label and kind of each record of a sphere or plane, enough contacts, and one pair of
-    diameters of each sphere; a diameter of a probe alone needs a direction.
-    """
+    """A diameter of a probe without that of a feature needs a direction."""
     kind = values.label(FEATURE_KIND)
     is_kind = np.isin(kind, [PLANE, ""])
     problems.at(~is_kind, FEATURE_KIND, f"{{!r}}; expected {PLANE} or an empty cell", kind)
@@ -211,9 +201,6 @@ def _check_features(values: Values, problems: Problems) -> None:
 
 
 def _check_bars(values: Values, problems: Problems) -> None:
-    """Require one length with its u, both ends and different seats of each bar, and nothing in
-    other rows.
-    """
     bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
     length, u = values.block(["bar_length_mm", BAR_U]).T
     of_bar = bar != ""

@@ -89,9 +89,9 @@ class CovariateColumn(NamedTuple):
     """A column that residuals may depend on.
 
     Attributes:
-        name: name in the file.
+        name: in the file.
         values: numbers in the unit of the file, or labels (n,); of an unknown column unchanged.
-        entry: its entry in the table of columns.
+        entry: in the table of columns.
     """
 
     name: str
@@ -274,8 +274,7 @@ class Measurements(Shown):
     def with_joint_angles(self, arm: Arm) -> Measurements:
         """Return the records with ``q`` as the joint angles of an arm with couplings.
 
-        Functions of this package that accept an arm and records call this method themselves. For an
-        arm without couplings nothing changes.
+        Functions of this package that accept an arm and records call this method themselves.
 
         Raises:
             ShapeError: the arm has another number of joints.
@@ -336,8 +335,8 @@ class Measurements(Shown):
         return np.isfinite(self.orientation[:, 0])
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
-        """Return some of the records, by indices, a slice or a mask; seats and bars of the result
-        may not suffice for a calibration.
+        """Return records by indices, a slice or a mask; seats and bars of the result may not
+        suffice for a calibration.
         """
         index = np.arange(self.n)[rows]
         arrays: dict[str, Any] = {}
@@ -373,8 +372,8 @@ class Measurements(Shown):
 
     @property
     def order_in_time(self) -> Index:
-        """Return the numbers of the records in the order of ``time_s``, ``(n,)``; of the rows if
-        the file states no time.
+        """Return the numbers of the records in the order of ``time_s``, ``(n,)``; of the rows
+        without time.
         """
         time = self.conditions.time
         return np.arange(self.n) if time is None else np.argsort(time, kind="stable")
@@ -388,7 +387,7 @@ class Measurements(Shown):
         if clock is None and self.record is not None:
             clock = pd.to_numeric(pd.Series(self.record), errors="coerce")
         steps = np.diff(np.asarray([] if clock is None else clock, dtype=np.float64))
-        return bool(steps.size) and bool((steps >= 0.0).all() and steps.any())
+        return bool((steps >= 0.0).all() and steps.any())
 
     @cached_property
     def postures(self) -> Index:
@@ -426,21 +425,24 @@ class Measurements(Shown):
             MeasurementFileError: the file cannot be read, or a row cannot be used. The message
                 names row and column.
         """
+        probe = self.probe_diameter
+        diameters = np.full(self.n, np.nan) if probe is None else probe
         probes = {}
         for label, rows in self.seats().items():
             if self.on_plane[rows].all():
-                stated = None if self.probe_diameter is None else self.probe_diameter[rows]
-                one = stated is not None and (stated == stated[0]).all()
-                probes[label] = float(stated[0]) if stated is not None and one else np.nan
+                first = float(diameters[rows[0]])
+                probes[label] = first if (diameters[rows] == first).all() else np.nan
         return replace(self, relations=read_relations(given, probes, self.source))
 
     def lengths(self) -> list[tuple[float, float]]:
         """Return the known lengths of bars and distances of planes, each with its standard
         uncertainty [m].
         """
-        of_planes = [(relation.distance, relation.distance_u) for relation in self.relations]
-        stated = [length for length in of_planes if np.isfinite(length[0])]
-        return [*((bar.length, bar.u) for bar in self.bars()), *stated]
+        lengths = [(bar.length, bar.u) for bar in self.bars()]
+        for relation in self.relations:
+            if np.isfinite(relation.distance):
+                lengths.append((relation.distance, relation.distance_u))
+        return lengths
 
     def bar_length_errors(self, tips: Array) -> Array:
         """Compute the error of each bar length, ``(b,)`` [m]: distance of the mean tips at both
@@ -463,10 +465,11 @@ class Measurements(Shown):
             raise UnknownNameError("angle unit", angle_unit, list(THETA))
         angles = self.readings.T / (DEG if angle_unit == "deg" else 1.0)
         table = dict(zip(named(THETA[angle_unit], self.nq), angles, strict=True))
-        stated = np.isfinite(self.reference_u).any()
-        left_out = {"reference": not (stated or self.placed.any()), "reference_u": not stated}
+        left_out = {""}
+        if not np.isfinite(self.reference_u).any():
+            left_out |= {"reference_u"} if self.placed.any() else {"reference", "reference_u"}
         for column in RECORD_COLUMNS:
-            if column.field and not left_out.get(column.field):
+            if column.field not in left_out:
                 table |= self._in_file(column)
         return pd.concat([pd.DataFrame(table), self.extra], axis=1)
 
@@ -488,11 +491,11 @@ class Measurements(Shown):
         joints, of groups, then of :attr:`extra`.
         """
         kinds = get_args(Covariate)
-        entries = [entry for entry in RECORD_COLUMNS if entry.field]
-        entries.sort(key=lambda entry: kinds.index(entry.covariate))
         columns = []
-        for entry in entries:
-            columns += [CovariateColumn(*column, entry) for column in self._in_file(entry).items()]
+        for entry in sorted(RECORD_COLUMNS, key=lambda entry: kinds.index(entry.covariate)):
+            if entry.field:
+                of_entry = self._in_file(entry).items()
+                columns += [CovariateColumn(*column, entry) for column in of_entry]
         for name in map(str, self.extra):
             columns.append(CovariateColumn(name, self.extra[name], column_of(name)))
         return [column for column in columns if column.entry.covariate != "none"]
@@ -526,12 +529,9 @@ class Measurements(Shown):
         text = f"{self.source}: {count(self.n, 'record')} of {count(self.nq, 'joint')}"
         if self.known.any():
             text += f", {self.known.sum()} with reference coordinates"
-        for noun, number in (
-            ("seat", len(self.seats())),
-            ("bar", len(self.bars())),
-            ("relation", len(self.relations)),
-        ):
-            text += f", {count(number, noun)}" if number else ""
+        parts = {"seat": self.seats(), "bar": self.bars(), "relation": self.relations}
+        for noun, there in parts.items():
+            text += f", {count(len(there), noun)}" if there else ""
         if self.extra.columns.empty:
             return text
         return f"{text}, other columns {', '.join(self.extra.columns)}"
@@ -540,10 +540,8 @@ class Measurements(Shown):
 def _records_by_label(labels: Labels | None) -> dict[str, Index]:
     if labels is None:
         return {}
-    records = pd.Series(np.arange(len(labels))).groupby(labels).indices
-    return {
-        label: np.asarray(records[label], dtype=np.intp) for label in dict.fromkeys(labels) if label
-    }
+    records = pd.Series(labels).groupby(labels, sort=False).indices
+    return {label: np.asarray(records[label]) for label in dict.fromkeys(labels) if label}
 
 
 # --- from a table
@@ -571,11 +569,6 @@ def as_measurements(given: object, arm: Arm) -> Measurements:
 
 
 def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) -> Measurements:
-    """The records of a measurement file, or of an acceptance file with readings.
-
-    Raises:
-        MeasurementFileError: see :meth:`Measurements.read`.
-    """
     read_as: tuple[Note, ...] = ()
     problems = Problems(source, lines)
     if has_probed_points(table):
@@ -595,11 +588,12 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
         rows = lines[~has_direction].tolist()
         read_as = (*read_as, Note("directions_missing", {"rows": rows}))
     conditions = {name: stated.pop(name) for name in CONDITION_ENTRIES}
-    others = [name for name in map(str, table) if not column_of(name).field]
-    with_values = [
-        name for name in others if column_of(name).unit or any(map(str.strip, values.columns[name]))
-    ]
-    extra = table[with_values].reset_index(drop=True)
+    others = []
+    for name in map(str, table):
+        column = column_of(name)
+        if not column.field and (column.unit or any(map(str.strip, values.columns[name]))):
+            others.append(name)
+    extra = table[others].reset_index(drop=True)
     angles = DEGREES if values.names(DEGREES) else RADIANS
     return _measurements(
         values.field(angles),
@@ -613,7 +607,6 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
 
 
 def _with_numbers(extra: pd.DataFrame, values: Values) -> pd.DataFrame:
-    """Unknown columns, with numbers if they have a unit."""
     numbers = {name: values.columns[name] for name in map(str, extra) if column_of(name).unit}
     return extra.assign(**numbers)
 
@@ -660,8 +653,8 @@ def at_centres(records: Measurements) -> Measurements:
 
 
 def _notes(values: Values, angles: Column) -> tuple[Note, ...]:
-    """Notes on possible other units, misspelt labels, and angles rounded to a step whose u,
-    step/√12 (JCGM 100:2008, F.2.2.1), exceeds the usual noise.
+    """An angle is too coarse if the u of its steps, step/√12 (JCGM 100:2008, F.2.2.1), exceeds the
+    usual noise.
     """
     notes = []
     turn_u = float(np.nan_to_num(values.block([ORIENTATION_U])).max())
@@ -692,26 +685,22 @@ class _ArrayProblems(Problems):
     """Mistakes in arrays, with columns such as ``reference[#, 0]``."""
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
-        """Refuse the first of the rows ``bad``."""
-        for row in np.flatnonzero(bad)[:1]:
+        """Refuse the first bad row."""
+        if bad.any():
+            row = int(bad.argmax())
             text = message.format(*(v[row] for v in values))
             raise ShapeError(f"{column.replace('#', str(row))}: {text}")
 
 
 def _checked(column: Column, values: ArrayLike, n: int) -> Any:
-    """The values for the field of a column as a new array, NaN if unknown.
-
-    Raises:
-        ShapeError: another shape, or impossible numbers or labels.
-    """
+    """The values for the field of a column as a new array, NaN if unknown."""
     name = column.field
     if column.is_label:
         return labels_of(name, values, n)
     width = len(column.names)
     unit = column.range.unit if column.range is not None else column.unit
-    unknown = pd.isna(
-        values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object)
-    )
+    given = values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object)
+    unknown = pd.isna(given)
     filled = np.where(unknown, 0.0, values) if np.any(unknown) else values
     array = vector(filled, n, name, unit) if width == 1 else batch(filled, width, name, unit)
     if len(array) != n:

@@ -30,9 +30,9 @@ class Relation(NamedTuple):
     Attributes:
         a, b: labels of the planes.
         distance: between the centres of the probe's ball on both planes [m]; NaN if not stated.
-        distance_u: standard uncertainty of the distance [m]; NaN if not stated.
+        distance_u: its standard uncertainty [m]; NaN if not stated.
         angle: between the normals that point out of the body [rad].
-        angle_u: standard uncertainty of the angle [rad].
+        angle_u: its standard uncertainty [rad].
     """
 
     a: str
@@ -85,15 +85,14 @@ def read_relations(
     values = read_values(table, RELATION_COLUMNS, problems)
     check_values(values, RELATION_COLUMNS, problems)
     problems.stop()
-    a, b, distance, distance_u, angle, angle_u = (
-        np.full(values.n, np.nan) if (stated := values.field(column)) is None else stated
-        for column in RELATION_COLUMNS
+    a, b = (values.label(column.names[0]) for column in RELATION_COLUMNS[:2])
+    distance, distance_u, angle, angle_u = (
+        values.block(column.names)[:, 0] * column.si for column in RELATION_COLUMNS[2:]
     )
     planes = first_few(map(repr, probes)) or "none"
     for name, labels in (("feature_a", a), ("feature_b", b)):
-        unknown = ~np.isin(labels, [*probes])
         problems.at(
-            unknown,
+            ~np.isin(labels, [*probes]),
             name,
             f"{{!r}}; expected the label of a plane in {source} ({planes}); correct the label",
             labels,
@@ -136,9 +135,8 @@ def read_relations(
     )
     problems.stop()
     between = np.abs(distance + np.where(opposite, (of_a + of_b) / 2, 0.0))
-    columns = (between, distance_u, angle, angle_u)
-    numbers = np.column_stack(columns).tolist()
-    return tuple(Relation(*row[:2], *row[2]) for row in zip(a, b, numbers, strict=True))
+    numbers = np.stack([between, distance_u, angle, angle_u]).tolist()
+    return tuple(map(Relation, a, b, *numbers))
 
 
 def of_planes(
@@ -151,7 +149,7 @@ def of_planes(
 
     Args:
         kind: of each number (m,).
-        stated: value of each (m,): an angle may be that of either side.
+        stated: of each (m,): an angle may be that of either side.
         points: of the planes (m, 2, 3) [m]; the normals point there from the ``anchors``.
     """
     way = points - anchors

@@ -89,9 +89,7 @@ def _group_numbers(table: pd.DataFrame) -> Index:
 
 def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
     """The groups (n,) after rows of ``values`` (n, k) join those of their rounded numbers, among
-    rows that are ``equal_otherwise`` (n,).
-
-    Programs round a half up, to even, or down.
+    rows that are ``equal_otherwise`` (n,). Programs round a half up, to even, or down.
     """
     finite = np.isfinite(values).all(axis=1)
     is_whole = finite & (np.abs(values - np.rint(values)) < WHOLE_TOLERANCE).all(axis=1)
@@ -144,7 +142,7 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
     """One record of each contact, with mean readings; and which records have several readings.
 
     Successive records in one posture with equal reference, labels, approach, and other few-valued
-    columns, such as a load, are readings of one held contact.
+    columns are readings of one held contact.
     """
     few = [name for name in records.extra if records.extra[name].nunique() <= MOST_VALUES]
     columns = [*SHARED_BY_COPIES, "session", "operator", *named(APPROACH, records.nq), *few]
@@ -163,16 +161,14 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
 
 
 def fingerprints(records: Measurements) -> tuple[str, ...]:
-    """A short text that identifies each record in any file, from its readings to 1e-9 rad and
-    reference to 1 nm.
+    """A short text that identifies each record in any file: readings to 1e-9 rad and reference to 1
+    nm.
     """
     return _hashes(np.column_stack([records.readings, records.reference]))
 
 
 def fingerprints_of_standards(records: Measurements) -> tuple[str, ...]:
-    """The fingerprints of the stated coordinates of each seat, and of the length and u of each
-    bar.
-    """
+    """The fingerprints of the coordinates of each seat, and of the length and u of each bar."""
     seat = records.conditions.seat
     at_seat = np.zeros(records.n, dtype=bool) if seat is None else seat != ""
     places = np.unique(records.reference[records.known & at_seat], axis=0)

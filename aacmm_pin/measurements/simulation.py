@@ -116,11 +116,9 @@ def simulate_measurements(
     noise = Noise.of(
         model.arm.nq, encoder=encoder_noise, reference=reference_noise, probe=probe_noise
     )
-    seed = seed_of(rng)
-    source = (
-        f"simulated {model.arm.name}, scheme {scheme}, seed "
-        f"{'unknown' if seed is None else seed}{assumed}"
-    )
+    known_seed = seed_of(rng)
+    seed = "unknown" if known_seed is None else known_seed
+    source = f"simulated {model.arm.name}, scheme {scheme}, seed {seed}{assumed}"
     if orientation_noise is not None:
         plausible.TURN_NOISE.check(orientation_noise, "orientation_noise")
     shop = _Workshop(model, noise, temperature_range, rng, source, orientation_noise)
@@ -129,11 +127,10 @@ def simulate_measurements(
     counts = np.bincount(np.arange(records) % points)
     each = int(counts.max())
     pool = Pool.draw(model, above, each, rng)
-    places = (
-        bars_for(pool, points // 2, bar_length, each, rng)
-        if bar_length
-        else seats_for(pool, points, each, rng)
-    )
+    if bar_length:
+        places = bars_for(pool, points // 2, bar_length, each, rng)
+    else:
+        places = seats_for(pool, points, each, rng)
     return shop.touched(places, counts, stated, bar_length)
 
 
@@ -153,8 +150,6 @@ def simulate_touches(
 
 @dataclass(frozen=True, eq=False)
 class _Workshop:
-    """The common data of all records of a simulation."""
-
     model: ErrorModel
     noise: Noise
     temperature_range: float
@@ -163,20 +158,17 @@ class _Workshop:
     orientation_noise: float | None = None
 
     def free(self, q: Array) -> Measurements:
-        """Records at ``q`` (n, nq), each with its own reference."""
+        """Each record has its own reference."""
         conditions = self._conditions(sessions(len(q)), q, None)
         tips = self.model.predict(q, conditions, as_referenced=True)
-        stated = (
-            tips + self._normal(self.noise.probe, tips) + self._normal(self.noise.reference, tips)
-        )
+        touched = tips + self._normal(self.noise.probe, tips)
+        stated = touched + self._normal(self.noise.reference, tips)
         return self._recorded(q, conditions, stated)
 
     def touched(
         self, places: list[Place], counts: Index, stated: bool, length: float | None
     ) -> Measurements:
-        """``counts`` (k,) records at seats, with ``stated`` coordinates or without, or at both ends
-        of bars.
-        """
+        """``counts`` (k,) records at seats, or at both ends of bars."""
         points = np.concatenate([place.points for place in places])
         ends = [f"B{k}{end}" for k in range(1, len(places) + 1) for end in "AB"]
         names = _seat_labels(len(points)) if length is None else ends
@@ -184,7 +176,8 @@ class _Workshop:
         session = sessions(int(counts.sum()))
         point, posture = visits(counts, session, self.rng)
         q = np.stack([postures[k][j] for k, j in zip(point, posture, strict=True)])
-        conditions = self._conditions(session, q, np.array(names, dtype=object)[point])
+        seat = np.array(names, dtype=object)[point]
+        conditions = self._conditions(session, q, seat)
         q = self._exactly(q, points[point], conditions)
         reference = None
         if stated:
@@ -198,25 +191,21 @@ class _Workshop:
         if length is not None:
             lengths = length + self._normal(self.noise.reference, np.empty(len(places)))
             bars = {
-                "bar": [f"B{k // 2 + 1}" for k in point],
-                "bar_end": ["AB"[k % 2] for k in point],
+                "bar": [label[:-1] for label in seat],
+                "bar_end": [label[-1] for label in seat],
                 "bar_length": lengths[point // 2],
             }
         return self._recorded(q, conditions, reference, **bars)
 
     def at(self, points: Array, q: Array) -> Measurements:
-        """Records without references at ``points`` (n, 3), near the postures ``q`` (n, nq)."""
+        """Records near the postures ``q`` (n, nq)."""
         conditions = self._conditions(sessions(len(q)), q, None)
         touched = points + self._normal(self.noise.probe, points)
         exact = self._exactly(q, touched, conditions)
         return self._recorded(exact, conditions, None)
 
     def _exactly(self, q: Array, target: Array, conditions: Conditions) -> Array:
-        """Postures near ``q`` with the tip, with all errors, at ``target`` (n, 3) [m].
-
-        Raises:
-            AacmmError: a tip cannot reach its target.
-        """
+        """Postures near ``q`` with the tip, with all errors, at ``target`` (n, 3) [m]."""
         arm = self.model.arm
         q, arrived = brought_to(
             lambda q, rows: self.model.state(q, conditions.take(rows)), q, target, arm.limits
@@ -239,7 +228,7 @@ class _Workshop:
     def _recorded(
         self, q: Array, conditions: Conditions, reference: Array | None, **more: Any
     ) -> Measurements:
-        """The records with noisy readings; exact references state no uncertainty."""
+        """Exact references state no uncertainty."""
         arm = self.model.arm
         readings = arm.readings(q) + self.noise.encoder * self.rng.normal(size=q.shape)
         u = self.noise.reference
@@ -264,16 +253,16 @@ def _seat_labels(count: int) -> list[str]:
 def _check_numbers(
     scheme: Scheme, records: int, points: int, stated: bool, bar_length: float | None
 ) -> None:
-    """Refuse too few records for so many points, or a missing bar length."""
     whole(records, 1, "records")
     if scheme != "free":
         whole(points, 1, "seats")
-    least = 1 if stated else 2
-    if records < max(1, least * points):
-        each = f" ({least} for each of {points} seats)" if points else ""
+    of_seat = 1 if stated else 2
+    least = max(1, of_seat * points)
+    if records < least:
+        each = f" ({of_seat} for each of {points} seats)" if points else ""
         raise AacmmError(
-            f"records is {records}; expected at least {max(1, least * points)}{each}; use more "
-            "records or fewer seats"
+            f"records is {records}; expected at least {least}{each}; use more records or fewer "
+            "seats"
         )
     if scheme == "ball-bar" and points % 2:
         raise AacmmError(
