@@ -29,7 +29,7 @@ def configuration_weights(theta3: Array, point: Array, group: Index | None = Non
 
     Args:
         theta3: angle of joint 3 in each posture ``(n,)`` [rad]; full turns have no effect.
-        point: point ``(3,)`` [m] in the DH base, or one point for each posture ``(n, 3)``.
+        point: ``(3,)`` [m] in the DH base, or one point for each posture ``(n, 3)``.
         group: number of the point of each posture ``(n,)``, if there are several points. The
             weights of each point sum to 1.
     """
@@ -42,10 +42,10 @@ def configuration_weights(theta3: Array, point: Array, group: Index | None = Non
 
 
 def comprehensive_accuracy(volumes: Array, theta3: Array, point: Array) -> float:
-    """Return the comprehensive accuracy ``σ = Σ c_i V_i`` of a point, in the unit of ``volumes``.
+    """Return the comprehensive accuracy ``σ = Σ c_i V_i`` of a point, in the unit of ``volumes``;
+    NaN without posture.
 
-    Source: eq. 15 of Xu You et al. 2019. The weights c_i are those of
-    :func:`configuration_weights`. Without any posture the result is NaN.
+    Source: eq. 15 of Xu You et al. 2019, with the weights c_i of :func:`configuration_weights`.
     """
     if len(volumes) == 0:
         return float("nan")

@@ -104,7 +104,7 @@ def length_uncertainty(
 ) -> Array:
     """Compute the standard uncertainty of distances, ``(n,)`` [m].
 
-    Each distance is from the point of one row of ``qa`` to the point of the same row of ``qb``.
+    Each distance is from the point of one row of ``qa`` to that of the same row of ``qb``.
 
     Args:
         model: the arm, or the arm with causes of error. The function ignores causes that depend on

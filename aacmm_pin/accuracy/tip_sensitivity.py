@@ -53,7 +53,7 @@ class ErrorSources(Shown):
         parameters: the sources with an uncertainty; those of effects have the bounds ± k u, k = 2.
         columns: numbers of the sources among the parameters of the model, then the noise of each
             joint.
-        correlation: correlation of the sources (p, p); None if all are independent.
+        correlation: of the sources (p, p); None if all are independent.
         not_included: labels of the causes that are left out, also by an arm without its effects.
     """
 

@@ -54,13 +54,13 @@ class AccuracyVolume(Shown):
     Attributes:
         sources: parameters with an uncertainty, and their sensitivities.
         q: postures ``(n, nq)`` [rad].
-        method: method that computed ``volume``.
+        method: of ``volume``.
         volume: accuracy volume ``(n,)`` [m³].
-        covariance: covariance of the position by all parameters ``(n, 3, 3)`` [m²]; for
+        covariance: of the position by all parameters ``(n, 3, 3)`` [m²]; for
             ``monte-carlo`` the covariance of the draws.
         sampling_error: change of the volume if half of the draws are used ``(n,)`` [m³]; only for
             ``monte-carlo``.
-        conditions: conditions of the n postures, or of one record for all postures; None if not
+        conditions: of the n postures, or of one record for all postures; None if not
             stated.
     """
 
@@ -127,9 +127,9 @@ class AccuracyVolume(Shown):
             by: whether a row of the table is a parameter, a joint or a kind of parameter.
 
         Returns:
-            A table in the order of the shares, largest first. The first column names the parameter,
-            joint or kind (``<NA>`` for the joint of a cause of the whole arm). ``u_mm`` is the root
-            mean square contribution of the row alone. The values of ``share`` sum to 1.
+            A table, largest share first. The first column names the parameter, joint or kind
+                (``<NA>`` for the joint of a cause of the whole arm). ``u_mm`` is the root mean
+                square contribution of the row alone. The values of ``share`` sum to 1.
         """
         together = np.zeros((len(self.sources.parameters),) * 2)
         for q, conditions in _parts(self.q, self.conditions):
@@ -249,10 +249,9 @@ def accuracy_volume(
     Args:
         model: the arm, or the arm with causes of error.
         q: postures ``(n, nq)`` [rad].
-        conditions: conditions of n records, or of one record for all postures. ``not_included``
+        conditions: of n records, or of one record for all postures. ``not_included``
             lists causes that the function ignores because their condition is missing.
         at: name of the frame (its origin is the point); default the tip; ``frame5`` is the wrist.
-        method: one of the four methods.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
             from the arm file.
         rng: random generator; required for ``monte-carlo``.

@@ -275,8 +275,8 @@ def map_workspace(
             accurate posture.
         extent: minimum and maximum of x, then of z, ``(4,)`` [m]; default all points within reach
             without joint limits.
-        conditions: conditions of one record for the whole map; see :func:`accuracy_volume`.
-        method: method of the accuracy volumes; not ``monte-carlo``.
+        conditions: of one record for the whole map; see :func:`accuracy_volume`.
+        method: of the accuracy volumes; not ``monte-carlo``.
         workers: number of processes, or a ``concurrent.futures.Executor``. One task has several
             hundred cells.
         progress: True for a progress bar in a notebook or on stderr.

@@ -33,7 +33,7 @@ class Place:
 
     Attributes:
         points: (k, 3) [m].
-        postures: postures of each point, (m, nq) [rad].
+        postures: of each point, (m, nq) [rad].
     """
 
     points: Array

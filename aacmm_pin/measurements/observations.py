@@ -95,7 +95,7 @@ class Observations:
             [m²]. If any record states an orientation: ``(n, 6, 6)``, with the rotation after the
             position [rad²].
         labels: of the seats ``(s,)``.
-        stated: stated coordinates of the seats ``(s, 3)`` [m]; NaN if not stated.
+        stated: coordinates of the seats ``(s, 3)`` [m]; NaN if not stated.
         stated_u: standard uncertainty of ``stated`` ``(s, 3)`` [m]; NaN if not stated.
         ends: indices of the two seats of each relation ``(b, 2)``.
         relation: kind of each relation ``(b,)``: a bar, or a distance, angle or tilt of two planes.

@@ -113,7 +113,7 @@ class Measurements(Shown):
             :meth:`with_joint_angles`.
         reference: coordinates of the tip ``(n, 3)`` [m]; NaN rows if unknown.
         reference_u: standard uncertainty of ``reference`` ``(n, 3)`` [m]; NaN rows if not stated.
-        conditions: conditions of the records.
+        conditions: of the records.
         bar: label of the ball bar whose end is the seat of the record ``(n,)``; "" for no bar.
         bar_end: end of the bar, ``A``, ``B`` or "" ``(n,)``.
         bar_length: length of the bar ``(n,)`` [m]; NaN for no bar.
@@ -126,7 +126,7 @@ class Measurements(Shown):
         read_as: unusual properties of the file: separators, decimal commas, excluded comments or
             records, rows of an acceptance test.
         header: names of the columns in the file.
-        orientation: orientation of the target in the reference frame, unit quaternions with the
+        orientation: of the target in the reference frame, unit quaternions with the
             scalar first ``(n, 4)``; NaN rows if unknown; None without any orientation.
         orientation_u: standard uncertainty of the orientation about each axis ``(n,)`` [rad]; NaN
             if not stated; None without any orientation.
@@ -372,16 +372,16 @@ class Measurements(Shown):
 
     @property
     def order_in_time(self) -> Index:
-        """Return the numbers of the records in the order of ``time_s``, ``(n,)``; of the rows
-        without time.
+        """Return the numbers of the records in the order of ``time_s``, ``(n,)``; without it, of
+        the rows.
         """
         time = self.conditions.time
         return np.arange(self.n) if time is None else np.argsort(time, kind="stable")
 
     @property
     def in_order(self) -> bool:
-        """Return whether the rows are in the order of measurement: ``time_s`` or, without it,
-        numbers in ``record`` increase from row to row.
+        """Return whether ``time_s`` or, without it, numbers in ``record`` increase from row to
+        row.
         """
         clock: ArrayLike | None = self.conditions.time
         if clock is None and self.record is not None:
@@ -487,8 +487,8 @@ class Measurements(Shown):
         return dict(zip(names, np.atleast_2d(values.T), strict=True))
 
     def covariate_columns(self) -> list[CovariateColumn]:
-        """Return the columns that residuals or excluded records may depend on: of the whole arm, of
-        joints, of groups, then of :attr:`extra`.
+        """Return the columns that residuals or excluded records may depend on: of the whole arm,
+        joints, groups, then of :attr:`extra`.
         """
         kinds = get_args(Covariate)
         columns = []

@@ -48,9 +48,9 @@ SHARED_BY_COPIES = (*REFERENCE, *ORIENTATION, "seat", "marker", "bar", "bar_end"
 def originals(records: Measurements) -> Index:
     """Number of the first record (n,) of which each is a copy; its own if it is no copy.
 
-    Copies agree exactly in readings (but for whole turns), reference, labels and approach, except
-    that one may be rounded: references to 1e-2 to 1e-5 mm, angles to 1e-3 to 1e-6 degrees. They
-    come from a file appended to itself or to another export; no second measurement agrees so.
+    Copies agree exactly in readings (but for whole turns), reference, labels and approach. One may
+    be rounded: references to 1e-2 to 1e-5 mm, angles to 1e-3 to 1e-6 degrees. They come from a file
+    appended to itself or to another export.
     """
     single = _nearest_difference(records.readings, 2.0 * SAME_POSTURE) > DEG * ANGLE_STEPS[0]
     if single.all():

@@ -68,8 +68,6 @@ def simulate_measurements(
 
     Args:
         model: the arm with its errors.
-        scheme: one of the four schemes.
-        records: number of records.
         rng: random generator; ``source`` of the result states its seed.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad; m for a
             prismatic joint]; default from the arm file, else 8 µrad. ``source`` states an assumed

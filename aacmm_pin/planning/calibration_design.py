@@ -42,7 +42,6 @@ class CalibrationPlan(PlanOfRecords):
     """Planned records for a calibration, with their observability index and u.
 
     Attributes:
-        model: the arm.
         records: the plan as a measurement file for you to complete.
         expected: approximate positions of the tip in the frame of the references ``(n, 3)`` [m].
         measurements: the planned records as measurements.
@@ -52,8 +51,7 @@ class CalibrationPlan(PlanOfRecords):
             available postures [m].
         u_random: ``u`` of plans with random records ``(RANDOM,)`` [m].
         existing: number of existing records.
-        seed: seed of the random generator, or None if unknown.
-        notes: assumptions.
+        seed: of the random generator, or None.
     """
 
     o1: float

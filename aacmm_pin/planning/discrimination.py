@@ -48,10 +48,8 @@ def for_two(
     """The plan with the least effort that distinguishes two causes, or else the best plan.
 
     Args:
-        task: the task.
         split: two causes; all-zero values stand for the typical magnitude.
         postures: to choose from.
-        records: their number.
         as_it_stands: exclude a load and another mount.
         rng: for the conditions of the records.
         steps: counts the records, perhaps wrapped to show progress.

@@ -94,7 +94,7 @@ class MeasurementPlan(PlanOfRecords):
             otherwise None.
         enough: approximate number of similar records that would distinguish the causes, if the plan
             does not; None if even several times as many records do not suffice.
-        seed: seed of the random generator, or None if unknown.
+        seed: of the random generator, or None.
     """
 
     split: tuple[Effect, Effect]

@@ -52,7 +52,7 @@ class Power(Shown):
         one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²`` if the first cause is true, and the
             second.
         alone: ``min ‖G_k β_k - Z η‖²``, the detectable effect of each cause.
-        probability: probability of the right decision between the causes by their evidence.
+        probability: of the right decision between the causes by their evidence.
     """
 
     one: float
@@ -133,8 +133,7 @@ def _is_open(distances: Array, alone: Array) -> Mask:
 def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power:
     """How well records with the triangle ``r`` distinguish two blocks of its columns.
 
-    The probability is that the true cause has the larger evidence; either cause is true in half of
-    the cases.
+    The probability is that the true cause has the larger evidence, if both are as likely.
     """
     distances, (first, second) = Separation.of(r, blocks, sizes)
     one, other = (r[:, block] for block in blocks)

@@ -19,7 +19,7 @@ class Task:
     """The task of a plan.
 
     Attributes:
-        causes: causes to distinguish, all parameters zero.
+        causes: to distinguish, all parameters zero.
         existing: records to evaluate together with the new ones.
         setup: how records are taken, with the noise of readings, references and contacts.
     """

@@ -78,8 +78,8 @@ class ConfigurationCircle(PosturesAtPoint):
     def branch(self) -> NDArray[np.intp]:
         """The signs of the solution branch, ``(n, 2)``.
 
-        The first sign states the side of the wrist from the plane of joint axes 1 and 2. The second
-        sign is that of d|shoulder → wrist|/dθ4: +1 means that an increase of θ4 extends the arm.
+        The first sign is the side of the wrist from the plane of joint axes 1 and 2. The second
+        sign is that of d|shoulder → wrist|/dθ4.
         """
         dh = self.arm.require_dh("a branch")
         rotation, origin = self.arm.chain.walk(self.q)
@@ -96,9 +96,7 @@ class ConfigurationCircle(PosturesAtPoint):
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
         """Return the flexibility ζ: the share of the swivel angles that have a posture within the
-        joint limits.
-
-        Source: eq. 1 of Xu You et al. 2019.
+        joint limits (eq. 1 of Xu You et al. 2019).
 
         Args:
             sectors: number of equal sectors of the swivel angle; the posture at the centre decides
@@ -107,8 +105,8 @@ class ConfigurationCircle(PosturesAtPoint):
         return flexibility(self.components, self.arm.limits, sectors)
 
     def columns(self) -> dict[str, Any]:
-        """Return the columns of :meth:`PosturesAtPoint.columns`, then the signs of the solution
-        branch.
+        """Return the columns of :meth:`PosturesAtPoint.columns`, then the signs of
+        :attr:`branch`.
         """
         shoulder, elbow = self.branch.T
         return super().columns() | {"shoulder_side": shoulder, "elbow_side": elbow}
@@ -298,7 +296,7 @@ class Reach(NamedTuple):
     """Reachability of points.
 
     Attributes:
-        sectors: sectors of the swivel angle at each point.
+        sectors: of the swivel angle at each point.
         arc_fraction: working over theoretical range of the swivel angle (m,); nan without a range.
         reachable: points that a posture reaches, without regard to limits (m,).
         complete: points of which all postures are known (m,).

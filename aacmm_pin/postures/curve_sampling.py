@@ -41,7 +41,7 @@ class _Segments:
 
     Attributes:
         start, end: postures on the curves (s, k) [rad], not wrapped.
-        swivel: swivel angle at the start (s,) [rad].
+        swivel: angle at the start (s,) [rad].
         turn: change of the swivel angle along the piece (s,) [rad], in (-π, π).
         problem: number of the point (s,).
     """

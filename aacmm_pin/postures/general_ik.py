@@ -80,7 +80,7 @@ class ReachingPostures(PosturesAtPoint):
 
     @property
     def arc_fraction(self) -> float:
-        """The share of the curves that is within limits, by length in joint space; NaN for single
+        """The share of the curves within limits, by length in joint space; NaN for single
         postures.
         """
         if self.single or not len(self):
@@ -95,9 +95,7 @@ class ReachingPostures(PosturesAtPoint):
         return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Return a flexibility with ``arc_fraction`` only: arms without an elbow have no
-        sectors.
-        """
+        """Return a flexibility with ``arc_fraction`` only: arms without elbow have no sectors."""
         return Flexibility(float("nan"), (), self.arc_fraction)
 
     def _steps(self, number: int) -> Array:

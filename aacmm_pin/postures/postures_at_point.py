@@ -27,13 +27,12 @@ class PosturesAtPoint(Shown):
     """The postures that reach a point, in order along their components.
 
     Attributes:
-        arm: the arm.
-        point: the point ``(3,)`` [m].
+        point: ``(3,)`` [m].
         at: name of the frame whose origin is at the point.
         q: postures ``(n, nq)`` [rad], with each angle within limits if a change by full turns
             permits.
         component: number of the component of each posture, from 1, ``(n,)``.
-        swivel: swivel angle of the elbow ``(n,)`` [rad] in [-π, π], 0 if the elbow is highest; NaN
+        swivel: angle of the elbow ``(n,)`` [rad] in [-π, π], 0 if the elbow is highest; NaN
             for an arm without elbow.
         broken: True for each joint outside its limits ``(n, nq)``.
         reason: why the arm has no posture at the point; "" if a posture exists.
@@ -71,7 +70,7 @@ class PosturesAtPoint(Shown):
         return pd.DataFrame(self.columns())
 
     def columns(self) -> dict[str, Any]:
-        """Return the columns of ``aacmm-pin configurations``, each ``(n,)``; x, y and z are from
+        """Return the columns of ``aacmm-pin configurations``, each ``(n,)``; x, y and z by
         Pinocchio.
         """
         broken = [_joints(row) for row in self.broken]

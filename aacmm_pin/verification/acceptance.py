@@ -32,9 +32,8 @@ from aacmm_pin.verification.places import Place
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 GUARD_BAND_FACTOR = 2.0
-"""Coverage factor of the guard band U = 2 u (ISO 14253-1:1998 and 2013). The default of ISO
-14253-1:2017, a probability of 95 % at one limit, is a guard band of 1.65 u: U makes more verdicts
-inconclusive.
+"""Coverage factor of the guard band U = 2 u (ISO 14253-1:1998 and 2013). By default ISO
+14253-1:2017 has 1.65 u (95 % at one limit): U makes more verdicts inconclusive.
 """
 FAR_BELOW = 100.0
 """An MPE above 1 mm that is this many times the test value may be in another unit."""
@@ -59,7 +58,6 @@ class CharacteristicValue:
 
     Attributes:
         source: the coordinates: those of the file, or of the arm of this name from its readings.
-        definition: the characteristic.
         evaluated: test value and standard uncertainty [m], and missing points.
         mpe: maximum permissible error [m]; nan if not given.
         places: the probed points of each error of which the test value is the largest.

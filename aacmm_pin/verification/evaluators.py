@@ -130,8 +130,8 @@ class OfPoints:
     """The largest error of groups of probed points.
 
     Attributes:
-        needed: the needed points; the outermost labels distinguish the groups.
-        errors: errors of a group; nan if its points are on a small cap of their sphere.
+        needed: the outermost labels distinguish the groups.
+        errors: of a group; nan if its points are on a small cap of their sphere.
         has_enough: further requirement of a group, or None.
     """
 

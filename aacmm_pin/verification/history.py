@@ -42,7 +42,7 @@ HISTORY_COLUMNS = (
 )
 LEAST_CHECKS = 8
 """Earlier checks that limits need. A test value of an unchanged arm is then outside in 3.1 % of
-checks, with 20 earlier checks in 1.9 % (200 000 normal series each).
+checks, with 20 earlier checks in 1.9 % (200 000 series each).
 """
 PER_MOVING_RANGE = 2.66
 """Half-width of the limits in mean moving ranges: three standard deviations, 3 / 1.128."""
@@ -142,7 +142,7 @@ class History(Shown):
     Attributes:
         checks: table with the columns of the file, one row for each characteristic and check;
             ``time`` is a datetime in UTC.
-        time: time of the latest check, or None.
+        time: of the latest check, or None.
         instrument: its arm.
         appended: whether this check was appended; False if it was there before.
         from_file: whether a file was read, which may be replaced.
@@ -224,8 +224,8 @@ class History(Shown):
         """Add the test values of ``result``, unless some check has the same values.
 
         Args:
-            result: result of :func:`accept`.
-            time: time of the check; UTC if it has no zone.
+            result: of :func:`accept`.
+            time: of the check; UTC if it has no zone.
             instrument: name or serial number of the arm; case does not matter.
 
         Raises:

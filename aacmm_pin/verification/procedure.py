@@ -72,12 +72,11 @@ class Procedure(Shown):
     """The points of an acceptance test in the order of probing.
 
     Attributes:
-        arm: the arm.
         probed_points: table with one row for each point and the columns of an acceptance file,
             lengths in mm.
         q: postures ``(n, nq)`` [rad].
         points: centres of the probe ``(n, 3)`` [m].
-        seed: seed of the random generator; None if the file does not state the seed.
+        seed: of the random generator; None if the file does not state it.
     """
 
     arm: Arm
@@ -180,7 +179,6 @@ def acceptance_procedure(
     five postures; each point uses the posture with the most favourable direction of the stylus.
 
     Args:
-        model: the arm.
         standard: ``iso10360-12`` or ``asme-b89.4.22``; the plan then has the points for this
             standard alone.
         measuring_range: diameter of the working volume [m]; default twice the distance that the tip
