@@ -65,7 +65,7 @@ def largest_deviation(generators: Array) -> Array:
                 farthest[part] = np.maximum(
                     farthest[part], np.square(points).sum(axis=2).max(axis=1)
                 )
-    return np.asarray(np.sqrt(farthest))
+    return np.sqrt(farthest)
 
 
 def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:

@@ -142,12 +142,12 @@ class Observations:
         plane, 3 for a point, and 3 more for an orientation.
         """
         of_tip = np.where(self.on_surface, 1, 3)
-        return np.asarray(self.has_target * of_tip + 3 * (self.has_target & self.oriented))
+        return self.has_target * of_tip + 3 * (self.has_target & self.oriented)
 
     @property
     def on_sphere(self) -> Mask:
         """True for records that touch a sphere, ``(n,)``."""
-        return np.asarray(np.isfinite(self.radius))
+        return np.isfinite(self.radius)
 
     @property
     def on_surface(self) -> Mask:
@@ -219,7 +219,7 @@ class Observations:
         """Return rows ``(n, r, 3 or 6)`` that multiply only the part of a deviation that counts."""
         if not self.on_surface.any():
             return rows
-        return np.asarray(rows @ self._projections(rows.shape[2]))
+        return rows @ self._projections(rows.shape[2])
 
     def counting(self, covariance: Array) -> Array:
         """Return the covariance of the part of deviations that counts, ``(n, 3 or 6, 3 or 6)`` [m²,

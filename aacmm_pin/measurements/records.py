@@ -308,12 +308,12 @@ class Measurements(Shown):
         """
         if self.feature_diameter is None or self.probe_diameter is None:
             return np.full(self.n, np.nan)
-        return np.asarray((self.feature_diameter + self.probe_diameter) / 2)
+        return (self.feature_diameter + self.probe_diameter) / 2
 
     @property
     def on_sphere(self) -> Mask:
         """True for records that touch a sphere, ``(n,)``."""
-        return np.asarray(np.isfinite(self.contact_radius))
+        return np.isfinite(self.contact_radius)
 
     @property
     def on_plane(self) -> Mask:

@@ -127,7 +127,7 @@ class Separation(NamedTuple):
 
 def _is_open(distances: Array, alone: Array) -> Mask:
     """Causes with detectable effects that others cannot have."""
-    return np.asarray((alone > UNDETECTABLE) & (distances > SAME_FRACTION * alone))
+    return (alone > UNDETECTABLE) & (distances > SAME_FRACTION * alone)
 
 
 def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power:
