@@ -59,9 +59,8 @@ def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
     """
     causes = [*of_geometry(model.arm), *model.effects]
     ends = np.cumsum([len(cause.terms) for cause in causes])
-    causes_and_errors = zip(causes, np.split(errors, ends[:-1], axis=1), strict=True)
     drawn: list[Effect] = []
-    for cause, error in causes_and_errors:
+    for cause, error in zip(causes, np.split(errors, ends[:-1], axis=1), strict=True):
         kind = _DrawnElastic if cause.elastic else _Drawn
         if error.any() and not cause.of_reference:
             drawn.append(kind(of=cause, drawn=np.array(cause.values) + error))

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Literal
 
 from aacmm_pin._support import plausible
@@ -232,11 +233,8 @@ def columns_of_file(header: Iterable[object]) -> tuple[Column, ...]:
 
 def single_names(columns: Iterable[Column]) -> tuple[str, ...]:
     """Names without #."""
-    names: list[str] = []
-    for column in columns:
-        if not column.is_numbered:
-            names += column.names
-    return tuple(names)
+    names = (column.names for column in columns if not column.is_numbered)
+    return tuple(chain.from_iterable(names))
 
 
 def numbered_forms(columns: Iterable[Column]) -> tuple[str, ...]:

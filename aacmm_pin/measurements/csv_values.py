@@ -14,7 +14,6 @@ from aacmm_pin._support.checks import MOST_LENGTH_ERROR, Array, is_no_unit
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.plausible import Range
 from aacmm_pin.measurements.csv_columns import (
-    MEASUREMENT_FILE,
     ORIENTATION,
     ROLL_PITCH_YAW,
     ROTATION_VECTOR,
@@ -22,7 +21,6 @@ from aacmm_pin.measurements.csv_columns import (
     column_of,
     span,
 )
-from aacmm_pin.measurements.csv_header import check_header
 
 Cells = NDArray[np.object_]
 """(n,) of str; "" where there is nothing."""
@@ -150,17 +148,3 @@ def check_numbers(
             "no direction",
             length,
         )
-
-
-def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Values:
-    """The columns of a measurement file of an arm with ``nq`` joints, or of any arm.
-
-    Raises:
-        MeasurementFileError: the header or a cell is invalid, or there are no records.
-    """
-    check_header(list(table.columns), nq, problems)
-    if not len(table):
-        problems.add("", "a header without records; expected one row per record")
-    values = read_values(table, MEASUREMENT_FILE, problems)
-    problems.stop()
-    return values

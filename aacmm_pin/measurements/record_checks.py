@@ -23,7 +23,8 @@ from aacmm_pin.measurements.csv_columns import (
     named,
     span,
 )
-from aacmm_pin.measurements.csv_values import Values, check_values
+from aacmm_pin.measurements.csv_header import check_header
+from aacmm_pin.measurements.csv_values import Values, check_values, read_values
 from aacmm_pin.measurements.repeats import WHOLE_TOLERANCE
 
 ENOUGH_RECORDS = 5
@@ -41,12 +42,18 @@ FEWEST_CONTACTS = 4
 """Least contacts of a surface: three determine a plane or a centre, and nothing else."""
 
 
-def check_records(values: Values, problems: Problems) -> None:
-    """Check that cells fit each other.
+def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Values:
+    """The columns of a measurement file of an arm with ``nq`` joints, or of any arm.
 
     Raises:
-        MeasurementFileError: they do not.
+        MeasurementFileError: the header or a cell is invalid, cells do not fit each other, or there
+            are no records.
     """
+    check_header(list(table.columns), nq, problems)
+    if not len(table):
+        problems.add("", "a header without records; expected one row per record")
+    values = read_values(table, MEASUREMENT_FILE, problems)
+    problems.stop()
     theta = values.names(DEGREES)
     degrees = values.block(theta) if theta else np.empty((0, 0))
     if looks_like_radians(degrees):
@@ -67,6 +74,7 @@ def check_records(values: Values, problems: Problems) -> None:
     if "bar" in values.columns:
         _check_bars(values, problems)
     problems.stop()
+    return values
 
 
 def looks_like_radians(degrees: Array) -> bool:

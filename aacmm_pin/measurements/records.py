@@ -50,7 +50,6 @@ from aacmm_pin.measurements.csv_values import (
     Values,
     check_numbers,
     check_values,
-    read_records,
     read_values,
 )
 from aacmm_pin.measurements.noise import ENCODER
@@ -61,9 +60,9 @@ from aacmm_pin.measurements.probed_points import (
     with_features_as_seats,
 )
 from aacmm_pin.measurements.record_checks import (
-    check_records,
     looks_like_radians,
     mostly_like_radians,
+    read_records,
     rounding_steps,
 )
 from aacmm_pin.measurements.relations import Relation, read_relations
@@ -576,7 +575,6 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     elif {FEATURE, FEATURE_KIND, *DIAMETERS} & {*table} > {FEATURE}:
         table = with_features_as_seats(table, problems)
     values = read_records(table, nq, problems)
-    check_records(values, problems)
     stated = {column.field: values.field(column) for column in RECORD_COLUMNS if column.field}
     for form in ORIENTATIONS:
         if form[0] in values.columns:

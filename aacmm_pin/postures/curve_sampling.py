@@ -116,12 +116,10 @@ class Components:
 
     def divided(self, pieces: _Segments, which: Mask) -> _Segments:
         """The marked pieces, each cut into ``LIMIT_PARTS`` with solutions at the cuts."""
-        start = pieces.start[which]
-        chord = (pieces.end - pieces.start)[which]
-        joints = start.shape[1]
         cuts = LIMIT_PARTS + 1
+        guess = np.linspace(pieces.start[which], pieces.end[which], cuts, axis=1)
+        joints = guess.shape[2]
         problem = np.repeat(pieces.problem[which], cuts)
-        guess = start[:, None] + np.linspace(0.0, 1.0, cuts)[:, None] * chord[:, None]
         q, there = self.equations.polish(guess.reshape(-1, joints), problem)
         swivel = self.angle(q, problem).reshape(-1, cuts)
         q = q.reshape(-1, cuts, joints)
