@@ -215,8 +215,13 @@ class History(Shown):
         for column, known in (("figure", [d.name for d in DEFINITIONS]), ("verdict", verdicts)):
             names = ", ".join(filter(None, sorted(known)))
             refuse(~table[column].isin(known), column, f"; expected one of {names}")
-        twice = checks.duplicated(["time", "instrument", "arm", "figure"])
-        refuse(twice, "figure", " occurs twice in this check; expected each characteristic once")
+        twice = checks.duplicated(["time", "instrument", "arm", "figure"]).to_numpy()
+        problems.at(
+            twice,
+            "figure",
+            "{!r} occurs twice in this check; expected each characteristic once",
+            table["figure"].to_numpy(),
+        )
         problems.stop()
         return cls(checks, from_file=True)
 
