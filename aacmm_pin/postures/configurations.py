@@ -130,9 +130,9 @@ class ConfigurationCircle(PosturesAtPoint):
         if self.reason:
             return f"{where}, has no posture, because {self.reason}"
         inside = f"of which {self.within_limits.sum()} are within the joint limits"
-        flexibility = f"The flexibility (share of swivel angles) is {self.flexibility()}"
+        part = "flexibility (share of swivel angles)"
         curves = f"{len(self)} postures on {self.component.max()} closed curves"
-        return f"{where}, has {curves}, {inside}. {flexibility}"
+        return f"{where}, has {curves}, {inside}. The {part} is {self.flexibility()}"
 
 
 def configuration_circle(
