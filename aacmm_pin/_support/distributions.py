@@ -33,10 +33,9 @@ def f_sf(value: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:
     """Probability that F, the ratio of mean squares with these degrees of freedom, exceeds
     ``value``.
     """
-    d, o, x = np.asarray(dof), np.asarray(other), np.asarray(value)
-    part = o / (o + d * x)
-    above = betainc(o / 2, d / 2, part)
-    return np.asarray(above)
+    d, o = np.asarray(dof), np.asarray(other)
+    part = o / (o + d * np.asarray(value))
+    return np.asarray(betainc(o / 2, d / 2, part))
 
 
 def f_isf(probability: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:

@@ -27,16 +27,12 @@ def rows_in_words(rows: Sequence[int] | Index) -> str:
     """Ascending rows of a file as text: ``row 7``, ``rows 3, 5 to 9, 12, …``."""
     numbers = np.unique(rows)
     breaks = np.flatnonzero(np.diff(numbers) != 1) + 1
-    runs = [_run(*run) for run in np.split(numbers, breaks)]
+    runs = [
+        f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run))
+        for run in np.split(numbers, breaks)
+    ]
     word = "row" if len(numbers) == 1 else "rows"
     return f"{word} {first_few(runs, MOST_ROWS_LISTED)}"
-
-
-def _run(first: int, *others: int) -> str:
-    """Successive rows: ``3``, ``3, 4``, ``3 to 9``."""
-    if len(others) > 1:
-        return f"{first} to {others[-1]}"
-    return ", ".join(map(str, (first, *others)))
 
 
 @dataclass
@@ -52,9 +48,7 @@ class Problems:
         self.found.append((None, shortened(column), message))
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
-        """Add a problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first,
-        and the list of the others.
-        """
+        """Add a problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first."""
         where = np.flatnonzero(bad)
         if not where.size:
             return

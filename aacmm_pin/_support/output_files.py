@@ -178,7 +178,7 @@ class OutputFiles:
             undo.pop_all()
 
     def _rename(self, temporary: Path, place: Path, undo: ExitStack) -> None:
-        """Put one file in place, after telling ``undo`` how to restore."""
+        """Put one file in place; ``undo`` restores."""
         if place not in self._updated:
             self._require_free(place)
         if place.exists():
@@ -209,8 +209,8 @@ def _write_error(path: Path, error: OSError) -> OutputError:
 
 @contextmanager
 def _as_output_errors(path: Path) -> Iterator[None]:
-    """Raise system errors as :class:`OutputError`, but for the end of a reader of standard
-    output.
+    """Raise system errors as :class:`OutputError`; if the reader of standard output ends, raise
+    that.
     """
     try:
         yield

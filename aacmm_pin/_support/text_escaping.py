@@ -29,12 +29,13 @@ def printable(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(c.encode("unicode_escape").decode() if _acts(c) else c for c in text)
-
-
-def _acts(character: str) -> bool:
-    kind = unicodedata.category(character)
-    return character not in "\n\t" and (kind[0] == "C" or kind in ("Zl", "Zp"))
+    shown = ""
+    for character in text:
+        kind = unicodedata.category(character)
+        acts = kind[0] == "C" or kind in ("Zl", "Zp")
+        escaped = acts and character not in "\n\t"
+        shown += character.encode("unicode_escape").decode() if escaped else character
+    return shown
 
 
 def encodable(text: str) -> str:
@@ -83,7 +84,6 @@ def status(text: object) -> None:
 
 
 def print_error(text: object) -> None:
-    """Print on stderr."""
     print(printable(str(text)), file=sys.stderr, flush=True)
 
 
@@ -101,10 +101,8 @@ def without_notes() -> Iterator[None]:
 
 
 def csv_quoted(text: str) -> str:
-    """The text for a cell of a CSV file: with an apostrophe in front if a spreadsheet would compute
-    it.
-
-    This includes text behind a semicolon or tab, which some programs separate.
+    """The text for a cell of a CSV file: with an apostrophe in front of what a spreadsheet would
+    compute, also behind a semicolon or tab, which some programs separate.
     """
     text = _SEPARATED.sub(r"\1'", text)
     return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text

@@ -82,7 +82,7 @@ def _submitted(
     jobs: Iterable[J],
     futures: dict[Future[R], int],
 ) -> Iterator[tuple[int, R]]:
-    """Submit all jobs, listed in ``futures``; their numbers and results as they are done."""
+    """Submit all jobs, and list them in ``futures``; numbers and results as they are done."""
     for number, job in enumerate(jobs):
         futures[executor.submit(work, job)] = number
     return ((futures.pop(future), future.result()) for future in as_completed([*futures]))
@@ -90,7 +90,7 @@ def _submitted(
 
 @contextmanager
 def _blocked_signals() -> Iterator[None]:
-    """Block the signals of the terminal, also for processes started meanwhile."""
+    """Meanwhile block the signals of the terminal, also in processes that start."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
     try:
         # Its start unblocks those that the tracker ignores, which SIGHUP is not.
@@ -102,12 +102,10 @@ def _blocked_signals() -> Iterator[None]:
 
 
 def _begin(stop: Event) -> None:
-    """Begin a worker process: its output is no result, and it ends with its parent or when ``stop``
-    is set.
-    """
+    """Begin a worker process, which ends with its parent or when ``stop`` is set."""
     from tqdm import tqdm  # whoever imports this module needs no bars
 
-    sys.stdout = sys.stderr
+    sys.stdout = sys.stderr  # its output is no result
     # Its own is a semaphore of the system, which would be left behind by an end at once.
     tqdm.set_lock(threading.RLock())
     waits: list[Callable[[], object]] = [stop.wait]

@@ -14,15 +14,11 @@ LEAST_MEMORY = 600_000_000
 """Address space that loading takes [bytes]; with less, OpenBLAS asks for its buffers for ever."""
 
 
-def _open_what_is_closed() -> None:
-    """Standard streams that the caller closed, lest files opened later take their numbers."""
+def main() -> None:
+    # Open standard streams that the caller closed, lest files opened later take their numbers.
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(number)
-
-
-def main() -> None:
-    _open_what_is_closed()
     # No warning of a library ends a command, or a worker process of it.
     os.environ.pop("PYTHONWARNINGS", None)
     sys.warnoptions.clear()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,7 +26,7 @@ from aacmm_pin.cli.common import (
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.verification import AcceptanceResult, History, StandardName, accept, in_utc
+from aacmm_pin.verification import History, StandardName, accept, in_utc
 
 CONFORMITY, NONCONFORMITY, INCONCLUSIVE = 0, 3, 4
 EXIT_STATUS = {"conformity": CONFORMITY, "non-conformity": NONCONFORMITY}
@@ -152,8 +151,12 @@ def run(
     if checks is not None:
         results.show(Document("", history_blocks(checks)))
         _note_history(checks, history)
-    if (failed := _failed_arm(result, list(arms))) is not None and Path(path).is_file():
-        note(_next_step(robot.urdf_words if failed == robot.urdf else [failed], path))
+    if result.failed and Path(path).is_file():
+        failed = {figure.source for figure in result.failed}
+        # Without ARM, the coordinates of the file fail, and diagnose needs an arm.
+        arm = next((name for name in arms if name in failed), None if arms else "ARM")
+        if arm is not None:
+            note(_next_step(robot.urdf_words if arm == robot.urdf else [arm], path))
     if exit_status:
         raise typer.Exit(EXIT_STATUS.get(result.verdict or "", INCONCLUSIVE))
 
@@ -165,20 +168,20 @@ def _limits(texts: list[str]) -> dict[str, float]:
         AacmmError: one is no number, or a file cannot be read.
     """
     limits: dict[str, float] = {}
-    for text in texts:
-        for name, stated in _stated_limits(text).items():
-            if name in limits:
-                raise typer.BadParameter(
-                    f"--mpe states {name} twice; expected each characteristic once"
-                )
-            try:
-                limit = number(str(stated))
-            except ValueError:
-                raise AacmmError(
-                    f"MPE of {name}: {stated!r}; expected a number in mm with a decimal point"
-                ) from None
-            MPE.of_unit("mm", MM).check(limit, f"MPE of {name}")
-            limits[name] = limit * MM
+    stated = [item for text in texts for item in _stated_limits(text).items()]
+    for name, value in stated:
+        if name in limits:
+            raise typer.BadParameter(
+                f"--mpe states {name} twice; expected each characteristic once"
+            )
+        try:
+            limit = number(str(value))
+        except ValueError:
+            raise AacmmError(
+                f"MPE of {name}: {value!r}; expected a number in mm with a decimal point"
+            ) from None
+        MPE.of_unit("mm", MM).check(limit, f"MPE of {name}")
+        limits[name] = limit * MM
     return limits
 
 
@@ -190,12 +193,11 @@ def _stated_limits(text: str) -> dict[str, Any]:
         raise typer.BadParameter(
             f"--mpe {text}: expected CHARACTERISTIC=MM, such as E_Uni=0.1, or a TOML file of MPEs"
         )
-    refused = partial(_refused, text)
+
+    def refused(message: str) -> AacmmError:
+        return AacmmError(f"{text}: {message}")
+
     return toml_of(content_of(text, MOST_BYTES, "a TOML file of MPEs", refused), refused)
-
-
-def _refused(path: str, message: str) -> AacmmError:
-    return AacmmError(f"{path}: {message}")
 
 
 def _note_history(checks: History, path: Path | None) -> None:
@@ -206,8 +208,9 @@ def _note_history(checks: History, path: Path | None) -> None:
             f"checks of {others} in {path}, use --instrument"
         )
     if not checks.appended:
-        same = f"its check of {checks.time} has the same values" if checks.charts() else ""
-        why = same or "the probed points give no test value"
+        why = "the probed points give no test value"
+        if checks.charts():
+            why = f"its check of {checks.time} has the same values"
         note(f"accept appended no check to {path}, because {why}")
 
 
@@ -222,16 +225,8 @@ def _when(time: str | None, path: str) -> datetime:
         ) from None
 
 
-def _failed_arm(result: AcceptanceResult, arms: list[str]) -> str | None:
-    """The first arm that does not conform; ``ARM`` if only the coordinates of the file were
-    evaluated; None if all conform.
-    """
-    failed = {figure.source for figure in result.failed}
-    return next((arm for arm in arms if arm in failed), "ARM" if failed and not arms else None)
-
-
 def _next_step(arm: list[str], path: str) -> str:
-    """How to find the cause of a nonconformity from the same points, or why this is impossible."""
+    """How to find the cause from the same points, or why this is impossible."""
     try:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:

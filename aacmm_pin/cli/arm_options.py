@@ -64,16 +64,16 @@ class UrdfArm:
 
     @property
     def urdf_words(self) -> list[str]:
-        """The options as typed; none if the arm is not given so."""
+        """The options as typed; [] without ``--urdf``."""
         return [] if self.urdf is None else ["--urdf", self.urdf, "--frame", str(self.frame)]
 
     @property
     def half_widths(self) -> dict[str, float]:
-        """Of the joint placements of a URDF [m, rad], as :meth:`Arm.from_urdf` takes them."""
+        """Arguments of :meth:`Arm.from_urdf` [m, rad]."""
         return {}
 
     def of_urdf(self) -> ErrorModel | None:
-        """The arm; None if it is not given so.
+        """The arm; None without ``--urdf``.
 
         Raises:
             AacmmError: the arm cannot be used.
@@ -114,7 +114,7 @@ class AnyArm(UrdfArm):
     ] = None
 
     def __post_init__(self) -> None:
-        """Take an example robot as the URDF that it is."""
+
         if self.urdf is None and self.arm in EXAMPLE_ROBOTS:
             object.__setattr__(self, "urdf", self.arm)
             object.__setattr__(self, "arm", None)
@@ -249,7 +249,7 @@ class EncoderNoise:
 
 @dataclass(frozen=True)
 class ContactNoise(EncoderNoise):
-    """The same of contacts and references too."""
+    """Standard uncertainties of contacts and references too."""
 
     probe_noise: Annotated[
         float | None,
@@ -288,8 +288,8 @@ def restrict_to_known_range(model: ErrorModel) -> ErrorModel:
     """
     within = model.restricted_to_known_range()
     for j in np.flatnonzero((within.arm.limits != model.arm.limits).any(axis=1)):
-        low, high = within.arm.limits[j] / (MM if model.arm.chain.prismatic[j] else DEG)
-        unit = " mm" if model.arm.chain.prismatic[j] else "°"
+        unit, size = (" mm", MM) if model.arm.chain.prismatic[j] else ("°", DEG)
+        low, high = within.arm.limits[j] / size
         note(
             f"the command uses joint {j + 1} only from {low:.4g}{unit} to {high:.4g}{unit}, "
             "because the arm states the error of this joint only there"

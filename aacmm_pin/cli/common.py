@@ -49,7 +49,7 @@ def length_option(name: str, help_: str, range_: Range, metavar: str = "MM") -> 
 
 
 def _within(range_: Range, unit: float = 1.0) -> Callable[..., Any]:
-    """A callback that refuses numbers outside a range, and gives the others in SI."""
+    """A callback that refuses numbers outside a range in ``unit``, and gives the others in SI."""
 
     def checked(parameter: typer.CallbackParam, value: Any) -> Any:
         if value is None:
@@ -65,17 +65,16 @@ def output_option(metavar: str, help_: str, *names: str) -> Any:
 
 
 def arm_file_option(help_: str, *names: str) -> Any:
-    return typer.Option(*names, metavar="FILE.toml", help=help_, callback=_arm_file)
+    def checked(path: Path | None) -> Path | None:
+        from aacmm_pin.report import suffixes  # the list of commands needs none
 
+        if path is not None and path.suffix in (*suffixes(), *PLOT_SUFFIXES):
+            raise typer.BadParameter(
+                f"{path}: expected a name for an arm file (.toml); a page is written by --report"
+            )
+        return path
 
-def _arm_file(path: Path | None) -> Path | None:
-    from aacmm_pin.report import suffixes  # the list of commands needs none
-
-    if path is not None and path.suffix in (*suffixes(), *PLOT_SUFFIXES):
-        raise typer.BadParameter(
-            f"{path}: expected a name for an arm file (.toml); a page is written by --report"
-        )
-    return path
+    return typer.Option(*names, metavar="FILE.toml", help=help_, callback=checked)
 
 
 def page_option(page: str, *names: str) -> Any:
@@ -119,14 +118,14 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that exist."
 
 @dataclass(frozen=True)
 class Replacing:
-    """Options of a command that writes files."""
+    """Options of a command that writes only files."""
 
     force: Force = False
 
 
 @dataclass(frozen=True)
 class JsonFile:
-    """Options of a command whose results may be JSON."""
+    """Options of a command with JSON."""
 
     json_: Json = None
     force: Force = False
@@ -134,7 +133,7 @@ class JsonFile:
 
 @dataclass(frozen=True)
 class PlotAndJson:
-    """Options of a command whose results may be JSON, or a picture."""
+    """Options of a command with JSON and a picture."""
 
     plot: Plot = None
     json_: Json = None
@@ -152,7 +151,7 @@ class FileOptions(Protocol):
 class Results(OutputFiles):
     """The files and the printed results of one command: all of them in the end, or nothing.
 
-    It refuses to write a file that the command reads, or a file of a plugin.
+    The command cannot write a file that it reads, or a file of a plugin.
     """
 
     plugins: ClassVar[tuple[str, ...]] = ()
@@ -169,8 +168,7 @@ class Results(OutputFiles):
 
         Args:
             options: options of the command.
-            paths: files to write, or None.
-            page: a document to write, or None.
+            paths, page: files and a document to write.
             inputs: files that other processes read.
 
         Raises:
@@ -197,7 +195,7 @@ class Results(OutputFiles):
         return super().__enter__()
 
     def __exit__(self, kind: type[BaseException] | None, *raised: Any) -> None:
-        """Put the files in their places, and name them."""
+        """Put the files in their places, and list them on stderr."""
         super().__exit__(kind, *raised)
         if kind is None and self.written:
             status(f"written: {', '.join(self.written)}")
@@ -208,10 +206,7 @@ class Results(OutputFiles):
         file.write_text(encodable(text), encoding="utf-8", newline="")
 
     def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
-        """Write the arm file of a model.
-
-        An estimate too large for an arm file is written too, with a note.
-        """
+        """Write the arm file of a model, also with an estimate too large for reading it again."""
         from aacmm_pin.effects import require_plausible  # the list of commands needs none
 
         for effect in model.effects:
@@ -222,7 +217,7 @@ class Results(OutputFiles):
         self.text(model.text(comment, path), path)
 
     def document(self, document: Document, path: Path | None) -> None:
-        """Write a document in the format of its suffix, if there is a path."""
+        """Write a document in the format of the suffix, if there is a path."""
         if path is not None:
             from aacmm_pin.report import content  # the list of commands needs none
 
@@ -244,11 +239,11 @@ class Results(OutputFiles):
 
     @property
     def json_on_stdout(self) -> bool:
-        """Whether JSON takes standard output."""
+        """Whether no other result may be on stdout."""
         return self._json == "-"
 
     def show(self, document: Document) -> None:
-        """Show a document at the terminal, unless JSON takes standard output."""
+        """Show a document at the terminal; beside JSON on stdout, only its notes."""
         from aacmm_pin.report import terminal  # the list of commands needs none
 
         terminal.show(document, self.json_on_stdout)

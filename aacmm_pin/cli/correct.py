@@ -122,11 +122,8 @@ def run(
         of_readings = ~table.columns.isin(OF_REFERENCES)
         of_file = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
         readings = arm.with_approach(of_file.with_joint_angles(model.arm))
-        for line in (
-            *read_as,
-            *readings.read_as,
-            *model.input_warnings(readings.q, readings.conditions),
-        ):
+        warnings = model.input_warnings(readings.q, readings.conditions)
+        for line in (*read_as, *readings.read_as, *warnings):
             note(line)
         rows = _rows_in_range(model, readings)
         inside = readings.take(rows)
@@ -138,9 +135,10 @@ def run(
             else:
                 state = model.state(inside.q, inside.conditions)
                 accuracy = _accuracy(model, inside.q, inside.conditions, noise.encoder_noise)
-                u = np.full(inside.n, np.nan) if accuracy is None else accuracy.u
+                u, u_tips = np.full(inside.n, np.nan), math.nan
+                if accuracy is not None:
+                    u, u_tips = accuracy.u, rms(accuracy.u)
                 values = [state.position / MM, u / MM, quaternions(state.rotation[-1])]
-                u_tips = math.nan if accuracy is None else rms(u)
                 _note_comparisons(model, before, table, rows, state.position, u_tips, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
@@ -192,11 +190,10 @@ def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> 
             f"correct changed no because {model.arm.name} and the nominal arm have the "
             "same tip positions"
         )
+    outside = outside_limits(commands, model.arm.limits).any(axis=1)
     refused = {
         "the posture is singular, out of reach, or outside an error curve": ~arrived,
-        "a corrected command is outside the joint limits": outside_limits(
-            commands, model.arm.limits
-        ).any(axis=1),
+        "a corrected command is outside the joint limits": outside,
     }
     for reason, rows in refused.items():
         if rows.any():
@@ -244,8 +241,8 @@ def _note_comparisons(
     u: float,
     path: str,
 ) -> None:
-    """Distance of the tips (n, 3) [m], with standard uncertainty u [m], from the references, before
-    and after the correction.
+    """State the distance of the tips (n, 3) [m], with standard uncertainty ``u`` [m], from the
+    references.
     """
     if not table.columns.isin([*REFERENCE, BAR[0], "seat"]).any() or not len(rows):
         return
@@ -312,8 +309,8 @@ def _u_of_commands(
     records: Measurements,
     encoder_noise: float | None,
 ) -> Array:
-    """Standard uncertainty of the tip in the base, and after an alignment of the base (n, 2) [m];
-    nan if not stated, or if the command is nan.
+    """u of the tip in the base, and after an alignment of the base (n, 2) [m]; nan if not stated,
+    or if the command is nan.
     """
     u = np.full((len(commands), 2), np.nan)
     sent = np.flatnonzero(np.isfinite(commands).all(axis=1))

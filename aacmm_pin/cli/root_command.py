@@ -12,7 +12,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from types import FrameType
 from typing import Annotated, Any
@@ -61,12 +61,10 @@ class _Subcommand(TyperCommand):
     """A subcommand that removes incomplete files if a signal stops it."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the options."""
         with self._options_named():
             return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
-        """Do what was asked."""
         with _stopping_signals(), results_alone_on_stdout(), self._options_named():
             return super().invoke(ctx)
 
@@ -76,8 +74,14 @@ class _Subcommand(TyperCommand):
         try:
             yield
         except AacmmError as error:
+            # The argument in ``axis is [0, 0, 0]; …`` becomes the option: ``--axis 0 0 0: …``.
             options = {str(option.name): option.opts[0] for option in self.params}
-            error.args = (_of_option(str(error), options),)
+            message = str(error)
+            said = re.match(r"(\w+)(?:\[\d+\])? (?:is|are) ([^;]+); ", message)
+            if said is not None and said[1] in options:
+                value = re.sub(r"[][(),]", "", said[2])
+                message = f"{options[said[1]]} {value}: {message[said.end() :]}"
+            error.args = (message,)
             raise
         except typer.BadParameter as error:
             if error.param is None:
@@ -103,7 +107,7 @@ class _Commands(TyperGroup):
                 self.commands[word] = TyperCommand(word, short_help=sentence)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command with its options; its module is imported."""
+        """Import the command."""
         name = self._beginning + cmd_name
         if any(command.startswith(f"{name} ") for command in COMMANDS):
             return _Commands(
@@ -159,19 +163,19 @@ class Shell(_Commands):
 @contextmanager
 def _stopping_signals() -> Iterator[None]:
     """Interrupt the command by each signal of :data:`STOPPING` that is not ignored."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        RECEIVED.append(number)
+        raise KeyboardInterrupt
+
     RECEIVED.clear()
     with ExitStack() as restored:
         for number in STOPPING:
             before = signal.getsignal(number)
             if before != signal.SIG_IGN:
-                signal.signal(number, _stop)
+                signal.signal(number, stop)
                 restored.callback(signal.signal, number, before)
         yield
-
-
-def _stop(number: int, frame: FrameType | None) -> None:
-    RECEIVED.append(number)
-    raise KeyboardInterrupt
 
 
 @contextmanager
@@ -228,17 +232,6 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
     return None if message is None else (1, message)
 
 
-def _of_option(message: str, options: Mapping[str, str]) -> str:
-    """Replace the Python argument in ``axis is [0, 0, 0]; …`` by the option: ``--axis 0 0 0:
-    …``.
-    """
-    said = re.match(r"(\w+)(?:\[\d+\])? (?:is|are) ([^;]+); ", message)
-    if said is None or said[1] not in options:
-        return message
-    value = re.sub(r"[][(),]", "", said[2])
-    return f"{options[said[1]]} {value}: {message[said.end() :]}"
-
-
 OF_PROGRAMS = (
     DeprecationWarning,
     PendingDeprecationWarning,
@@ -249,18 +242,18 @@ OF_PROGRAMS = (
 """Warnings for programmers, which users do not need."""
 
 
-def _noted(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
-    if not issubclass(category, OF_PROGRAMS):
-        warn(str(message))
-
-
 @contextmanager
 def _warnings_as_notes() -> Iterator[None]:
     """Print warnings of libraries without file and line; tests can still turn them into errors."""
+
+    def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        if not issubclass(category, OF_PROGRAMS):
+            warn(str(message))
+
     # That its cache has no place is nobody's concern.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with warnings.catch_warnings():
-        warnings.showwarning = _noted
+        warnings.showwarning = show
         yield
 
 

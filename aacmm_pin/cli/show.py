@@ -114,7 +114,7 @@ def _posture(arm: Arm, text: str | None) -> Array:
 
 
 def _serve(html: str, browser: bool) -> None:
-    """Serve the page on the loopback address, and print the address, until Ctrl-C."""
+    """Serve the page on the loopback address until Ctrl-C."""
     page = html.encode()
 
     class Page(BaseHTTPRequestHandler):
@@ -125,7 +125,7 @@ def _serve(html: str, browser: bool) -> None:
             self.wfile.write(page)
 
         def log_message(self, format: str, *args: object) -> None:
-            """Requests are not reported."""
+            pass
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Page) as server, suppress(KeyboardInterrupt):
         url = f"http://127.0.0.1:{server.server_port}/"

@@ -85,7 +85,17 @@ def run(
                     "placement of the tool is uncertain; measure targets at known places of the "
                     "flange, or orientations with --target frame"
                 )
-            results.text(_kinematics_of(kinematics), output)
+            if kinematics.tool_moved:
+                note(
+                    "the kinematics file does not contain the placement of the tool in the last "
+                    "link"
+                )
+            if not kinematics.name.startswith("calib_"):
+                note(
+                    f"replace the hash {kinematics.name} in the kinematics file by the hash of "
+                    "your robot"
+                )
+            results.text(kinematics.text(), output)
         elif to_dh:
             table = arm_text(dh_file(model.arm))
             _note_of_causes(model, "DH table")
@@ -96,14 +106,6 @@ def run(
             results.text(robot.urdf(), output)
         else:
             results.file(output or "-").write_bytes(urdf_of(model))
-
-
-def _kinematics_of(robot: UrKinematics) -> str:
-    if robot.tool_moved:
-        note("the kinematics file does not contain the placement of the tool in the last link")
-    if not robot.name.startswith("calib_"):
-        note(f"replace the hash {robot.name} in the kinematics file by the hash of your robot")
-    return robot.text()
 
 
 def _undetermined_tool(arm: Arm) -> list[str]:
@@ -121,7 +123,7 @@ def _undetermined_tool(arm: Arm) -> list[str]:
 
 
 def _note_of_causes(model: ErrorModel, form: str, kept: Sequence[Effect] = ()) -> None:
-    """Say which causes a file of this form does not contain, and how far they move the tip."""
+    """Say which causes a file of this ``form`` does not contain, and how far they move the tip."""
     acting = [effect for effect in model.effects if not is_of_setup(effect)]
     lost = [effect.label for effect in acting if effect not in kept]
     if lost:
