@@ -38,7 +38,6 @@ from aacmm_pin.verification import (
     PER_MOVING_RANGE,
     RULE_OF,
     AcceptanceResult,
-    ControlChart,
     History,
     brief,
     shown_verdict,
@@ -79,13 +78,8 @@ NUMBERS_LISTED = 6
 
 @dataclass(frozen=True)
 class CheckDetails:
-    """Details of a check for the test report.
-
-    Attributes:
-        time: time of the check.
-        instrument: checked arm.
-        about: further lines, by their heads.
-        history: earlier checks of the arm.
+    """Details of a check for the test report; ``about`` has further lines by their heads, and
+    ``history`` the earlier checks.
     """
 
     time: datetime
@@ -151,7 +145,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
 
 
 def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
-    """Columns that are not empty, and the set of coordinates if there are ``several``; a ``plain``
+    """Columns that are not empty, with the coordinates if there are ``several`` sets; a ``plain``
     document states the standard elsewhere.
     """
     numbers = [name for name in ("U_mm", "mpe_mm") if table[name].notna().any()]
@@ -166,7 +160,8 @@ def history_blocks(history: History) -> Iterator[Block]:
     """Test values outside their control limits, and control charts."""
     from aacmm_pin.report.plots.control_charts import charts_drawn, plot_history
 
-    charts, drawn = history.charts(), charts_drawn(history)
+    charts = history.charts()
+    drawn = charts_drawn(charts)
     several = len({chart.arm for chart in charts}) > 1
     outside = []
     for chart in charts:
@@ -185,21 +180,17 @@ def history_blocks(history: History) -> Iterator[Block]:
         )
     head = "Outside the control limits:" if outside else "Control limits:"
     yield Paragraph(" ".join(sentences) or "No test value is outside its limits.", head=head)
-    if drawn:
-        caption = CHART_CAPTION + _not_drawn(charts, drawn, several)
-        yield Figure(lambda: plot_history(history), "Control charts of the test values", caption)
-
-
-def _not_drawn(charts: Sequence[ControlChart], drawn: Sequence[ControlChart], several: bool) -> str:
-    """Charts of more than one value that the figure omits, by arm."""
-    drawn_keys = {(chart.arm, chart.figure) for chart in drawn}
-    names = dict[str, list[str]]()
+    omitted: dict[str, list[str]] = {}
     for chart in charts:
-        if len(chart.values) > 1 and (chart.arm, chart.figure) not in drawn_keys:
+        if len(chart.values) > 1 and chart not in drawn:
             by = f" by {brief(chart.arm, SHORT_TEXT)}" if several else ""
-            names.setdefault(by, []).append(chart.figure)
-    listed = [", ".join(figures) + by for by, figures in names.items()]
-    return f" The figure leaves out {'; '.join(listed)}." if listed else ""
+            omitted.setdefault(by, []).append(chart.figure)
+    caption = CHART_CAPTION
+    if omitted:
+        names = [", ".join(figures) + by for by, figures in omitted.items()]
+        caption += f" The figure leaves out {'; '.join(names)}."
+    if drawn:
+        yield Figure(lambda: plot_history(history), "Control charts of the test values", caption)
 
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:

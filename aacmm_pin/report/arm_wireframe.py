@@ -26,9 +26,17 @@ class ArmLines:
     @cached_property
     def lines(self) -> list[Array]:
         """Corners of the line of each body in its own axes, (k, 3) [m] each."""
-        if self.arm.dh is None:
-            return _straight_lines(self.arm)
-        return _lines_of_table(self.arm.dh)
+        if self.arm.dh is not None:
+            return _lines_of_table(self.arm.dh)
+        # From each joint to the next, in the zero posture.
+        arm_chain = self.arm.chain
+        axes = [chain.axis(row) for row in range(1, arm_chain.rows + 1)]
+        rotation, origin = (part[:, 0] for part in arm_chain.walk(np.zeros((1, self.arm.nq))))
+        lines = []
+        for place, after in pairwise([chain.BASE, *axes, arm_chain.tip]):
+            step = (origin[after] - origin[place]) @ rotation[place]
+            lines.append(np.vstack([np.zeros(3), step]))
+        return lines
 
     @cached_property
     def length(self) -> float:
@@ -71,14 +79,3 @@ def _lines_of_table(dh: DHTable) -> list[Array]:
     after = [*along_a[1:, None], np.empty((0, 3))]
     rows = zip(along_d, after, strict=True)
     return [np.vstack([start, along_a[0]]), *(np.vstack([-d, start, a]) for d, a in rows)]
-
-
-def _straight_lines(arm: Arm) -> list[Array]:
-    """Lines from each joint to the next, in the zero posture."""
-    axes = [chain.axis(row) for row in range(1, arm.chain.rows + 1)]
-    rotation, origin = (part[:, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
-    lines = []
-    for place, after in pairwise([chain.BASE, *axes, arm.chain.tip]):
-        step = (origin[after] - origin[place]) @ rotation[place]
-        lines.append(np.vstack([np.zeros(3), step]))
-    return lines

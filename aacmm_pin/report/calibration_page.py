@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.plain_values import plain
 from aacmm_pin._support.text_escaping import csv_text
@@ -120,13 +119,8 @@ EXCLUDED = (
 def calibration_document(
     result: Calibration, summary: dict[str, Any] | None = None, when: str = ""
 ) -> Document:
-    """The calibration as a document.
-
-    Args:
-        result: the calibration.
-        summary: for a page with files: content of ``calibrate --json``; ``data`` names the
-            measurement file.
-        when: date of the page (UTC).
+    """The calibration as a document; for a page with files, ``summary`` is the content of
+    ``calibrate --json``, and ``when`` the date (UTC).
     """
     blocks = [
         *_result(result),
@@ -146,9 +140,7 @@ def calibration_document(
 
 
 def verdict(result: Calibration) -> str:
-    """Whether the calibration helps, by held-out records if possible; first, if excluded records
-    are no gross errors, that only part of the records count.
-    """
+    """Whether the calibration helps, by held-out records if possible; doubts come first."""
     exclusions, name = result.exclusions, result.model.arm.name
     doubts, others = mistakes_in_words(result.notes), ""
     if exclusions.doubtful:
@@ -253,22 +245,18 @@ def open_in_words(result: Calibration) -> str:
         "These records do not determine the position of the base in the frame of the references."
     )
     records = result.fit.problem.measurements
-    across, along = _extents(records.reference[result.fit.used & records.known])
+    points = records.reference[result.fit.used & records.known]
+    sizes = np.zeros(3)
+    if len(points):
+        centred = points - points.mean(axis=0)
+        sizes = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(points))
+    across, along = float(np.linalg.norm(sizes[1:])), float(sizes[0])
     if across < COLLINEAR * along:
         words += (
             " The references are close to a straight line, with an RMS distance of "
             f"{length(across)} from the line and an RMS extent of {length(along)} along the line."
         )
     return words
-
-
-def _extents(points: Array) -> tuple[float, float]:
-    """RMS distance of points (n, 3) from their best straight line, and RMS extent along it [m]."""
-    if not len(points):
-        return 0.0, 0.0
-    centred = points - points.mean(axis=0)
-    sizes = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(points))
-    return float(np.linalg.norm(sizes[1:])), float(sizes[0])
 
 
 def estimated_causes(result: Calibration) -> pd.DataFrame:
@@ -317,8 +305,8 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
 
 
 def bases_in_json(fit: Fit) -> dict[str, Any]:
-    """Base in the frame of the references, or of the first session, and in those of other sessions;
-    None if known without a fit, or not determined.
+    """Base in the frame of the references, or of each session; None if known without a fit, or not
+    determined.
     """
     bases = [
         {
@@ -509,14 +497,8 @@ def files(
     names: tuple[str, str],
     note: str,
 ) -> Iterator[Block]:
-    """The section of a page with its files: results, residuals of every record, and arm file.
-
-    Args:
-        summary: JSON of the command.
-        residuals: table of the records.
-        model: the resulting arm.
-        names: names of the JSON and of the arm file.
-        note: comment of the arm file.
+    """The section with the files of a page; ``names`` are those of the JSON and of the arm file,
+    and ``note`` is the comment of the arm file.
     """
     of_json, of_arm = names
     yield Heading("Files in this page")

@@ -18,6 +18,7 @@ from aacmm_pin._support.text_escaping import csv_text, encodable
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy import (
     AccuracyVolume,
+    Quantity,
     WorkspaceMap,
     circle_accuracy,
     map_workspace,
@@ -63,6 +64,8 @@ SEED = 1
 """Seed of every random number."""
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
 """Point of the wrist in the DH base frame [m]: the first measured point in the paper of SINO6."""
+MAPS: tuple[Quantity, ...] = ("smallest_u_mm", "flexibility")
+"""Quantities whose maps the page shows."""
 LARGEST = 3
 """Largest parameters of the budget to name."""
 RECORDS, SEATS = 200, 10
@@ -102,15 +105,8 @@ ASSUMED = (
 
 @dataclass(frozen=True)
 class DemoSummary:
-    """Findings of the demonstration and its files.
-
-    Attributes:
-        folder: folder of the files.
-        files: their names.
-        findings: sentences.
-        accuracy: content of accuracy.json.
-        map: content of map.json.
-        seconds: duration.
+    """Sentences and files of the demonstration; ``accuracy`` and ``map`` are the content of
+    accuracy.json and map.json.
     """
 
     folder: Path
@@ -177,6 +173,15 @@ def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> Iter
     u_mm, cells = map_.data["smallest_u_mm"], map_.working_sectors()
     least, most = COVERAGE_FACTOR * float(u_mm.min()), COVERAGE_FACTOR * float(u_mm.max())
     flexibility = float(map_.data["flexibility"].mean())
+
+    def draw() -> Drawing:
+        figure = Drawing(figsize=(10.0, 6.0), layout="constrained")
+        x, y, z = circle.point / MM
+        for panel, quantity in zip(figure.subplots(1, 2), MAPS, strict=True):
+            plots.plot_map(map_, quantity, panel)
+            panel.plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
+        return figure
+
     yield Heading("Accuracy over the workspace")
     yield Paragraph(
         "Joint 1 rotates the arm about the z axis, so that one half-plane represents the whole "
@@ -189,24 +194,13 @@ def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> Iter
         finding=True,
     )
     yield Figure(
-        lambda: _maps(map_, circle),
+        draw,
         f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and "
         "flexibility",
         "The maps show the smallest standard uncertainty u of the position and the flexibility in "
         "each cell. The star is the working point, rotated into the half-plane about joint axis "
         "1.",
     )
-
-
-def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
-    figure = Drawing(figsize=(10.0, 6.0), layout="constrained")
-    x, y, z = circle.point / MM
-    left, right = figure.subplots(1, 2)
-    plots.plot_map(map_, "smallest_u_mm", left)
-    plots.plot_map(map_, "flexibility", right)
-    for panel in (left, right):
-        panel.plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
-    return figure
 
 
 def _measured(diagnosis: Diagnosis, hidden: Effect, planned: str) -> Iterator[Block]:
@@ -247,7 +241,7 @@ def run_demo(
         force: replace files of the same names.
         progress: show progress bars.
         cells: cells of the map along x and z.
-        sectors: sectors of the configuration circle.
+        sectors: sectors of the swivel angle.
 
     Raises:
         OutputError: the folder cannot be used.

@@ -10,7 +10,7 @@ from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.plain_values import of_models, plain
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import rms
-from aacmm_pin.diagnosis import Diagnosis, Finding, Place, Unexplained, not_tried
+from aacmm_pin.diagnosis import Diagnosis, Finding, Unexplained, not_tried
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect, fields_of, strongest_waves
 from aacmm_pin.report.calibration_page import bases_in_json
@@ -28,7 +28,7 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     records = extended.problem.measurements
     shown, tried = diagnosis.visible
     sets = diagnosis.alternatives
-    likely = {labels: p for labels, p in sets.items() if p >= THRESHOLDS.worth_listing}
+    likely = _likely(sets)
     summary = {
         "schema": DIAGNOSIS_SCHEMA,
         "arm": diagnosis.model.arm.name,
@@ -56,12 +56,20 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             for part in diagnosis.budget
         ],
         "findings": [*map(finding_to_dict, diagnosis.findings)],
-        "places": [*map(_place_to_dict, diagnosis.places)],
+        "places": [
+            {
+                "depends_on": place.depends_on,
+                **_location(place.effect),
+                "probability": place.probability,
+                "forms": _likely(place.forms),
+            }
+            for place in diagnosis.places
+        ],
         "held_out": _held_out(diagnosis),
-        "alternatives": [{"causes": labels, "probability": p} for labels, p in likely.items()],
+        "alternatives": likely,
         "other_alternatives": {
             "count": len(sets) - len(likely),
-            "probability": max(1.0 - sum(likely.values()), 0.0),
+            "probability": max(1.0 - sum(listed["probability"] for listed in likely), 0.0),
         },
         "agreement": {"total_variation": posterior.disagreement, "agree": posterior.agree},
         "discrepancy": discrepancy_to_dicts(diagnosis.unexplained),
@@ -98,7 +106,8 @@ def finding_to_dict(finding: Finding) -> dict[str, Any]:
         "inner": _with_u(finding.inner),
         "aliases": [
             {
-                **_alias_to_dict(alias.effect, alias.label),
+                "cause": alias.label if alias.effect is None else alias.effect.cause,
+                **_location(alias.effect),
                 "correlation": alias.correlation,
                 "probability": alias.probability,
             }
@@ -108,7 +117,7 @@ def finding_to_dict(finding: Finding) -> dict[str, Any]:
 
 
 def discrepancy_to_dicts(left: Unexplained) -> list[dict[str, Any]]:
-    """The discrepancy: covariate, size at the tip, u, probability."""
+    """The parts of the discrepancy at the tip."""
     return [
         {
             "covariate": part.covariate,
@@ -120,26 +129,19 @@ def discrepancy_to_dicts(left: Unexplained) -> list[dict[str, Any]]:
     ]
 
 
-def _place_to_dict(place: Place) -> dict[str, Any]:
-    """Where a cause may act, with the probabilities of its forms."""
-    likely = {labels: p for labels, p in place.forms.items() if p >= THRESHOLDS.worth_listing}
-    return {
-        "depends_on": place.depends_on,
-        **_location(place.effect),
-        "probability": place.probability,
-        "forms": [{"causes": labels, "probability": p} for labels, p in likely.items()],
-    }
+def _likely(sets: Mapping[tuple[str, ...], float]) -> list[dict[str, Any]]:
+    """Sets of causes with the probabilities that are worth listing."""
+    return [
+        {"causes": labels, "probability": p}
+        for labels, p in sets.items()
+        if p >= THRESHOLDS.worth_listing
+    ]
 
 
-def _alias_to_dict(effect: Effect | None, label: str) -> dict[str, Any]:
-    """A cause, and where it acts; a covariate by its label."""
-    if effect is None:
-        return {"cause": label, "joint": None}
-    return {"cause": effect.cause, **_location(effect)}
-
-
-def _location(effect: Effect) -> dict[str, Any]:
+def _location(effect: Effect | None) -> dict[str, Any]:
     """Joint of a cause, and its seat or body."""
+    if effect is None:
+        return {"joint": None}
     site = effect.location_field()
     elsewhere = {} if site in (None, "joint") else {site: effect.place}
     return {"joint": effect.row, **elsewhere}

@@ -76,6 +76,7 @@ from aacmm_pin.report.verdicts import (
     covariate_in_words,
     labels_in_words,
     named_set,
+    other_sets,
     verdict_in_words,
 )
 
@@ -148,13 +149,8 @@ GROUPS = "Groups of records that disagree with the other records; check their se
 def diagnosis_document(
     result: Diagnosis, summary: dict[str, Any] | None = None, when: str = ""
 ) -> Document:
-    """The diagnosis as a document.
-
-    Args:
-        result: the diagnosis.
-        summary: for a page with files: content of ``diagnose --json``; ``source`` names the
-            measurement file.
-        when: date of the page (UTC).
+    """The diagnosis as a document; for a page with files, ``summary`` is the content of
+    ``diagnose --json``, and ``when`` the date (UTC).
     """
     planned = next_measurements(result) if summary is None else summary["next_measurements"]
     blocks = [
@@ -207,8 +203,7 @@ def next_set_in_words(result: Diagnosis) -> str:
     """The most probable other set of causes, relative to the named set; "" if none is probable, or
     if the verdict names it.
     """
-    named = named_set(result)
-    others = {labels: p for labels, p in result.alternatives.items() if set(labels) != named}
+    named, others = named_set(result), other_sets(result)
     likely = next(iter(others), ())
     if result.verdict == "ambiguous" or others.get(likely, 0.0) < THRESHOLDS.rival:
         return ""
@@ -226,14 +221,11 @@ def next_set_in_words(result: Diagnosis) -> str:
 def summary_line(result: Diagnosis) -> str:
     """Sizes of the residuals by the three models, noise, and gain on held-out records."""
     nominal, recalibrated, extended, noise = lengths(result.rms.values())
-    sizes = f"{nominal} for the nominal arm and {recalibrated} for the recalibrated arm"
+    sizes = [f"{nominal} for the nominal arm", f"{recalibrated} for the recalibrated arm"]
     if result.findings:
-        sizes = (
-            f"{nominal} for the nominal arm, {recalibrated} for the recalibrated arm and "
-            f"{extended} for the extended arm"
-        )
+        sizes.append(f"{extended} for the extended arm")
     alone = "Noise alone" if result.extended.noise_is_stated else "The estimated scatter"
-    sentences = [f"The RMS residual is {sizes}. {alone} would give {noise}."]
+    sentences = [f"The RMS residual is {listed(sizes)}. {alone} would give {noise}."]
     excluded = int(result.extended.excluded.sum())
     if excluded:
         gross = "a gross error" if excluded == 1 else "gross errors"
@@ -272,12 +264,8 @@ def _excluded_but_counted(number: int) -> str:
     return f"The gain includes {count(number, 'record')} that only the extended arm excludes."
 
 
-def unexplained_in_words(left: Unexplained) -> str:
-    """The remaining structure, or that there is none."""
-    return " ".join(_statements(left))
-
-
-def _statements(left: Unexplained) -> Iterator[str]:
+def unexplained_in_words(left: Unexplained) -> Iterator[str]:
+    """Sentences on the remaining structure, or that there is none."""
     for one in left.apart:
         yield f"{capital(str(one))} ({p_equals(one.p_value)})."
     shared, chance = left.excluded, beside_threshold(left)
@@ -311,8 +299,7 @@ def _saved_in_words(result: Diagnosis) -> Iterator[str]:
     """Which part of the discrepancy the extended arm contains."""
     parts, lost = [part.covariate for part in result.unexplained.discrepancy], result.not_saved
     saved = " and on ".join(covariate_in_words(name) for name in parts if name not in lost)
-    contained = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
-    if saved and contained:
+    if saved and any(isinstance(effect, Discrepancy) for effect in result.model.effects):
         yield f"The extended arm contains the discrepancy that depends on {saved}."
     elif saved:
         yield (
@@ -330,9 +317,7 @@ def _saved_in_words(result: Diagnosis) -> Iterator[str]:
 
 
 def ranking(result: Diagnosis) -> pd.DataFrame:
-    """The causes, strongest first: cause, value ± U, displacement, probability, p, not absorbed,
-    label.
-    """
+    """The causes, strongest first."""
     state, used = state_of(result.extended), result.extended.used
     rows = []
     for finding in result.findings:
@@ -353,7 +338,7 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
 
 
 def places_table(result: Diagnosis) -> pd.DataFrame:
-    """The places where a cause may act: place, quantity, probability, causes."""
+    """The places where a cause may act."""
     rows = [
         {
             "place": location_in_words(place.effect, result.model.arm),
@@ -368,7 +353,7 @@ def places_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def _forms_in_words(result: Diagnosis, place: Place) -> str:
-    """The probable forms of a place, with their probabilities."""
+
     texts = []
     for labels, p in place.forms.items():
         if p >= THRESHOLDS.rival:
@@ -379,7 +364,9 @@ def _forms_in_words(result: Diagnosis, place: Place) -> str:
 
 
 def alternatives(result: Diagnosis) -> pd.DataFrame:
-    """The sets of causes, most probable first, and last all others together, with probabilities."""
+    """The sets of causes with their probabilities, most probable first, all improbable sets last in
+    one row.
+    """
     sets = result.alternatives
     likely = [labels for labels in sets if sets[labels] >= LEAST_SET][:SETS]
     rows = {
@@ -394,7 +381,7 @@ def alternatives(result: Diagnosis) -> pd.DataFrame:
 
 
 def alias_table(result: Diagnosis) -> pd.DataFrame:
-    """Aliases of each cause in these records: cause, alias, correlation, probability, label."""
+    """Aliases of each cause in these records."""
     rows = [
         {
             "cause": in_words(finding.effect, result.model.arm),
@@ -411,9 +398,7 @@ def alias_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def residuals_table(result: Diagnosis) -> pd.DataFrame:
-    """Record by record: line of the file, labels, tip minus target by each model and held out [mm],
-    whether used.
-    """
+    """Row and labels of each record, its residual by each model and held out [mm], whether used."""
     table, held = residuals_by_record(models(result)), result.held_out
     if held is not None:
         table["part"] = held.folds
@@ -426,7 +411,7 @@ def residuals_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def answers(result: Diagnosis, planned: str) -> list[Block]:
-    """Verdict, probability, other possible causes, residuals and gain, and next measurements."""
+    """Paragraphs from the verdict to the next measurements."""
     sentences = {
         f"{capital(result.verdict.replace('-', ' '))}.": verdict_in_words(result),
         "Probability:": certainty_in_words(result),
@@ -481,7 +466,7 @@ def rms_figure(result: Diagnosis) -> Figure:
 
 
 def _groups(result: Diagnosis) -> Iterator[Block]:
-    """Residuals of groups of records; those above the prediction in a table."""
+
     yield Heading("Residuals of groups of records")
     table = result.residual_groups
     if table.empty:
@@ -525,11 +510,11 @@ def _causes(result: Diagnosis) -> Iterator[Block]:
     yield Table(places_table(result), PLACES_LISTED, explained=PLACES_EXPLAINED)
     yield Table(ranking(result), "Causes of error in the extended arm", explained=RANKED)
     waves = []
-    effects = [finding.effect for finding in result.findings]
-    for curve in (effect for effect in effects if isinstance(effect, JointErrorCurve)):
-        strongest = (strongest_waves(curve) or [])[:WAVES_LISTED]
-        sizes = listed([f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in strongest])
-        if sizes:
+    for curve in (finding.effect for finding in result.findings):
+        strongest = strongest_waves(curve)
+        if isinstance(curve, JointErrorCurve) and strongest:
+            orders = [f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in strongest[:WAVES_LISTED]]
+            sizes = listed(orders)
             name = capital(in_words(curve, result.model.arm))
             apart = 4.0 * np.pi / (curve.upper_rad - curve.lower_rad)
             waves.append(
@@ -550,7 +535,7 @@ def _other_causes(result: Diagnosis) -> Iterator[Block]:
 
 
 def causes_drawn(result: Diagnosis) -> Iterator[Block]:
-    """A figure of each cause that depends on a quantity, and one of all geometric values."""
+    """A figure of each cause that depends on something, and one of all geometric values."""
     state = state_of(result.extended)
     for finding in result.findings:
         effect = finding.effect
@@ -668,7 +653,7 @@ def unexplained_document(left: Unexplained) -> Document:
     groups = pd.DataFrame([asdict(group) for group in left.groups])
     heads = {"name": "group", "times": "relative residuals", "p_value": "p"}
     blocks: list[Block] = [
-        Paragraph(unexplained_in_words(left), finding=left.structure),
+        Paragraph(" ".join(unexplained_in_words(left)), finding=left.structure),
         Table(sizes, DISCREPANCY_AT_TIP, forms, depends, explained=DISCREPANCY),
         Bullets(ways),
         Table(groups, GROUPS, {"times": ".1f", "p_value": p_value}, heads),

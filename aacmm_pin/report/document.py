@@ -58,8 +58,8 @@ class Paragraph:
 
     Attributes:
         text: one sentence or more.
-        finding: emphasise it on pages.
-        head: emphasised words at its beginning.
+        finding: emphasised on pages.
+        head: emphasised words at the beginning.
         detail: for pages only.
     """
 
@@ -71,12 +71,7 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Bullets:
-    """A list of short plain texts.
-
-    Attributes:
-        items: the texts.
-        head: line above the list.
-    """
+    """A list of short plain texts; ``head`` is a line above."""
 
     items: Sequence[str]
     head: str = ""
@@ -130,13 +125,7 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A drawing with matplotlib, for pages.
-
-    Attributes:
-        drawn: returns a figure, or axes of one.
-        alt: description for readers who cannot see it.
-        caption: text below.
-    """
+    """A drawing with matplotlib, for pages; ``alt`` is for readers who cannot see it."""
 
     drawn: Callable[[], Drawing | Axes]
     alt: str
@@ -159,13 +148,7 @@ class Figure:
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """A 3D scene on a page.
-
-    Attributes:
-        scene: returns the scene.
-        caption: text below.
-        height: height of the frame [px].
-    """
+    """A 3D scene on a page, in a frame of ``height`` [px]."""
 
     scene: Callable[[], Scene]
     caption: str
@@ -174,13 +157,7 @@ class SceneView:
 
 @dataclass(frozen=True)
 class Download:
-    """A file inside a page, or beside it.
-
-    Attributes:
-        name: file name or path.
-        text: description.
-        content: the file; None if it is beside the page.
-    """
+    """A file inside a page, or beside the page without ``content``; ``text`` describes the file."""
 
     name: str
     text: str
@@ -189,12 +166,7 @@ class Download:
 
 @dataclass(frozen=True, eq=False)
 class Folded:
-    """Blocks of a page that the reader can open; never on paper.
-
-    Attributes:
-        head: head of the blocks.
-        blocks: the blocks.
-    """
+    """Blocks of a page that the reader can open; never on paper."""
 
     head: str
     blocks: Sequence[Block]
@@ -208,9 +180,7 @@ class Document:
     """A result as blocks.
 
     Attributes:
-        title: title of the page.
         blocks: blocks in order, without empty ones.
-        subtitle: line below the title.
         sheet: table rows that fit if the document is one sheet of paper to sign; else 0.
         by_hand: fields to fill in by hand, below the blocks before the first heading.
     """
@@ -258,9 +228,7 @@ def document_of(result: object) -> Document:
 
 @document_of.register
 def shown_document(result: Shown) -> Document:
-    """A result by its text; without text, by its fields and properties that are numbers or
-    words.
-    """
+    """A result by its text, else by its fields and properties that are numbers or words."""
     kind = type(result)
     if kind.__str__ is not object.__str__:
         return Document(kind.__name__, [Paragraph(str(result), head=f"{kind.__name__}:")])

@@ -31,8 +31,8 @@ MORE_RECORDS = "take more records, at other postures"
 def next_measurements(result: Diagnosis) -> str:
     """Return a sentence with the next measurements that a diagnosis recommends.
 
-    If the records cannot distinguish two causes, the sentence has a command for a plan that does.
-    The function needs several seconds for such a plan.
+    If the records cannot distinguish two causes, the sentence has a command for a plan, which takes
+    several seconds.
     """
     first = _first(result)
     if result.verdict in WITH_STRUCTURE and result.cannot_tell_apart:
@@ -61,16 +61,17 @@ def _first(result: Diagnosis) -> str:
             "with which the drives hold the load, not the moments of the load. Then diagnose the "
             "records again"
         )
-    better = [note for note in result.assumed if note.code == "session_frames_fit"]
-    if better:
-        return f"diagnose the records again. {capital(str(better[0]))}"
-    of_set_up = [finding.effect for finding in findings if finding.effect.remedy]
-    if of_set_up:
-        moved = in_words(of_set_up[0], result.model.arm)
-        return f"{of_set_up[0].remedy} ({moved}). Then diagnose the records again"
-    if unexplained.run_order is not None and unexplained.run_order.joint is not None:
+    for note in result.assumed:
+        if note.code == "session_frames_fit":
+            return f"diagnose the records again. {capital(str(note))}"
+    for effect in (finding.effect for finding in findings):
+        if effect.remedy:
+            moved = in_words(effect, result.model.arm)
+            return f"{effect.remedy} ({moved}). Then diagnose the records again"
+    run_order = unexplained.run_order
+    if run_order is not None and run_order.joint is not None:
         return (
-            f"examine encoder, cable and coupling of joint {unexplained.run_order.joint}, because "
+            f"examine encoder, cable and coupling of joint {run_order.joint}, because "
             "an intermittent error of consecutive records is likely. Then repeat the records"
         )
     if unexplained.readings and not depends_on:
@@ -142,11 +143,16 @@ def _first(result: Diagnosis) -> str:
     doubtful = [finding for finding in findings if finding.probability < THRESHOLDS.settled]
     if doubtful or verdict == "ambiguous":
         return _to_distinguish(result, doubtful)
-    seats = [finding for finding in findings if corrects_seat(finding.effect)]
+    seats = []
+    for finding in findings:
+        if corrects_seat(finding.effect):
+            values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
+            wrong = f"wrong by ({values}) mm, according to these records"
+            seats.append(f"seat {finding.effect.place} ({wrong})")
     if seats:
         return (
-            f"measure the coordinates of {listed([*map(_seat, seats)])} again. Then check the "
-            "extended arm on new records"
+            f"measure the coordinates of {listed(seats)} again. Then check the extended arm on new "
+            "records"
         )
     if result.no_better:
         return (
@@ -182,9 +188,15 @@ def _first(result: Diagnosis) -> str:
 
 def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
     """How to distinguish the most probable set of causes from the other possible sets."""
-    pair = _open_pair(result)
-    if len(pair) == 2:
-        return _to_distinguish_pair(result, *pair)
+    # Two causes in which the most probable set and a possible other set differ.
+    best = next(iter(result.alternatives))
+    named = {finding.label: finding.effect for finding in result.findings}
+    pairs = (labels for labels in result.cannot_tell_apart if len(labels) == 2)
+    pair = sorted(next(pairs, ()), key=lambda label: label not in best)
+    causes = [named.get(label) or result.cause(label) for label in pair]
+    effects = [cause for cause in causes if cause is not None]
+    if len(effects) == 2:
+        return _to_distinguish_pair(result, *effects)
     for finding in doubtful:
         if finding.aliases and finding.aliases[0].effect is None:
             on = finding.aliases[0].label
@@ -193,18 +205,6 @@ def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
                 f"{_otherwise(result, [on])}"
             )
     return f"{MORE_RECORDS}, to find which of the listed causes act"
-
-
-def _open_pair(result: Diagnosis) -> list[Effect]:
-    """Two causes in which the most probable set and a possible other set differ; [] if they differ
-    in more.
-    """
-    best = next(iter(result.alternatives))
-    named = {finding.label: finding.effect for finding in result.findings}
-    pairs = (labels for labels in result.cannot_tell_apart if len(labels) == 2)
-    pair = sorted(next(pairs, ()), key=lambda label: label not in best)
-    causes = [named.get(label) or result.cause(label) for label in pair]
-    return [cause for cause in causes if cause is not None]
 
 
 def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str:
@@ -235,13 +235,8 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
     return advice(before, pair, records, **setup.keywords | noise)
 
 
-def _seat(finding: Finding) -> str:
-    values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
-    return f"seat {finding.effect.place} (wrong by ({values}) mm, according to these records)"
-
-
 def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:
-    """How to vary what the residuals depend on independently of the rest."""
+    """How to vary the quantities that the residuals depend on, independently of the others."""
     joints = [name for name in depends_on if name.startswith("joint ")]
     moments = [name for name in depends_on if name.startswith("moment ")]
     labels = [name for name in depends_on if name.split()[0] in LABELS]

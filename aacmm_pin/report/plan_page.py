@@ -122,9 +122,10 @@ def _power(plan: MeasurementPlan) -> Iterator[str]:
 
 
 def _more(plan: MeasurementPlan) -> str:
+    if plan.enough is None:
+        return ""
     beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
-    enough = f"; about {plan.enough} new records{beside} would be enough"
-    return "" if plan.enough is None else enough
+    return f"; about {plan.enough} new records{beside} would be enough"
 
 
 def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
@@ -132,24 +133,22 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
     number of records.
     """
     one, other = plan.split
+    pair = f"{one.label} from {other.label}"
     if plan.after.same:
-        pair = f"{one.label} from {other.label}"
         why = plan.tried[-1].why_not
         return f"no set-up that the plan considered distinguishes {pair}, because {why}"
-    before = 0.5 if plan.before is None else plan.before.probability
-    if plan.before is not None and plan.after.probability - before < LEAST_CHANGE:
+    before = plan.before
+    more_records = f"take more records, at other postures, to distinguish {pair}, because"
+    if before is not None and plan.after.probability - before.probability < LEAST_CHANGE:
         return (
-            f"take more records, at other postures, to distinguish {one.label} from {other.label}, "
-            "because a plan for these two causes alone found no useful records of the same kind"
+            f"{more_records} a plan for these two causes alone found no useful records of the same "
+            "kind"
         )
     odds = f"becomes {probability(plan.after.probability)}"
     if not plan.decided:
         more = _more(plan)
         if not more:
-            return (
-                f"take more records, at other postures, to distinguish {one.label} from "
-                f"{other.label}, because {len(plan.records)} records of the same kind are too few"
-            )
+            return f"{more_records} {len(plan.records)} records of the same kind are too few"
         odds += more
     if plan.changes_arm:
         odds += "; diagnose the new records with set_up.toml, separately from the existing ones"
@@ -163,8 +162,8 @@ def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
         "-o plan.csv",
     ]
     return (
-        f"to distinguish {one.label} from {other.label}, take {len(plan.records)} records at "
-        f"postures in which their effects differ most{where}: {' '.join(command)} "
+        f"to distinguish {pair}, take {len(plan.records)} records at postures in which their "
+        f"effects differ most{where}: {' '.join(command)} "
         f"(a quick plan for these two causes alone predicts that the {RIGHT} {odds})"
     )
 
@@ -175,16 +174,10 @@ def advice(
     existing: Measurements,
     **setup: Any,
 ) -> str:
-    """Advice of :func:`plan_advice` from a quick plan.
+    """Advice of :func:`plan_advice` from a quick plan, or why no plan is possible.
 
-    New records are at seats if most existing ones are, else they have coordinates. If no plan is
-    possible, the sentence states why.
-
-    Args:
-        model: the arm.
-        split: the two causes, with estimated values if known.
-        existing: records that do not distinguish them.
-        setup: keywords of :func:`plan_measurements`.
+    New records are at seats if most existing ones are, else they have coordinates. ``setup`` are
+    keywords of :func:`plan_measurements`.
     """
     scheme: PlannedScheme = "seats" if mostly_seats(existing) else "free"
     asked: dict[str, Any] = {"scheme": scheme} | setup

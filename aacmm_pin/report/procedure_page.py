@@ -139,9 +139,8 @@ def _sizes(points: pd.DataFrame) -> pd.DataFrame:
 def _steps(points: pd.DataFrame) -> pd.DataFrame:
     """Consecutive points of one feature in one posture as one row."""
     repeat = ", repeat " + points["repeat"].astype("string")
-    test = (
-        points["test"] + " " + points["position"] + repeat.where(points["repeat"] != "").fillna("")
-    )
+    repeat = repeat.where(points["repeat"] != "").fillna("")
+    test = points["test"] + " " + points["position"] + repeat
     rows = points[["feature", "articulation"]].assign(test=test).reset_index(drop=True)
     new = (rows != rows.shift()).any(axis=1)
     steps = rows.groupby(new.cumsum(), sort=False)

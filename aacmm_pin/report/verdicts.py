@@ -58,9 +58,7 @@ LACKS = {
 
 
 def verdict_in_words(result: Diagnosis) -> str:
-    """What the model lacks, that nothing was found, or that the records allow no conclusion; then
-    doubts.
-    """
+    """The sentence of the verdict, after mistakes in files and before doubts."""
     before, doubts = mistakes_in_words(result.assumed), ""
     if result.reversed_torques:
         before += "The torque columns have the wrong sign. "
@@ -91,15 +89,14 @@ def _ambiguous(result: Diagnosis) -> str:
 
     Follow the line *Next* in the output.
     """
-    named, other = named_set(result), "other " if result.findings else ""
-    others = {labels: p for labels, p in result.alternatives.items() if set(labels) != named}
+    others, other = other_sets(result), "other " if result.findings else ""
     likely = [labels for labels, p in others.items() if p >= THRESHOLDS.rival]
     sets = []
     for labels in likely[:ALTERNATIVES] or [*others][:1]:
         causes = labels_in_words(result, labels) or "no cause"
         sets.append(f"{causes} (probability of this set {probability(others[labels])})")
     wrong = _wrong(result)
-    if not named:
+    if not result.findings:
         chance = probability(1.0 - result.more)
         wrong = "these records do not determine which cause the model lacks"
         wrong += f" (probability {chance} that none acts)"
@@ -150,8 +147,9 @@ def _inconclusive(result: Diagnosis) -> str:
     """
     extended, wrong = result.extended, _wrong(result)
     if not result.converged:
-        note = result.converge_note
-        return f"the fit did not converge ({note}), so that no conclusion is possible"
+        return (
+            f"the fit did not converge ({result.converge_note}), so that no conclusion is possible"
+        )
     if not extended.determines_noise:
         return "the file has too few records to distinguish a cause of error from noise"
     if extended.too_many_excluded:
@@ -182,13 +180,25 @@ def named_set(result: Diagnosis) -> set[str]:
     return {finding.label for finding in result.findings}
 
 
+def other_sets(result: Diagnosis) -> dict[tuple[str, ...], float]:
+    """The labels of all sets of causes except the named set, with their probabilities."""
+    named = named_set(result)
+    return {labels: p for labels, p in result.alternatives.items() if set(labels) != named}
+
+
 def _wrong(result: Diagnosis) -> str:
     """What the model lacks or may lack, and which values of geometry and seats are wrong."""
-    arm, findings = result.model.arm, result.findings
-    moved = [f for f in findings if f.effect.remedy]
-    values = [f for f in findings if result.geometric(f) or corrects_seat(f.effect)]
-    causes = [f for f in findings if f not in (*moved, *values)]
-    values = [f for f in values if f not in moved]
+    arm = result.model.arm
+    moved: list[Finding] = []
+    values: list[Finding] = []
+    causes: list[Finding] = []
+    for finding in result.findings:
+        if finding.effect.remedy:
+            moved.append(finding)
+        elif result.geometric(finding) or corrects_seat(finding.effect):
+            values.append(finding)
+        else:
+            causes.append(finding)
     clauses = []
     if moved:
         rms_of = {label: part.rms for part in result.budget for label in part.causes}
@@ -205,22 +215,17 @@ def _wrong(result: Diagnosis) -> str:
     if result.no_better:
         clauses[-1] += ", but the extended arm does not predict held-out records better"
     if values:
-        wrong = f"some stated values have unusually large errors: {_named(values, arm)}"
-        clauses.append(wrong)
+        named = _named(values, arm)
+        clauses.append(f"some stated values have unusually large errors: {named}")
     return "; ".join(clauses)
 
 
 def _lacked(causes: Sequence[Finding], arm: Arm) -> str:
-    """Causes that a model lacks or may lack, and outdated values."""
-    clauses = []
-    for (certain, known), verb in LACKS.items():
-        some = [
-            f
-            for f in causes
-            if (_is_settled(f) and f.borne_out) == certain and (f.was is not None) == known
-        ]
-        clauses += [f"{verb} {_named(some, arm)}"] if some else []
-    return " and ".join(clauses)
+    by_verb: dict[str, list[Finding]] = {verb: [] for verb in LACKS.values()}
+    for finding in causes:
+        certain = _is_settled(finding) and finding.borne_out
+        by_verb[LACKS[certain, finding.was is not None]].append(finding)
+    return " and ".join(f"{verb} {_named(some, arm)}" for verb, some in by_verb.items() if some)
 
 
 def _is_settled(finding: Finding) -> bool:
@@ -228,7 +233,7 @@ def _is_settled(finding: Finding) -> bool:
 
 
 def _named(findings: Iterable[Finding], arm: Arm) -> str:
-    """Findings, with the probability of uncertain ones."""
+
     certain = [f.effect for f in findings if _is_settled(f)]
     named = [several_in_words(certain, arm)] if certain else []
     for finding in findings:
@@ -239,10 +244,9 @@ def _named(findings: Iterable[Finding], arm: Arm) -> str:
 
 
 def _structure(result: Diagnosis) -> str:
-    """Unexplained structure of the residuals, or their size."""
     left = result.unexplained
     sizes, much_larger = _size_left(result)
-    names = [*map(covariate_in_words, left.strongest)]
+    names = [covariate_in_words(name) for name in left.strongest]
     if {*left.depends_on} > {*left.strongest, *"xyz"}:
         names.append("other quantities")
     structure = math.hypot(*(part.rms for part in left.discrepancy))
@@ -272,7 +276,7 @@ def _size_left(result: Diagnosis) -> tuple[str, bool]:
 
 
 def _worth(result: Diagnosis) -> str:
-    """Part of the residuals after recalibration that the named causes explain; "" if none."""
+    """Part of the residuals that the named causes explain; "" if none."""
     held = result.held_out
     sizes, where = [result.rms["recalibrated"], result.rms["extended"]], "in these records"
     if held is not None:

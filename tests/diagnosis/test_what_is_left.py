@@ -94,5 +94,5 @@ def test_readings_that_scatter_have_a_chance(sino6):
     ratio = max(map(log_density, np.linspace(4e-5, 8e-5, 21))) - log_density(0.0)
     said = found.summary()["unexplained"]["scattered_readings"][0]
     assert said["log_likelihood_ratio"] == pytest.approx(ratio, rel=0.1)
-    assert "p < 1e-16" in unexplained_in_words(found.unexplained)
+    assert "p < 1e-16" in " ".join(unexplained_in_words(found.unexplained))
     assert len(found.notes) <= 3

@@ -99,7 +99,7 @@ def test_other_verdicts(sound, blind):
     assert "0 %" not in gain_in_words(sound)  # both arms are one
     unknown = blind("unexplained:operator", 2, hold_out=False)
     assert "operator" in verdict_in_words(unknown)
-    assert "operator" in unexplained_in_words(unknown.unexplained)
+    assert "operator" in " ".join(unexplained_in_words(unknown.unexplained))
     assert any("operator" in picture for picture in pictures(unknown))
     columns = {"row", "session", "operator", "part", "held_out_extended_mm"}
     assert columns <= set(residuals_table(sound).columns)

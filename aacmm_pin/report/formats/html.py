@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import mimetypes
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any
 
@@ -49,11 +49,15 @@ def page(document: Document) -> str:
             sections.append({"id": f"s{len(sections)}", "title": block.text, "blocks": []})
         else:
             sections[-1]["blocks"].append(block)
-    has_scene = any(isinstance(block, SceneView) for block in document.blocks)
     opening, *contents = [
         section | {"blocks": _prepared(section["blocks"], on_page=True)} for section in sections
     ]
-    template = _environment().get_template("report.html.j2")
+    viewer = ""
+    if any(isinstance(block, SceneView) for block in document.blocks):
+        from aacmm_pin.report.scenes import shared_script  # loads meshcat
+
+        viewer = Markup(shared_script())
+    template = templates(_kept_together).get_template("report.html.j2")
     return template.render(
         title=document.title,
         subtitle=document.subtitle,
@@ -61,13 +65,13 @@ def page(document: Document) -> str:
         by_hand=document.by_hand,
         opening=opening["blocks"],
         sections=[section for section in contents if section["blocks"]],
-        viewer=_viewer() if has_scene else "",
+        viewer=viewer,
     )
 
 
 def fragment(document: Document) -> str:
     """The short form as HTML without style sheet and colours."""
-    macros: Any = _environment().get_template("blocks.html.j2").module
+    macros: Any = templates(_kept_together).get_template("blocks.html.j2").module
     return str(macros.shown(_prepared(document.short(), on_page=False)))
 
 
@@ -77,40 +81,30 @@ def data_uri(content: bytes, media: str) -> str:
 
 
 @cache
-def _environment() -> jinja2.Environment:
+def templates(finalize: Callable[[object], object] | None = None) -> jinja2.Environment:
+    """The templates; ``finalize`` changes each value that they print."""
     return jinja2.Environment(
         loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
         autoescape=True,
-        finalize=_kept_together,
+        finalize=finalize,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
 
 
-def _viewer() -> Markup:
-    """The viewer of scenes, once for a page."""
-    from aacmm_pin.report.scenes import shared_script  # loads meshcat
-
-    return Markup(shared_script())
-
-
 def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
     """Data of each block for the template."""
-    prepared = []
-    for block in blocks:
-        kind = {"kind": type(block).__name__}
-        prepared.append(kind | vars(block) | _derived(block, on_page))
-    return prepared
+    return [
+        {"kind": type(block).__name__, **vars(block), **_derived(block, on_page)}
+        for block in blocks
+    ]
 
 
 def _derived(block: Block, on_page: bool) -> dict[str, Any]:
     match block:
         case Notes(items=items):
-            return {
-                "items": [f"{capital(str(note))}." for note in items],
-                "head": "Notes:",
-            }
+            return {"items": [f"{capital(str(note))}." for note in items], "head": "Notes:"}
         case Table():
             return _table(block, on_page)
         case Figure(png=png):
@@ -130,20 +124,17 @@ def _table(table: Table, on_page: bool) -> dict[str, Any]:
     """Rows of text; head and style of every column: ``number``, ``short`` (not broken) or
     ``long``.
     """
-    cells = table.cells()
-    columns = [(head, _style(list(texts))) for head, texts in cells.items()]
-    data = {"columns": columns, "rows": cells.to_numpy().tolist()}
-    data |= {"more": len(table.frame) - len(cells)}
-    if on_page:
-        return data | {"explained": table.explained, "aligned": dict.fromkeys(ALIGNED, "")}
-    return data | {"explained": "", "aligned": ALIGNED}
-
-
-def _style(texts: Sequence[str]) -> str:
-    if are_numbers(texts):
-        return "number"
-    longest = max(map(len, texts), default=0)
-    return "short" if longest <= SHORT_TEXT else "long"
+    cells, columns = table.cells(), []
+    for head, texts in cells.items():
+        style = "short" if all(len(text) <= SHORT_TEXT for text in texts) else "long"
+        columns.append((head, "number" if are_numbers(texts) else style))
+    return {
+        "columns": columns,
+        "rows": cells.to_numpy().tolist(),
+        "more": len(table.frame) - len(cells),
+        "explained": table.explained if on_page else "",
+        "aligned": dict.fromkeys(ALIGNED, "") if on_page else ALIGNED,
+    }
 
 
 def _kept_together(value: object) -> object:

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3, UM
-from aacmm_pin.accuracy import AccuracyVolume, ErrorSources, Quantity, WorkspaceMap, paired
+from aacmm_pin.accuracy import AccuracyVolume, Quantity, WorkspaceMap, paired
 from aacmm_pin.effects import row_in_words
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint, ReachingPostures
@@ -81,8 +81,8 @@ def plot_accuracy_of_postures(
 def _draw_over(
     abscissa: Array, component: Index, accuracy: AccuracyVolume, ax: Axes
 ) -> list[Line2D]:
-    """Draw volume (left) and u (right) over ``abscissa`` (n,), with a marker for each of a few
-    components (n,); return the lines of the legend.
+    """Draw volume (left) and u (right), with a marker for each of a few components (n,); return the
+    lines of the legend.
     """
     right, numbers, handles = ax.twinx(), np.unique(component), []
     size = 1.5 if len(numbers) > 1 else 4.0 if len(abscissa) > 20 else 8.0
@@ -154,11 +154,14 @@ def plot_budget(
 
 def _largest_shares(accuracy: AccuracyVolume, by: BudgetBy, most: int) -> pd.DataFrame:
     """The ``most`` largest shares and the rest, with u (nan for a rest of correlated sources)."""
-    budget = accuracy.budget(by)
+    budget, arm = accuracy.budget(by), accuracy.sources.arm
     budget = budget[budget["share"] != 0].sort_values(
         "share", ascending=False, key=abs, kind="stable"
     )
-    names = [_source_name(source, by, accuracy.sources) for source in budget[by]]
+    names = []
+    for source in budget[by]:
+        name = f"{row_in_words(source, arm)} {source}" if by == "joint" else str(source)
+        names.append("whole arm" if pd.isna(source) else name)
     table = budget[["share", "u_mm"]].assign(name=names)
     if len(table) <= most:
         return table
@@ -169,17 +172,8 @@ def _largest_shares(accuracy: AccuracyVolume, by: BudgetBy, most: int) -> pd.Dat
     return pd.concat([table.head(most - 1), pd.DataFrame([rest])], ignore_index=True)
 
 
-def _source_name(source: Any, by: str, sources: ErrorSources) -> str:
-    """The name of a parameter, kind or joint; <NA> is the whole arm."""
-    if pd.isna(source):
-        return "whole arm"
-    return f"{row_in_words(source, sources.arm)} {source}" if by == "joint" else str(source)
-
-
 class _Quantity(NamedTuple):
-    """Label with unit, colours, scale from the unit of the data, and end of the scale of a
-    quantity.
-    """
+    """Label with unit, colours, scale from the unit of the data, and end of the scale."""
 
     label: str
     colours: str = VOLUME_COLOURS
@@ -225,13 +219,10 @@ def plot_map(
         image.set_clim(vmin=0.0)
     ax.figure.colorbar(image, ax=ax, label=how.label)
     legend = []
+    outside = reachable & np.isnan(values)
     for cells, colour, text in (
         (~reachable, UNREACHABLE, "out of reach"),
-        (
-            reachable & np.isnan(values),
-            OUTSIDE_LIMITS,
-            "in reach, no posture within the joint limits",
-        ),
+        (outside, OUTSIDE_LIMITS, "in reach, no posture within the joint limits"),
     ):
         if cells.any():
             marked = np.where(cells, 0.0, np.nan).T

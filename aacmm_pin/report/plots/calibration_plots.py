@@ -4,6 +4,8 @@ correlation of parameters.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -163,8 +165,8 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     """Plot the distribution of the normalised residuals against the χ distribution with three
     degrees of freedom.
 
-    The covariance of each record normalises its residual (Mahalanobis distance). The covariance
-    contains the stated noise, and an estimated scatter if the stated noise is too small.
+    The covariance of the noise normalises each residual (Mahalanobis distance), with an estimated
+    scatter if the stated noise is too small.
     """
     distance = np.sqrt(result.fit.system.distance[result.fit.used])
     ax, most = axes_of(ax, (5.4, 3.6)), max(4.5, float(distance.max(initial=0.0)))
@@ -185,7 +187,7 @@ def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Figure:
     drift, and the distribution of the residuals.
 
     Args:
-        repeats: repeated postures, see :func:`aacmm_pin.calibration.repeatability_of`.
+        repeats: see :func:`aacmm_pin.calibration.repeatability_of`.
         ax: axes whose area the panels share.
     """
     over, beside = panels_of(ax, (4.3, 3.4), 2, 2, share_y=True)
@@ -207,17 +209,9 @@ def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Figure:
     legend_below(over, columns=3)
     series = {"residuals after calibration": repeats.residuals, "repeats": repeats.deviations}
     bins = np.histogram_bin_edges(repeats.residuals / scale, 40).tolist()
+    style: dict[str, Any] = {"density": True, "orientation": "horizontal", "histtype": "step"}
     for (label, values), colour in zip(series.items(), (GREY, BLUE), strict=True):
-        sizes = values.ravel() / scale
-        beside.hist(
-            sizes,
-            bins,
-            density=True,
-            orientation="horizontal",
-            histtype="step",
-            color=colour,
-            label=label,
-        )
+        beside.hist(values.ravel() / scale, bins, color=colour, label=label, **style)
     beside.set_xlabel(f"density [1/{unit}]")
     beside.set_title("repeats beside residuals", fontsize=10)
     legend_below(beside, columns=2)
@@ -228,8 +222,8 @@ def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Figure:
 def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
     """Plot the correlation matrix of the parameters.
 
-    ±1 means that the records determine only the sum or the difference of two parameters. Grey means
-    that the records determine neither parameter.
+    At ±1, the records determine only the sum or the difference of two parameters. If a field is
+    grey, the records do not determine one of the parameters.
     """
     table, count = result.correlation, len(result.correlation)
     untold = np.linalg.norm(result.fit.unknown[:count], axis=1) > NOT_AT_ALL

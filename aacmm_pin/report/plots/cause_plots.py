@@ -71,8 +71,8 @@ COLUMN_UNITS = {
 def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) -> Axes:
     """Plot the strongest cause with the partial residuals of the records.
 
-    Without causes, the plot shows the covariate of the residuals. Without a covariate, or if the
-    cause displaces all records alike, the plot shows the residuals of the three models.
+    Without causes, the plot shows structure without a cause. Without structure, or if the cause
+    displaces all records alike, the plot shows the residuals of the three models.
 
     Args:
         result: the diagnosis.
@@ -145,7 +145,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
 
 
 def _weighted_means(shown: PartialResidual, parts: Any, fewest: int) -> pd.DataFrame:
-    """Weighted means of x and value in ``parts`` of the range (n,), and u of the value."""
+    """Weighted means of x and value in ``parts`` (n,), and u of the value."""
     table = pd.DataFrame({"weight": shown.u**-2.0, "x": shown.x, "value": shown.value})
     table[["x", "value"]] = table[["x", "value"]].mul(table["weight"], axis=0)
     groups = table.groupby(parts)
@@ -154,7 +154,7 @@ def _weighted_means(shown: PartialResidual, parts: Any, fewest: int) -> pd.DataF
 
 
 def _limits(curve: Array, records: Array) -> tuple[float, float]:
-    """Limits with room for the curve, and for nearly all records if they do not dwarf the curve."""
+    """With room for the curve, and for nearly all records if they do not dwarf the curve."""
     low, high = float(np.nanmin(curve)), float(np.nanmax(curve))
     room = ROOM_BEYOND_CURVE * (high - low)
     least, most = np.clip(np.quantile(records, SHOWN_QUANTILES), low - room, high + room)
@@ -163,9 +163,8 @@ def _limits(curve: Array, records: Array) -> tuple[float, float]:
 
 
 def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) -> Axes:
-    """Distance of each seat from its stated place, and the fitted error of one seat as a ring.
-
-    Dots are means over the records of a seat, with the standard uncertainty from their scatter.
+    """Distance of each seat from its stated place, as means over the records of a seat with u, and
+    fitted errors as rings.
     """
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records = fit.problem.measurements

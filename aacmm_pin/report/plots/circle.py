@@ -89,9 +89,7 @@ def plot_circle(
 
 
 def neighbours(circle: PosturesAtPoint, members: Index) -> Index:
-    """Numbers of the postures at the ends of every piece of the path through the members: (pieces,
-    2).
-    """
+    """Numbers of the postures at both ends of each piece of the path, (pieces, 2)."""
     pairs = [np.empty((0, 2), dtype=np.intp)]
     curves = getattr(circle, "curves", ())
     if isinstance(circle, ConfigurationCircle):
@@ -105,7 +103,7 @@ def neighbours(circle: PosturesAtPoint, members: Index) -> Index:
 
 
 def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
-    """Draw joint axis 1 and the shoulder; return the ends of the line (2, 3) [m]."""
+    """Draw joint axis 1 and the shoulder; return the ends of the line."""
     dh, shoulder = circle.components.swivel.dh, circle.components.swivel.shoulder
     rotation, _ = dh.chain.walk(np.zeros((1, dh.nq)))
     axis = rotation[dh.chain.moving_axes()[0], 0, :, 2]

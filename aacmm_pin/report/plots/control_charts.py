@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -43,12 +42,12 @@ MARKS: dict[str, dict[str, Any]] = {
 """Styles by the names in the legend."""
 
 
-def charts_drawn(history: History) -> list[ControlChart]:
+def charts_drawn(charts: Sequence[ControlChart]) -> list[ControlChart]:
     """The charts that :func:`plot_history` draws: of at least two checks, first those with an
     MPE.
     """
-    charts = [chart for chart in history.charts() if len(chart.values) > 1]
-    return sorted(charts, key=lambda chart: bool(np.isnan(chart.mpe)))[:MOST_PANELS]
+    several = [chart for chart in charts if len(chart.values) > 1]
+    return sorted(several, key=lambda chart: bool(np.isnan(chart.mpe)))[:MOST_PANELS]
 
 
 @plain
@@ -58,8 +57,9 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
 
     The latest check is coloured. Checks have equal distances; some have their date below.
     """
-    charts = charts_drawn(history)
-    missing = sum(len(chart.values) > 1 for chart in history.charts()) - len(charts)
+    every_chart = history.charts()
+    charts = charts_drawn(every_chart)
+    missing = sum(len(chart.values) > 1 for chart in every_chart) - len(charts)
     if not charts:
         ax = axes_of(ax, (4.0, 1.0))
         ax.text(0.5, 0.5, "no characteristic has two checks", ha="center", va="center")
@@ -96,26 +96,18 @@ def _draw_chart(ax: Axes, chart: ControlChart) -> None:
             ax.plot(number[:-1][some], values[:-1][some], label=name, **MARKS[name])
     ax.plot(number[-1:], values[-1:], label=latest, **MARKS[latest])
     low, high = chart.limits
-    for name, level in (
-        ("mean", chart.centre),
-        ("limits", low),
-        ("limits", high),
-        ("MPE", chart.mpe),
-    ):
+    levels = (("mean", chart.centre), ("limits", low), ("limits", high), ("MPE", chart.mpe))
+    for name, level in levels:
         if np.isfinite(level):
             ax.axhline(level / MM, label=name, **MARKS[name])
-    _name_dates(ax, chart.times)
+    # The dates of the first, middle and last check, with times if several are on one day.
+    form = "%Y-\n%m-%d"
+    if len({time.date() for time in chart.times}) < len(chart.times):
+        form += "\n%H:%M"
+    named = np.unique(np.linspace(0, len(number) - 1, 3).round().astype(int))
+    ax.set_xticks(named, [f"{chart.times[k]:{form}}" for k in named])
     bottom, top = ax.get_ylim()
     room = max(0.0, FINEST - (top - bottom)) / 2
     ax.set_ylim(bottom - room, top + room)
     ax.ticklabel_format(axis="y", useOffset=False)
     ax.tick_params(labelsize=7)
-
-
-def _name_dates(ax: Axes, times: Sequence[datetime]) -> None:
-    """Label the first, middle and last check by date, and time if several are on one day."""
-    form = "%Y-\n%m-%d"
-    if len({time.date() for time in times}) < len(times):
-        form += "\n%H:%M"
-    some = np.unique(np.linspace(0, len(times) - 1, 3).round().astype(int))
-    ax.set_xticks(some, [f"{times[k]:{form}}" for k in some])

@@ -41,15 +41,21 @@ named.
 @plain
 def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """Plot the RMS residual of the models, and the value expected from noise alone."""
-    models = ["nominal", "recalibrated", *["extended"] * bool(result.findings), "noise"]
-    sizes = [result.rms[name] for name in models]
-    unit, scale = length_unit(max(sizes))
+    models = [*MODELS] if result.findings else ["nominal", "recalibrated"]
+    sizes = [result.rms[name] for name in (*models, "noise")]
+    colours = [*(MODELS[name] for name in models), VERMILLION]
     ax = axes_of(ax, (6.8, 2.2))
-    names = ["nominal", *models[1:-1], "noise alone"]
-    colours = [(MODELS | {"noise": VERMILLION})[name] for name in models]
-    draw_bars(ax, names, [size / scale for size in sizes], lengths(sizes), colours)
-    ax.set_xlabel(f"RMS residual [{unit}]")
+    _draw_lengths(ax, [*models, "noise alone"], sizes, colours, "RMS residual")
     return ax
+
+
+def _draw_lengths(
+    ax: Axes, names: list[str], sizes: list[float], colours: list[str], what: str
+) -> None:
+    """Draw bars of ``sizes`` [m] in the unit of the largest."""
+    unit, scale = length_unit(max(sizes))
+    draw_bars(ax, names, [size / scale for size in sizes], lengths(sizes), colours)
+    ax.set_xlabel(f"{what} [{unit}]")
 
 
 def part_in_words(result: Diagnosis, part: BudgetPart) -> str:
@@ -62,14 +68,12 @@ def part_in_words(result: Diagnosis, part: BudgetPart) -> str:
 def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """Plot the parts of the residual of the nominal arm, as RMS displacements of the tip."""
     parts = result.budget
-    sizes = [part.rms for part in parts]
-    unit, scale = length_unit(max(sizes))
     ax = axes_of(ax, (6.8, 0.9 + 0.32 * len(parts)))
     names = [part_in_words(result, part) for part in parts]
     colours = [BLUE if part.causes else GREY for part in parts]
-    draw_bars(ax, names, [size / scale for size in sizes], lengths(sizes), colours)
+    sizes = [part.rms for part in parts]
+    _draw_lengths(ax, names, sizes, colours, "RMS displacement of the tip")
     ax.locator_params(axis="x", nbins=5)
-    ax.set_xlabel(f"RMS displacement of the tip [{unit}]")
     return ax
 
 
@@ -96,9 +100,8 @@ def plot_residuals_by_row(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 @plain
 def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
-    """Plot the RMS residual in groups of records by every recorded quantity, for the three models.
-
-    The plot also shows the predicted values.
+    """Plot the RMS residual in groups of records by every recorded quantity, for the three models,
+    with predicted values.
 
     Args:
         result: the diagnosis.
@@ -135,12 +138,13 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
 def _draw_groups(
     panel: Axes, kind: str, table: pd.DataFrame, expected: dict[str, tuple[str, str]]
 ) -> None:
-    """Draw the groups of one kind, below lines of ``expected`` values (column: line style,
-    label).
-    """
+    """Draw the groups of one kind, with lines of ``expected`` values (column: line style, label)."""
     unit, many = RANGE_UNITS.get(kind.split()[0], ""), len(table) > MANY
-    key = _start if unit else numbers_by_size
-    table = table.sort_values("group", key=lambda groups: groups.map(key))
+    if unit:  # by the start of the range
+        starts = table["group"].str.split(" to ").str[0].astype(float)
+        table = table.loc[starts.sort_values().index]
+    else:
+        table = table.sort_values("group", key=lambda groups: groups.map(numbers_by_size))
     if many:
         table = table.sort_values("nominal_mm", ascending=False)
     edges = np.arange(len(table) + 1) - 0.5
@@ -161,10 +165,6 @@ def _draw_groups(
     panel.grid(axis="y", alpha=0.3)
 
 
-def _start(group: str) -> float:
-    return float(group.split(" to ")[0])
-
-
 def place_in_words(by: str, group: str) -> str:
     """``joint 6, 89 to 178°``, ``seat P3``."""
     between = ", " if by.split()[0] in RANGE_UNITS else " "
@@ -172,8 +172,8 @@ def place_in_words(by: str, group: str) -> str:
 
 
 def held_out_parts(result: Diagnosis) -> pd.DataFrame:
-    """The held-out parts: part, records, RMS recalibrated and extended [mm], gain, causes chosen
-    without it.
+    """The held-out parts: part, records, recalibrated_mm, extended_mm, gain, causes chosen without
+    it.
 
     Raises:
         AacmmError: nothing was held out.
@@ -204,9 +204,8 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
 
 @plain
 def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Plot the RMS residual of each held-out group, for the recalibrated and the extended arm.
-
-    The fits of both arms do not use this group.
+    """Plot the RMS residual of each held-out group, for the recalibrated and the extended arm that
+    are fitted without this group.
 
     Raises:
         AacmmError: the diagnosis has no held-out records.

@@ -60,11 +60,9 @@ class PartialResidual:
 
 @dataclass(frozen=True, eq=False)
 class _Amount:
-    """The amount of a cause in each record, and the motion of the target by one unit of it.
+    """The fitted amount of a cause in each record (n,) [rad, m, or m/m], in millionths of ``unit``.
 
     Attributes:
-        amount: at the fitted values (n,) [rad, m, or m/m].
-        unit: a millionth of its unit: µrad, µm or µm/m.
         lever: displacement of the target by one unit, in the base (n, 3).
         has_direction: whether one unit is the same twist at one place in all records.
     """
@@ -76,7 +74,7 @@ class _Amount:
 
 
 def is_constant(effect: Effect, state: State) -> bool:
-    """Whether the cause displaces every record alike, as a geometric value does."""
+    """Whether the cause displaces all records alike, as a geometric value does."""
     displacements = effect.displacements(state)
     return all(len(displacement.columns) == 1 for displacement in displacements)
 
@@ -130,8 +128,8 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
 
 
 def _amount(effect: Effect, state: State) -> _Amount:
-    """As expansion by temperature, as rotation or translation at one place, or as displacement of
-    the target.
+    """As expansion by temperature, rotation or translation at one place, or displacement of the
+    target.
     """
     places, values = effect.displacements(state), np.array(effect.values)
     temperature = state.conditions.temperature
@@ -173,7 +171,7 @@ def _common_direction(columns: Array) -> Array | None:
 
 
 def _abscissa(effect: Effect, state: State, cause: _Amount) -> tuple[Array, str]:
-    """What the cause depends on in each record (n,), and its label."""
+    """What the cause depends on in each record (n,), and the label."""
     conditions, row = state.conditions, effect.row
     if "time" in effect.needs:
         return conditions.require("time", effect.label) / 60.0, "time [min]"

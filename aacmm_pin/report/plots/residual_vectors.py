@@ -45,9 +45,7 @@ MOST_VECTORS = 400
 
 
 def models(result: Calibration | Diagnosis) -> dict[str, Fit]:
-    """The fits of a result by the names of their models; the last one determines the used
-    records.
-    """
+    """The fits by the names of their models; the last one determines the used records."""
     if isinstance(result, Calibration):
         return {"before": result.before, "after": result.fit}
     return {
@@ -69,7 +67,7 @@ def model_named(result: Calibration | Diagnosis, name: str) -> Fit:
 
 
 def rms_of(result: Calibration | Diagnosis) -> dict[str, float]:
-    """RMS distance of tip and target of the used records by :func:`models` [m]."""
+    """RMS residual of the used records by :func:`models` [m]."""
     if isinstance(result, Calibration):
         return {"before": result.rms_before, "after": result.rms}
     return {name: result.rms[name] for name in models(result)}
@@ -101,9 +99,8 @@ def plot_residual_vectors(
     """Plot residuals as lines from each target towards the tip, in a projection, with the arm in
     some postures.
 
-    For a diagnosis, a target is the stated place; without a stated place, the target is the
-    estimate from all records of the seat. A dot marks the end of a line at the magnified tip.
-    Crosses at targets mark excluded records.
+    For a diagnosis, a target is the stated place, or without one the estimate from all records of
+    the seat. A dot marks the end of a line at the magnified tip. Crosses mark excluded records.
 
     Args:
         result: the calibration or the diagnosis.
@@ -146,9 +143,8 @@ def plot_residual_vectors(
 
 @plain
 def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
-    """Plot the residual vectors of two models in top and side view, with the same magnification.
-
-    The models are those of :func:`two_models`.
+    """Plot the residual vectors of :func:`two_models` in top and side view, with the same
+    magnification.
 
     Args:
         result: the calibration or the diagnosis.
@@ -181,8 +177,8 @@ def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
 
 
 def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
-    """Residuals of the result (n, 3) [m]; of a diagnosis from the stated places, or else the
-    estimated place of the seat.
+    """Residuals (n, 3) [m]; of a diagnosis from the stated, or else the estimated place of the
+    seat.
     """
     if isinstance(result, Calibration):
         return fit.system.deviation
@@ -192,7 +188,7 @@ def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
 
 
 def magnification_of(place: Array, deviation: Array) -> float:
-    """Magnification of residuals (n, 3) that fits the picture of their places (n, 3) [m]."""
+    """Magnification of residuals (n, 3) at places (n, 3) [m] that fits their picture."""
     size = float(np.ptp(place, axis=0).max()) or 1.0
     usual = float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12
     return round_down(LONGEST_VECTOR * size / usual)

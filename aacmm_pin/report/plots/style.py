@@ -45,8 +45,7 @@ Drawn = TypeVar("Drawn", Axes, Figure)
 def without_latex() -> Iterator[None]:
     """Use the style, and text by matplotlib alone: LaTeX may be missing, or read names as commands.
 
-    Only these settings are restored: a backend such as Jupyter's may set others at the first
-    figure.
+    The end restores only these settings, because a backend may set others at the first figure.
     """
     settings: Any = plt.rcParams
     before = {name: settings[name] for name in STYLE}
@@ -74,16 +73,11 @@ def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 
 def literal(text: str, most: int = LONGEST_LINE) -> str:
     """Text without formulas for matplotlib, with lines of at most so many characters."""
-    lines = printable(text).split("\n")
-    return re.sub(r"(?<!\\)\$", r"\$", "\n".join(_shortened(line, most) for line in lines))
-
-
-def _shortened(line: str, most: int) -> str:
-    """Omit the middle of a long line."""
-    if len(line) <= most:
-        return line
-    half = most // 2
-    return f"{line[:half]}…{line[half + 1 - most :]}"
+    lines, half = printable(text).split("\n"), most // 2
+    for number, line in enumerate(lines):
+        if len(line) > most:  # omit the middle
+            lines[number] = f"{line[:half]}…{line[half + 1 - most :]}"
+    return re.sub(r"(?<!\\)\$", r"\$", "\n".join(lines))
 
 
 def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
@@ -151,8 +145,8 @@ def name_rows(ax: Axes, names: Sequence[str], size: float = 9.0) -> None:
 def draw_beyond(
     ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tuple[float, float]
 ) -> None:
-    """Set the ``limits`` of y, and mark values beyond by diamonds at the edge, counted in the
-    legend; ``series`` are x (n,), y (n,) and colour.
+    """Set the ``limits`` of y, and mark values beyond by diamonds at the edge; ``series`` are x
+    (n,), y (n,) and colour.
     """
     low, high = limits
     edge, number = EDGE * (high - low), 0
@@ -167,8 +161,8 @@ def draw_beyond(
 
 
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
-    """Names of the places 0, 1, 2, …; upright if more than ``letters`` characters, and a third as
-    many.
+    """Names of the places 0, 1, 2, …; upright if longer than ``letters``, and only some if three
+    times as long.
     """
     names = [literal(name, LONGEST_UPRIGHT) for name in names]
     width = sum(2 + max(map(len, name.split("\n"))) for name in names)

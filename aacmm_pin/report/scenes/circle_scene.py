@@ -114,9 +114,7 @@ def circle_scene(
 
 
 def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
-    """The path that shows the circle, (n, 3) [m], and the name of its point: the elbow, else the
-    joint whose origin moves most.
-    """
+    """The path (n, 3) [m] of the elbow, else of the joint whose origin moves most, and the name."""
     if isinstance(circle, ConfigurationCircle):
         return circle.components.swivel.elbow(circle.q), "the elbow"
     axes = circle.arm.chain.moving_axes()
@@ -148,8 +146,8 @@ def _draw_path(
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:
-    """Draw a unit sphere, and return the placements (n, 4, 4) [m] that make it the ellipsoid of
-    each configuration, in a scene of ``size`` [m].
+    """Draw a unit sphere; return the placements (n, 4, 4) [m] that make it the ellipsoid of each
+    posture.
     """
     variances, vectors = np.linalg.eigh(accuracy.covariance)
     half = ELLIPSOID_COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))

@@ -113,9 +113,8 @@ def residual_scene(
 
 def _caption(result: Calibration | Diagnosis, judge: Fit, shown: int) -> str:
     rms = rms_of(result)
-    sizes = ", ".join(
-        f"{size} ({which})" for which, size in zip(rms, lengths(rms.values()), strict=True)
-    )
+    pairs = zip(rms, lengths(rms.values()), strict=True)
+    sizes = ", ".join(f"{size} ({which})" for which, size in pairs)
     excluded = int(judge.excluded.sum())
     without = f", without {count(excluded, 'excluded record')}" if excluded else ""
     return (

@@ -5,12 +5,10 @@ from __future__ import annotations
 import logging
 import os
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from matplotlib.colors import to_hex
@@ -44,19 +42,14 @@ NAMED_MESHES = 3
 
 @dataclass(frozen=True, eq=False)
 class MeshBodies(Bodies):
-    """The meshes of the URDF in place of tubes and joints.
-
-    Attributes:
-        meshes: meshes by body and colour, in the axes of the body.
-        opacity: opacity of the meshes.
-    """
+    """The meshes of the URDF, in the axes of their bodies, in place of tubes and joints."""
 
     meshes: Meshes = field(default_factory=dict)
     opacity: float = 1.0
 
     @property
     def swatches(self) -> list[Swatch]:
-        """Colours are those of the robot."""
+        """None: colours are those of the robot."""
         return []
 
     @property
@@ -80,7 +73,7 @@ class MeshBodies(Bodies):
 
 
 def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodies:
-    """The bodies of an arm; sticks if its URDF is missing or has no mesh."""
+    """The bodies of an arm; sticks if the URDF is missing or has no mesh."""
     urdf = Path(arm.urdf_file.urdf.file) if arm.dh is None else Path()
     if style == "sticks" or not urdf.is_file():
         return Bodies(arm)
@@ -97,12 +90,16 @@ def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodie
             missing.append(fname)
         return path
 
+    logger = logging.getLogger("yourdfpy")
+    level = logger.level
+    logger.setLevel(logging.ERROR)  # the scene notes missing meshes
     try:
-        with _silent("yourdfpy"):
-            robot = yourdfpy.URDF.load(str(urdf), filename_handler=path_of_mesh)
+        robot = yourdfpy.URDF.load(str(urdf), filename_handler=path_of_mesh)
     except Exception as error:  # whatever a reader of a mesh format raises
         last = named[-1] if named else urdf.name
         return Bodies(arm, (f"yourdfpy cannot read the mesh {last}: {error}.",))
+    finally:
+        logger.setLevel(level)
     remarks: tuple[str, ...] = ()
     if missing:
         names = first_few(missing, NAMED_MESHES)
@@ -110,18 +107,6 @@ def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodie
     if len(missing) == len(named):
         return Bodies(arm, remarks)
     return MeshBodies(arm, remarks, _simplified(_by_body(arm, robot)), opacity)
-
-
-@contextmanager
-def _silent(name: str) -> Iterator[None]:
-    """Suppress warnings of a logger: the scene notes missing meshes."""
-    logger = logging.getLogger(name)
-    before = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)
 
 
 def _by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
@@ -147,18 +132,15 @@ def _by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
         placement, name = graph[node]
         body, shape = body_of(graph.transforms.parents[node]), robot.scene.geometry[name]
         vertices = trimesh.transform_points(shape.vertices, to_body[body] @ placement)
-        parts[body, _colour(shape.visual)].append((vertices, shape.faces))
+        visual = shape.visual
+        rgba = visual.material.main_color if visual.kind == "texture" else visual.main_color
+        colour = to_hex((np.asarray(rgba[:3]) / 255).tolist())
+        parts[body, colour].append((vertices, shape.faces))
     meshes = {}
     for key, same in parts.items():
         joined = trimesh.util.append_faces(*zip(*same, strict=True))
         meshes[key] = trimesh.Trimesh(*joined, process=False)
     return meshes
-
-
-def _colour(visual: Any) -> str:
-    """The main colour of a mesh from yourdfpy."""
-    rgba = visual.material.main_color if visual.kind == "texture" else visual.main_color
-    return to_hex((np.asarray(rgba[:3]) / 255).tolist())
 
 
 def _simplified(meshes: Meshes) -> Meshes:

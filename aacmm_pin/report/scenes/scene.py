@@ -18,7 +18,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
-import jinja2
 import meshcat
 import numpy as np
 import umsgpack
@@ -34,6 +33,7 @@ from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.units import DEG
 from aacmm_pin.errors import ShapeError
+from aacmm_pin.report.formats.html import templates
 
 Mark = Literal["ball", "line", "area"]
 STOPS = 24
@@ -55,13 +55,7 @@ POSTER = (
 
 @dataclass(frozen=True)
 class Swatch:
-    """One colour of the legend and its meaning.
-
-    Attributes:
-        colour: CSS background.
-        text: meaning of the colour.
-        mark: shape of the swatch.
-    """
+    """One colour of the legend (CSS background), its meaning, and its shape."""
 
     colour: str
     text: str
@@ -70,12 +64,8 @@ class Swatch:
 
 @dataclass(frozen=True, eq=False)
 class ColourBar:
-    """The colour scale of a scene.
-
-    Attributes:
-        label: quantity with its unit.
-        low, high: values at the two ends.
-        name: name of the matplotlib colour map.
+    """The colour scale of a scene; ``label`` has the unit, and ``name`` is a colour map of
+    matplotlib.
     """
 
     label: str
@@ -85,17 +75,16 @@ class ColourBar:
 
     @staticmethod
     def of(label: str, values: Array, name: str) -> ColourBar:
-        """Make the colour scale of the finite ``values``, slightly wider if all are equal."""
+        """The colour scale of the finite ``values``, slightly wider if all are equal."""
         finite = values[np.isfinite(values)]
         low, high = float(finite.min()), float(finite.max())
         room = 0.0 if high > low else max(abs(low), 1e-12) * 0.01
         return ColourBar(label, low - room, high + room, name)
 
     def colours(self, values: Array) -> Array:
-        """Return the colours ``(n, 3)`` in [0, 1] of ``values`` ``(n,)``."""
+        """Colours (n, 3) in [0, 1] of ``values`` (n,)."""
         shade = Normalize(self.low, self.high)(values)
-        rgba = np.asarray(colormaps[self.name](shade))
-        return rgba[:, :3]
+        return np.asarray(colormaps[self.name](shade))[:, :3]
 
     @property
     def css(self) -> str:
@@ -105,7 +94,7 @@ class ColourBar:
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """Return the positions along the scale [%] and the numbers of the ticks."""
+        """Positions along the scale [%] and texts of the ticks."""
         locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
         values = np.asarray(locator.tick_values(self.low, self.high))
         inside = values[(self.low <= values) & (values <= self.high)].tolist()
@@ -118,9 +107,9 @@ class Frames:
     """The moving parts of a scene.
 
     Attributes:
-        placements: placements of each moving path ``(n, 4, 4)`` [m]; rotations may contain a scale.
-        texts: texts of each displayed number by its name, ``(n,)`` each.
-        colours: matplotlib colour of each frame along the slider ``(n,)``.
+        placements: by path, ``(n, 4, 4)`` [m]; rotations may contain a scale.
+        texts: displayed numbers by name, ``(n,)`` each.
+        colours: matplotlib colours along the slider ``(n,)``.
         start: index of the first frame shown.
         per_second: number of frames per second.
     """
@@ -145,7 +134,7 @@ class Frames:
 
     @property
     def data(self) -> dict[str, Any]:
-        """The data for the page; of placements the three upper rows in single precision."""
+        """For the page; of placements the three upper rows in single precision."""
         rows = {path: each[:, :3].astype("<f4") for path, each in self.placements.items()}
         return {
             "count": len(self),
@@ -164,9 +153,9 @@ class View:
     distance.
 
     Attributes:
-        points: points within the picture ``(n, 3)`` [m].
-        azimuth: azimuth of the camera, from +x towards +y [rad].
-        elevation: elevation of the camera above the horizontal [rad].
+        points: ``(n, 3)`` [m].
+        azimuth: of the camera, from +x towards +y [rad].
+        elevation: of the camera above the horizontal [rad].
         room: margin around the points, for thick bodies [m].
     """
 
@@ -177,7 +166,7 @@ class View:
 
     @property
     def data(self) -> dict[str, Any]:
-        """The data for the page: the outermost points, and the unit vector towards the camera."""
+        """For the page: the outermost points, and the unit vector towards the camera."""
         level = np.cos(self.elevation)
         x, y = level * np.cos(self.azimuth), level * np.sin(self.azimuth)
         # One direction at a time: the points may be hundreds of thousands.
@@ -190,7 +179,7 @@ class View:
 
 
 class _Window:
-    """A window for meshcat's ``Visualizer`` that keeps its commands."""
+    """A window of meshcat that keeps the commands."""
 
     web_url = ""
 
@@ -198,7 +187,7 @@ class _Window:
         self.commands: list[Any] = []
 
     def send(self, command: Any) -> None:
-        """Called by meshcat."""
+
         self.commands.append(command)
 
 
@@ -213,11 +202,11 @@ class Scene:
         meshcat: meshcat's ``Visualizer`` of the whole scene.
         title: title of the page.
         caption: sentence below the scene.
-        swatches: colours of the legend and their meaning.
+        swatches: the legend.
         bar: colour scale, or None.
         notes: sentences about sizes, magnifications and omitted parts.
         frames: moving parts, or None.
-        view: view of the camera; None for the default of meshcat.
+        view: None for the default of meshcat.
     """
 
     def __init__(self, title: str, caption: str = "") -> None:
@@ -243,7 +232,7 @@ class Scene:
 
     @property
     def commands(self) -> list[bytes]:
-        """The meshcat commands that build the scene, packed with msgpack, with numbers as ids."""
+        """The commands of meshcat, packed with msgpack, with numbers as ids."""
         numbers: dict[bytes, bytes] = {}
 
         def number(match: re.Match[bytes]) -> bytes:
@@ -253,7 +242,7 @@ class Scene:
         return [MESHCAT_ID.sub(number, command) for command in packed]
 
     def html(self) -> str:
-        """Return the scene as one HTML page that needs neither a network nor a server."""
+        """The scene as one HTML page that needs neither a network nor a server."""
         return self._page(f"<script>{viewer_script()}</script>", plays=True)
 
     def save(self, path: str | Path, force: bool = False) -> None:
@@ -266,8 +255,8 @@ class Scene:
             temporary.write_text(encodable(self.html()), encoding="utf-8")
 
     def embedded(self, height: int = NOTEBOOK_HEIGHT) -> str:
-        """Return the scene as HTML for another page, which must contain
-        :func:`aacmm_pin.report.scenes.shared_script` once, in a frame of this ``height`` [px].
+        """The scene as HTML in a frame of this ``height`` [px], for a page that contains
+        :func:`aacmm_pin.report.scenes.shared_script` once.
         """
         page = htmlsafe_json_dumps(self._page("<!-- viewer -->", plays=False))
         frame = self._frame("class=aacmm-scene", height)
@@ -304,7 +293,7 @@ class Scene:
             "frames": self.frames and self.frames.data,
             "view": self.view and self.view.data,
         }
-        template = _templates().get_template("scene.html.j2")
+        template = templates().get_template("scene.html.j2")
         return template.render(
             scene=self, viewer=Markup(viewer), data=data, drawing=Markup(_script("scene.js"))
         )
@@ -316,8 +305,8 @@ class Scene:
 
 
 def shared_script() -> str:
-    """Return the HTML that a page with embedded scenes needs once: the viewer and a script that
-    fills the frames.
+    """HTML that a page with embedded scenes needs once: the viewer and a script that fills the
+    frames.
     """
     return (
         f'<script type="text/plain" id="aacmm-viewer">{viewer_script()}</script>\n'
@@ -330,17 +319,6 @@ def viewer_script() -> str:
     """meshcat's viewer."""
     script = resources.files(meshcat) / "viewer" / "dist" / "main.min.js"
     return script.read_text(encoding="utf-8")
-
-
-@cache
-def _templates() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
 
 
 def _script(name: str) -> str:

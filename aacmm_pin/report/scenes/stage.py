@@ -100,7 +100,7 @@ class Bodies(ArmLines):
         draw_tip(scene, self)
 
     def _draw_joint(self, node: Any, number: int) -> None:
-        """A short thick cylinder along the axis, or a square bar for a prismatic joint."""
+        """A cylinder along the axis, or a square bar for a prismatic joint."""
         half, radius = (1.9, 1.45) if number < len(self.lines) - 1 else (1.4, 1.1)
         end = self.radius * np.array([0.0, 0.0, half])
         shape, placement = rod(-end, end, radius * self.radius)
@@ -151,10 +151,8 @@ def _put(node: Any, shape: Any, placement: Array, material: Any) -> None:
 
 
 def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Array) -> Scene:
-    """A scene with the arm's bodies, and around ``points`` (n, 3) [m] background, grid and axes.
-
-    The camera looks past the ``targets`` (k, 3) [m] of the arm back to the base, a little from the
-    side.
+    """A scene with the arm's bodies, and with background, grid and axes around ``points`` (n, 3)
+    [m]. The camera looks past the ``targets`` (k, 3) [m] back to the base, a little from the side.
     """
     scene = Scene(title, caption)
     bodies.draw(scene)
@@ -183,7 +181,7 @@ def _scale(node: Any, size: float) -> None:
 
 
 def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
-    """Placements of the moving bodies by path, after a move of the bodies to the first posture."""
+    """Move the bodies to the first posture; return the placements of the moving bodies by path."""
     placed = {f"arm/body {k}": placements for k, placements in enumerate(bodies.placements(q))}
     for path, placements in placed.items():
         scene[path].set_transform(placements[0])
@@ -192,7 +190,7 @@ def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
 
 
 def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
-    """Draw other postures as thin lines through their corners (corners, 3) [m] each."""
+    """Draw postures as thin lines through their corners (corners, 3) [m]."""
     for number, corners in enumerate(postures, start=1):
         lines = prisms(corners[:-1], corners[1:], 0.3 * radius)
         scene[f"ghosts/{number}"].set_object(lines, solid(GHOST, 0.45))
@@ -212,9 +210,7 @@ def place_text(point: Array) -> str:
 
 
 def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
-    """Values of the joints (n, nq) as text, and whether they are within limits, or which are
-    not.
-    """
+    """Values of the joints (n, nq) as text, and which joints are outside their ``limits``."""
     texts, limits = {}, []
     for joint, (values, slides) in enumerate(zip(q.T, arm.chain.prismatic, strict=True), start=1):
         one, unit = (MM, " mm") if slides else (DEG, "°")
@@ -226,7 +222,7 @@ def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
 
 
 def on_slider(frames: int, number: int, what: str) -> str:
-    """The sentence on how many of the things are on the slider."""
+    """How many of ``number`` things are on the slider."""
     some = "" if frames == number else f"{frames} of "
     return f"The slider shows {some}the {number} {what}."
 
@@ -235,7 +231,7 @@ def on_slider(frames: int, number: int, what: str) -> str:
 
 
 def colour_number(colour: str) -> int:
-    """A colour for three.js."""
+    """The colour for three.js."""
     return int(to_hex(colour)[1:], 16)
 
 
