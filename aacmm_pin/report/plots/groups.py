@@ -138,7 +138,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
 def _draw_groups(
     panel: Axes, kind: str, table: pd.DataFrame, expected: dict[str, tuple[str, str]]
 ) -> None:
-    """Draw the groups of one kind, with lines of ``expected`` values (column: line style, label)."""
+    """Draw the groups of one kind, with lines of ``expected`` values (style, label)."""
     unit, many = RANGE_UNITS.get(kind.split()[0], ""), len(table) > MANY
     if unit:  # by the start of the range
         starts = table["group"].str.split(" to ").str[0].astype(float)
