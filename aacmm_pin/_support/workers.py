@@ -103,6 +103,11 @@ def _blocked_signals() -> Iterator[None]:
 
 def _begin(stop: Event) -> None:
     """Begin a worker process, which ends with its parent or when ``stop`` is set."""
+
+    def exit_after(wait_for_end: Callable[[], object]) -> None:
+        wait_for_end()
+        os._exit(1)
+
     from tqdm import tqdm  # whoever imports this module needs no bars
 
     sys.stdout = sys.stderr  # its output is no result
@@ -112,9 +117,4 @@ def _begin(stop: Event) -> None:
     if (parent := parent_process()) is not None:
         waits.append(parent.join)
     for wait_for_end in waits:
-        threading.Thread(target=_exit_after, args=[wait_for_end], daemon=True).start()
-
-
-def _exit_after(wait_for_end: Callable[[], object]) -> None:
-    wait_for_end()
-    os._exit(1)
+        threading.Thread(target=exit_after, args=[wait_for_end], daemon=True).start()

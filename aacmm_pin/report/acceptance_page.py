@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
@@ -145,8 +145,8 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
 
 
 def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
-    """Columns that are not empty, with the coordinates if there are ``several`` sets; a ``plain``
-    document states the standard elsewhere.
+    """Columns that are not empty, with the coordinates of ``several`` sets; a ``plain`` document
+    states the standard elsewhere.
     """
     numbers = [name for name in ("U_mm", "mpe_mm") if table[name].notna().any()]
     verdict = ["verdict"] if table["verdict"].notna().any() else []
@@ -194,14 +194,18 @@ def history_blocks(history: History) -> Iterator[Block]:
 
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
-    coordinate_sets = [
+    sets = [
         "from the file" if arm == AS_GIVEN else f"from readings by {arm}" for arm in result.overall
     ]
-    lines = {"coordinates": ", ".join(coordinate_sets)}
+    lines = {"coordinates": ", ".join(sets)}
     for column, values in result.stated.items():
         if values:
             name, unit = CONDITION_LABELS[column]
-            lines[name] = _listed(values) + unit
+            texts = [plain_mm(v * MM) if isinstance(v, float | int) else str(v) for v in values]
+            text = first_few(texts, NUMBERS_LISTED)
+            if len(values) > NUMBERS_LISTED and isinstance(values[0], float | int):
+                text = f"{texts[0]} to {texts[-1]}"
+            lines[name] = text + unit
     if result.measuring_range is not None:
         part = plain_mm(LONGEST_PART * result.measuring_range)
         full = plain_mm(result.measuring_range)
@@ -210,12 +214,3 @@ def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
             lines[f"longest length of {test}"] = f"{plain_mm(length)} mm"
     lines |= details.about
     return "; ".join(f"{name} {text}" for name, text in lines.items()) + "."
-
-
-def _listed(values: Sequence[object]) -> str:
-    texts = [
-        plain_mm(value * MM) if isinstance(value, float | int) else str(value) for value in values
-    ]
-    if len(values) > NUMBERS_LISTED and isinstance(values[0], float | int):
-        return f"{texts[0]} to {texts[-1]}"
-    return first_few(texts, NUMBERS_LISTED)

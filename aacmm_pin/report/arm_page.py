@@ -64,7 +64,7 @@ def arm_document(arm: Arm) -> Document:
 
 
 def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
-    """Row by row: values ± half-widths, limits, noise, mass."""
+
     table = _dh_cells(dh, {p.name: p.half_width for p in arm.parameters})
     _add_limits_and_noise(table, arm, np.flatnonzero(dh.moving), "fixed")
     if isinstance(arm.file, ArmFile) and any(row.mass_kg for row in arm.file.joints):
@@ -86,7 +86,7 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
 
 
 def _joints(arm: Arm) -> pd.DataFrame:
-    """The joints of an arm from a URDF."""
+
     half = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(-1, 6)
     table = pd.DataFrame(
         {
@@ -126,7 +126,7 @@ def dh_document(dh: DHTable) -> Document:
 
 
 def _parameters(parameters: Sequence[Parameter]) -> pd.DataFrame:
-    """Row by row: value, U and half-width with unit, and place."""
+
     rows = [
         {
             "parameter": p.name,

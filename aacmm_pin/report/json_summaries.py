@@ -30,22 +30,16 @@ def accuracy_summary(
     ``best`` and ``worst`` are by volume, ``smallest_u`` and ``largest_u`` by u; the budget is the
     mean over postures. Missing numbers are None: all without a posture (``reason`` states why), and
     swivel angles and comprehensive accuracy for an arm from a URDF, whose ``arc_fraction`` is of
-    the way along the curves.
-
-    Args:
-        circle: all postures at the point.
-        accuracy: ``circle_accuracy(circle)``, perhaps of an extended model.
-        sectors: number of sectors for the flexibility.
+    the way along the curves. ``sectors`` are for the flexibility.
 
     Raises:
         ShapeError: ``accuracy`` is for other postures.
     """
     inside, flexibility = paired(circle, accuracy), circle.flexibility(sectors)
     volume, u = accuracy.volume / MM3, accuracy.u / MM
-    comprehensive = None
+    comprehensive, deviation = None, None
     if circle.arm.dh is not None:  # weighted by the θ3 of an arm built like SINO6
         comprehensive = comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point)
-    deviation = None
     if accuracy.sources.bounded:
         deviation = _spread(accuracy.largest_deviation / MM)
     summary = {
@@ -113,10 +107,7 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
     """Schema ``aacmm-pin/map/1``: size of a map, and reachable cells by working sectors."""
     data = map_.data
     box = np.asarray(data.attrs["extent_mm"])
-    optional = {
-        "incomplete": map_.incomplete,
-        "not_included": map_.not_included,
-    }
+    optional = {"incomplete": map_.incomplete, "not_included": map_.not_included}
     stylus = data.attrs.get("stylus_axis")
     summary = {
         "schema": MAP_SCHEMA,

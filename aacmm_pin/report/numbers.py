@@ -146,9 +146,7 @@ def small(value: float, unit: str) -> str:
 
 
 def small_unit(unit: str, largest: float = 0.0) -> tuple[str, float]:
-    """The unit of changes, up to ``largest``, of a parameter in ``unit``, and how many make one
-    ``unit``.
-    """
+    """The unit of changes up to ``largest`` of a parameter, and how many make one ``unit``."""
     if unit in ("m", "mm"):
         name, factor = "µm", 1e3 if unit == "mm" else 1e6
     elif unit.startswith("rad"):

@@ -54,9 +54,7 @@ def show(document: Document, notes_alone: bool = False) -> None:
 
 
 def _print_table(table: Table) -> None:
-    """Print a table with narrowed wide columns, down to whole words, then whole names of files and
-    commands.
-    """
+    """Print a table; narrow wide columns to whole words, then to whole names."""
     if table.caption:
         say(f"{table.caption}:")
     width_is_known = stdout().isatty() or "COLUMNS" in os.environ
@@ -97,9 +95,7 @@ def _widths(cells: pd.DataFrame) -> dict[str, int]:
 
 
 def _least(head: str, texts: list[str], kept: str) -> int:
-    """Width of a column that keeps numbers, labels, words of the head and matches of ``kept``
-    whole.
-    """
+    """Width that keeps numbers, labels, words of the head and matches of ``kept`` whole."""
     in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
     words = texts if in_one else re.findall(kept, "\n".join(texts))
     lengths = [min(LONGEST_WORD, cell_len(word)) for word in words]

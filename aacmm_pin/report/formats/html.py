@@ -40,9 +40,7 @@ _TIES = re.compile(
 
 
 def page(document: Document) -> str:
-    """The whole document as an HTML page; blocks before its first heading are above the list of
-    sections.
-    """
+    """The whole document as an HTML page; blocks before the first heading precede the contents."""
     sections: list[dict[str, Any]] = [{"blocks": []}]
     for block in document.blocks:
         if isinstance(block, Heading):
@@ -106,7 +104,18 @@ def _derived(block: Block, on_page: bool) -> dict[str, Any]:
         case Notes(items=items):
             return {"items": [f"{capital(str(note))}." for note in items], "head": "Notes:"}
         case Table():
-            return _table(block, on_page)
+            # Head and style of each column: a short text stays on one line.
+            cells, columns = block.cells(), []
+            for head, texts in cells.items():
+                style = "short" if all(len(text) <= SHORT_TEXT for text in texts) else "long"
+                columns.append((head, "number" if are_numbers(texts) else style))
+            return {
+                "columns": columns,
+                "rows": cells.to_numpy().tolist(),
+                "more": len(block.frame) - len(cells),
+                "explained": block.explained if on_page else "",
+                "aligned": dict.fromkeys(ALIGNED, "") if on_page else ALIGNED,
+            }
         case Figure(png=png):
             return {"uri": data_uri(png, "image/png")}
         case SceneView(scene=scene, height=height):
@@ -118,23 +127,6 @@ def _derived(block: Block, on_page: bool) -> dict[str, Any]:
             media = mimetypes.guess_type(block.name)[0] or "application/octet-stream"
             return {"uri": data_uri(content, media), "size": size}
     return {}
-
-
-def _table(table: Table, on_page: bool) -> dict[str, Any]:
-    """Rows of text; head and style of every column: ``number``, ``short`` (not broken) or
-    ``long``.
-    """
-    cells, columns = table.cells(), []
-    for head, texts in cells.items():
-        style = "short" if all(len(text) <= SHORT_TEXT for text in texts) else "long"
-        columns.append((head, "number" if are_numbers(texts) else style))
-    return {
-        "columns": columns,
-        "rows": cells.to_numpy().tolist(),
-        "more": len(table.frame) - len(cells),
-        "explained": table.explained if on_page else "",
-        "aligned": dict.fromkeys(ALIGNED, "") if on_page else ALIGNED,
-    }
 
 
 def _kept_together(value: object) -> object:

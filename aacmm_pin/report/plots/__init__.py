@@ -6,8 +6,7 @@ close the figure. Axes of your own ``matplotlib.figure.Figure`` do not use pyplo
 several panels divides the area of ``ax`` and returns the figure. Units are mm, mm³, µm for
 uncertainties, and degrees.
 
-The method ``plot`` of a result draws its main picture: ``circle.plot()``, ``accuracy.plot()``,
-``found.plot()``.
+The method ``plot`` of a result, such as ``circle.plot()``, draws the main picture.
 """
 
 import lazy_loader

@@ -51,9 +51,9 @@ def plot_accuracy_of_postures(
     """Plot the accuracy volume (left axis) and the standard uncertainty (right axis) of the
     postures at a point.
 
-    The abscissa is the swivel angle. For an arm without elbow, the abscissa is the length along
-    each curve of self-motion, or the number of a single posture. If two to eight components have
-    postures within limits, each component has its own marker.
+    The abscissa is the swivel angle, or without an elbow the length along each curve of
+    self-motion, or the number of a single posture. Each of two to eight components has its own
+    marker.
 
     Raises:
         ShapeError: ``accuracy`` is for other postures.
@@ -124,12 +124,8 @@ def plot_budget(
     """Plot the uncertainty budget as bars: shares of the variance, with the standard uncertainties
     as numbers.
 
-    Args:
-        accuracy: the accuracy volume of at least one posture.
-        by: whether a bar is a parameter, a joint or a kind of parameter.
-        ax: axes.
-        most: largest number of bars, selected by absolute share; one more bar "rest" has all
-            others.
+    A bar is a parameter, a joint or a kind of parameter, as ``by`` states. The last of ``most``
+    bars has all smaller shares.
 
     Raises:
         AacmmError: ``most`` is below 1, or ``accuracy`` has no posture.
@@ -200,13 +196,8 @@ def plot_map(
 ) -> Axes:
     """Plot one quantity over the half-plane through joint axis 1; cells out of reach are grey.
 
-    Args:
-        map_: the map.
-        quantity: name in the data of the map, one of :data:`QUANTITIES`.
-        ax: axes.
-
     Raises:
-        UnknownNameError: the quantity is unknown.
+        UnknownNameError: the quantity is none of :data:`QUANTITIES`.
     """
     if quantity not in QUANTITIES:
         raise UnknownNameError("quantity", quantity, list(QUANTITIES))

@@ -62,13 +62,7 @@ def plot_residuals_over_joint(
 
     An error of the joint angle appears directly in the plot. Dots are records. The line is the mean
     in intervals of the range, with its standard uncertainty. A joint whose axis passes through the
-    tip has no residual.
-
-    Args:
-        result: the calibration.
-        joint: number of the joint, from 1.
-        when: ``before`` (arm before calibration) or ``after``.
-        ax: axes.
+    tip has no residual. Joints count from 1, and ``when`` is ``before`` or ``after`` calibration.
 
     Raises:
         AacmmError: the joint does not exist.
@@ -127,8 +121,7 @@ def plot_residuals_over_joints(
 def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     """Plot the residual of every record by seat, before and after calibration.
 
-    Excluded records are crosses. A diamond at the upper edge is an excluded record beyond the
-    scale.
+    Excluded records are crosses, or diamonds at the upper edge beyond the scale.
 
     Raises:
         AacmmError: the records have no seat.
@@ -184,11 +177,7 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
 @plain
 def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Figure:
     """Plot the deviations of repeats from the mean of their posture over time or row, with their
-    drift, and the distribution of the residuals.
-
-    Args:
-        repeats: see :func:`aacmm_pin.calibration.repeatability_of`.
-        ax: axes whose area the panels share.
+    drift, and the distribution of the residuals; ``ax`` gives the area of the panels.
     """
     over, beside = panels_of(ax, (4.3, 3.4), 2, 2, share_y=True)
     unit, scale = length_unit(float(np.abs(repeats.residuals).max()))
@@ -248,11 +237,7 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figur
 
     A second colour marks parameters whose change is larger than the half-width and U together. Open
     symbols mark parameters that the records determine only in combination. Without stated
-    half-widths, lengths and angles have separate panels.
-
-    Args:
-        result: the calibration.
-        ax: axes whose area the panels share.
+    half-widths, lengths and angles have separate panels in the area of ``ax``.
     """
     table = parameter_table(result)
     stated, title = table["stated"].notna(), f"{result.model.arm.name}: parameters"

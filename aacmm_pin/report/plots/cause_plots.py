@@ -72,12 +72,8 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
     """Plot the strongest cause with the partial residuals of the records.
 
     Without causes, the plot shows structure without a cause. Without structure, or if the cause
-    displaces all records alike, the plot shows the residuals of the three models.
-
-    Args:
-        result: the diagnosis.
-        finding: index of the finding, from 0 (the strongest cause).
-        ax: axes.
+    displaces all records alike, the plot shows the residuals of the three models. ``finding`` is
+    the index of a finding, from 0 (the strongest cause).
 
     Raises:
         AacmmError: the diagnosis has no finding with this index.
@@ -105,11 +101,6 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
     Circles are weighted means in intervals of the covariate, with standard uncertainties. For an
     error of a seat, the plot shows the seat; for a geometric value, the plot shows the stated and
     the estimated value.
-
-    Args:
-        result: the diagnosis.
-        finding: a finding of the diagnosis.
-        ax: axes.
     """
     if corrects_seat(finding.effect):
         return _plot_seat_error(result, finding.effect, ax)

@@ -46,8 +46,7 @@ def plot_circle(
     Args:
         circle: the configuration circle.
         accuracy: accuracy of the postures within limits, for the colours of the path.
-        postures: number of postures to draw, evenly spaced among the postures within limits; if
-            none is within limits, among all.
+        postures: number of postures to draw, within limits if possible.
         ax: three-dimensional axes.
 
     Raises:

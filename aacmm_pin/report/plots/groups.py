@@ -100,15 +100,8 @@ def plot_residuals_by_row(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 @plain
 def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
-    """Plot the RMS residual in groups of records by every recorded quantity, for the three models,
-    with predicted values.
-
-    Args:
-        result: the diagnosis.
-        ax: axes whose area the panels share.
-
-    Returns:
-        The figure of the panels, with joints first.
+    """Plot the RMS residual in groups of records by every recorded quantity, joints first, for the
+    three models, with predicted values; ``ax`` gives the area of the panels.
 
     Raises:
         AacmmError: there are too few records for groups.

@@ -104,11 +104,10 @@ def plot_residual_vectors(
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` for a calibration; ``nominal`` (nominal arm),
-            ``recalibrated`` or ``extended`` for a diagnosis. The default is ``after`` or
-            ``extended``.
+        model: ``before`` or ``after`` for a calibration; ``nominal``, ``recalibrated`` or
+            ``extended`` for a diagnosis. The default is ``after`` or ``extended``.
         plane: two axes of the reference frame.
-        factor: magnification of the residuals; default a suitable factor for this model.
+        factor: magnification of the residuals; default a suitable factor.
         ax: axes.
 
     Raises:
@@ -144,11 +143,7 @@ def plot_residual_vectors(
 @plain
 def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
     """Plot the residual vectors of :func:`two_models` in top and side view, with the same
-    magnification.
-
-    Args:
-        result: the calibration or the diagnosis.
-        ax: axes whose area the four panels share.
+    magnification; ``ax`` gives the area of the panels.
     """
     names, panels = two_models(result), panels_of(ax, (4.3, 4.0), 4, 2)
     used, fit = [*models(result).values()][-1].used, models(result)[names[0]]

@@ -38,10 +38,6 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     """Make a scene of the half-plane with cells coloured by comprehensive accuracy, in which the
     wrist moves from cell to cell.
 
-    Args:
-        workspace_map: the map.
-        model: the arm of the map.
-
     Raises:
         AacmmError: the map is of another arm, or no cell has a posture within limits.
     """

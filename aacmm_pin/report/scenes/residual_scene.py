@@ -49,8 +49,8 @@ def residual_scene(
     """Make a scene of the magnified residuals of one model, with the arm in the postures of the
     records, from the largest residual to the smallest.
 
-    A line leads from each target towards the tip. For a diagnosis, a target is the stated place, or
-    without one the estimate from all records of the seat.
+    A line leads from each target towards the tip, as in
+    :func:`aacmm_pin.report.plots.plot_residual_vectors`.
 
     Args:
         result: the calibration or the diagnosis.

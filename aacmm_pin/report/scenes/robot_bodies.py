@@ -146,18 +146,15 @@ def _by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
 def _simplified(meshes: Meshes) -> Meshes:
     """Merge vertices in one cell of a grid, which is coarse enough for few rows."""
     cell = FINEST * max(float(np.ptp(mesh.bounds, axis=0).max()) for mesh in meshes.values())
-    simple = meshes
+    simple = dict(meshes)
     while sum(len(mesh.vertices) + len(mesh.faces) for mesh in simple.values()) > MOST_MESH_ROWS:
-        simple = {key: _on_grid(mesh, cell) for key, mesh in meshes.items()}
+        for key, mesh in meshes.items():
+            coarse = mesh.copy()
+            coarse.vertices = mesh.vertices / cell
+            coarse.merge_vertices(digits_vertex=0)
+            coarse.update_faces(coarse.nondegenerate_faces() & coarse.unique_faces())
+            coarse.remove_unreferenced_vertices()
+            coarse.vertices = coarse.vertices * cell
+            simple[key] = coarse
         cell *= COARSER
     return {key: mesh for key, mesh in simple.items() if len(mesh.faces)}
-
-
-def _on_grid(mesh: trimesh.Trimesh, cell: float) -> trimesh.Trimesh:
-    coarse = mesh.copy()
-    coarse.vertices = mesh.vertices / cell
-    coarse.merge_vertices(digits_vertex=0)
-    coarse.update_faces(coarse.nondegenerate_faces() & coarse.unique_faces())
-    coarse.remove_unreferenced_vertices()
-    coarse.vertices = coarse.vertices * cell
-    return coarse

@@ -1,5 +1,4 @@
-"""A scene: meshcat's commands are kept, and written as one page without a server, or shown live by
-meshcat's own server.
+"""A scene: the commands of meshcat, for one page without a server, or for meshcat's own server.
 
 meshcat's viewer is one script of 0.85 MB. A page with several scenes has it once, as inert text
 (:func:`shared_script`); each scene is an inner frame that receives the text when it is scrolled
@@ -273,9 +272,6 @@ class Scene:
 
         The server listens on every network interface until the process ends. Only the page of
         :meth:`save` has legend, readings and slider.
-
-        Args:
-            browser: open the scene in the browser.
 
         Returns:
             meshcat's ``Visualizer``, whose changes the browser shows immediately. In Jupyter,

@@ -48,11 +48,7 @@ TUBE_SIDES = 6
 
 @dataclass(frozen=True, eq=False)
 class Bodies(ArmLines):
-    """The bodies of an arm along its lines.
-
-    Attributes:
-        remarks: sentences on omitted parts.
-    """
+    """The bodies of an arm along its lines, with ``remarks`` on omitted parts."""
 
     remarks: tuple[str, ...] = ()
 
@@ -72,7 +68,7 @@ class Bodies(ArmLines):
 
     @property
     def notes(self) -> list[str]:
-        """The sentences on the bodies."""
+        """Sentences on the bodies."""
         return [TO_SCALE, *self.remarks]
 
     def outline(self, q: Array) -> Array:
@@ -110,8 +106,7 @@ class Bodies(ArmLines):
 
     @property
     def foot(self) -> Array:
-        """The upper end of the foot, where the arm begins, and the middle of the flange below (2,
-        3) [m].
+        """Upper end of the foot, and middle of the flange below (2, 3) [m].
 
         The arm stands on the origin of the base if a line leads from there to joint 1, else on a
         short post.
