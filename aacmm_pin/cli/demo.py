@@ -22,15 +22,9 @@ def run(
     cells: Annotated[
         tuple[int, int],
         typer.Option(metavar="NX NZ", help="Number of cells of the map along x and z."),
-    ] = (
-        48,
-        48,
-    ),
+    ] = (48, 48),
     force: Force = False,
 ) -> None:
-    from aacmm_pin.report import (
-        run_demo,  # here and below: what draws is loaded only where it is drawn
-    )
+    from aacmm_pin.report import run_demo  # loads what draws
 
-    summary = run_demo(folder=output, cells=cells, force=force)
-    say(str(summary))
+    say(str(run_demo(folder=output, cells=cells, force=force)))

@@ -334,15 +334,16 @@ def _result(result: Calibration) -> Iterator[Block]:
     noise = "The noise alone"
     if result.fit.has_scatter:
         noise = "The stated noise and the estimated scatter"
-    distances = {"records used in the fit": (result.rms_before / MM, result.rms / MM)}
-    turns = {}
+    used = "records used in the fit"
+    distances = [(used, result.rms_before / MM, result.rms / MM)]
+    turns = []
     for held in result.held_out:
-        kind = HELD_OUT_KINDS[held.kind]
-        sizes = (held.rms_before / MM, held.rms_after / MM)
-        distances[f"held-out {kind} ({held.groups} parts)"] = sizes
+        name = f"held-out {HELD_OUT_KINDS[held.kind]}"
+        parts = f"{name} ({held.groups} parts)"
+        distances.append((parts, held.rms_before / MM, held.rms_after / MM))
         if held.turned:
-            turns[f"held-out {kind}"] = (rms(held.turn_before) / UM, rms(held.turn_after) / UM)
-    table = _before_and_after(distances, "before_mm", "after_mm")
+            turns.append((name, rms(held.turn_before) / UM, rms(held.turn_after) / UM))
+    table = pd.DataFrame(distances, columns=["records", "before_mm", "after_mm"])
     yield Table(
         table.assign(gain=1.0 - table["after_mm"] / table["before_mm"]),
         "RMS distance between tip and target, before and after calibration",
@@ -350,23 +351,15 @@ def _result(result: Calibration) -> Iterator[Block]:
         explained=f"{COMPARED} {noise} would give {length(result.noise)}.",
     )
     if result.turns is not None:
-        of_used = (result.turns["nominal"] / UM, result.turns["calibrated"] / UM)
-        heads = ("before [µrad]", "after [µrad]")
+        of_used = (used, result.turns["nominal"] / UM, result.turns["calibrated"] / UM)
+        heads = ["before [µrad]", "after [µrad]"]
         yield Table(
-            _before_and_after({"records used in the fit": of_used} | turns, *heads),
+            pd.DataFrame([of_used, *turns], columns=["records", *heads]),
             "RMS rotation from the stated orientation",
             dict.fromkeys(heads, ".1f"),
             explained=f"{noise} would give {result.turns['noise'] / UM:.1f} µrad.",
         )
     yield Notes(other_notes(result.notes))
-
-
-def _before_and_after(
-    sizes: dict[str, tuple[float, float]], before: str, after: str
-) -> pd.DataFrame:
-    return pd.DataFrame(
-        [(records, *pair) for records, pair in sizes.items()], columns=["records", before, after]
-    )
 
 
 def _residuals(result: Calibration) -> Iterator[Block]:

@@ -4,8 +4,6 @@ correlation of parameters.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -198,9 +196,16 @@ def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Figure:
     legend_below(over, columns=3)
     series = {"residuals after calibration": repeats.residuals, "repeats": repeats.deviations}
     bins = np.histogram_bin_edges(repeats.residuals / scale, 40).tolist()
-    style: dict[str, Any] = {"density": True, "orientation": "horizontal", "histtype": "step"}
     for (label, values), colour in zip(series.items(), (GREY, BLUE), strict=True):
-        beside.hist(values.ravel() / scale, bins, color=colour, label=label, **style)
+        beside.hist(
+            values.ravel() / scale,
+            bins,
+            density=True,
+            orientation="horizontal",
+            histtype="step",
+            color=colour,
+            label=label,
+        )
     beside.set_xlabel(f"density [1/{unit}]")
     beside.set_title("repeats beside residuals", fontsize=10)
     legend_below(beside, columns=2)

@@ -124,8 +124,18 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
     ax.axhline(0.0, color=INK, lw=0.6)
     ax.plot(x, shown.value, ".", ms=3, color=GREY, alpha=0.5, label="records", zorder=1)
     ax.plot(curve, "-", color=BLUE, lw=2.0, label=f"fitted cause{gap}", zorder=2)
-    style: dict[str, Any] = {"color": VERMILLION, "lw": 1.2, "label": label, "zorder": 3}
-    ax.errorbar(means["x"], means["value"], means["u"], fmt="o", ms=4, capsize=2.5, **style)
+    ax.errorbar(
+        means["x"],
+        means["value"],
+        means["u"],
+        fmt="o",
+        ms=4,
+        lw=1.2,
+        capsize=2.5,
+        color=VERMILLION,
+        label=label,
+        zorder=3,
+    )
     ends = [means["value"] - means["u"], means["value"] + means["u"]]
     limits = _limits(np.concatenate([shown.fitted, *ends]), shown.value)
     draw_beyond(ax, [(x, shown.value, GREY)], limits)
@@ -171,8 +181,8 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
         x = np.arange(len(names)) + 0.22 * (k - 1)
         middle = mean.loc[names, axis] + error[axis].fillna(0.0)
-        style: dict[str, Any] = {"color": colour, "label": axis, "capsize": 2.5}
-        ax.errorbar(x, middle, u.loc[names, axis], fmt="o", ms=4, **style)
+        bars = u.loc[names, axis]
+        ax.errorbar(x, middle, bars, fmt="o", ms=4, capsize=2.5, color=colour, label=axis)
         ax.plot(x, error[axis], "o", ms=9, mfc="none", color=colour)
     ax.plot([], [], "o", ms=9, mfc="none", color=INK, label="fitted error")
     name_places(ax, names)

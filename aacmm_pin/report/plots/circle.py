@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import colormaps
@@ -69,8 +67,8 @@ def plot_circle(
         chosen = some_of(inside if len(inside) else np.arange(len(circle)), postures)
         drawn += [*_draw_postures(ax, circle, chosen), circle.components.swivel.elbow(circle.q)]
         _draw_elbow(ax, circle, inside, accuracy)
-    star: dict[str, Any] = {"marker": "*", "ms": 16, "mfc": VERMILLION, "mec": "white", "ls": ""}
-    ax.plot(*circle.point[:, None] / MM, label="working point", zorder=10, **star)
+    point = circle.point[:, None] / MM
+    ax.plot(*point, "*", ms=16, mfc=VERMILLION, mec="white", label="working point", zorder=10)
     ax.auto_scale_xyz(*np.concatenate(drawn).T / MM)
     ax.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     ax.set_aspect("equal", adjustable="box")
@@ -116,12 +114,21 @@ def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
 def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> list[Array]:
     """Draw the arm from base to point, from light to dark; return its corners."""
     shades, lines = TUBE_COLOURS(np.linspace(0.3, 0.75, len(chosen))), []
-    style: dict[str, Any] = {"lw": TUBE_WIDTH, "solid_capstyle": "round", "marker": "o", "ms": 3.5}
     for k, corners in enumerate(ArmLines(circle.arm).corners(circle.q[chosen])):
         at_point = int(np.linalg.norm(corners - circle.point, axis=1).argmin())
         line = corners[: at_point + 1]
-        label = "arm to the point" if k == len(chosen) // 2 else None
-        ax.plot(*line.T / MM, color=shades[k], mfc=INK, mec=INK, label=label, zorder=4, **style)
+        ax.plot(
+            *line.T / MM,
+            "o-",
+            color=shades[k],
+            lw=TUBE_WIDTH,
+            solid_capstyle="round",
+            ms=3.5,
+            mfc=INK,
+            mec=INK,
+            label="arm to the point" if k == len(chosen) // 2 else None,
+            zorder=4,
+        )
         lines.append(line)
     return lines
 
@@ -137,15 +144,14 @@ def _draw_elbow(
     value = values[pairs].mean(axis=1)
     works = np.isfinite(value)
     if works.any():
-        style: dict[str, Any] = {"colors": BLUE}
-        if accuracy is not None:
-            style = {"cmap": VOLUME_COLOURS, "array": value[works]}
-        path = Line3DCollection(
-            pieces[works], linewidths=3.5, zorder=6, label="elbow, within limits", **style
-        )
+        label = "elbow, within limits"
+        colour = BLUE if accuracy is None else None
+        path = Line3DCollection(pieces[works], colors=colour, linewidths=3.5, zorder=6, label=label)
         ax.add_collection3d(path)
         if accuracy is not None:
+            path.set(array=value[works], cmap=VOLUME_COLOURS)
             ax.figure.colorbar(path, ax=ax, label=VOLUME_LABEL, shrink=0.6, pad=0.1)
     if not works.all():
-        style = {"colors": GREY, "linewidths": 1.0, "zorder": 2, "label": "elbow, outside limits"}
-        ax.add_collection3d(Line3DCollection(pieces[~works], **style))
+        label = "elbow, outside limits"
+        path = Line3DCollection(pieces[~works], colors=GREY, linewidths=1.0, zorder=2, label=label)
+        ax.add_collection3d(path)

@@ -79,10 +79,15 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
     drawn = {line.get_label(): line for panel in panels for line in panel.lines}
     handles = [drawn[name] for name in MARKS if name in drawn]
     figure = whole(panels)
-    style: dict[str, Any] = {"ncols": len(MARKS), "fontsize": 7, "title_fontsize": 7}
-    if missing:
-        style["title"] = f"{missing} of {missing + len(charts)} charts are left out"
-    figure.legend(handles=handles, loc="outside lower center", **style)
+    title = f"{missing} of {missing + len(charts)} charts are left out" if missing else None
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=len(MARKS),
+        fontsize=7,
+        title=title,
+        title_fontsize=7,
+    )
     return figure
 
 

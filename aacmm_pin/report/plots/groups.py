@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -142,11 +140,12 @@ def _draw_groups(
         table = table.sort_values("nominal_mm", ascending=False)
     edges = np.arange(len(table) + 1) - 0.5
     for name, (line, label) in expected.items():
-        style: dict[str, Any] = {"color": VERMILLION, "lw": 1.2, "ls": line, "label": label}
-        panel.stairs(table[f"{name}_mm"], edges, baseline=None, **style)
+        sizes = table[f"{name}_mm"]
+        panel.stairs(sizes, edges, baseline=None, color=VERMILLION, lw=1.2, ls=line, label=label)
+    ms = 2 if many else 4
     for name, colour in MODELS.items():
-        style = {"ms": 2 if many else 4, "lw": 1, "label": name}
-        panel.plot(range(len(table)), table[f"{name}_mm"], "o-", color=colour, **style)
+        sizes = table[f"{name}_mm"]
+        panel.plot(range(len(table)), sizes, "o-", color=colour, lw=1, ms=ms, label=name)
     names = [group.removesuffix(unit).strip().replace(" to ", "\nto ") for group in table["group"]]
     if many:
         worst = "\n".join([f"{len(names)} groups, largest first:", *names[:WORST]])

@@ -122,9 +122,9 @@ def plot_residual_vectors(
     deviation = deviations_of(result, fit)
     place = fit.point.prediction.tips - deviation
     factor = factor or magnification_of(place[last_fit.used], deviation[last_fit.used])
-    style: dict[str, Any] = {"lw": 3, "ms": 4, "alpha": 0.5, "solid_capstyle": "round"}
     for posture in postures_of(last_fit):
-        ax.plot(*posture[:, axes].T / MM, "o-", color=GREY, zorder=1, **style)
+        line = posture[:, axes].T / MM
+        ax.plot(*line, "o-", color=GREY, lw=3, ms=4, alpha=0.5, solid_capstyle="round", zorder=1)
     used, excluded = some_of(np.flatnonzero(last_fit.used), MOST_VECTORS), last_fit.excluded
     number = last_fit.used.sum()
     some = f"\n{len(used)} of {number} records are drawn" if len(used) < number else ""
@@ -166,8 +166,8 @@ def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
     bar = round_down(0.12 * size / factor)
     end, y = low[0] + factor * bar, low[1] - 0.11 * size
     ax.plot([low[0], end], [y, y], "|-", color=INK, lw=1.2, ms=7)
-    style: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": 8}
-    ax.annotate(length(bar * MM), (end, y), (5, 0), **style)
+    text = length(bar * MM)
+    ax.annotate(text, (end, y), (5, 0), textcoords="offset points", va="center", fontsize=8)
     ax.margins(0.08)
 
 
@@ -223,7 +223,6 @@ def two_views(arm: Arm, q: Array, groups: Groups) -> Figure:
 
 
 def _draw_view(axes: Axes, lines: Array, groups: Groups, plane: list[int]) -> None:
-    text: dict[str, Any] = {"textcoords": "offset points", "xytext": (5, 4), "fontsize": 8}
     for name, (colour, places) in groups.items():
         size = 4 if len(places) > MANY_PLACES else 6
         style: dict[str, Any] = {"ms": size, "lw": size / 4, "color": colour}
@@ -231,7 +230,9 @@ def _draw_view(axes: Axes, lines: Array, groups: Groups, plane: list[int]) -> No
         for label, points in places:
             projected = points[:, plane] / MM
             axes.plot(*projected.T, "o-", **style)
-            axes.annotate(label, projected[0], color=colour, **text)
+            axes.annotate(
+                label, projected[0], (5, 4), textcoords="offset points", color=colour, fontsize=8
+            )
     axes.plot(*lines[:, plane].T, color=INK, lw=2.5, solid_capstyle="round")
     axes.plot(0, 0, "s", color=INK, ms=7)
     axes.set_aspect("equal")

@@ -121,8 +121,9 @@ def whole(panels: Sequence[Axes]) -> Figure:
 
 def legend_below(ax: Axes, columns: int = 4, **more: Any) -> None:
     """The legend in rows below the axes and their label."""
-    place = {"bbox_to_anchor": (0.5, 0.0), "borderaxespad": 5.0}
-    ax.legend(loc="upper center", ncols=columns, **more | place)
+    ax.legend(
+        loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0, ncols=columns, **more
+    )
 
 
 def draw_bars(

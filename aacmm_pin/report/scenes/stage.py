@@ -233,8 +233,13 @@ def colour_number(colour: str) -> int:
 def solid(colour: str, opacity: float = 1.0, *, flat: bool = False) -> Any:
     """Material of a body: shaded by the lights of the scene, face by face if ``flat``."""
     opaque = opacity == 1.0
-    options = {"shininess": 40, "depthWrite": opaque, "flatShading": flat or not opaque}
-    return MeshPhongMaterial(color=colour_number(colour), opacity=opacity, **options)
+    return MeshPhongMaterial(
+        color=colour_number(colour),
+        opacity=opacity,
+        shininess=40,
+        depthWrite=opaque,
+        flatShading=flat or not opaque,
+    )
 
 
 def flat(colour: str = "white", opacity: float = 1.0, *, by_vertex: bool = False) -> Any:
