@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field, FiniteFloat
 
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, count
 from aacmm_pin.errors import AacmmError
 
 LONGEST_LENGTH = 100.0
@@ -210,8 +210,8 @@ def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
     if abs(angle) <= turns * 2 * math.pi + 1e-9:
         return ""
     return (
-        f"is {angle:g} rad, which is more than {turns} turn{'s' * (turns > 1)} and looks like "
-        "degrees; expected radians"
+        f"is {angle:g} rad, which is more than {count(turns, 'turn')} and looks like degrees; "
+        "expected radians"
     )
 
 

@@ -69,8 +69,7 @@ def run(
     # These load what draws.
     from aacmm_pin.report import calibration_document, calibration_summary, comment
 
-    outputs = (output, urdf_out, residuals)
-    with Results(files, *outputs, page=report) as results:
+    with Results(files, output, urdf_out, residuals, page=report) as results:
         model, path = arm.model_and_data()
         if output is not None:
             model.file()  # or refused before the work
@@ -91,7 +90,8 @@ def run(
         told = calibration_document(result)
     results.show(told)
     estimated = {effect.label for effect in result.fit.effects}
-    if held := [effect.label for effect in model.effects if effect.label not in estimated]:
+    held = [effect.label for effect in model.effects if effect.label not in estimated]
+    if held:
         note(
             f"calibrate did not change the causes of error of {model.arm.name} "
             f"({', '.join(held)}); to estimate them again, run aacmm-pin diagnose"

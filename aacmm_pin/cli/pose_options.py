@@ -97,7 +97,8 @@ class Orientation:
         result, notes = self._enumerated(arm, np.array(point)), []
         if not result.within_limits.any() and np.linalg.norm(point) < IN_METRES:
             in_metres = self._enumerated(arm, np.array(point) / MM)
-            notes = [METRES] * bool(in_metres.within_limits.any())
+            if in_metres.within_limits.any():
+                notes.append(METRES)
         if result.reason:
             raise AacmmError("; ".join([str(result), *notes]))
         for line in (*result.notes, *notes):

@@ -148,12 +148,16 @@ def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
     """Columns that are not empty, with the coordinates of ``several`` sets; a ``plain`` document
     states the standard elsewhere.
     """
-    numbers = [name for name in ("U_mm", "mpe_mm") if table[name].notna().any()]
-    verdict = ["verdict"] if table["verdict"].notna().any() else []
+    columns = ["figure", "verdict", "value_mm", "U_mm", "mpe_mm"]
+    for name in ("verdict", "U_mm", "mpe_mm"):
+        if table[name].isna().all():
+            columns.remove(name)
+    if several:
+        columns.append("coordinates")
+    elif not plain:
+        columns.append("standard")
     texts = [name for name in ("where", "missing") if name in table and table[name].any()]
-    source = "coordinates" if several else "standard"
-    sources = [] if plain and not several else [source]
-    return ["figure", *verdict, "value_mm", *numbers, *sources, "had", *texts]
+    return [*columns, "had", *texts]
 
 
 def history_blocks(history: History) -> Iterator[Block]:
@@ -208,8 +212,9 @@ def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
             lines[name] = text + unit
     if result.measuring_range is not None:
         part = plain_mm(LONGEST_PART * result.measuring_range)
-        full = plain_mm(result.measuring_range)
-        lines["measuring range"] = f"{full} mm, of which 66 % are {part} mm"
+        lines["measuring range"] = (
+            f"{plain_mm(result.measuring_range)} mm, of which 66 % are {part} mm"
+        )
         for test, length in result.longest.items():
             lines[f"longest length of {test}"] = f"{plain_mm(length)} mm"
     lines |= details.about

@@ -287,8 +287,9 @@ def run_demo(
         for block in story
         if isinstance(block, Paragraph) and block.finding
     ]
-    seconds = time.perf_counter() - started
-    return DemoSummary(folder, tuple(files), tuple(findings), of_point, of_map, seconds)
+    return DemoSummary(
+        folder, tuple(files), tuple(findings), of_point, of_map, time.perf_counter() - started
+    )
 
 
 def _simulated(arm: Arm) -> tuple[Effect, Measurements]:

@@ -155,11 +155,16 @@ def _held_out(diagnosis: Diagnosis) -> dict[str, Any] | None:
     gain = diagnosis.held_out
     if gain is None:
         return None
-    models = ("nominal", "recalibrated", "extended")
     return {
         "kind": gain.kind,
         "groups": gain.groups,
-        "rms_mm": of_models({name: rms(getattr(gain, name)) / MM for name in models}),
+        "rms_mm": of_models(
+            {
+                "nominal": rms(gain.nominal) / MM,
+                "recalibrated": rms(gain.recalibrated) / MM,
+                "extended": rms(gain.extended) / MM,
+            }
+        ),
         "gain": gain.gain,
         "gain_ci95": gain.interval,
         "excluded_counted": gain.excluded,

@@ -12,10 +12,11 @@ FEW_WAVES = 4
 
 def diagnosis_line(diagnosis: Diagnosis) -> str:
     """Verdict, sizes of the residuals, causes, remaining structure, and gain."""
-    noise = "noise alone" if diagnosis.extended.noise_is_stated else "estimated scatter"
-    arms = ["nominal arm", "recalibrated arm", "extended arm", noise]
-    sizes = zip(diagnosis.rms.values(), arms, strict=True)
-    residuals = ", ".join(f"{size / MM:.4f} mm ({arm})" for size, arm in sizes)
+    names = {name: f"{name} arm" for name in diagnosis.rms}
+    names["noise"] = "noise alone" if diagnosis.extended.noise_is_stated else "estimated scatter"
+    residuals = ", ".join(
+        f"{size / MM:.4f} mm ({names[name]})" for name, size in diagnosis.rms.items()
+    )
     clauses = [
         f"{diagnosis.verdict}; the RMS residual is {residuals}",
         *map(finding_line, diagnosis.findings),

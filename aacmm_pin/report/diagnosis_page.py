@@ -530,8 +530,9 @@ def _other_causes(result: Diagnosis) -> Iterator[Block]:
     yield Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
     alike = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
     yield Bullets([f"These records do not distinguish {labels}." for labels in alike])
-    forms = {"correlation": ".2f"}
-    yield Table(alias_table(result), ALIASES_LISTED, forms, explained=ALIASES_EXPLAINED)
+    yield Table(
+        alias_table(result), ALIASES_LISTED, {"correlation": ".2f"}, explained=ALIASES_EXPLAINED
+    )
 
 
 def causes_drawn(result: Diagnosis) -> Iterator[Block]:
@@ -611,8 +612,12 @@ def _held_out(result: Diagnosis) -> Iterator[Block]:
     chosen = [labels_in_words(result, labels) or "nothing" for labels in parts["chosen"]]
     table = parts[["part", "records", "gain"]].rename(columns={"part": "held-out part"})
     table["chosen causes"] = chosen
-    caption = "Causes that diagnose chose without the held-out part"
-    yield Table(table, caption, {"gain": percent}, detail=True)
+    yield Table(
+        table,
+        "Causes that diagnose chose without the held-out part",
+        {"gain": percent},
+        detail=True,
+    )
 
 
 def _left(result: Diagnosis) -> Iterator[Block]:
@@ -645,17 +650,28 @@ def unexplained_document(left: Unexplained) -> Document:
     """Dependences on columns that no cause explains."""
     sizes = pd.DataFrame(discrepancy_to_dicts(left))
     forms: dict[str, Format] = {"covariate": covariate_in_words, "probability": probability}
-    depends = {"covariate": "depends on"}
     ways = [
         f"In the structure that depends on {covariate_in_words(name)}, {way}."
         for name, way in left.acts_on.items()
     ]
     groups = pd.DataFrame([asdict(group) for group in left.groups])
-    heads = {"name": "group", "times": "relative residuals", "p_value": "p"}
-    blocks: list[Block] = [
-        Paragraph(" ".join(unexplained_in_words(left)), finding=left.structure),
-        Table(sizes, DISCREPANCY_AT_TIP, forms, depends, explained=DISCREPANCY),
-        Bullets(ways),
-        Table(groups, GROUPS, {"times": ".1f", "p_value": p_value}, heads),
-    ]
-    return Document("Unexplained", blocks)
+    return Document(
+        "Unexplained",
+        [
+            Paragraph(" ".join(unexplained_in_words(left)), finding=left.structure),
+            Table(
+                sizes,
+                DISCREPANCY_AT_TIP,
+                forms,
+                {"covariate": "depends on"},
+                explained=DISCREPANCY,
+            ),
+            Bullets(ways),
+            Table(
+                groups,
+                GROUPS,
+                {"times": ".1f", "p_value": p_value},
+                {"name": "group", "times": "relative residuals", "p_value": "p"},
+            ),
+        ],
+    )

@@ -195,7 +195,7 @@ class Document:
     ) -> None:
         """Make paragraphs of plain strings, and omit empty blocks."""
         self.title, self.subtitle, self.sheet = title, subtitle, sheet
-        self.by_hand = by_hand or ("Operator", "Date", "Signature") * bool(sheet)
+        self.by_hand = by_hand or (("Operator", "Date", "Signature") if sheet else ())
         given = [Paragraph(b) if isinstance(b, str) else b for b in blocks]
         self.blocks = [block for block in given if not _is_empty(block)]
 

@@ -159,16 +159,18 @@ def _first(result: Diagnosis) -> str:
             f"{MORE_RECORDS}, because the extended arm does not predict "
             "held-out records better than the recalibrated arm"
         )
-    if negative := [effect.label for effect in result.below_zero]:
+    if result.below_zero:
+        negative = " and ".join(effect.label for effect in result.below_zero)
         return (
             "check the signs of gravity, torques and temperatures, because the value of "
-            f"{' and '.join(negative)} is negative. If the signs are right, {MORE_RECORDS}"
+            f"{negative} is negative. If the signs are right, {MORE_RECORDS}"
         )
     if verdict == "inconclusive":
         doubts = doubts_in_words(result) or ["these records do not confirm the named causes"]
         return f"{MORE_RECORDS}, because {'; '.join(doubts)}"
     until = [getattr(finding.effect, "until_s", None) for finding in findings]
-    if ends := [end for end in until if end is not None]:
+    ends = [end for end in until if end is not None]
+    if ends:
         return (
             f"take records after {max(ends):.4g} s, with the same clock, to find whether the drift "
             "stops or continues"

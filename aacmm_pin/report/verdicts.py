@@ -252,13 +252,17 @@ def _structure(result: Diagnosis) -> str:
     structure = math.hypot(*(part.rms for part in left.discrepancy))
     counts = LEAST_PART * result.noise < structure < result.rms["recalibrated"]
     size = f" ({length(structure)} RMS)" if counts else ""
-    more = [sizes] if much_larger or not left.apart else []
+    clauses = [str(one) for one in left.apart]
+    if left.has_background and not names:
+        clauses.append(
+            f"the residuals have structure{size} that depends on several quantities together"
+        )
+    elif much_larger or not (names or left.apart):
+        clauses.append(sizes)
     if names:
         on = f"on {listed(names)} in a way that no cause of the library explains{size}"
-        more = [sizes] * much_larger + [f"the residuals depend {on}"]
-    elif left.has_background:
-        more = [f"the residuals have structure{size} that depends on several quantities together"]
-    return "; ".join([*map(str, left.apart), *more])
+        clauses.append(f"the residuals depend {on}")
+    return "; ".join(clauses)
 
 
 def _size_left(result: Diagnosis) -> tuple[str, bool]:

@@ -63,8 +63,13 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
 
     corners, outline = _corners(workspace_map), bodies.outline(q)
     everything = np.vstack([corners[reachable].reshape(-1, 3), outline])
-    title = f"{arm.name}: comprehensive accuracy volume"
-    scene = stage(title, _caption(workspace_map), bodies, everything, points)
+    scene = stage(
+        f"{arm.name}: comprehensive accuracy volume",
+        _caption(workspace_map),
+        bodies,
+        everything,
+        points,
+    )
     scene.view = View(everything, SIDE, HEIGHT, ROOM_ROUND_ARM * bodies.radius)
     scene.bar = bar
     shown = "cells with a posture within the joint limits, column by column"
