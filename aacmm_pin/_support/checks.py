@@ -29,7 +29,7 @@ MOST_LENGTH_ERROR = 2e-3
 
 
 def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
-    """Return ``values`` as a float array of shape (n, columns).
+    """The ``values`` as a float array of shape (n, columns).
 
     Raises:
         ShapeError: another shape, not numbers, not finite, or too large.
@@ -47,7 +47,7 @@ def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
 
 
 def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
-    """Return ``values`` as a float array of shape (length,).
+    """The ``values`` as a float array of shape (length,).
 
     Raises:
         ShapeError: another shape, not numbers, not finite, or too large.
@@ -68,7 +68,7 @@ def width_of(values: ArrayLike) -> int:
 
 
 def unit_vector(values: ArrayLike, name: str) -> Array:
-    """Return ``values`` (3,) as a direction of length 1.
+    """The ``values`` (3,) as a direction of length 1.
 
     Raises:
         ShapeError: another shape, not numbers, or not finite.
@@ -109,7 +109,7 @@ def whole(value: object, least: int, name: str) -> int:
 
 
 def _floats(values: ArrayLike, name: str) -> Array:
-    """A copy as floats; text, booleans, complex numbers and masks are refused."""
+    """A copy; text, booleans, complex numbers and masks are refused."""
     try:
         array = np.array(values)
     except ValueError as error:

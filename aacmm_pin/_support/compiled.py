@@ -26,10 +26,9 @@ class Loop:
     """A function of arrays for numba.
 
     Attributes:
-        loop: the function.
         signature: numba's types of result and arguments.
-        helpers: the functions of the module that it calls, each after those that it calls itself,
-            with their signatures; without these numba compiles a helper for each constant argument.
+        helpers: called functions of the module with their signatures, each after those that it
+            calls itself; without signatures numba compiles a helper for each constant argument.
         least: least size of a task for the loop.
     """
 
@@ -39,8 +38,7 @@ class Loop:
     least: int = 0
 
     def chosen(self, size: int) -> Callable[..., Any] | None:
-        """The compiled loop for a task of at least the size ``least``, else None; the environment
-        variable overrules.
+        """The compiled loop if the task is large, else None; the environment variable overrules.
 
         Raises:
             UnknownNameError: the variable is none of ``always``, ``never`` and ``auto``.

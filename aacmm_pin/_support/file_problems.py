@@ -68,7 +68,7 @@ class Problems:
     ) -> Index:
         """The first row of each row's group ``by`` that states a value (n,), or -1.
 
-        Rows with another value than their group, for one ``of``, are a problem.
+        Add a problem of the rows with another value than their group, which is one ``of``.
         """
         rows = pd.Series(np.arange(len(values))).where(stated)
         first = rows.groupby(by).transform("first").fillna(-1).to_numpy(dtype=np.intp)
@@ -96,6 +96,6 @@ def first_few(items: Iterable[object], most: int = MOST_NAMES) -> str:
 
 
 def shortened(name: str) -> str:
-    """A name or cell for messages; only the two ends of a very long one."""
+    """A name or cell for messages; of a very long one the two ends."""
     half = LONGEST_NAME // 2
     return name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}"

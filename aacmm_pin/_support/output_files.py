@@ -1,5 +1,4 @@
-"""Output files: each is written whole, a set is put in place together, and nothing else is
-replaced.
+"""Output files, written whole and put in place together.
 
 Files are written into a hidden folder beside their places, and renamed when all are complete. If a
 rename fails, the former files are restored.
@@ -59,7 +58,7 @@ class OutputFiles:
 
         Raises:
             OutputError: one exists without ``force``, is an input, is neither a regular file nor a
-                pipe, its folder is missing or not writable, or two are the same.
+                pipe, has no writable folder, or two are the same.
         """
         places = [self._place(Path(path)) for path in paths]
         for path, place in zip(paths, places, strict=True):

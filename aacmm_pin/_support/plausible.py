@@ -19,27 +19,23 @@ from aacmm_pin.errors import AacmmError
 LONGEST_LENGTH = 100.0
 """Largest magnitude of a length [m]."""
 FARTHEST_PLACE = 1e6
-"""Largest magnitude of a place along an axis [m]: the common normal of nearly parallel axes is far
-away, at 0.1 m over the angle. At this distance rounding moves the tip by 0.1 nm.
+"""Largest magnitude of a place along an axis [m], because the common normal of nearly parallel axes
+is far away. At this distance rounding moves the tip by 0.1 nm.
 """
 REACH_POSTURES = 32
 """Number of spread postures to estimate the reach."""
 SMALLEST_ARM = 1e-6
 """Smallest sum of the lengths of an arm [m]."""
 LARGEST_ANGLE = 1e4 * 2.0 * math.pi
-"""Largest magnitude of an angle [rad]: an encoder counts a few turns, a wide limit stands for
-none.
-"""
+"""Largest magnitude of an angle [rad]; a wide limit stands for none."""
 MOST_TURNS = 5
 """Limits and readings beyond so many turns are taken for degrees."""
 LARGEST_DEGREES = 720.0
 """Largest number of an angle that may be degrees; wider limits in a URDF stand for none."""
 MOST_TYPICAL = 1e3
-"""Largest parameter of a cause over its usual value on a measuring arm: gain of an encoder within
-±10 %.
-"""
+"""Largest parameter of a cause over the usual value on a measuring arm."""
 LARGEST_U_RATIO = 1e5
-"""Largest standard uncertainty over the usual value: a fit may hardly know a parameter."""
+"""Largest standard uncertainty over the usual value."""
 LATEST = 1e12
 """Largest magnitude of a time [s]; since 1970 it is the year 33 000."""
 COLDEST, HOTTEST = -100.0, 200.0
@@ -57,9 +53,7 @@ MOST_UNKNOWN = 100
 
 
 class Range(NamedTuple):
-    """Possible values of a quantity or noise in ``unit``; ``perhaps`` names the unit of other
-    numbers.
-    """
+    """Possible values of a quantity in ``unit``; ``perhaps`` names the unit of other numbers."""
 
     least: float
     most: float
@@ -67,18 +61,18 @@ class Range(NamedTuple):
     perhaps: str = ""
 
     def outside(self, values: ArrayLike) -> NDArray[np.bool_]:
-        """Which of ``values`` are impossible; NaN, unknown, is possible."""
+        """Which values are impossible; NaN, unknown, is possible."""
         array = np.asarray(values, dtype=np.float64)
         return (array < self.least) | (array > self.most)
 
     def of_unit(self, unit: str, factor: float) -> Range:
-        """The same range in another unit of the size ``factor``."""
+        """The range in another unit of the size ``factor``."""
         least, most = self.least / factor, self.most / factor
         return Range(least, most, unit, self.perhaps)
 
     @property
     def expected(self) -> str:
-        """The range as text."""
+        """The range as text of an error."""
         values = f"{self.least:.6g} to {self.most:.6g} {self.unit}"
         perhaps = f" (perhaps {self.perhaps})" if self.perhaps else ""
         return f"expected {values}; check the unit{perhaps}"
@@ -110,23 +104,19 @@ TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "kelvin or Fahrenheit")
 CLOCK = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
 ENCODER_NOISE = Range(0.0, 5e-3, "rad")
-"""Standard uncertainty of one reading, of any encoder or robot joint [rad; m for prismatic
-joints].
-"""
+"""Standard uncertainty of one reading [rad; m for prismatic joints]."""
 SHIFT_HALF_WIDTH = Range(0.0, 1.0, "m")
 TURN_HALF_WIDTH = Range(0.0, math.pi, "rad")
 """Bounds of the placement of a joint; half a turn if unknown."""
 WIDEST_HALF_WIDTHS = {"m": 0.012, "rad": 0.12}
-"""Wider half-widths of geometry may be in another unit: the default of unstated geometry, ±10 mm
-and ±0.1 rad, has U of 11.5 mm and 0.115 rad [m, rad].
+"""Wider half-widths of geometry may be in another unit [m, rad]; U of unstated geometry is 11.5 mm
+and 0.115 rad.
 """
 LENGTH_NOISE = Range(0.0, 0.01, "m")
 """Standard uncertainty of a reference, a contact, or a length of a bar."""
 
 TURN_NOISE = Range(0.0, 0.1, "rad")
-"""Standard uncertainty of a stated orientation about each axis: 5e-5 for a laser tracker, 1e-3 for
-a camera.
-"""
+"""Standard uncertainty of an orientation about each axis: laser tracker 5e-5, camera 1e-3."""
 USUAL_TURN_NOISE = 5e-3
 """From here on a note asks whether it is in degrees [rad]."""
 
@@ -143,14 +133,11 @@ LARGEST_COUNTS = {
     "sectors": (2_500, "4 GB of memory"),
     "workers": (256, "40 GB of memory"),
 }
-"""Largest possible number of each thing, and the memory or time for so many, measured with SINO6.
-
-Only time limits plans: a third of a second for each record.
-"""
+"""Largest number of each thing, and the memory or time for so many, measured with SINO6."""
 
 
 def without_nul(value: str) -> str:
-    """The text, refused with a character NUL."""
+    """Refuse a character NUL."""
     if "\0" in value:
         raise ValueError(
             f"the character NUL at place {value.index(chr(0)) + 1}; expected text without NUL"
@@ -159,7 +146,7 @@ def without_nul(value: str) -> str:
 
 
 def in_one_line(value: str) -> str:
-    """The text, refused with a line end, which would forge a line of output."""
+    """Refuse a line end, which would forge a line of output."""
     if value.splitlines() != [value]:
         raise ValueError(f"{value!r}; expected one line of text")
     return value
@@ -193,9 +180,7 @@ NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
 
 
 def out_of_reach(tips: ArrayLike) -> str:
-    """A sentence if one of ``tips`` (n, 3) [m] is farther from the base than any arm reaches, else
-    "".
-    """
+    """A sentence if one of ``tips`` (n, 3) [m] is farther away than any arm reaches, else ""."""
     distance = float(np.linalg.norm(tips, axis=1).max())
     if distance <= LONGEST_LENGTH:
         return ""
@@ -216,8 +201,8 @@ def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
 
 
 def mostly_like_degrees(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of ``angles`` (n, joints) [rad] are beyond :data:`MOST_TURNS`, if those of most joints
-    away from zero are; else none, since an endless joint may count many turns.
+    """Which of ``angles`` (n, joints) [rad] are beyond :data:`MOST_TURNS`; none if only few joints
+    are, because an endless joint may count many turns.
     """
     beyond = np.abs(angles) > MOST_TURNS * 2 * math.pi + 1e-9
     joints = np.count_nonzero(angles.any(axis=0))

@@ -32,13 +32,8 @@ def bar(progress: Progress, what: str, unit: str, **named: Any) -> Any:
 
 @contextmanager
 def watched(steps: Iterable[T], progress: Progress, what: str, unit: str) -> Iterator[Iterable[T]]:
-    """A context with the steps, whose bar moves as they are taken.
-
-    Args:
-        steps: the steps.
-        progress: see :data:`Progress`.
-        what: the task in a word or two.
-        unit: name of a step.
+    """A context with the steps, whose bar moves as they are taken; ``what`` is the task in a word
+    or two, and ``unit`` the name of a step.
     """
     if callable(progress):
         yield progress(steps)

@@ -119,9 +119,7 @@ def csv_text(
     quoting: Literal[0, 2] = csv.QUOTE_MINIMAL,
     separator: str = ",",
 ) -> str:
-    """A data frame, or columns by their names, as CSV: quoted text, unchanged numbers, empty
-    missing values.
-    """
+    """A data frame, or columns by their names, as CSV, with empty cells for missing values."""
     columns = [
         getattr(column, "tolist", lambda column=column: column)() for _, column in table.items()
     ]
@@ -141,7 +139,7 @@ def _quoted(value: object) -> object:
 
 
 def _is_number(text: str) -> bool:
-    """Whether it is a number with decimal point or comma."""
+    """With decimal point or comma."""
     try:
         float(text.replace(",", "."))
     except ValueError:

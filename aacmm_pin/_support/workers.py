@@ -38,9 +38,9 @@ def results(
     jobs; an error or interrupt in it ends worker processes at once.
 
     Args:
-        work: a function of a module, for it is sent by its name.
+        work: a function of a module, which is sent by name.
         jobs: all are submitted at once.
-        workers: see :data:`Workers`; 1 is this process.
+        workers: 1 is this process.
 
     Raises:
         AacmmError: a worker process was killed, or the number of processes is out of range.

@@ -142,7 +142,7 @@ class AnyArm(UrdfArm):
 
 @dataclass(frozen=True)
 class UncertainArm(AnyArm):
-    """An arm whose uncertainty matters; that of a URDF is given by options."""
+    """An arm whose uncertainty matters; options state that of a URDF."""
 
     translation_half_width: Annotated[
         float | None,
@@ -200,7 +200,7 @@ class ArmAndData(UncertainArm):
     ] = None
 
     def model_and_data(self) -> tuple[ErrorModel, str]:
-        """The arm with its effects, and the path of the file.
+        """The arm, and the path of the file.
 
         Raises:
             AacmmError: the arm cannot be used.
@@ -225,10 +225,10 @@ class ArmAndData(UncertainArm):
         return self.with_approach(records.with_joint_angles(model.arm))
 
     def with_approach(self, records: Measurements) -> Measurements:
-        """The records with directions of approach, if these come from the order of the rows.
+        """The records, if asked with directions of approach from the order of the rows.
 
         Raises:
-            AacmmError: they state such directions.
+            AacmmError: they state directions.
         """
         return records.with_approach_from_order() if self.approach_from_order else records
 
@@ -269,7 +269,7 @@ class ContactNoise(EncoderNoise):
     ] = None
 
     def simulated(self, arm: Arm) -> Noise:
-        """Noise of virtual measurements: as given, else of the arm, else typical, with a note."""
+        """Noise of virtual measurements: as stated, else of the arm, else typical, with a note."""
         encoder = arm.encoder_noise if self.encoder_noise is None else self.encoder_noise
         if encoder is None:
             note(str(Note("encoder_noise_assumed", {"noise": ENCODER})))
@@ -283,9 +283,7 @@ class ContactNoise(EncoderNoise):
 
 
 def restrict_to_known_range(model: ErrorModel) -> ErrorModel:
-    """The model whose joints stay where its effects are known, with a note on each limited
-    joint.
-    """
+    """Limit the joints to where the effects are known, with a note on each limited joint."""
     within = model.restricted_to_known_range()
     for j in np.flatnonzero((within.arm.limits != model.arm.limits).any(axis=1)):
         unit, size = (" mm", MM) if model.arm.chain.prismatic[j] else ("°", DEG)

@@ -19,9 +19,8 @@ Quiet = Annotated[
 
 
 def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorate the function of a subcommand, and state examples for its help.
-
-    A parameter whose type is a dataclass stands for the fields of the dataclass.
+    """Decorate the function of a subcommand; a parameter whose type is a dataclass stands for the
+    fields of the dataclass.
     """
 
     def with_options(function: Callable[..., None]) -> Callable[..., None]:

@@ -27,7 +27,7 @@ SEARCHED = [*sys.path]
 
 
 def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
-    """Import modules by name or path, and entry points; return the paths of all files read.
+    """Import modules by name or path, and entry points; return the paths of all files.
 
     Raises:
         AacmmError: one cannot be imported.
@@ -58,10 +58,10 @@ def _load(origin: str, load: Callable[[], Any]) -> None:
 
 
 def import_plugin(name: str) -> ModuleType:
-    """Import a module by its name or by the path of its file.
+    """Import a module by name or by the path of the file.
 
     Raises:
-        AacmmError: another module has the name of the file; worker processes import it by its name.
+        AacmmError: the file is missing, or another module has the name, by which workers import it.
     """
     if not name.endswith(".py"):
         return importlib.import_module(name)
@@ -84,9 +84,9 @@ def import_plugin(name: str) -> ModuleType:
 
 
 def plugin_error(error: BaseException) -> str | None:
-    """The error of a class of a plugin, in one line; None if no plugin is loaded.
+    """The error of a plugin in one line; None if no plugin is loaded.
 
-    If no line of a plugin is in the traceback, an attribute of its class may be wrong.
+    If no line of a plugin is in the traceback, an attribute of the class may be wrong.
     """
     plugins = {
         cause.cause: getattr(sys.modules.get(cause.__module__), "__file__", None)

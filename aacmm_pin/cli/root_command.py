@@ -244,7 +244,7 @@ OF_PROGRAMS = (
 
 @contextmanager
 def _warnings_as_notes() -> Iterator[None]:
-    """Print warnings of libraries without file and line; tests can still turn them into errors."""
+    """Print warnings of libraries without file and line; tests can turn them into errors."""
 
     def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
         if not issubclass(category, OF_PROGRAMS):
