@@ -162,11 +162,7 @@ def run(
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
-    """MPEs by name of the characteristic [m].
-
-    Raises:
-        AacmmError: one is no number, or a file cannot be read.
-    """
+    """MPEs by name of the characteristic [m]."""
     limits: dict[str, float] = {}
     stated = [item for text in texts for item in _stated_limits(text).items()]
     for name, value in stated:

@@ -155,11 +155,7 @@ def run(
 
 
 def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
-    """The arm of ``--nominal``; default the arm of the URDF that ``model`` names.
-
-    Raises:
-        AacmmError: the arm cannot be loaded, or has other joints.
-    """
+    """The arm of ``--nominal``; default the arm of the URDF that ``model`` names."""
     if name is None:
         return None if model.arm.nominal is None else ErrorModel(model.arm.uncorrected)
     try:
@@ -178,11 +174,7 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
 
 
 def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> Array:
-    """Corrected commands (n, nq) [rad]; nan, with a warning, where the tip does not arrive.
-
-    Raises:
-        AacmmError: the tip never arrives.
-    """
+    """Corrected commands (n, nq) [rad]; nan, with a warning, if the tip does not arrive."""
     commands, arrived = joint_commands(model, nominal, records.q, records.conditions)
     _warn_of_large_changes(model, commands - records.q, records, arrived)
     if np.array_equal(commands, records.q):
@@ -211,7 +203,6 @@ def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> 
 def _warn_of_large_changes(
     model: ErrorModel, change: Array, records: Measurements, arrived: Mask
 ) -> None:
-    """Warn of joints that change (n, nq) [rad] by much in most rows, and of singular postures."""
     change = np.where(model.arm.chain.prismatic, 0.0, change)[arrived]
     if not len(change):
         return
@@ -280,11 +271,7 @@ def _note_comparisons(
 
 
 def _rows_in_range(model: ErrorModel, readings: Measurements) -> Index:
-    """Rows in the known range of all causes of the model; warns of the others.
-
-    Raises:
-        AacmmError: there is no such row.
-    """
+    """Rows in the known range of all causes of the model; warn of the others."""
     in_range = model.known_at(readings.q)
     for effect, inside in zip(model.effects, in_range.T, strict=True):
         if not inside.all():

@@ -195,7 +195,6 @@ def _refuse_others(
 
 
 def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:
-    """Refuse effects without values, and effects that no record shows."""
     for given in effects:
         if not any(given.values):
             values = ",".join(f"{name}=VALUE" for name in given.file_values())

@@ -69,7 +69,6 @@ class ArmLines:
 
 
 def _lines_of_table(dh: DHTable) -> list[Array]:
-    """Lines along d and a of every row."""
     zero, start = np.zeros_like(dh.a), np.zeros((1, 3))
     along_d = np.column_stack([zero, zero, dh.d])
     along_a = np.column_stack([dh.a, zero, zero])

@@ -293,7 +293,6 @@ def run_demo(
 
 
 def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
-    """The hidden cause, and records of a virtual arm that has it."""
     rng = np.random.default_rng(SEED)
     phase = rng.uniform(-np.pi, np.pi)
     hidden = EncoderEccentricity(JOINT, values=(SIZE * np.cos(phase), SIZE * np.sin(phase)))

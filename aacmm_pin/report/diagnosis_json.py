@@ -130,7 +130,6 @@ def discrepancy_to_dicts(left: Unexplained) -> list[dict[str, Any]]:
 
 
 def _likely(sets: Mapping[tuple[str, ...], float]) -> list[dict[str, Any]]:
-    """Sets of causes with the probabilities that are worth listing."""
     return [
         {"causes": labels, "probability": p}
         for labels, p in sets.items()

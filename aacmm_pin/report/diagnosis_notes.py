@@ -69,7 +69,6 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
 
 
 def _of_masses(result: Diagnosis) -> Iterator[Note]:
-    """Elastic causes with unmeasured weights."""
     effects = [f.effect for f in result.findings]
     loaded = [e for e in effects if hasattr(e, "load_at") and "torque" not in e.needs]
     names = [effect.label for effect in loaded]
@@ -107,7 +106,6 @@ def _values(effect: Effect, values: dict[str, tuple[float, float]], slides: bool
 
 
 def _clock(conditions: Conditions) -> Iterator[Note]:
-    """Whether the clock counts from the moment at which the arm was switched on."""
     time = conditions.time
     if time is None or np.ptp(time) == 0.0:
         return

@@ -296,7 +296,6 @@ def unexplained_in_words(left: Unexplained) -> Iterator[str]:
 
 
 def _saved_in_words(result: Diagnosis) -> Iterator[str]:
-    """Which part of the discrepancy the extended arm contains."""
     parts, lost = [part.covariate for part in result.unexplained.discrepancy], result.not_saved
     saved = " and on ".join(covariate_in_words(name) for name in parts if name not in lost)
     if saved and any(isinstance(effect, Discrepancy) for effect in result.model.effects):

@@ -189,7 +189,6 @@ def _first(result: Diagnosis) -> str:
 
 
 def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
-    """How to distinguish the most probable set of causes from the other possible sets."""
     # Two causes in which the most probable set and a possible other set differ.
     best = next(iter(result.alternatives))
     named = {finding.label: finding.effect for finding in result.findings}

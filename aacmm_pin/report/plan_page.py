@@ -198,7 +198,6 @@ def mostly_seats(records: Measurements) -> bool:
 
 
 def _options(arm: Arm, asked: Mapping[str, Any]) -> list[str]:
-    """Options of ``aacmm-pin plan`` for the same set-up."""
     options = []
     for name, usual in DEFAULTS.items():
         if asked.get(name, usual) != usual:

@@ -109,7 +109,6 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
 
 
 def _stands(procedure: Procedure) -> pd.DataFrame:
-    """Places of artefacts with their far ends."""
     ends = _ends(procedure)
     heads = ["distance [mm]", "bearing [°]", "height [mm]"]
     where = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)

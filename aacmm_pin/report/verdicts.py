@@ -266,7 +266,6 @@ def _structure(result: Diagnosis) -> str:
 
 
 def _size_left(result: Diagnosis) -> tuple[str, bool]:
-    """Size of the remaining residuals, and whether it is implausibly large."""
     size, noise, extended = result.rms["extended"], result.noise, result.extended
     text = f"the RMS residual is still {length(size)}, but the stated noise is zero"
     if noise > NO_SCATTER:

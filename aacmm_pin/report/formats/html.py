@@ -92,7 +92,6 @@ def templates(finalize: Callable[[object], object] | None = None) -> jinja2.Envi
 
 
 def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
-    """Data of each block for the template."""
     return [
         {"kind": type(block).__name__, **vars(block), **_derived(block, on_page)}
         for block in blocks

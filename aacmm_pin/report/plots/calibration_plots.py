@@ -290,7 +290,6 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 
 def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
-    """Draw changes over stated bounds, or in a small unit."""
     largest = np.nanmax(np.abs(table[["change", "U"]].to_numpy()))
     unit, factor = small_unit(table["unit"].iloc[0], largest)
     label, scale = f"[{unit}]", pd.Series(1 / factor, table.index)

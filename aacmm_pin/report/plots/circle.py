@@ -136,7 +136,6 @@ def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> li
 def _draw_elbow(
     ax: Axes3D, circle: ConfigurationCircle, inside: Index, accuracy: AccuracyVolume | None
 ) -> None:
-    """Draw the path of the elbow, coloured by volume within limits, else grey."""
     elbow = circle.components.swivel.elbow(circle.q)
     pairs = neighbours(circle, np.arange(len(circle)))
     pieces, values = elbow[pairs] / MM, np.full(len(circle), np.nan)

@@ -126,7 +126,6 @@ def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
 def _draw_path(
     scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
 ) -> None:
-    """Draw the pieces of the path (n, 3) [m] within and outside limits."""
     pairs = neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS))
     works = circle.within_limits[pairs].all(axis=1)
     within, outside = pairs[works], pairs[~works]

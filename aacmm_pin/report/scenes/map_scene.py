@@ -127,7 +127,6 @@ def _corners(map_: WorkspaceMap) -> Array:
 
 
 def _draw_cells(scene: Scene, name: str, corners: Array, colours: Array) -> None:
-    """``corners`` (n, 4, 3) [m] and ``colours`` (n, 3)."""
     first = 4 * np.arange(len(corners))
     faces = np.array([[0, 1, 2], [0, 2, 3]]) + first[:, None, None]
     painted = np.repeat(colours, 4, axis=0)
