@@ -121,11 +121,11 @@ def csv_text(
 ) -> str:
     """A data frame, or columns by their names, as CSV, with empty cells for missing values."""
     columns = [
-        getattr(column, "tolist", lambda column=column: column)() for _, column in table.items()
+        column.tolist() if hasattr(column, "tolist") else column for _, column in table.items()
     ]
     text = io.StringIO()
     writer = csv.writer(text, quoting=quoting, lineterminator="\n", delimiter=separator)
-    writer.writerow([_quoted(str(name)) for name, _ in table.items()])
+    writer.writerow([_quoted(str(name)) for name in table])
     writer.writerows(map(_quoted, row) for row in zip(*columns, strict=True))
     return encodable(text.getvalue())
 

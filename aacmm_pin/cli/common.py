@@ -206,7 +206,7 @@ class Results(OutputFiles):
         file.write_text(encodable(text), encoding="utf-8", newline="")
 
     def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
-        """Write the arm file of a model, also with an estimate too large for reading it again."""
+        """Write the arm file of a model, with a note if an estimate is too large to be read."""
         from aacmm_pin.effects import require_plausible  # the list of commands needs none
 
         for effect in model.effects:
