@@ -92,40 +92,44 @@ def templates(finalize: Callable[[object], object] | None = None) -> jinja2.Envi
 
 
 def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
-    return [
-        {"kind": type(block).__name__, **vars(block), **_derived(block, on_page)}
-        for block in blocks
-    ]
+    prepared = []
+    for block in blocks:
+        data: dict[str, Any] = {"kind": type(block).__name__, **vars(block)}
+        match block:
+            case Notes(items=items):
+                data |= {"items": [f"{capital(str(note))}." for note in items], "head": "Notes:"}
+            case Table():
+                data |= _table(block, on_page)
+            case Figure(png=png):
+                data["uri"] = data_uri(png, "image/png")
+            case SceneView(scene=scene, height=height):
+                data["markup"] = Markup(scene().embedded(height))
+            case Folded(blocks=folded):
+                data["blocks"] = _prepared(folded, on_page=on_page)
+            case Download(content=bytes(content)):
+                size = len(content)
+                data["size"] = f"{size / 1e3:.0f} kB" if size >= 1000 else f"{size} B"
+                media = mimetypes.guess_type(block.name)[0] or "application/octet-stream"
+                data["uri"] = data_uri(content, media)
+        prepared.append(data)
+    return prepared
 
 
-def _derived(block: Block, on_page: bool) -> dict[str, Any]:
-    match block:
-        case Notes(items=items):
-            return {"items": [f"{capital(str(note))}." for note in items], "head": "Notes:"}
-        case Table():
-            # Head and style of each column: a short text stays on one line.
-            cells, columns = block.cells(), []
-            for head, texts in cells.items():
-                style = "short" if all(len(text) <= SHORT_TEXT for text in texts) else "long"
-                columns.append((head, "number" if are_numbers(texts) else style))
-            return {
-                "columns": columns,
-                "rows": cells.to_numpy().tolist(),
-                "more": len(block.frame) - len(cells),
-                "explained": block.explained if on_page else "",
-                "aligned": dict.fromkeys(ALIGNED, "") if on_page else ALIGNED,
-            }
-        case Figure(png=png):
-            return {"uri": data_uri(png, "image/png")}
-        case SceneView(scene=scene, height=height):
-            return {"markup": Markup(scene().embedded(height))}
-        case Folded(blocks=blocks):
-            return {"blocks": _prepared(blocks, on_page=on_page)}
-        case Download(content=bytes(content)):
-            size = f"{len(content) / 1e3:.0f} kB" if len(content) >= 1000 else f"{len(content)} B"
-            media = mimetypes.guess_type(block.name)[0] or "application/octet-stream"
-            return {"uri": data_uri(content, media), "size": size}
-    return {}
+def _table(table: Table, on_page: bool) -> dict[str, Any]:
+    """Rows of text; head and style of every column: ``number``, ``short`` (not broken) or
+    ``long``.
+    """
+    cells, columns = table.cells(), []
+    for head, texts in cells.items():
+        style = "short" if all(len(text) <= SHORT_TEXT for text in texts) else "long"
+        columns.append((head, "number" if are_numbers(texts) else style))
+    return {
+        "columns": columns,
+        "rows": cells.to_numpy().tolist(),
+        "more": len(table.frame) - len(cells),
+        "explained": table.explained if on_page else "",
+        "aligned": dict.fromkeys(ALIGNED, "") if on_page else ALIGNED,
+    }
 
 
 def _kept_together(value: object) -> object:
