@@ -164,20 +164,20 @@ def run(
 def _limits(texts: list[str]) -> dict[str, float]:
     """MPEs by name of the characteristic [m]."""
     limits: dict[str, float] = {}
-    stated = [item for text in texts for item in _stated_limits(text).items()]
-    for name, value in stated:
-        if name in limits:
-            raise typer.BadParameter(
-                f"--mpe states {name} twice; expected each characteristic once"
-            )
-        try:
-            limit = number(str(value))
-        except ValueError:
-            raise AacmmError(
-                f"MPE of {name}: {value!r}; expected a number in mm with a decimal point"
-            ) from None
-        MPE.of_unit("mm", MM).check(limit, f"MPE of {name}")
-        limits[name] = limit * MM
+    for text in texts:
+        for name, stated in _stated_limits(text).items():
+            if name in limits:
+                raise typer.BadParameter(
+                    f"--mpe states {name} twice; expected each characteristic once"
+                )
+            try:
+                limit = number(str(stated))
+            except ValueError:
+                raise AacmmError(
+                    f"MPE of {name}: {stated!r}; expected a number in mm with a decimal point"
+                ) from None
+            MPE.of_unit("mm", MM).check(limit, f"MPE of {name}")
+            limits[name] = limit * MM
     return limits
 
 
