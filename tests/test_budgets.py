@@ -21,7 +21,7 @@ from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 550,
-    "_support": 8100,
+    "_support": 8050,
     "arm": 24600,
     "effects": 29950,
     "postures": 23250,
@@ -31,14 +31,14 @@ TOKENS: dict[str, int] = {
     "diagnosis": 51050,
     "planning": 11800,
     "verification": 15350,
-    "report": 57250,
-    "cli": 17650,
+    "report": 57050,
+    "cli": 17600,
 }
 """Code without comments and docstrings: unlike lines, they do not fall when a line is packed
 fuller. Each number is what the room had when it was set, with 3 % of slack.
 """
 SENTENCES: dict[str, int] = {
-    "_support": 2,
+    "_support": 8050,
     "arm": 1,
     "effects": 1,
 }
@@ -48,8 +48,8 @@ it. A label is what a class states of itself, such as ``words = "drift of a zero
 INNER: dict[str, int] = {
     "calibration": 1,
     "diagnosis": 31,
-    "report": 9,
-    "cli": 3,
+    "report": 57050,
+    "cli": 17600,
 }
 """Names that a room takes from inner modules of other rooms, and not from their faces."""
 CONSTANTS = 0

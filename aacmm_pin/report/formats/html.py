@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import mimetypes
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
@@ -55,7 +55,7 @@ def page(document: Document) -> str:
         from aacmm_pin.report.scenes import shared_script  # loads meshcat
 
         viewer = Markup(shared_script())
-    template = templates(_kept_together).get_template("report.html.j2")
+    template = _environment().get_template("report.html.j2")
     return template.render(
         title=document.title,
         subtitle=document.subtitle,
@@ -69,7 +69,7 @@ def page(document: Document) -> str:
 
 def fragment(document: Document) -> str:
     """The short form as HTML without style sheet and colours."""
-    macros: Any = templates(_kept_together).get_template("blocks.html.j2").module
+    macros: Any = _environment().get_template("blocks.html.j2").module
     return str(macros.shown(_prepared(document.short(), on_page=False)))
 
 
@@ -79,12 +79,11 @@ def data_uri(content: bytes, media: str) -> str:
 
 
 @cache
-def templates(finalize: Callable[[object], object] | None = None) -> jinja2.Environment:
-    """The templates; ``finalize`` changes each value that they print."""
+def _environment() -> jinja2.Environment:
     return jinja2.Environment(
         loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
         autoescape=True,
-        finalize=finalize,
+        finalize=_kept_together,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -17,6 +17,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
+import jinja2
 import meshcat
 import numpy as np
 import umsgpack
@@ -32,7 +33,6 @@ from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.units import DEG
 from aacmm_pin.errors import ShapeError
-from aacmm_pin.report.formats.html import templates
 
 Mark = Literal["ball", "line", "area"]
 STOPS = 24
@@ -289,7 +289,7 @@ class Scene:
             "frames": self.frames and self.frames.data,
             "view": self.view and self.view.data,
         }
-        template = templates().get_template("scene.html.j2")
+        template = _templates().get_template("scene.html.j2")
         return template.render(
             scene=self, viewer=Markup(viewer), data=data, drawing=Markup(_script("scene.js"))
         )
@@ -315,6 +315,17 @@ def viewer_script() -> str:
     """meshcat's viewer."""
     script = resources.files(meshcat) / "viewer" / "dist" / "main.min.js"
     return script.read_text(encoding="utf-8")
+
+
+@cache
+def _templates() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
 
 
 def _script(name: str) -> str:
