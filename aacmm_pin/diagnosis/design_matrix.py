@@ -165,10 +165,15 @@ class Design:
         return self.scales.size
 
     @cached_property
+    def owners(self) -> Index:
+        """Candidate of every block (blocks,)."""
+        return np.array([block.candidate for block in self.blocks], dtype=np.intp)
+
+    @cached_property
     def families(self) -> tuple[Family, ...]:
         """The blocks by their columns and number of parameters."""
         alike = defaultdict[tuple[int | None, int, int], list[int]](list)
-        variants = np.bincount([block.candidate for block in self.blocks])
+        variants = np.bincount(self.owners)
         for number, block in enumerate(self.blocks):
             place = None if block.form is None else block.columns.start
             apart = block.candidate if variants[block.candidate] > MANY_VARIANTS else -1

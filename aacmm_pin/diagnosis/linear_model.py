@@ -9,8 +9,9 @@ such as the evidence of every form of a place, is arithmetic on the products ins
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
@@ -65,12 +66,8 @@ class Likelihood:
         as_stated = np.log1p(-share) - 0.5 * chi2
         return np.asarray(np.logaddexp(as_stated, np.log(share) + free))
 
-    def variance(self, chi2: float) -> float:
-        """Factor on the variance of the noise that a value of χ² makes most probable."""
-        return float(self.variances(chi2))
-
-    def variances(self, chi2: Array | float) -> Array:
-        """The same for values of χ²."""
+    def variance(self, chi2: Array | float) -> Array:
+        """Factor on the variance of the noise that values of χ² make most probable."""
         chi2 = np.maximum(chi2, LEAST_CHI2)
         if self.dof <= 0:
             return np.ones_like(chi2)
@@ -175,9 +172,7 @@ class Base:
             parameters = self.gram.design.blocks[block]
             products = parameters.of_rows(self.gram.matrix).T
             rows = products - parameters.of_rows(self.whitened).T @ self.whitened
-        self._rows[block] = rows
-        if len(self._rows) > KEPT:
-            del self._rows[next(iter(self._rows))]
+        keep(self._rows, block, rows, KEPT)
         return rows
 
     @cached_property
@@ -233,18 +228,13 @@ class Members:
     @cached_property
     def information(self) -> Array:
         """Products of the set's parameters with one another (m, m)."""
-        size = sum(self.base.design_blocks[k].size for k in self.blocks)
-        information = np.empty((size, size))
-        for k, entries in self.places.items():
-            rows = self.base.rows(k)
-            for other, columns in self.places.items():
-                information[entries, columns] = self.base.design_blocks[other].of_rows(rows)
-        return information
+        products = [self.base.design_blocks[k].of_rows(self.rows) for k in self.blocks]
+        return np.concatenate([np.zeros((len(self.rows), 0)), *products], axis=1)
 
-    @cached_property
+    @property
     def gradient(self) -> Array:
         """Products of the set's parameters with the residual (m,)."""
-        return np.concatenate([np.zeros(0), *(self.base.rows(k)[:, -1] for k in self.blocks)])
+        return self.rows[:, -1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,7 +339,7 @@ class Conditional:
     @property
     def variance(self) -> float:
         """Factor by which the records scatter more than their noise."""
-        return self.likelihood.variance(self.chi2)
+        return float(self.likelihood.variance(self.chi2))
 
     @cached_property
     def dof(self) -> float:
@@ -393,14 +383,28 @@ class Conditional:
 
     @property
     def all(self) -> Beside:
-        """What is left beside the set; not kept, as it refers to this, and the memory of a circle
-        is freed late.
-        """
-        return Beside.of(self)
+        """What is left beside the set."""
+        return self.without()
 
     def without(self, *members: int) -> Beside:
-        """What is left beside the set without some of its blocks."""
-        return Beside.of(self, members)
+        """What is left beside the set without some of its blocks.
+
+        Not kept, as it refers to this, and the memory of a circle is freed late.
+        """
+        entries = numbers_of([self.places[k] for k in members])
+        inverse = self.inverse[np.ix_(entries, entries)]
+        precision = np.asarray(np.linalg.inv(inverse), np.float64)
+        estimate = self.estimate[entries]
+        scaled = precision * np.square(self.scale[entries])
+        of_members = sum(map(self.log_above_zero_of, members))
+        return Beside(
+            self,
+            chi2=self.chi2 + float(estimate @ precision @ estimate),
+            log_volume=self.log_volume - 0.5 * float(np.linalg.slogdet(scaled)[1]),
+            log_above_zero=self.log_above_zero - of_members,
+            entries=entries,
+            precision=precision,
+        )
 
     @property
     def over_widths(self) -> Array:
@@ -408,24 +412,15 @@ class Conditional:
         widths + 1).
         """
         log_likelihoods = np.empty((len(self.blocks), WIDTHS.size + 1))
-        for k, values in zip(self.blocks, log_likelihoods, strict=True):
-            values[:] = self._over_widths(k)
+        for block, values in zip(self.blocks, log_likelihoods, strict=True):
+            beside = self.without(block)
+            place = self.places[block]
+            information = beside.precision - np.diag(self.scale[place] ** -2.0)
+            gradient = -beside.precision @ self.estimate[place]
+            positive = np.array([self.design_blocks[block].positive])
+            values[:-1] = beside.with_each(information[None], gradient[None], positive)[0]
+            values[-1] = beside.log_evidence
         return log_likelihoods
-
-    def _over_widths(self, block: int) -> Array:
-        entries = self.places[block]
-        precision = np.asarray(np.linalg.inv(self.inverse[entries, entries]), np.float64)
-        scale = self.scale[entries]
-        gradient = -precision @ self.estimate[entries]
-        chi2 = self.chi2 - float(gradient @ self.estimate[entries])
-        _, log_det = np.linalg.slogdet(precision * np.square(scale))
-        log_volume = self.log_volume - 0.5 * float(log_det)
-        others = self.log_above_zero - self.log_above_zero_of(block)
-        beside = Beside(self, chi2, log_volume, others, np.zeros((0, 0)))
-        information = precision - np.diag(scale**-2.0)
-        positive = np.array([self.design_blocks[block].positive])
-        values = beside.with_each(information[None], gradient[None], positive)[0]
-        return np.append(values, beside.log_evidence)
 
     @cached_property
     def _of_base(self) -> Array:
@@ -496,7 +491,8 @@ class Beside:
         chi2: what is left of χ².
         log_volume: of the others and the background.
         log_above_zero: see :attr:`Conditional.log_above_zero`, of the others.
-        back: rows whose squares are left too (q, columns + 1).
+        entries: of the members left out, among the set's parameters (q,).
+        precision: ``Q``, of these (q, q).
         before: what was left before one more block was added.
         more: rows whose squares that block takes (q, columns + 1).
     """
@@ -505,23 +501,16 @@ class Beside:
     chi2: float
     log_volume: float
     log_above_zero: float
-    back: Array
+    entries: Index
+    precision: Array
     before: Beside | None = None
-    more: Array | None = None
+    more: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
-    @staticmethod
-    def of(conditional: Conditional, members: Sequence[int] = ()) -> Beside:
-        """Without the members."""
-        entries = numbers_of([conditional.places[k] for k in members])
-        inverse = conditional.inverse[entries]
-        precision = np.linalg.inv(inverse[:, entries])
-        scaled = precision * np.square(conditional.scale[entries])
-        log_volume = conditional.log_volume - 0.5 * float(np.linalg.slogdet(scaled)[1])
-        above = conditional.log_above_zero_of
-        others = sum(above(k) for k in conditional.blocks if k not in members)
-        back = np.linalg.cholesky(precision).T @ (inverse @ conditional.members.rows)
-        chi2 = conditional.chi2 + float(back[:, -1] @ back[:, -1])
-        return Beside(conditional, chi2, log_volume, others, back)
+    @cached_property
+    def _back(self) -> Array:
+        """Rows whose squares are left too, for the members left out (q, columns + 1)."""
+        along = self.conditional.inverse[self.entries] @ self.conditional.members.rows
+        return np.asarray(np.linalg.cholesky(self.precision).T @ along)
 
     def plus(self, block: int, width: int) -> Beside:
         """With one block more."""
@@ -551,27 +540,19 @@ class Beside:
         1).
         """
         parameters = self.conditional.design_blocks[block]
+        if self.before is not None:
+            return self.before._rows(block) - parameters.of_rows(self.more).T @ self.more
         whitened = self.conditional.whitened
         rows = self.conditional.base.rows(block) - parameters.of_rows(whitened).T @ whitened
-        rows += parameters.of_rows(self.back).T @ self.back
-        at: Beside | None = self
-        while at is not None and at.more is not None:
-            rows -= parameters.of_rows(at.more).T @ at.more
-            at = at.before
-        return np.asarray(rows)
-
-    def inside(self, columns: slice | Index) -> Array:
-        """Products of some columns with one another, see :meth:`Base.inside`."""
-        return np.asarray(self.conditional.inside(columns) + _squares(self.back[:, columns]))
+        return np.asarray(rows + parameters.of_rows(self._back).T @ self._back)
 
     @cached_property
     def _left(self) -> Array:
         """Products of all columns and, last, the residual with the residual (columns + 1,), before
         one more block was added.
         """
-        conditional = self.conditional
-        taken = -conditional.estimate @ conditional.members.rows
-        return np.asarray(conditional.base.left - taken + self.back[:, -1] @ self.back)
+        change = self.conditional.estimate @ self.conditional.members.rows
+        return np.asarray(self.conditional.base.left + change + self._back[:, -1] @ self._back)
 
     @cached_property
     def _of_families(self) -> dict[int, tuple[Array, Array]]:
@@ -582,8 +563,10 @@ class Beside:
         kept.
         """
         if id(family) not in self._of_families:
-            if self.before is None or self.more is None:
-                information = family.information(self.inside(family.columns))
+            if self.before is None:
+                inside = self.conditional.inside(family.columns)
+                back = _squares(self._back[:, family.columns])
+                information = family.information(inside + back)
                 gradient = family.gradient(self._left)
             else:
                 information, gradient = self.before.of_family(family)
@@ -604,6 +587,11 @@ class Beside:
     def gradient(self, block: int) -> Array:
         """Products of the parameters of a block with the residual (q,)."""
         return self._rows(block)[:, -1]
+
+    def canonical(self, one: int, other: int) -> float:
+        """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
+        cross = self.cross(one, other)
+        return _largest_canonical(self.information(one), self.information(other), cross)
 
     @property
     def log_evidence(self) -> float:
@@ -631,17 +619,10 @@ class Beside:
         log_likelihood = self.conditional.likelihood.log(chi2) - volume - self.log_volume
         if positive.any():
             precision = information[positive, 0] + WIDTHS**-2.0
-            variance = self.conditional.likelihood.variances(chi2[positive])
+            variance = self.conditional.likelihood.variance(chi2[positive])
             deviation = np.sqrt(variance * precision)
             log_likelihood[positive] += log_above_zero(-gradient[positive] / deviation)
         return np.asarray(log_likelihood + self.log_above_zero)
-
-
-def canonical(beside: Beside, one: int, other: int) -> float:
-    """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
-    return _largest_canonical(
-        beside.information(one), beside.information(other), beside.cross(one, other)
-    )
 
 
 def _largest_canonical(first: Array, second: Array, cross: Array) -> float:
@@ -655,6 +636,14 @@ def _largest_canonical(first: Array, second: Array, cross: Array) -> float:
         return 0.0
     between = roots[0].T @ cross @ roots[1]
     return float(min(np.linalg.svd(between, compute_uv=False)[0], 1.0))
+
+
+def keep(kept: dict[Any, Any], key: object, value: object, most: int) -> None:
+    """Put a value behind those that are kept; the first goes if they are too many."""
+    kept.pop(key, None)
+    kept[key] = value
+    if len(kept) > most:
+        del kept[next(iter(kept))]
 
 
 def _key(columns: slice | Index) -> object:
@@ -683,10 +672,6 @@ def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
             return _by_factors(information, gradient)
         except np.linalg.LinAlgError:  # rounding left an eigenvalue far below zero
             pass
-    return _by_eigenvalues(information, gradient)
-
-
-def _by_eigenvalues(information: Array, gradient: Array) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 0.0)
     scaled = WIDTHS[:, None] ** 2 * values[:, None]  # (b, widths, q)

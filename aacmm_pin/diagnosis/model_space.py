@@ -21,6 +21,7 @@ from aacmm_pin.diagnosis.linear_model import (
     Conditional,
     Likelihood,
     Members,
+    keep,
     log_sum,
 )
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -76,24 +77,23 @@ class Candidates:
         """Prior odds: one cause is expected, shared by the causes' prior weights; one variant of
         each candidate.
         """
-        log_prior = _log_prior_of_candidates(library, len(design.names))
+        causes = [variants[0] for variants in library]
+        covariates = design.names[len(causes) :]
+        weights = np.array([cause.prior_weight for cause in causes])
+        of_causes = THRESHOLDS.library * weights / weights.sum()
+        share = (1.0 - THRESHOLDS.library) / max(len(covariates), 1)
+        log_prior = np.log(np.concatenate([of_causes, np.full(len(covariates), share)]))
         records = design.fit.problem.measurements
-        of_causes = zip(library, log_prior, strict=False)
-        within = [_shares(variants, prior, records) for variants, prior in of_causes]
-        owners = _owners(design)
-        variants_of = np.bincount(owners)
-        for count in variants_of[len(library) :]:
+        within = [np.zeros(0)]
+        for variants, log_odds in zip(library, log_prior, strict=False):
+            within.append(_shares(variants, log_odds, records))
+        for count in np.bincount(design.owners)[len(causes) :]:
             within.append(np.full(count, -np.log(count)))
-        log_odds = log_prior[owners] + np.concatenate([np.zeros(0), *within])
-        keys: list[object] = [place_of(variants[0]) for variants in library]
-        keys += design.names[len(library) :]
+        keys = [*map(place_of, causes), *covariates]
         numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-        places = np.array([numbers[key] for key in keys], dtype=np.intp)
-        free = [variants[0].free_form for variants in library]
-        free += (len(keys) - len(library)) * [False]
-        number = {variants[0].label: k for k, variants in enumerate(library)}
-        first = [f"{variants[0].follows}:{variants[0].place}" for variants in library]
-        follows = [number.get(label, -1) for label in first] + (len(keys) - len(library)) * [-1]
+        number = {cause.label: k for k, cause in enumerate(causes)}
+        first = [number.get(f"{cause.follows}:{cause.place}", -1) for cause in causes]
+        free = [cause.free_form for cause in causes]
         values = np.full(len(design.blocks), np.nan)
         changes = []
         for k, block in enumerate(design.blocks):
@@ -101,9 +101,14 @@ class Candidates:
                 effect = library[block.candidate][block.variant]
                 values[k] = effect.nonlinear.value(effect) if effect.nonlinear.field else np.nan
                 changes += [k] * is_change(effect)
-        alone = np.array(free, dtype=bool)
         return Candidates(
-            design, log_odds, places, alone, np.array(follows), values, tuple(changes)
+            design,
+            log_prior[design.owners] + np.concatenate(within),
+            places=np.array([numbers[key] for key in keys], dtype=np.intp),
+            free=np.array([*free, *len(covariates) * [False]], dtype=bool),
+            follows=np.array([*first, *len(covariates) * [-1]]),
+            values=values,
+            changes=tuple(changes),
         )
 
     @property
@@ -111,10 +116,10 @@ class Candidates:
         """All blocks of columns."""
         return self.design.blocks
 
-    @cached_property
+    @property
     def owners(self) -> Index:
         """Candidate of every block (blocks,)."""
-        return _owners(self.design)
+        return self.design.owners
 
     def owner(self, block: int) -> int:
         """Candidate of a block."""
@@ -129,12 +134,9 @@ class Candidates:
         """Place of every block (blocks,)."""
         return self.places[self.owners]
 
-    def families(self, place: int) -> list[Family]:
-        """The blocks of a place, as they are asked together."""
-        return self._families[place]
-
     @cached_property
-    def _families(self) -> dict[int, list[Family]]:
+    def families(self) -> dict[int, list[Family]]:
+        """The blocks of each place, as they are asked together."""
         of_place = defaultdict[int, list[Family]](list)
         for family in self.design.families:
             places = self.of_blocks[family.blocks]
@@ -162,9 +164,9 @@ class Candidates:
         of_owner = {self.owner(k): k for k in blocks}
         for owner, k in of_owner.items():
             first = int(self.follows[owner])
-            if first >= 0 and first not in of_owner:
-                return False
-            if first >= 0 and abs(self.values[k] - self.values[of_owner[first]]) < APART:
+            if first < 0:
+                continue
+            if first not in of_owner or abs(self.values[k] - self.values[of_owner[first]]) < APART:
                 return False
         return True
 
@@ -174,20 +176,6 @@ def place_of(effect: Effect) -> tuple[object, ...]:
     place.
     """
     return (effect.function_of or effect.cause, effect.location_field(), effect.place)
-
-
-def _owners(design: Design) -> Index:
-    """Candidate of every block (blocks,)."""
-    return np.array([block.candidate for block in design.blocks], dtype=np.intp)
-
-
-def _log_prior_of_candidates(library: Sequence[Variants], count: int) -> Array:
-    """Log prior odds of each candidate, causes before covariates (count,)."""
-    weights = np.array([variants[0].prior_weight for variants in library])
-    covariates = count - len(library)
-    of_causes = THRESHOLDS.library * weights / weights.sum()
-    of_covariates = np.full(covariates, (1.0 - THRESHOLDS.library) / max(covariates, 1))
-    return np.asarray(np.log(np.concatenate([of_causes, of_covariates])))
 
 
 def _shares(variants: Variants, log_prior: float, records: Measurements) -> Array:
@@ -306,9 +294,7 @@ class ModelSpace:
             conditional = Conditional(Members(base, state.blocks), state.widths, self.likelihood)
         elif conditional.widths != state.widths:
             conditional = replace(conditional, widths=state.widths)
-        self._rows[key] = conditional
-        if len(self._rows) > RECENT:
-            del self._rows[next(iter(self._rows))]
+        keep(self._rows, key, conditional, RECENT)
         return conditional
 
     def release(self) -> None:
@@ -319,10 +305,6 @@ class ModelSpace:
     def is_evaluated(self, blocks: Blocks) -> bool:
         """Whether the log posterior of a set was worked out, and not approximated."""
         return blocks in self._marginals
-
-    def log_prior(self, blocks: Blocks) -> float:
-        """Log prior odds of a set of blocks against none, without its widths."""
-        return float(self.candidates.log_odds[list(blocks)].sum())
 
     def log_posterior(self, state: ModelState) -> float:
         """Log posterior of a set with its widths and an amplitude, up to a constant of these
@@ -336,10 +318,9 @@ class ModelSpace:
         return log_evidence + self._log_prior(ordered.blocks)
 
     def _log_prior(self, blocks: Blocks) -> float:
-        """Log prior odds with the equal prior of widths and amplitudes."""
-        of_widths = len(blocks) * np.log(WIDTHS.size)
-        of_amplitude = np.log(len(self.amplitudes))
-        return self.log_prior(blocks) - float(of_widths + of_amplitude)
+        """Log prior odds of a set of blocks, with the equal prior of widths and amplitudes."""
+        odds = self.candidates.log_odds[list(blocks)] - np.log(WIDTHS.size)
+        return float(odds.sum() - np.log(len(self.amplitudes)))
 
     def marginal(self, blocks: Blocks, near: ModelState | None = None) -> Marginal:
         """The set's log posterior, summed over its widths and the amplitudes; kept.
@@ -380,14 +361,11 @@ class ModelSpace:
             marginal = self._marginals.get(fewer)
             if marginal is None:
                 continue
+            first = self._widths[fewer][block] if fewer in self._widths else FIRST_WIDTH
             widths = list(marginal.best.widths)
-            widths.insert(k, self._first_width(fewer, block))
+            widths.insert(k, int(first))
             return ModelState(blocks, tuple(widths), marginal.best.amplitude)
         return ModelState(blocks, (FIRST_WIDTH,) * len(blocks), 0)
-
-    def _first_width(self, beside: Blocks, block: int) -> int:
-        widths = self._widths.get(beside)
-        return FIRST_WIDTH if widths is None else int(widths[block])
 
     def _peak(self, state: ModelState) -> Peak:
         """The best widths at the state's amplitude, changed one at a time."""
@@ -444,7 +422,7 @@ class ModelSpace:
             near, families = self._with_one_more(blocks)
             if not near:
                 near = self._near_best(self.marginal(blocks))
-                self._keep_beside(blocks, near)
+                keep(self._beside, blocks, near, RECENT)
             factors = np.max([_factors(weighted, families) for weighted in near], axis=0)
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)
@@ -461,15 +439,17 @@ class ModelSpace:
         lower = max(best.amplitude - 1, 0)
         shares = np.maximum(marginal.amplitudes[[lower, best.amplitude]], LEAST_WEIGHT)
         weights = np.log(shares) - np.log(shares[1] + (lower < best.amplitude) * shares[0])
-        by_amplitude = [(at.all, float(weights[1]))]
+        by_amplitude = [(at.without(), float(weights[1]))]
         if lower < best.amplitude:
             below = self.conditional(best._replace(amplitude=lower))
-            by_amplitude.append((below.all, float(weights[0])))
+            by_amplitude.append((below.without(), float(weights[0])))
         states = [by_amplitude]
         if 0 in best.widths:
             usual = best._replace(widths=tuple(width or FIRST_WIDTH for width in best.widths))
             there = self.conditional(usual)
-            states.append([(there.all, float(weights[1]) + there.log_evidence - at.log_evidence)])
+            states.append(
+                [(there.without(), float(weights[1]) + there.log_evidence - at.log_evidence)]
+            )
         return states
 
     def _with_one_more(self, blocks: Blocks) -> tuple[list[Weighted], list[Family]]:
@@ -478,34 +458,24 @@ class ModelSpace:
         """
         families = self._open_families(blocks)
         for k in blocks:
-            fewer = tuple(weighted for weighted in blocks if weighted != k)
-            if fewer in self._beside:
-                width = int(self._widths[fewer][k])
-                beside = self._beside[fewer]
-                self._keep_beside(fewer, beside)
-                gains = self._gains.get(fewer)
-                if gains is not None:
-                    families = [
-                        weighted for weighted in families if gains[weighted.blocks].max() > -REMOTE
-                    ]
-                more = [
-                    [(at.plus(k, width), weight) for at, weight in weighted] for weighted in beside
-                ]
-                return more, families
+            fewer = tuple(block for block in blocks if block != k)
+            if fewer not in self._beside:
+                continue
+            beside = self._beside[fewer]
+            keep(self._beside, fewer, beside, RECENT)
+            if fewer in self._gains:
+                gains = self._gains[fewer]
+                families = [one for one in families if gains[one.blocks].max() > -REMOTE]
+            width = int(self._widths[fewer][k])
+            more = [[(at.plus(k, width), weight) for at, weight in states] for states in beside]
+            return more, families
         return [], families
 
     def _open_families(self, blocks: Blocks) -> list[Family]:
         """The families of which any block may be added to a set."""
         barred = self.candidates.barred(blocks)
-        return [
-            family for family in self.candidates.design.families if not barred[family.blocks].all()
-        ]
-
-    def _keep_beside(self, blocks: Blocks, found: list[Weighted]) -> None:
-        self._beside.pop(blocks, None)
-        self._beside[blocks] = found
-        if len(self._beside) > RECENT:
-            del self._beside[next(iter(self._beside))]
+        families = self.candidates.design.families
+        return [family for family in families if not barred[family.blocks].all()]
 
     def exchanges(self, blocks: Blocks, gone: Blocks) -> tuple[float, Array]:
         """Approximate log posterior of the set without some members, and with each block in their
@@ -521,7 +491,7 @@ class ModelSpace:
         along_widths = log_sum(at.over_widths[members, :-1]) - at.log_evidence
         others = marginal.log_posterior - at.log_evidence - along_widths.sum() - of_gone
         values = beside.additions(self._open_families(staying))
-        self._keep_beside(staying, [[(beside, 0.0)]])
+        keep(self._beside, staying, [[(beside, 0.0)]], RECENT)
         self._widths[staying] = np.argmax(values, axis=1)
         log_posterior = others + log_sum(values) - np.log(WIDTHS.size) + odds
         log_posterior[self.candidates.barred(staying)] = -np.inf
@@ -542,10 +512,10 @@ class ModelSpace:
 
     def best_addition(self, state: ModelState) -> ModelState:
         """The state with the most probable block more, if that makes it more probable."""
-        return self._with_best(state, self.conditional(state).all)
+        return self._with_best(state, self.conditional(state).without())
 
     def _with_best(self, state: ModelState, beside: Beside, place: int | None = None) -> ModelState:
-        families = None if place is None else self.candidates.families(place)
+        families = None if place is None else self.candidates.families[place]
         values = beside.additions(families) - np.log(WIDTHS.size)
         values += self.candidates.log_odds[:, None]
         values[self.candidates.barred(state.blocks)] = -np.inf

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import beta_sf, chi2_sf
 from aacmm_pin.diagnosis.candidates import Variants
-from aacmm_pin.diagnosis.linear_model import WIDTHS, Conditional, canonical, gains
+from aacmm_pin.diagnosis.linear_model import WIDTHS, Conditional, gains
 from aacmm_pin.diagnosis.model_space import Candidates, ModelState
 from aacmm_pin.diagnosis.posterior import Posterior, best_of_candidates
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -48,7 +47,7 @@ def family_wise_p_value(candidates: Candidates, conditional: Conditional, block:
     The mean of the odds is then the prior odds, so that those of all together over the odds are a
     bound (Markov's inequality).
     """
-    beside = conditional.all
+    beside = conditional.without()
     gain, volume = gains(beside.information(block)[None], beside.gradient(block)[None])
     if not _knows_noise(conditional):
         share = np.minimum(2.0 * gain / conditional.chi2, MOST_EXPLAINED)
@@ -63,39 +62,37 @@ def _knows_noise(conditional: Conditional) -> bool:
     return conditional.likelihood.stated and conditional.variance == 1.0
 
 
-def _tail(conditional: Conditional, squares: Array, columns: int) -> Array:
-    """Chance that columns that do nothing explain so much of χ²: χ² itself, or where the noise is
-    not known its share, which is beta distributed.
-    """
-    if _knows_noise(conditional):
-        return chi2_sf(np.maximum(squares, 0.0), columns)
-    others = max(conditional.likelihood.dof - columns, 1.0)
-    return beta_sf(np.clip(squares / conditional.chi2, 0.0, 1.0), 0.5 * columns, 0.5 * others)
-
-
 def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound.
 
-    Parameters are known to within the largest width. Else columns that the records hardly determine
-    would explain everything: an arm that shrinks to a point meets every unknown seat.
+    Columns that do nothing explain a χ² of their own or, where the noise is not known, a share of
+    χ² that is beta distributed. Parameters are known to within the largest width, or columns that
+    the records hardly determine would explain everything.
     """
     chances = list[float]()
-    beside = conditional.all
+    beside = conditional.without()
     for family in conditional.base.gram.design.families:
-        of_covariates = np.array([not candidates.is_cause(k) for k in family.blocks.tolist()])
+        of_covariates = candidates.owners[family.blocks] >= candidates.design.causes
         if not of_covariates.any():
             continue
         information, gradient = beside.of_family(family)
         gain, _ = gains(information[of_covariates], gradient[of_covariates])
         squares = 2.0 * gain[:, np.argmax(WIDTHS)]
-        chances += _tail(conditional, squares, information.shape[1]).tolist()
+        columns = information.shape[1]
+        if _knows_noise(conditional):
+            of_family = chi2_sf(np.maximum(squares, 0.0), columns)
+        else:
+            others = max(conditional.likelihood.dof - columns, 1.0)
+            shares = np.clip(squares / conditional.chi2, 0.0, 1.0)
+            of_family = beta_sf(shares, 0.5 * columns, 0.5 * others)
+        chances += of_family.tolist()
     return min(1.0, len(chances) * min(chances, default=1.0))
 
 
 def retained(conditional: Conditional, block: int) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β, where M takes out what all else can explain."""
     parameters = conditional.design_blocks[block]
-    beside = conditional.all
+    beside = conditional.without()
     information = beside.information(block)
     step = np.linalg.lstsq(information, beside.gradient(block), rcond=1e-10)[0]
     kept = max(float(step @ information @ step), 0.0)
@@ -114,7 +111,7 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     named = candidates.owner(block)
     names = candidates.design.names
     instead = posterior.instead(named)
-    beside = conditional.all
+    beside = conditional.without()
     values = logsumexp(beside.additions(), axis=1) + candidates.log_odds
     values[candidates.barred(conditional.blocks)] = -np.inf
     acting = {candidates.owner(k) for k in posterior.median}
@@ -126,7 +123,7 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
         if owner in acting or owner not in best:
             continue
         other = best[owner]
-        correlation = canonical(beside, block, other)
+        correlation = beside.canonical(block, other)
         if correlation < THRESHOLDS.unlike:
             continue
         alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
@@ -149,7 +146,7 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     shows, dof = THRESHOLDS.shows, space.likelihood.dof
     if not space.stated:
         shows = dof * np.expm1(shows / max(dof, 1.0))
-    alone = space.conditional(ModelState((), (), 0)).all
+    alone = space.conditional(ModelState((), (), 0)).without()
     noncentralities = np.zeros(len(candidates.places))
     for family in candidates.design.families:
         information, _ = alone.of_family(family)

@@ -44,7 +44,6 @@ from aacmm_pin.diagnosis.linear_model import (
     Conditional,
     Likelihood,
     Members,
-    canonical,
 )
 from aacmm_pin.diagnosis.model_extension import ProblemOf, free
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
@@ -325,7 +324,7 @@ def test_inner_products(
         z = rows[:, : design.nuisances]
         off = own - z @ np.linalg.lstsq(z, own)[0]
         scale = np.outer(size, size)
-        close(left.all.information(k) / scale, off.T @ off / scale, 2e-6)
+        close(left.without().information(k) / scale, off.T @ off / scale, 2e-6)
     assert gram.free == len(rows) - design.nuisances
 
 
@@ -431,7 +430,7 @@ def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
         spans = [orth(columns, rcond=3e-5) for columns in (a, b)]
         if min(min(np.linalg.svd(x)[1]) for x in (a, b)) > 1e-3 * np.abs(a).max():
             wanted = np.cos(subspace_angles(*spans).min())
-            assert canonical(left.all, one, other) == pytest.approx(wanted, abs=1e-5)
+            assert left.without().canonical(one, other) == pytest.approx(wanted, abs=1e-5)
 
 
 def test_prior_of_the_candidates(free_case: Case) -> None:
@@ -478,11 +477,11 @@ def test_the_score_is_chi2_when_nothing_is_there(case: Case) -> None:
     scores, ranks = np.empty((300, len(chosen))), []
     roots = []
     for k in range(len(chosen)):
-        information = alone(gram).all.information(k)
+        information = alone(gram).without().information(k)
         ranks.append(np.linalg.matrix_rank(information, rtol=1e-10, hermitian=True))
         roots.append(np.linalg.pinv(information, rcond=1e-10))
     for draw_, own in zip(scores, products.T, strict=True):
-        left = alone(with_residual(gram, own, 1.0)).all
+        left = alone(with_residual(gram, own, 1.0)).without()
         for k, root in enumerate(roots):
             gradient = left.gradient(k)
             draw_[k] = gradient @ root @ gradient
@@ -527,7 +526,7 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, stated: b
     found = []
     for own in noise.T:
         left = alone(with_residual(gram, rows[:, :-1].T @ own, own @ own), stated)
-        best = int(np.argmax(logsumexp(left.all.additions(), axis=1) + some.log_odds))
+        best = int(np.argmax(logsumexp(left.without().additions(), axis=1) + some.log_odds))
         found.append(findings.family_wise_p_value(some, left, best))
     assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
 

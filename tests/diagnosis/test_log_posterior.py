@@ -292,7 +292,7 @@ def test_additions_are_the_posterior_of_larger_sets(
     sizes = np.array([block.size * (1 - 2 * block.positive) for block in blocks])
     assert -1 in sizes
     for state in random_states(space, rng, 6, of=np.flatnonzero(sizes > 0)):
-        additions = space.conditional(state).all.additions()
+        additions = space.conditional(state).without().additions()
         for size in np.unique(sizes):
             mine = allowed(space, state.blocks)
             block = int(rng.choice(mine[sizes[mine] == size]))
@@ -331,15 +331,15 @@ def test_what_is_left_without_members_and_with_a_block_more(
             log_prior = space._log_prior(rest.blocks)
             assert beside.log_evidence + log_prior == pytest.approx(expected(rest), abs=NATS)
             there = space.conditional(rest)
-            close(beside.additions()[either], there.all.additions()[either], NATS)
+            close(beside.additions()[either], there.without().additions()[either], NATS)
             further, other = rng.choice([k for k in pool if k != block], 2, replace=False).tolist()
             for each in (further, other):
-                size = np.sqrt(np.diag(there.all.information(each))) + 1.0
+                size = np.sqrt(np.diag(there.without().information(each))) + 1.0
                 scale = np.outer(size, size)
-                wanted = there.all.information(each) / scale
+                wanted = there.without().information(each) / scale
                 close(beside.information(each) / scale, wanted, 1e-7)
-                close(beside.gradient(each) / size, there.all.gradient(each) / size, 1e-6)
-            cross = there.all.cross(further, other)
+                close(beside.gradient(each) / size, there.without().gradient(each) / size, 1e-6)
+            cross = there.without().cross(further, other)
             close(beside.cross(further, other), cross, 1e-6 * np.abs(cross).max() + 1e-6)
 
 
@@ -351,7 +351,7 @@ def test_a_positive_block_more(measured: Measured, rng: np.random.Generator) -> 
     either = np.flatnonzero([not block.positive for block in blocks])
     for state in random_states(space, rng, 6, of=either):
         block, width = int(rng.choice(some)), int(rng.integers(len(WIDTHS)))
-        found = space.conditional(state).all.plus(block, width)
+        found = space.conditional(state).without().plus(block, width)
         larger = by_one(state, block, width)
         there = space.conditional(larger)
         assert found.chi2 == pytest.approx(there.chi2, abs=1e-6)
