@@ -237,37 +237,27 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
 
 
 def _products(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
-    for one, other in itertools.combinations(joints, 2):
-        yield _product(state, one, other)
+    """The error of one of two joints depends on both angles: on their first orders, or on the
+    orders of a gear and on a load. The error of a joint depends on its angle, and changes with
+    time: an encoder that was knocked midway.
+    """
+    for pair in itertools.combinations(joints, 2):
+        names = tuple(joint.name for joint in pair)
+        waves = tuple(Waves(name, constant=True) for name in names)
+        variants = [Carried.of(waves, joint.error, state) for joint in pair]
+        for joint, load in zip(pair, reversed(waves), strict=True):
+            gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides]
+            variants += [Carried.of((gear, load), joint.error, state) for gear in gears]
+        values = pd.concat([joint.table(state) for joint in pair], axis=1)
+        yield Covariate(" × ".join(names), names, tuple(variants), values)
     time = state.conditions.time
     if time is None or np.ptp(time) == 0.0:
         return
+    later = Cosines.over("time", time, LATER)
     for joint in joints:
-        yield _over_time(state, joint, time)
-
-
-def _product(state: State, *joints: Joint) -> Covariate:
-    """The error of one of two joints depends on both angles: on their first orders, or on the
-    orders of a gear and on a load.
-    """
-    names = tuple(joint.name for joint in joints)
-    waves = tuple(Waves(name, constant=True) for name in names)
-    variants = [Carried.of(waves, joint.error, state) for joint in joints]
-    for joint, load in zip(joints, reversed(waves), strict=True):
-        gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides]
-        variants += [Carried.of((gear, load), joint.error, state) for gear in gears]
-    values = pd.concat([joint.table(state) for joint in joints], axis=1)
-    return Covariate(" × ".join(names), names, tuple(variants), values)
-
-
-def _over_time(state: State, joint: Joint, time: Array) -> Covariate:
-    """The error of a joint depends on its angle, and changes with time: an encoder that was knocked
-    midway.
-    """
-    functions = Waves(joint.name), Cosines.over("time", time, LATER)
-    carried = Carried.of(functions, joint.error, state)
-    values = joint.table(state).assign(time_s=time)
-    return Covariate(f"{joint.name} × time", (joint.name, "time"), (carried,), values)
+        carried = Carried.of((Waves(joint.name), later), joint.error, state)
+        values = joint.table(state).assign(time_s=time)
+        yield Covariate(f"{joint.name} × time", (joint.name, "time"), (carried,), values)
 
 
 def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
@@ -292,15 +282,9 @@ def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 
 
 def _place(state: State) -> Covariate:
-    """A field of shifts in the room, as by a table that bends or by a tracker's own error."""
-    tip = state.position
-    values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
-    carried = Carried.of((_bumps(state),), "room", state)
-    return Covariate("place", ("x", "y", "z"), (carried,), values)
-
-
-def _bumps(state: State) -> Bumps:
-    """Bumps around centres among the tips; more of them, the more of the room the tips cover."""
+    """A field of shifts in the room, as by a table that bends or by a tracker's own error: bumps
+    around centres among the tips; more of them, the more of the room the tips cover.
+    """
     # Sorted, so that the order of the records does not matter.
     order = np.lexsort(np.round(state.q, DECIMALS).T)
     tip = state.position[order]
@@ -311,7 +295,10 @@ def _bumps(state: State) -> Bumps:
     squares = np.square(tip - centres[nearest]).sum(axis=1)
     spread = float(np.sqrt(squares.mean()))
     places = tuple((x, y, z) for x, y, z in centres.tolist())
-    return Bumps(places, max(1.5 * spread, NARROWEST))
+    bumps = Bumps(places, max(1.5 * spread, NARROWEST))
+    values = pd.DataFrame(state.position / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
+    carried = Carried.of((bumps,), "room", state)
+    return Covariate("place", ("x", "y", "z"), (carried,), values)
 
 
 def _scale(state: State) -> Covariate:

@@ -30,11 +30,7 @@ Described = tuple[str, Carried]
 
 def described_by(choice: Choice, blocks: Iterable[int]) -> list[Described]:
     """Names and ways of some blocks."""
-    described = []
-    for block in blocks:
-        name = choice.covariate(block).name
-        described.append((name, choice.way(block)))
-    return described
+    return [(choice.covariate(block).name, choice.way(block)) for block in blocks]
 
 
 def lost(described: Sequence[Described]) -> list[str]:
@@ -53,7 +49,12 @@ def described_model(
     """
     taken = {effect.label for effect in nominal.effects}
     covariates = described_by(choice, choice.covariates)
-    named = covariate_effects(covariates, _prior_u(choice), taken)
+    model, design = choice.posterior.median_model, choice.design
+    prior_u = [np.empty(0)]
+    for k in choice.covariates:
+        scales = design.scales[design.blocks[k].columns]
+        prior_u.append(model.scale[model.places[k]] * scales)
+    named = covariate_effects(covariates, np.concatenate(prior_u), taken)
     taken |= {effect.label for effect in named}
     held, covariances = list[Effect](), list[Array]()
     if choice.curves is not None:
@@ -70,19 +71,6 @@ def described_model(
     beside = held_effects(refit, held, block_diag(*covariances))
     refit = replace(refit, added_covariance=beside.added_covariance)
     return calibrated_model(refit, beside), refit
-
-
-def _prior_u(choice: Choice) -> Array:
-    """Prior standard deviation of the coefficients of all covariates in the median model (p,) [m,
-    rad, m/m].
-    """
-    model = choice.posterior.median_model
-    design = choice.design
-    widths = [np.empty(0)]
-    for k in choice.covariates:
-        scales = design.scales[design.blocks[k].columns]
-        widths.append(model.scale[model.places[k]] * scales)
-    return np.concatenate(widths)
 
 
 def _background(choice: Choice, taken: Collection[str]) -> Discrepancy:

@@ -33,7 +33,11 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
     by_label = {estimate[0].label: estimate for estimate in by_identity.values()}
     chosen = choice.variant(block)
     effect, covariance = by_identity.get(chosen.identity, by_label[chosen.label])
-    covariance = covariance + _model_uncertainty(choice, block, effect)
+    # Other sets of causes give other values (law of total variance).
+    q = len(effect.terms)
+    typical = np.array([term.typical for term in effect.terms])
+    between_sets = choice.posterior.uncertainty_of_the_set(block)[:q, :q]
+    covariance = covariance + np.outer(typical, typical) * between_sets
     u = np.sqrt(np.diag(covariance))
     effect = effect.at(effect.values, tuple(u))
     reported, nonlinear_values = effect, {}
@@ -69,16 +73,6 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
         beside=whole_arm,
         was=next(replaced, None),
     )
-
-
-def _model_uncertainty(choice: Choice, block: int, effect: Effect) -> Array:
-    """Covariance added because other sets of causes give other values (law of total variance)
-    (q, q).
-    """
-    q = len(effect.terms)
-    scales = np.array([term.typical for term in effect.terms], dtype=np.float64)
-    between_sets = choice.posterior.uncertainty_of_the_set(block)[:q, :q]
-    return np.asarray(scales[:, None] * between_sets * scales)
 
 
 def _nonlinear_interval(choice: Choice, block: int, effect: Effect) -> NonlinearInterval | None:

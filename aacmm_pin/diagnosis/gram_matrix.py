@@ -89,8 +89,11 @@ class Gram:
         scale = np.repeat(np.minimum(scales, max(THRESHOLDS.widths)), sizes)[:, None]
         rank = min(RANK, self.design.width - first, self.free)
         names = self.design.names
-        words = [f"{names[b.candidate]} {b.variant} {b.size}" for b in blocks]
-        start = [np.empty((0, rank)), *map(_random_numbers, words, sizes, len(blocks) * [rank])]
+        start = [np.empty((0, rank))]
+        for block in blocks:
+            words = f"{names[block.candidate]} {block.variant} {block.size}"
+            rng = np.random.default_rng(zlib.crc32(words.encode()))
+            start.append(rng.standard_normal((block.size, rank)))
         products = self.matrix[columns, columns]
         along = scale * (products @ (scale * np.concatenate(start)))
         return Directions(columns, scale * np.linalg.qr(along)[0])
@@ -101,10 +104,6 @@ class Gram:
         """
         matrix = np.subtract(self.matrix, part.matrix, out=part.matrix)
         return replace(self, matrix=matrix, free=self.free - part.free, origin=self.origin or self)
-
-
-def _random_numbers(words: str, size: int, rank: int) -> Array:
-    return np.random.default_rng(zlib.crc32(words.encode())).standard_normal((size, rank))
 
 
 def numbers_of(columns: list[slice]) -> Index:
@@ -126,7 +125,8 @@ def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = N
     free = sum(_add_records(upper, design, noise, part) for part in chosen)
     matrix = _symmetric(upper)
     if np.array_equal(np.any(chosen, axis=0), used):
-        _add_prior(matrix, design)
+        columns = np.append(np.arange(design.nuisances), design.width)
+        matrix[np.ix_(columns, columns)] += design.prior.T @ design.prior
     return Gram(design, noise, matrix, free)
 
 
@@ -180,8 +180,3 @@ def _symmetric(upper: Array) -> Array:
             columns = slice(second, second + TILE)
             upper[columns, rows] = upper[rows, columns].T
     return upper.T  # row by row in memory
-
-
-def _add_prior(matrix: Array, design: Design) -> None:
-    columns = np.append(np.arange(design.nuisances), design.width)
-    matrix[np.ix_(columns, columns)] += design.prior.T @ design.prior

@@ -147,15 +147,15 @@ class RecordNoise:
 
     def log_density(self, dof: float) -> float:
         """What the shared error adds to the log likelihood beside χ²."""
-        return self.restricted(self.log_volume, dof) - dof * float(np.log(self.record))
+        return self.restricted(self.ratio, dof) - dof * float(np.log(self.record))
 
-    def restricted(self, log_volume: Array, dof: float) -> float:
-        """The same for a record's variance of one and log determinants (groups,), all fitted
+    def restricted(self, ratio: float, dof: float) -> float:
+        """The same for a record's variance of one and an error of another size, all fitted
         parameters being among what groups share.
         """
         fitted = float(self.numbers @ self.count) - dof
         part = max(self.directions - fitted, 1.0) / self.directions
-        return -0.5 * part * float(log_volume.sum())
+        return -0.5 * part * float(self.log_volume(ratio).sum())
 
     @property
     def directions(self) -> float:
@@ -180,16 +180,9 @@ class RecordNoise:
         values, vectors = np.linalg.eigh(self.along(self.columns))
         return np.maximum(values, 0.0), vectors
 
-    @cached_property
-    def log_volume(self) -> Array:
+    def log_volume(self, ratio: float) -> Array:
         """Log determinant of the covariance of each group over that of independent records
-        (groups,).
-        """
-        return self.log_volume_of(self.ratio)
-
-    def log_volume_of(self, ratio: float) -> Array:
-        """The same with an error of another size; of the noise's shape by the numbers that a record
-        states.
+        (groups,); of the noise's shape by the numbers that a record states.
         """
         if not ratio:
             return np.zeros_like(self.numbers)
@@ -204,8 +197,8 @@ class RecordNoise:
         """Whether the error of the same postures is about the other, or small beside that of a
         record in both.
         """
-        change = (self.log_volume - other.log_volume) / self.numbers
-        return bool(abs(change.mean()) < SAME_LOG_VARIANCE)
+        change = self.log_volume(self.ratio) - other.log_volume(other.ratio)
+        return bool(abs((change / self.numbers).mean()) < SAME_LOG_VARIANCE)
 
     @cached_property
     def _sum(self) -> csr_array:
@@ -373,8 +366,7 @@ def _likeliest(held: RecordNoise, residual: Array, dof: float) -> tuple[float, R
         return max(total - float(taken), NO_RESIDUAL)
 
     def log_likelihood(ratio: float) -> float:
-        of_volume = held.restricted(held.log_volume_of(ratio), dof)
-        return of_volume - 0.5 * of_all * float(np.log(chi2(ratio)))
+        return held.restricted(ratio, dof) - 0.5 * of_all * float(np.log(chi2(ratio)))
 
     best = scipy.optimize.minimize_scalar(
         lambda log_ratio: -log_likelihood(float(np.exp(log_ratio))),

@@ -5,7 +5,7 @@ then best first.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -46,7 +46,8 @@ def explore(space: ModelSpace, start: Blocks = ()) -> Posterior:
         walk.exchanged.clear()
     before = dict(walk.values)
     walk.run()
-    return walk.posterior(_disagreement(space, before, walk.values))
+    first, second = (inclusion(space, weights_of(values)) for values in (before, walk.values))
+    return walk.posterior(float(np.abs(first - second).max(initial=0.0)))
 
 
 def climb(space: ModelSpace, start: Blocks) -> Posterior:
@@ -70,8 +71,8 @@ def every_place(space: ModelSpace) -> Blocks:
         place = int(candidates.places[block.candidate])
         least, most = FREE_PARAMETERS
         if candidates.is_cause(number) and least <= block.size <= most:
-            before = freest.get(place)
-            if before is None or block.size > candidates.blocks[before].size:
+            before = freest.setdefault(place, number)
+            if block.size > candidates.blocks[before].size:
                 freest[place] = number
     return tuple(sorted(freest.values()))
 
@@ -96,14 +97,6 @@ def ascended(space: ModelSpace, start: Blocks) -> Blocks:
     space.marginal(state.blocks, near=state)
     space.ascents |= {start: state.blocks, state.blocks: state.blocks}
     return state.blocks
-
-
-def _disagreement(
-    space: ModelSpace, one: Mapping[Blocks, float], other: Mapping[Blocks, float]
-) -> float:
-    first, second = (inclusion(space, weights_of(values)) for values in (one, other))
-    difference = np.abs(first - second)
-    return float(difference.max(initial=0.0))
 
 
 class Walk:
@@ -181,9 +174,10 @@ class Walk:
             else:
                 break
 
-    def _look_at(self, blocks: Blocks) -> None:
-        value = self.space.marginal(blocks).log_posterior
+    def _look_at(self, blocks: Blocks, near: ModelState | None = None) -> float:
+        value = self.space.marginal(blocks, near).log_posterior
         self.values[blocks], self.best = value, max(self.best, value)
+        return value
 
     def _visit(self, blocks: Blocks, about: float, beside: Blocks) -> float:
         """Evaluate a set if ``about``, its approximate log posterior, is near the best; keep the
@@ -196,9 +190,7 @@ class Walk:
             return 0.0
         if about > self.best - THRESHOLDS.close:
             near = self.space.marginal(beside).best if self.space.is_evaluated(beside) else None
-            value = self.space.marginal(blocks, near=near).log_posterior
-            self.values[blocks], self.best = value, max(self.best, value)
-            return value - about
+            return self._look_at(blocks, near) - about
         if about > self.best - THRESHOLDS.reach:
             self.values.setdefault(blocks, about)
         return 0.0
@@ -282,10 +274,8 @@ class Walk:
         of_blocks = self.space.candidates.of_blocks
         at = self.space.conditional(self.space.marginal(blocks).best)
         for pair in itertools.combinations(blocks, 2):
-            if of_blocks[pair[0]] == of_blocks[pair[1]]:
-                yield pair
-                continue
-            if at.canonical(*pair) > THRESHOLDS.imitates:
+            one_place = of_blocks[pair[0]] == of_blocks[pair[1]]
+            if one_place or at.canonical(*pair) > THRESHOLDS.imitates:
                 yield pair
 
 

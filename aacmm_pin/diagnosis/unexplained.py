@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -194,13 +193,19 @@ class Unexplained(Shown):
 
 def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplained:
     """The discrepancy, and whether structure is left beside the named causes."""
-    covariates = {k: choice.covariate(k) for k in choice.covariates}
+    covariates = [choice.covariate(k) for k in choice.covariates]
     odd = tuple(odd_groups(choice))
     shared = shared_by(choice.fit) or round_excluded(choice.fit, choice.whitened_deviations)
     depends = [group.name for group in odd[:1]]
-    for covariate in covariates.values():
+    for covariate in covariates:
         depends += covariate.depends_on
-    chances = _chances(choice, odd)
+    posterior = choice.posterior
+    chances = [
+        family_wise_p_value(choice.candidates, posterior.without(k), k) for k in choice.covariates
+    ]
+    if not chances:
+        of_any = p_value_of_structure(choice.candidates, posterior.median_model)
+        chances = [of_any, *(group.p_value for group in odd)]
     if shared is not None:
         chances.append(shared.p_value)
         if not (shared.name == "place" and "x" in depends):
@@ -209,15 +214,14 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplaine
     readings = tuple(
         joint for joint in scattered_readings(choice) if f"joint {joint.joint}" not in depends
     )
-    described = [_discrepancy(choice, k, covariate.name) for k, covariate in covariates.items()]
-    sizes = (*described, *_background(choice))
+    sizes = _discrepancy(choice)
     return Unexplained(
         p_value=min(chances),
         threshold=THRESHOLDS.left if named else THRESHOLDS.left_alone,
         depends_on=tuple(dict.fromkeys(depends)),
         discrepancy=sizes,
         choice=choice,
-        acts_on={covariate.name: choice.way(k).acts_on for k, covariate in covariates.items()},
+        acts_on={choice.covariate(k).name: choice.way(k).acts_on for k in choice.covariates},
         gain=held.discrepancy_gain if held is not None and sizes else None,
         groups=odd,
         excluded=shared,
@@ -225,17 +229,6 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplaine
         shared_by_postures=_shared_error(choice),
         run_order=None if {"time", "session"} & {*depends} else run_order_of(choice),
     )
-
-
-def _chances(choice: Choice, odd: Sequence[OddGroup]) -> list[float]:
-    """P-values of the chosen covariates; if none is chosen, of all covariates and of odd groups."""
-    posterior = choice.posterior
-    if not choice.covariates:
-        of_any = p_value_of_structure(choice.candidates, posterior.median_model)
-        return [of_any, *(group.p_value for group in odd)]
-    return [
-        family_wise_p_value(choice.candidates, posterior.without(k), k) for k in choice.covariates
-    ]
 
 
 def _shared_error(choice: Choice) -> SharedError | None:
@@ -293,30 +286,28 @@ def exceeds_noise(extended: Fit) -> bool:
     )
 
 
-def _discrepancy(choice: Choice, block: int, name: str) -> DiscrepancySize:
-    model = choice.posterior.median_model
-    weights = choice.design.weights(block)
-    entries = model.places[block]
-    rms, u = _sizes(choice, weights, model.estimate[entries], model.covariance[entries, entries])
-    return DiscrepancySize(name, rms, u, choice.posterior.probability(block))
-
-
-def _background(choice: Choice) -> list[DiscrepancySize]:
-    """The background at its most probable amplitude; none where it may be zero, is negligible, or
-    smaller than its u.
+def _discrepancy(choice: Choice) -> tuple[DiscrepancySize, ...]:
+    """The covariates; and the background at its most probable amplitude, unless it may be zero, is
+    negligible, or smaller than its u.
     """
-    model = choice.posterior.median_model
-    if not model.base.amplitude:
-        return []
-    directions = model.base.gram.directions
-    weights = np.zeros((choice.design.width, directions.weights.shape[1]))
-    weights[directions.columns] = directions.weights
-    rms, u = _sizes(choice, weights, *model.background)
-    noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
-    probability = float(1.0 - choice.posterior.amplitudes[0])
-    if probability < THRESHOLDS.settled or rms < max(THRESHOLDS.negligible * noise, u):
-        return []
-    return [DiscrepancySize(BACKGROUND, rms, u, probability)]
+    design, model = choice.design, choice.posterior.median_model
+    parts = []
+    for k in choice.covariates:
+        entries = model.places[k]
+        covariance = model.covariance[entries, entries]
+        rms, u = _sizes(choice, design.weights(k), model.estimate[entries], covariance)
+        probability = choice.posterior.probability(k)
+        parts.append(DiscrepancySize(choice.covariate(k).name, rms, u, probability))
+    if model.base.amplitude:
+        directions = model.base.gram.directions
+        weights = np.zeros((design.width, directions.weights.shape[1]))
+        weights[directions.columns] = directions.weights
+        rms, u = _sizes(choice, weights, *model.background)
+        noise = design.fit.distance_of(design.fit.residual_noise)
+        probability = float(1.0 - choice.posterior.amplitudes[0])
+        if probability >= THRESHOLDS.settled and rms >= max(THRESHOLDS.negligible * noise, u):
+            parts.append(DiscrepancySize(BACKGROUND, rms, u, probability))
+    return tuple(parts)
 
 
 def _sizes(
