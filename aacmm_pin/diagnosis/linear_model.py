@@ -231,11 +231,6 @@ class Members:
         products = [self.base.design_blocks[k].of_rows(self.rows) for k in self.blocks]
         return np.concatenate([np.zeros((len(self.rows), 0)), *products], axis=1)
 
-    @property
-    def gradient(self) -> Array:
-        """Products of the set's parameters with the residual (m,)."""
-        return self.rows[:, -1]
-
 
 @dataclass(frozen=True, eq=False)
 class Conditional:
@@ -289,7 +284,8 @@ class Conditional:
         """Posterior mean of the set's parameters (m,), as a step."""
         if not self.blocks:
             return np.zeros(0)
-        return np.asarray(-scipy.linalg.cho_solve((self.factor, True), self.members.gradient))
+        gradient = self.members.rows[:, -1]
+        return np.asarray(-scipy.linalg.cho_solve((self.factor, True), gradient))
 
     @cached_property
     def inverse(self) -> Array:
@@ -304,8 +300,7 @@ class Conditional:
     @cached_property
     def chi2(self) -> float:
         """What is left of χ²."""
-        change = self.members.gradient @ self.estimate
-        return float(self.base.left[-1] + change)
+        return float(self.base.left[-1] + self.members.rows[:, -1] @ self.estimate)
 
     @cached_property
     def log_volume(self) -> float:
@@ -349,12 +344,8 @@ class Conditional:
         return float(self.base.gram.free - self.base.determined - used)
 
     def canonical(self, one: int, other: int) -> float:
-        """Largest canonical correlation of two members beside the others: by the inverse of their
-        covariance, less their prior.
-        """
-        entries = numbers_of([self.places[one], self.places[other]])
-        precision = np.asarray(np.linalg.inv(self.inverse[np.ix_(entries, entries)]), np.float64)
-        products = precision - np.diag(self.scale[entries] ** -2.0)
+        """Largest canonical correlation of two members beside the others."""
+        products, _ = self.without(one, other).left_out
         size = self.design_blocks[one].size
         first, second = products[:size, :size], products[size:, size:]
         return _largest_canonical(first, second, products[:size, size:])
@@ -414,9 +405,7 @@ class Conditional:
         log_likelihoods = np.empty((len(self.blocks), WIDTHS.size + 1))
         for block, values in zip(self.blocks, log_likelihoods, strict=True):
             beside = self.without(block)
-            place = self.places[block]
-            information = beside.precision - np.diag(self.scale[place] ** -2.0)
-            gradient = -beside.precision @ self.estimate[place]
+            information, gradient = beside.left_out
             positive = np.array([self.design_blocks[block].positive])
             values[:-1] = beside.with_each(information[None], gradient[None], positive)[0]
             values[-1] = beside.log_evidence
@@ -505,6 +494,12 @@ class Beside:
     precision: Array
     before: Beside | None = None
     more: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def left_out(self) -> tuple[Array, Array]:
+        """Information (q, q) of the members left out, and their products with the residual (q,)."""
+        information = self.precision - np.diag(self.conditional.scale[self.entries] ** -2.0)
+        return information, -self.precision @ self.conditional.estimate[self.entries]
 
     @cached_property
     def _back(self) -> Array:
