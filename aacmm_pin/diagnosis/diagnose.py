@@ -318,7 +318,6 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
 
 
 def _freed(effect: Effect) -> Effect:
-    """The effect, free within many typical magnitudes."""
     return effect.at(effect.values, free(effect).u)
 
 

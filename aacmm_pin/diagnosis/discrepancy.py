@@ -50,11 +50,11 @@ def described_model(
     taken = {effect.label for effect in nominal.effects}
     covariates = described_by(choice, choice.covariates)
     model, design = choice.posterior.median_model, choice.design
-    prior_u = [np.empty(0)]
+    prior_u = []
     for k in choice.covariates:
         scales = design.scales[design.blocks[k].columns]
         prior_u.append(model.scale[model.places[k]] * scales)
-    named = covariate_effects(covariates, np.concatenate(prior_u), taken)
+    named = covariate_effects(covariates, prior_u, taken)
     taken |= {effect.label for effect in named}
     held, covariances = list[Effect](), list[Array]()
     if choice.curves is not None:
@@ -85,23 +85,23 @@ def _background(choice: Choice, taken: Collection[str]) -> Discrepancy:
 
 def covariate_effects(
     described: Sequence[Described],
-    prior_u: Array,
+    prior_u: Sequence[Array | float],
     taken: Collection[str] = (),
 ) -> list[Discrepancy]:
     """Effects to be estimated, one for each covariate that new records have too, see :func:`lost`.
 
     Args:
         described: covariates, each with its variant.
-        prior_u: prior standard deviations of the coefficients of their functions, those of each on
-            all axes together, one covariate after the other (p,) [m, rad, m/m].
+        prior_u: for each, prior standard deviations of the coefficients of its functions, those of
+            each function on all axes together (q,) [m, rad, m/m].
         taken: labels that others have: a number is added to the name.
     """
     effects = list[Discrepancy]()
     labels = set(taken)
-    for (name, way), entries in zip(described, _slices(described), strict=True):
+    for (name, way), of_covariate in zip(described, prior_u, strict=True):
         if way.smooth is None:
             continue
-        u = coefficients_of_effect(way) * prior_u[entries]
+        u = coefficients_of_effect(way) * of_covariate
         effect = _new(name, (_part(way),), len(u), labels)
         effects.append(effect.at(effect.values, u))
         labels.add(effect.label)
@@ -125,7 +125,7 @@ def background_effect(
 
     Args:
         described: covariates, each with one of its variants; :func:`lost` ones are left out.
-        weights: coefficients of all their functions, as in :func:`covariate_effects`, for each
+        weights: coefficients of all their functions, one covariate after the other, for each
             direction of the background (p, r) [m, rad, m/m].
         estimate: of the directions (r,), not all zero.
         covariance: of these, positive definite (r, r).
@@ -134,9 +134,11 @@ def background_effect(
     size_u, factors = _factors(estimate, covariance)
     directions = np.column_stack([weights @ estimate, _rounded(weights @ factors)])
     parts = []
-    for (_, way), entries in zip(described, _slices(described), strict=True):
+    sizes = [way.functions.shape[1] * Carrier(way.carrier).axes for _, way in described]
+    divided = np.split(directions, np.cumsum(sizes)[:-1])
+    for (_, way), of_covariate in zip(described, divided, strict=True):
         if way.smooth is not None:
-            rows = coefficients_of_effect(way)[:, None] * directions[entries]
+            rows = coefficients_of_effect(way)[:, None] * of_covariate
             parts.append(replace(_part(way), directions=tuple(map(tuple, rows.tolist()))))
     values = np.zeros(directions.shape[1])
     u = np.ones(directions.shape[1])
@@ -165,16 +167,6 @@ def _rounded(numbers: Array) -> Array:
     digits = np.floor(np.log10(size)) - 2.0
     unit = 10.0**digits
     return np.round(numbers / unit) * unit
-
-
-def _slices(described: Sequence[Described]) -> list[slice]:
-    """Where the coefficients of each are."""
-    last, slices = 0, []
-    for _, way in described:
-        first = last
-        last += way.functions.shape[1] * Carrier(way.carrier).axes
-        slices.append(slice(first, last))
-    return slices
 
 
 def coefficients_of_effect(way: Carried) -> Array:

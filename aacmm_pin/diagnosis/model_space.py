@@ -100,7 +100,8 @@ class Candidates:
             if block.candidate < len(library):
                 effect = library[block.candidate][block.variant]
                 values[k] = effect.nonlinear.value(effect) if effect.nonlinear.field else np.nan
-                changes += [k] * is_change(effect)
+                if is_change(effect):
+                    changes.append(k)
         return Candidates(
             design,
             log_prior[design.owners] + np.concatenate(within),

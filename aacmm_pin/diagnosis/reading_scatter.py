@@ -156,21 +156,18 @@ class _Components:
         the threshold. The least sure one is taken out until all are sure.
         """
         ratios = np.zeros(start.size)
-        chosen = np.arange(start.size) >= alone
-        none = self.largest(np.where(chosen, 0.0, start))
-        if self.largest(start) - none < THRESHOLDS.readings:
+        chosen = [*range(alone, start.size)]
+        with_all = self.largest(start)
+        if with_all - self.largest(_without(start, chosen)) < THRESHOLDS.readings:
             return ratios[alone:]
-        while chosen.any():
-            with_all = self.largest(start)
-            number = np.flatnonzero(chosen)
-            without = (np.where(np.arange(start.size) == k, 0.0, start) for k in number)
-            losses = np.array([with_all - self.largest(variances) for variances in without])
+        while chosen:
+            losses = [with_all - self.largest(_without(start, [k])) for k in chosen]
             least = int(np.argmin(losses))
             if losses[least] >= THRESHOLDS.readings:
-                ratios[number] = losses
+                ratios[chosen] = losses
                 break
-            chosen[number[least]] = False
-            start = np.where(np.arange(start.size) == number[least], 0.0, start)
+            start = _without(start, [chosen.pop(least)])
+            with_all = self.largest(start)
         return ratios[alone:]
 
     def log_likelihood(self, variances: Array) -> float:
@@ -178,3 +175,9 @@ class _Components:
         residuals = self.residuals[:, :, None]
         squares = np.sum(residuals * np.linalg.solve(covariances, residuals))
         return float(-0.5 * (np.linalg.slogdet(covariances)[1].sum() + squares))
+
+
+def _without(variances: Array, numbers: list[int]) -> Array:
+    variances = variances.copy()
+    variances[numbers] = 0.0
+    return variances

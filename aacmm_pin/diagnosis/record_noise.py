@@ -97,20 +97,17 @@ class RecordNoise:
         group[counts] = number.ravel()
         numbers = fit.observations.counts[counts][first]
         noise = RecordNoise(whitening, group, numbers.astype(np.float64))
-        return noise._with_readings(fit) if noise.repeat else noise
-
-    def _with_readings(self, fit: Fit) -> RecordNoise:
-        inside = self.group >= 0
-        of_counted = self.whitening * inside[:, None, None]
+        if not noise.repeat:
+            return noise
+        of_counted = whitening * counts[:, None, None]
         correlation = fit.noise.correlation(of_counted)
+        noise = replace(noise, correlation=correlation)
         readings = reading_units(fit)
         by_reading = correlation.whitened(of_counted @ (fit.by_reading * readings))
-        size = np.sqrt(np.square(by_reading).sum() / max(self.numbers @ self.count, 1.0))
+        size = np.sqrt(np.square(by_reading).sum() / max(noise.numbers @ noise.count, 1.0))
         if not size > 0.0:
-            return replace(self, correlation=correlation)
-        return replace(
-            self, correlation=correlation, by_reading=by_reading / size, readings=readings / size
-        )
+            return noise
+        return replace(noise, by_reading=by_reading / size, readings=readings / size)
 
     @property
     def repeat(self) -> bool:

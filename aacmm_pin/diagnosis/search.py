@@ -140,7 +140,6 @@ class Walk:
 
     @property
     def _additions(self) -> dict[Blocks, float]:
-        """Approximate log posterior of each expanded set with one block more."""
         values: dict[Blocks, float] = {}
         for blocks, about in self.expanded.items():
             for k in np.flatnonzero(about > self.best - THRESHOLDS.negligible_set).tolist():
@@ -232,7 +231,6 @@ class Walk:
             self._visit(without_block(blocks, k), value, blocks)
 
     def _visit_additions(self, blocks: Blocks) -> None:
-        """Visit the additions to a visited set that are within reach."""
         self.expansions -= blocks not in self.expanded
         gains = self.space.gains(blocks)
         self.gains[self._regardless_of_variants(blocks)] = gains

@@ -78,7 +78,7 @@ def size_of(way: Carried) -> int:
 
 def prior(described: list[Described], width: float) -> list[Discrepancy]:
     """Nothing known but how large it may be."""
-    return covariate_effects(described, np.full(sum(size_of(way) for _, way in described), width))
+    return covariate_effects(described, len(described) * [width])
 
 
 def with_effect(model: ErrorModel, effect: Discrepancy, covariance: Array) -> ErrorModel:
