@@ -14,7 +14,7 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import Fit, HeldEffects
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
-from aacmm_pin.diagnosis.design_matrix import Design, held_effects
+from aacmm_pin.diagnosis.design_matrix import Design, held_effects, typical_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, numbers_of
 from aacmm_pin.diagnosis.linear_model import Conditional
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates
@@ -137,8 +137,7 @@ class Choice:
         space = self.posterior.space
         fit = self.design.fit
         noise = fit.noise if self.scatter is None else self.scatter
-        used = fit.used & fit.observations.has_target
-        sizes = np.linalg.svd(noise.whitening[used], compute_uv=False)
+        sizes = np.linalg.svd(noise.whitening[fit.used], compute_uv=False)
         counted = sizes[sizes > LEAST_SIZE * sizes.max()]
         of_fitted = np.log(np.diag(space.base(0).factor)).sum()
         log_density = space.gram.free * np.log(counted).mean() - of_fitted
@@ -185,7 +184,7 @@ class Choice:
         for effect in effects:
             k = block[effect.label, len(effect.terms)]
             place = model.places[k]
-            scales = np.array([term.typical for term in effect.terms])
+            scales = typical_of(effect)
             u = model.scale[place][: scales.size] * scales
             values = model.estimate[place] * scales if effect.free_form else ()
             with_values.append(effect.at(values, u))
@@ -198,7 +197,7 @@ class Choice:
         model = self.posterior.median_model
         of_label = {self.variant(k).label: k for k in self.causes}
         entries = numbers_of([model.places[of_label[effect.label]] for effect in effects])
-        scales = np.array([term.typical for effect in effects for term in effect.terms])
+        scales = np.concatenate([*map(typical_of, effects)])
         covariance = model.covariance[np.ix_(entries, entries)] * np.outer(scales, scales)
         u = iter(np.sqrt(np.diag(covariance)))
         with_u = [effect.at(effect.values, [next(u) for _ in effect.terms]) for effect in effects]

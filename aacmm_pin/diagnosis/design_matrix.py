@@ -339,7 +339,7 @@ def design_of(
 @lru_cache(maxsize=MOST_FORMS)
 def _form(effect: Effect, basis: Effect) -> Array:
     """Combinations of the scaled columns of a basis (columns, q)."""
-    return effect.in_basis(basis) * _typical(effect) / _typical(basis)[:, None]
+    return effect.in_basis(basis) * typical_of(effect) / typical_of(basis)[:, None]
 
 
 class _ColumnsOf:
@@ -364,7 +364,9 @@ class _ColumnsOf:
             if not changes and not (which and effect.nonlinear.field):
                 basis = effect.basis(self.arm, self.records)
             if basis is not None:
-                columns = self._basis(basis)
+                if basis.identity not in self.bases:
+                    self.bases[basis.identity] = self._new((basis,))
+                columns = self.bases[basis.identity]
                 form = _form(effect, basis)
             else:
                 both = changes and bool(first.nonlinear.field) and effect is not first
@@ -375,35 +377,29 @@ class _ColumnsOf:
             positive = single and effect.terms[0].positive and "torque" not in effect.needs
             self.blocks.append(Block(number, which, columns, form, positive))
 
-    def _basis(self, basis: Effect) -> slice:
-        if basis.identity not in self.bases:
-            self.bases[basis.identity] = self._new((basis,))
-        return self.bases[basis.identity]
-
     def add_covariate(self, number: int, covariate: Covariate) -> None:
         for which, way in enumerate(covariate.variants):
             self.blocks.append(Block(number, which, self._new(way), None))
 
     def _new(self, source: Source) -> slice:
         if isinstance(source, Carried):
-            scales = self._typical_of_covariate(source)
+            shift = self.typical_shift
+            sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
+            typical = sizes.get(Carrier(source.carrier).kind.unit, shift)
+            relative = np.broadcast_to(source.decay, source.functions.shape[1])
+            of_functions = typical * relative / np.linalg.norm(relative)
+            scales = np.repeat(of_functions, len(source.quantities))
         else:
-            scales = np.concatenate([_typical(effect) for effect in source])
+            scales = np.concatenate([*map(typical_of, source)])
         columns = slice(self.last, self.last + scales.size)
         self.last = columns.stop
         self.sources.append((columns, source))
         self.scales.append(scales)
         return columns
 
-    def _typical_of_covariate(self, way: Carried) -> Array:
-        shift = self.typical_shift
-        sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
-        typical = sizes.get(Carrier(way.carrier).kind.unit, shift)
-        relative = np.broadcast_to(way.decay, way.functions.shape[1])
-        return np.repeat(typical * relative / np.linalg.norm(relative), len(way.quantities))
 
-
-def _typical(effect: Effect) -> Array:
+def typical_of(effect: Effect) -> Array:
+    """Typical magnitudes of the parameters of an effect (q,) [units]."""
     return np.array([term.typical for term in effect.terms])
 
 

@@ -10,6 +10,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration import geometric_parameters
 from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
+from aacmm_pin.diagnosis.design_matrix import typical_of
 from aacmm_pin.diagnosis.held_out_gain import Fold, cause_gain
 from aacmm_pin.diagnosis.nonlinear_parameters import NonlinearInterval, interval_of_step
 from aacmm_pin.diagnosis.result import Finding
@@ -35,7 +36,7 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
     effect, covariance = by_identity.get(chosen.identity, by_label[chosen.label])
     # Other sets of causes give other values (law of total variance).
     q = len(effect.terms)
-    typical = np.array([term.typical for term in effect.terms])
+    typical = typical_of(effect)
     between_sets = choice.posterior.uncertainty_of_the_set(block)[:q, :q]
     covariance = covariance + np.outer(typical, typical) * between_sets
     u = np.sqrt(np.diag(covariance))

@@ -119,7 +119,7 @@ def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = N
     What records of one posture share is taken out with all of them, so that the products of folds
     add up.
     """
-    used = design.fit.used & design.fit.observations.has_target
+    used = design.fit.used
     chosen = [used] if folds is None else [used & fold for fold in folds]
     upper = np.zeros((design.width + 1, design.width + 1), order="F")
     free = sum(_add_records(upper, design, noise, part) for part in chosen)
@@ -135,7 +135,7 @@ def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask)
     the unknown points that are projected out.
     """
     fit = design.fit
-    used = fit.used & fit.observations.has_target
+    used = fit.used
     part = np.where(chosen, 0, -1)
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.point.seats[old]

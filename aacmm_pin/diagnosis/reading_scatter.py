@@ -62,7 +62,7 @@ class ReadingScatter:
         parameters have taken from them. What records share by their ``noise`` is no scatter of
         readings.
         """
-        counts = fit.used & fit.observations.has_target
+        counts = fit.used
         width = deviations.shape[1]
         observations = fit.observations
         by_reading = fit.by_reading

@@ -89,8 +89,8 @@ class RecordNoise:
         """The noise of a fit by its postures, whose records share nothing but what is stated of
         their readings.
         """
-        counts = fit.used & fit.observations.has_target
-        group = np.full(len(counts), -1, dtype=np.intp)
+        counts = fit.used
+        group = np.full(counts.size, -1, dtype=np.intp)
         postures = posture_numbers(fit.problem.measurements.q, NEAR)
         pairs = np.stack([postures, fit.observations.seat], axis=1)[counts]
         _, first, number = np.unique(pairs, axis=0, return_index=True, return_inverse=True)

@@ -83,7 +83,7 @@ def signed_residuals(choice: Choice) -> dict[int | None, Array]:
     at = choice.design.fit
     records = at.problem.measurements
     order = records.order_in_time
-    order = order[choice.fit.used[order] & at.observations.has_target[order]]
+    order = order[choice.fit.used[order]]
     residuals = choice.whitened_deviations[order]
     columns = choice.noise.whitening[order, :3, :3] @ choice.design.of_angles[order, :3]
     of_joint: dict[int | None, Array] = {None: residuals}
