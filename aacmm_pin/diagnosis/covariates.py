@@ -335,19 +335,17 @@ def label_groups(measurements: Measurements) -> list[LabelGroup]:
     conditions = measurements.conditions
     labels = {"session": conditions.session, "marker": conditions.marker}
     if not measurements.known.any():
-        labels |= {"bar": measurements.bar}
-        labels |= {"seat": conditions.seat} if measurements.bar is None else {}
+        labels["bar"] = measurements.bar
+        labels["seat"] = conditions.seat if measurements.bar is None else None
     groups = []
     for kind, of_record in labels.items():
         if of_record is None:
             continue
         labelled = [LabelGroup(kind, label, of_record) for label in dict.fromkeys(of_record)]
-        large = [
-            group
-            for group in labelled
-            if group.label and group.records.sum() > THRESHOLDS.fewest_records
-        ]
-        groups += large if len(large) >= THRESHOLDS.fewest_groups else []
+        named = [group for group in labelled if group.label]
+        large = [group for group in named if group.records.sum() > THRESHOLDS.fewest_records]
+        if len(large) >= THRESHOLDS.fewest_groups:
+            groups += large
     return groups
 
 

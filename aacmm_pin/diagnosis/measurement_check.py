@@ -156,9 +156,13 @@ def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
     for joint in np.flatnonzero(outside.any(axis=0)).tolist():
         rows = outside[:, joint]
         values = records.q[rows, joint]
-        data = {"joint": joint + 1, "rows": records.row[rows].tolist()}
-        data |= {"limits": arm.limits[joint], "values": [values.min(), values.max()]}
-        data["unit"] = "mm" if arm.chain.prismatic[joint] else "°"
+        data = {
+            "joint": joint + 1,
+            "rows": records.row[rows].tolist(),
+            "limits": arm.limits[joint],
+            "values": [values.min(), values.max()],
+            "unit": "mm" if arm.chain.prismatic[joint] else "°",
+        }
         notes.append(Note("outside_limits", data))
     return notes
 

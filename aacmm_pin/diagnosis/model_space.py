@@ -150,15 +150,15 @@ class Candidates:
         one that can be every function of its place.
         """
         owners = np.array([self.owner(k) for k in blocks], dtype=np.intp)
-        taken = np.isin(self.owners, owners)
-        alone = np.isin(self.of_blocks, self.places[owners[self.free[owners]]])
-        instead = self.free[self.owners] & np.isin(self.of_blocks, self.places[owners])
+        barred = np.isin(self.owners, owners)
+        barred |= np.isin(self.of_blocks, self.places[owners[self.free[owners]]])
+        barred |= self.free[self.owners] & np.isin(self.of_blocks, self.places[owners])
         follows = self.follows[self.owners]
-        early = (follows >= 0) & ~np.isin(follows, owners)
+        barred |= (follows >= 0) & ~np.isin(follows, owners)
         for k in blocks:
             near = np.abs(self.values - self.values[k]) < APART
-            early |= near & (follows == self.owner(k))
-        return np.asarray(taken | alone | instead | early)
+            barred |= near & (follows == self.owner(k))
+        return barred
 
     def is_possible(self, blocks: Blocks) -> bool:
         """Whether a set has what each of its blocks follows, with another value."""
