@@ -278,19 +278,15 @@ def design_of(
     fit: Fit,
     library: Sequence[Variants],
     all_covariates: Sequence[Covariate],
-    taken_out: int = 0,
-    held: Sequence[Effect] = (),
 ) -> Design:
     """The columns of every candidate in the arm as calibrated.
 
-    Args:
-        fit, library, all_covariates: the calibration; causes and covariates to consider.
-        taken_out: so many of the estimated effects, the last ones, are candidates and no nuisances:
-            what they do is taken out of the tips. What the arm states of a geometric value among
-            them, or of a known cause, is a nuisance as well, within its u.
-        held: effects of the fit's model that are candidates too, at the values at which they stay.
+    What the candidates among the estimated effects do, and curves of the fit's model, is taken out
+    of the tips: they are no nuisances. What the arm states of a geometric value among them, or of a
+    known cause, is a nuisance as well, within its u.
     """
     problem = fit.problem
+    taken_out = problem.candidates
     point = fit.point
     width = problem.vector.size
     stays = problem.vector.slices[-taken_out].start if taken_out else width
@@ -332,7 +328,8 @@ def design_of(
         point.prediction.poses,
     )
     tips = design.tips - jacobian[:, :, stays:width] @ (point.x - problem.start)[stays:width]
-    moved = sum(displacements(fit, [effect]) @ effect.values for effect in held)
+    curves = [effect for effect in problem.model.effects if effect.free_form]
+    moved = sum(displacements(fit, [effect]) @ effect.values for effect in curves)
     return replace(design, tips=tips - moved)
 
 

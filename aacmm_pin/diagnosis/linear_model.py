@@ -372,11 +372,6 @@ class Conditional:
     def _inside(self) -> dict[object, Array]:
         return {}
 
-    @property
-    def all(self) -> Beside:
-        """What is left beside the set."""
-        return self.without()
-
     def without(self, *members: int) -> Beside:
         """What is left beside the set without some of its blocks.
 

@@ -339,8 +339,7 @@ def _climbed(
     An error curve, which has many parameters, may follow readings that scatter. So the first round
     takes the more probable: the curves, or the scatter of readings in their place.
     """
-    held = [effect for effect in at.problem.model.effects if effect.free_form]
-    design = design_of(at, library, all_covariates, at.problem.candidates, held)
+    design = design_of(at, library, all_covariates)
     candidates = Candidates.of(design, library)
     previous = before or _Before(at.point.prediction.poses, at.dof)
     blocks_of_causes = [b for b in design.blocks if b.candidate < design.causes]  # the first ones
@@ -435,8 +434,9 @@ def _with_variant(variants: Variants, refined: Effect) -> Variants:
         and not (is_change(variant) or nonlinear.is_preferred(variant))
         and nonlinear.at(variant, nonlinear.value(refined)).identity == refined.identity
     ]
-    if not alike:
-        return (*variants, refined)
-    value = nonlinear.value(refined)
-    nearest = min(alike, key=lambda k: abs(nonlinear.value(variants[k]) - value))
+    nearest = min(
+        alike,
+        key=lambda k: abs(nonlinear.value(variants[k]) - nonlinear.value(refined)),
+        default=len(variants),
+    )
     return (*variants[:nearest], refined, *variants[nearest + 1 :])

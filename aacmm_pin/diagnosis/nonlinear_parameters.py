@@ -60,18 +60,7 @@ def refined_rivals(choice: Choice) -> list[Effect]:
     Causes with values that machines are made with, such as orders, are left out: these values
     themselves are tried.
     """
-    rivals = {k: _rivals(choice, block) for k, block in enumerate(choice.top_causes)}
-    tried = {k: [*itertools.chain.from_iterable(of_block)] for k, of_block in rivals.items()}
-    acting = _acting(choice, choice.top_causes)
-    refined = list[Effect]()
-    for k, odds in evidences(choice.fit, choice.noise, acting, tried).items():
-        ends = np.cumsum([len(effects) for effects in rivals[k]])[:-1]
-        refined += map(likeliest, rivals[k], np.split(odds, ends))
-    return refined
-
-
-def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
-    candidates = choice.candidates
+    candidates, records = choice.candidates, choice.fit.problem.measurements
     # Forms of a basis are tried at all values already.
     own_columns = {
         block.candidate for block in candidates.blocks if block.variant == 0 and block.form is None
@@ -83,12 +72,20 @@ def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
     }
     if not smooth:
         return []
-    records = choice.fit.problem.measurements
-    _, values = choice.posterior.space.exchanges(choice.posterior.top, (block,))
-    best = best_of_candidates(candidates, values)
-    others = [k for k in best if k < candidates.design.causes and k != candidates.owner(block)]
-    effects = [choice.variant(best[k]).at(()) for k in others[:RIVALS] if k in smooth]
-    return [effect.nonlinear.refine(effect, records) for effect in effects]
+    rivals = dict[int, list[list[Effect]]]()
+    for k, block in enumerate(choice.top_causes):
+        _, values = choice.posterior.space.exchanges(choice.posterior.top, (block,))
+        best = best_of_candidates(candidates, values)
+        others = [c for c in best if c < candidates.design.causes and c != candidates.owner(block)]
+        effects = [choice.variant(best[c]).at(()) for c in others[:RIVALS] if c in smooth]
+        rivals[k] = [effect.nonlinear.refine(effect, records) for effect in effects]
+    tried = {k: [*itertools.chain.from_iterable(of_block)] for k, of_block in rivals.items()}
+    acting = _acting(choice, choice.top_causes)
+    refined = list[Effect]()
+    for k, odds in evidences(choice.fit, choice.noise, acting, tried).items():
+        ends = np.cumsum([len(effects) for effects in rivals[k]])[:-1]
+        refined += map(likeliest, rivals[k], np.split(odds, ends))
+    return refined
 
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
@@ -116,8 +113,7 @@ def evidences(
     if not any(tried.values()):
         return {}
     library = [(*variants, *tried.get(number, ())) for number, variants in enumerate(acting)]
-    curves = [effect for effect in at.problem.model.effects if effect.free_form]
-    design = design_of(at, library, [], at.problem.candidates, curves)
+    design = design_of(at, library, [])
     candidates = Candidates.of(design, library)
     space = ModelSpace(candidates, gram_of(design, noise), noise_is_known(at))
     places = [np.flatnonzero(candidates.owners == number) for number in range(len(acting))]
@@ -128,26 +124,22 @@ def evidences(
         if not effects:
             continue
         state = space.marginal(without_block(tuple(held), held[number])).best
-        log_evidence = space.conditional(state).all.additions()[places[number][-len(effects) :]]
+        additions = space.conditional(state).without().additions()
+        log_evidence = additions[places[number][-len(effects) :]]
         priors = [effect.nonlinear.prior_probability(effect, records) for effect in effects]
         evidence_of[number] = logsumexp(log_evidence, axis=1) + np.log(priors)
     return evidence_of
 
 
 def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
-    """The effect with the largest evidence, or one with nearly this evidence and a value that
-    machines are made with.
+    """The effect at the top of the parabola through the one with the largest evidence and its
+    neighbours, or one with nearly this evidence and a value that machines are made with.
     """
     best = int(np.argmax(odds))
     exceptional = [k for k, effect in enumerate(tried) if effect.nonlinear.is_preferred(effect)]
     usual = max(exceptional, key=lambda k: odds[k], default=best)
     if exceptional and odds[usual] > odds[best] - EXCEPTIONAL:
         return tried[usual]
-    return _at_the_top(tried, odds, best)
-
-
-def _at_the_top(tried: Sequence[Effect], odds: Array, best: int) -> Effect:
-    """The effect at the top of the parabola through the best of those tried and its neighbours."""
     effect = tried[best]
     nonlinear = effect.nonlinear
     if not nonlinear.prior_sd(effect) or not 0 < best < len(tried) - 1:

@@ -706,9 +706,7 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
     case = case_of(tmp_path / "data.csv", 3, cause, "free")
     blocks = () if cause is None else (case.block(f"{cause}:{draw(3, cause).hidden[0].joint}"),)
     causes = [free(case.library[case.design.blocks[k].candidate][0]) for k in blocks]
-    case = replace(
-        case, design=design_of(case.refit(causes), case.library, case.others, len(causes))
-    )
+    case = replace(case, design=design_of(case.refit(causes), case.library, case.others))
     choice = case.choice(blocks)
     for number in np.unique(case.folds)[:3].tolist():
         out = choice.fit.used & (case.folds == number)
