@@ -26,11 +26,10 @@ from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.nonlinear_parameters import (
-    evidences,
-    likeliest,
     noise_is_known,
     refined_causes,
     refined_rivals,
+    with_likeliest,
     with_nonlinear_u,
 )
 from aacmm_pin.diagnosis.posterior import Posterior
@@ -254,7 +253,15 @@ def _extended(
     at = refitted(problem_of, within, used=used)
     if gone := _gone(at, effects):
         at = refitted(problem_of, within, gone, used)
-        effects = [_without(at, choice.noise, effects, k, gone) for k in range(len(effects))]
+        # A cause that has replaced a known one has another nonlinear parameter without it.
+        labels = {effect.label for effect in gone}
+        tried = {
+            k: effect.nonlinear.refine(effect, at.problem.measurements)
+            for k, effect in enumerate(effects)
+            if effect.label in labels and not effect.nonlinear.is_preferred(effect)
+        }
+        acting = [(effect,) for effect in effects]
+        effects = with_likeliest(at, choice.noise, acting, tried)
         within = choice.with_values(effects)
         at = refitted(problem_of, within, gone, used)
     at = with_nonlinear_u(at, choice.noise, effects)
@@ -285,18 +292,6 @@ def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
             if np.all(np.abs(effect.values) <= COVERAGE_FACTOR * u):
                 gone.append(effect)
     return gone
-
-
-def _without(
-    at: Fit, noise: RecordNoise, effects: Sequence[Effect], number: int, gone: Sequence[Effect]
-) -> Effect:
-    """One of the effects, with the likeliest nonlinear parameter if it has replaced a known one."""
-    effect = effects[number]
-    if effect.label not in {old.label for old in gone} or effect.nonlinear.is_preferred(effect):
-        return effect
-    tried = effect.nonlinear.refine(effect, at.problem.measurements)
-    odds = evidences(at, noise, [(acting,) for acting in effects], {number: tried})
-    return likeliest(tried, odds[number])
 
 
 def refitted(

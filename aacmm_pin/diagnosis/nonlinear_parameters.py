@@ -44,13 +44,25 @@ def refined_causes(choice: Choice, causes: Blocks, before: Sequence[Effect] = ()
     """
     records = choice.fit.problem.measurements
     acting = _acting(choice, causes)
-    best = [variants[-1] for variants in acting]
-    new = [k for k, block in enumerate(causes) if not is_change(choice.variant(block))]
-    refinements = {k: best[k].nonlinear.refine(best[k], records) for k in new}
-    tried = {k: effects for k, effects in refinements.items() if len(effects) > 1}
-    for k, odds in evidences(choice.fit, choice.noise, acting, tried).items():
-        best[k] = likeliest(tried[k], odds)
+    tried = {}
+    for k, (*_, effect) in enumerate(acting):
+        if is_change(choice.variant(causes[k])):
+            continue
+        refined = effect.nonlinear.refine(effect, records)
+        if len(refined) > 1:
+            tried[k] = refined
+    best = with_likeliest(choice.fit, choice.noise, acting, tried)
     return [_as_before(effect, before) for effect in best]
+
+
+def with_likeliest(
+    at: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Sequence[Effect]]
+) -> list[Effect]:
+    """The causes as they act, with the likeliest of the effects to try, see :func:`evidences`."""
+    best = [variants[-1] for variants in acting]
+    for k, odds in evidences(at, noise, acting, tried).items():
+        best[k] = likeliest(tried[k], odds)
+    return best
 
 
 def refined_rivals(choice: Choice) -> list[Effect]:
@@ -132,14 +144,19 @@ def evidences(
 
 
 def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
-    """The effect at the top of the parabola through the one with the largest evidence and its
-    neighbours, or one with nearly this evidence and a value that machines are made with.
+    """The effect with the largest evidence, or one with nearly this evidence and a value that
+    machines are made with.
     """
     best = int(np.argmax(odds))
     exceptional = [k for k, effect in enumerate(tried) if effect.nonlinear.is_preferred(effect)]
     usual = max(exceptional, key=lambda k: odds[k], default=best)
     if exceptional and odds[usual] > odds[best] - EXCEPTIONAL:
         return tried[usual]
+    return _at_the_top(tried, odds, best)
+
+
+def _at_the_top(tried: Sequence[Effect], odds: Array, best: int) -> Effect:
+    """The effect at the top of the parabola through the best of those tried and its neighbours."""
     effect = tried[best]
     nonlinear = effect.nonlinear
     if not nonlinear.prior_sd(effect) or not 0 < best < len(tried) - 1:
