@@ -4,6 +4,7 @@
 are taken out of the inner products once for each amplitude of the background; the blocks of a set
 are then conditioned on by one small Cholesky factor. What is asked of other blocks beside the set,
 such as the evidence of every form of a place, is arithmetic on the products inside their columns.
+*Products* are with all columns and, last, the residual, unless others are named.
 """
 
 from __future__ import annotations
@@ -135,14 +136,12 @@ class Base:
 
     @cached_property
     def whitened(self) -> Array:
-        """``L⁻¹`` times their products with all columns and the residual (b, columns + 1)."""
+        """``L⁻¹`` times their products (b, columns + 1)."""
         return solve_lower(self.factor, self._products[0])
 
     @cached_property
     def left(self) -> Array:
-        """Products of all columns and, last, the residual with the residual, where these are
-        integrated over (columns + 1,).
-        """
+        """Products of the residual, where these are integrated over (columns + 1,)."""
         return np.asarray(self.gram.matrix[-1] - self.whitened[:, -1] @ self.whitened)
 
     def inside(self, columns: slice | Index) -> Array:
@@ -164,9 +163,7 @@ class Base:
         return {}
 
     def rows(self, block: int) -> Array:
-        """Products of the parameters of a block with all columns and the residual (q, columns + 1);
-        those of the last blocks are kept.
-        """
+        """Products of the parameters of a block (q, columns + 1); kept of the last blocks."""
         rows = self._rows.pop(block, None)
         if rows is None:
             parameters = self.gram.design.blocks[block]
@@ -221,7 +218,7 @@ class Members:
 
     @cached_property
     def rows(self) -> Array:
-        """Products of the set's parameters with all columns and the residual (m, columns + 1)."""
+        """Products of the set's parameters (m, columns + 1)."""
         rows = [self.base.rows(k) for k in self.blocks]
         return np.concatenate([np.zeros((0, len(self.base.gram.matrix))), *rows])
 
@@ -352,7 +349,7 @@ class Conditional:
 
     @cached_property
     def whitened(self) -> Array:
-        """``L⁻¹`` times the products with all columns and the residual (m, columns + 1)."""
+        """``L⁻¹`` times the products of the set's parameters (m, columns + 1)."""
         return solve_lower(self.factor, self.members.rows) if self.blocks else self.members.rows
 
     def inside(self, columns: slice | Index) -> Array:
@@ -526,9 +523,7 @@ class Beside:
         )
 
     def _rows(self, block: int) -> Array:
-        """Products of the parameters of a block with all columns and the residual (q, columns +
-        1).
-        """
+        """Products of the parameters of a block (q, columns + 1)."""
         parameters = self.conditional.design_blocks[block]
         if self.before is not None:
             return self.before._rows(block) - parameters.of_rows(self.more).T @ self.more
@@ -538,9 +533,7 @@ class Beside:
 
     @cached_property
     def _left(self) -> Array:
-        """Products of all columns and, last, the residual with the residual (columns + 1,), before
-        one more block was added.
-        """
+        """Products of the residual (columns + 1,), before one more block was added."""
         change = self.conditional.estimate @ self.conditional.members.rows
         return np.asarray(self.conditional.base.left + change + self._back[:, -1] @ self._back)
 

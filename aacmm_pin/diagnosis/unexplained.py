@@ -258,10 +258,10 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
         log_ratio = float(scatter.log_ratios[j])
         if scatter.larger[j] and at_tips > THRESHOLDS.large * noise:
             chance = min(1.0, 0.5 * scatter.readings.size * float(chi2_sf(2.0 * log_ratio, 1)))
-            size = float(scatter.readings[j])
-            slides = bool(chain.prismatic[j])
-            of_joint = int(row), size, slides, stated, at_tips, log_ratio, chance
-            scattered.append(ScatteredReadings(*of_joint))
+            size, slides = float(scatter.readings[j]), bool(chain.prismatic[j])
+            scattered.append(
+                ScatteredReadings(int(row), size, slides, stated, at_tips, log_ratio, chance)
+            )
     return tuple(sorted(scattered, key=lambda readings: -readings.at_tips))
 
 

@@ -89,8 +89,7 @@ DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {
 
 def doubts_of(evidence: Evidence) -> tuple[str, ...]:
     """Names of the doubts that stand."""
-    standing = [name for name, stands in DOUBTS.items() if stands(evidence)]
-    return tuple(standing)
+    return tuple(name for name, stands in DOUBTS.items() if stands(evidence))
 
 
 def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:
