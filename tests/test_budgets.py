@@ -28,7 +28,7 @@ TOKENS: dict[str, int] = {
     "measurements": 25200,
     "accuracy": 12600,
     "calibration": 58700,
-    "diagnosis": 51050,
+    "diagnosis": 49100,
     "planning": 11800,
     "verification": 15350,
     "report": 57050,
@@ -48,8 +48,8 @@ it. A label is what a class states of itself, such as ``words = "drift of a zero
 INNER: dict[str, int] = {
     "calibration": 1,
     "diagnosis": 31,
-    "report": 57050,
-    "cli": 17600,
+    "report": 9,
+    "cli": 3,
 }
 """Names that a room takes from inner modules of other rooms, and not from their faces."""
 CONSTANTS = 0
