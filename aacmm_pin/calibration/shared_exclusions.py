@@ -210,9 +210,8 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
     :data:`TOGETHER` by Bonferroni's bound. Records of one posture share an error and count once.
     """
     postures = records.postures
-    single = np.zeros(records.n, dtype=bool)
-    single[np.unique(np.stack([postures, excluded], axis=1), axis=0, return_index=True)[1]] = True
-    counted = single & (excluded | used)
+    repeated = pd.DataFrame({"posture": postures, "excluded": excluded}).duplicated().to_numpy()
+    counted = ~repeated & (excluded | used)
     if np.sum(counted & excluded) < FEWEST_TOGETHER or not used.any():
         return []
     scales = [*_scales(arm, records)]
@@ -222,13 +221,10 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
         chance *= 1 if scale.is_order else len(scales) - 1
         if chance < TOGETHER:
             inside = np.isin(postures, postures[window])
-            excluded_there, counting = (
-                int((inside & some).sum()) for some in (excluded, excluded | used)
-            )
+            there = int(excluded[inside].sum())
+            counting = there + int(used[inside].sum())
             where = scale.extent(window)
-            shared = Shared(
-                scale.name, chance, where, excluded_there, counting, int(excluded.sum())
-            )
+            shared = Shared(scale.name, chance, where, there, counting, int(excluded.sum()))
             unlikely.append(Cluster(inside, shared))
     return unlikely
 
@@ -323,9 +319,8 @@ def round_excluded(fit: Fit, residuals: Array) -> Shared | None:
             inside = order[: sizes[k]]
             where = f"{place.extent(inside)}, where used records deviate similarly"
             n_excluded = int(out[inside].sum())
-            best = Shared(
-                "place", float(chances[k]), where, n_excluded, inside.size, int(out.sum())
-            )
+            chance = float(chances[k])
+            best = Shared("place", chance, where, n_excluded, inside.size, int(out.sum()))
     return best
 
 
