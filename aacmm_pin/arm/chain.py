@@ -260,6 +260,12 @@ class Chain:
         frames = self._frames(q, twists or {}).transpose(0, 3, 2, 1)
         return frames[..., :3], frames[..., 3]
 
+    @cached_property
+    def at_zero(self) -> tuple[Array, Array]:
+        """Rotation (places, 3, 3) and origin (places, 3) [m] of all places at zero joint values."""
+        rotation, origin = self.walk(np.zeros((1, self.nq)))
+        return rotation[:, 0], origin[:, 0]
+
     def _frames(self, q: Array, twists: Mapping[int, Array]) -> Array:
         """Frames as x, y, z and origin; components; records last (places, 4, 3, n): several times
         faster than stacks of 3×3 products.

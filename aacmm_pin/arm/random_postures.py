@@ -90,10 +90,9 @@ class Room:
 
     def admits(self, tips: Array) -> Mask:
         """Which of the ``tips`` (n, 3) [m] are in the room: (n,)."""
-        rotation, origin = self.arm.chain.walk(np.zeros((1, self.arm.nq)))
+        rotation, origin = self.arm.chain.at_zero
         first = self.arm.chain.moving_axes()[0]
-        axis = rotation[first, 0, :, 2]
-        lever = np.cross(tips - origin[first, 0], axis)
+        lever = np.cross(tips - origin[first], rotation[first, :, 2])
         clear: Mask = np.linalg.norm(lever, axis=1) >= CLEAR
         if self.above is not None:
             clear &= tips @ self.arm.up >= self.above

@@ -58,7 +58,7 @@ def dh_file(arm: Arm) -> ArmFile:
             f"{arm.name}: joint {followers} mimics another joint; expected independent joints for "
             "a DH table"
         )
-    rotation, origin = (part[:, 0] for part in chain.walk(np.zeros((1, arm.nq))))
+    rotation, origin = chain.at_zero
     rows = []  # with the number of the joint, from 0
     frame = np.eye(4)
     frames = []
@@ -89,7 +89,7 @@ def _file(
 ) -> ArmFile:
     """The arm file of these rows, with frames (4, 4) at zero joint values."""
     axes = [axis(number) for number in arm.chain.moving_rows()]
-    rotation, origin = (part[axes, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
+    rotation, origin = (part[axes] for part in arm.chain.at_zero)
     joints = []
     for (row, joint), frame in zip(rows, frames, strict=True):
         entry: dict[str, Any] = {"a_mm": row.a / MM, "d_mm": row.d / MM}

@@ -346,8 +346,8 @@ class JointCompliance(GravityEffect):
 
 
 def _first_axis_is_vertical(arm: Arm, records: Records | None) -> bool:
-    rotation, _ = arm.chain.walk(np.zeros((1, arm.nq)))
-    z = rotation[arm.chain.moving_axes()[0], 0, :, 2]
+    rotation, _ = arm.chain.at_zero
+    z = rotation[arm.chain.moving_axes()[0], :, 2]
     conditions = Conditions(1) if records is None else records.conditions
     across = np.cross(z, conditions.in_tilted_base(arm.up))
     return bool((np.linalg.norm(across, axis=1) < VERTICAL).all())

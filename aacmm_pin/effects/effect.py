@@ -433,7 +433,7 @@ def _places(location: str | None, arm: Arm, records: Records | None) -> list[dic
 
 def tubes(arm: Arm) -> list[int]:
     """Rows of the bodies that are long enough to bend."""
-    _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+    _, origin = arm.chain.at_zero
     spans = {row: origin[end(row)] - origin[arm.foot(row)] for row in range(1, arm.chain.rows + 1)}
     return [row for row, span in spans.items() if np.linalg.norm(span) > BENDS]
 
