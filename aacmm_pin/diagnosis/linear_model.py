@@ -164,7 +164,7 @@ class Base:
 
     def rows(self, block: int) -> Array:
         """Products of the parameters of a block (q, columns + 1); kept of the last blocks."""
-        rows = self._rows.pop(block, None)
+        rows = self._rows.get(block)
         if rows is None:
             parameters = self.gram.design.blocks[block]
             products = parameters.of_rows(self.gram.matrix).T

@@ -15,7 +15,7 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.arm import COVERAGE_FACTOR
-from aacmm_pin.calibration import Fit, HeldEffects, Problem
+from aacmm_pin.calibration import Fit, HeldEffects, Problem, rms
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
@@ -153,13 +153,13 @@ def _standing(
             rounds.update()
             best = refined_causes(choice, choice.top_causes, effects)
             before = _Before.of(choice)
-            stays = _identities(best) == _identities(effects) or before.is_near(choice, visited)
+            stays = _identities(best) == _identities(effects) or _is_near(choice, visited)
             visited.append(before.tips)
             if stays and before.settled(choice):
                 choice = _explored(choice)
-                before = _Before.of(choice)
-                if before.is_near(choice, [visited[-1], *ends]):  # or leads there again and again
+                if _is_near(choice, [visited[-1], *ends]):  # or leads there again and again
                     break
+                before = _Before.of(choice)
                 ends.append(before.tips)
                 best = refined_causes(choice, choice.top_causes, effects)
             rivals = refined_rivals(choice)
@@ -193,6 +193,15 @@ def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
     return frozenset(effect.identity for effect in effects)
 
 
+def _is_near(choice: Choice, visited: Sequence[Array]) -> bool:
+    """Whether the tips with the most probable set are those of an earlier round, beside the
+    noise.
+    """
+    tips = choice.posterior.top_model.all_tips
+    differences = (choice.noise.whitened(tips - earlier) for earlier in visited)
+    return any(rms(difference) < SAME_TIPS for difference in differences)
+
+
 @dataclass(frozen=True, eq=False)
 class _Before:
     """What a round leaves for the next one, beside its most probable set.
@@ -217,11 +226,6 @@ class _Before:
         scatter = None if noise_is_known(choice.design.fit) else choice.scatter_beside(model)
         noise = choice.noise
         return _Before(model.all_tips, model.dof, scatter, noise.ratio, noise.of_readings)
-
-    def is_near(self, choice: Choice, visited: Sequence[Array]) -> bool:
-        """Whether the tips of one of the other rounds are the same, beside the noise."""
-        differences = (choice.noise.whitened(self.tips - tips) for tips in visited)
-        return any(np.sqrt(np.mean(np.square(one))) < SAME_TIPS for one in differences)
 
     def settled(self, choice: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""

@@ -289,7 +289,7 @@ class ModelSpace:
     def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
         """Every block, conditional on the set of ``state``."""
         key = (state.blocks, state.amplitude, as_stated)
-        conditional = self._rows.pop(key, None)
+        conditional = self._rows.get(key)
         if conditional is None:
             base = self.base(state.amplitude, as_stated)
             conditional = Conditional(Members(base, state.blocks), state.widths, self.likelihood)
