@@ -114,7 +114,6 @@ class AnyArm(UrdfArm):
     ] = None
 
     def __post_init__(self) -> None:
-
         if self.urdf is None and self.arm in EXAMPLE_ROBOTS:
             object.__setattr__(self, "urdf", self.arm)
             object.__setattr__(self, "arm", None)

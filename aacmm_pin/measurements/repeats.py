@@ -169,8 +169,7 @@ def fingerprints(records: Measurements) -> tuple[str, ...]:
 
 def fingerprints_of_standards(records: Measurements) -> tuple[str, ...]:
     """The fingerprints of the coordinates of each seat, and of the length and u of each bar."""
-    seat = records.conditions.seat
-    at_seat = np.zeros(records.n, dtype=bool) if seat is None else seat != ""
+    at_seat = records.conditions.labels("seat") != ""
     places = np.unique(records.reference[records.known & at_seat], axis=0)
     lengths = np.unique(records.lengths(), axis=0).reshape(-1, 2)
     of_seats = [f"seat-{text}" for text in _hashes(places)]

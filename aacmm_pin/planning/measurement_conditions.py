@@ -101,9 +101,9 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
     if arm.masses is not None:
         rows = arm.chain.moving_rows()
         row = rows[-2] if len(rows) > 1 else rows[-1]
-        rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+        rotation, origin = arm.chain.at_zero
         frame = end(row) if file.convention == "standard-dh" else axis(row)
-        place = rotation[frame][0].T @ (origin[end(row)] - origin[frame])[0] / MM
+        place = rotation[frame].T @ (origin[end(row)] - origin[frame]) / MM
         joints = list(file.joints)
         body = joints[row - 1]
         before = body.mass_kg or 0.0

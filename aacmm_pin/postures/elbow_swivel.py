@@ -28,11 +28,11 @@ class Swivel:
     @property
     def shoulder(self) -> Array:
         """The point of joint axis 1 closest to joint axis 2, (3,) [m]; it does not move."""
-        rotation, origin = self.dh.chain.walk(np.zeros((1, self.dh.nq)))
+        rotation, origin = self.dh.chain.at_zero
         frame = self.dh.place(1)
-        place = origin[frame, 0]
+        place = origin[frame]
         if self.dh.standard:
-            place = place - self.dh.a[0] * rotation[frame, 0, :, 0]
+            place = place - self.dh.a[0] * rotation[frame, :, 0]
         return np.asarray(place)
 
     def elbow(self, q: Array) -> Array:

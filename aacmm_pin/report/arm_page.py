@@ -64,7 +64,6 @@ def arm_document(arm: Arm) -> Document:
 
 
 def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
-
     table = _dh_cells(dh, {p.name: p.half_width for p in arm.parameters})
     _add_limits_and_noise(table, arm, np.flatnonzero(dh.moving), "fixed")
     if isinstance(arm.file, ArmFile) and any(row.mass_kg for row in arm.file.joints):
@@ -86,7 +85,6 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
 
 
 def _joints(arm: Arm) -> pd.DataFrame:
-
     half = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(-1, 6)
     table = pd.DataFrame(
         {
@@ -126,7 +124,6 @@ def dh_document(dh: DHTable) -> Document:
 
 
 def _parameters(parameters: Sequence[Parameter]) -> pd.DataFrame:
-
     rows = [
         {
             "parameter": p.name,

@@ -31,7 +31,7 @@ class ArmLines:
         # From each joint to the next, in the zero posture.
         arm_chain = self.arm.chain
         axes = [chain.axis(row) for row in range(1, arm_chain.rows + 1)]
-        rotation, origin = (part[:, 0] for part in arm_chain.walk(np.zeros((1, self.arm.nq))))
+        rotation, origin = arm_chain.at_zero
         lines = []
         for place, after in pairwise([chain.BASE, *axes, arm_chain.tip]):
             step = (origin[after] - origin[place]) @ rotation[place]

@@ -352,7 +352,6 @@ def places_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def _forms_in_words(result: Diagnosis, place: Place) -> str:
-
     texts = []
     for labels, p in place.forms.items():
         if p >= THRESHOLDS.rival:
@@ -465,7 +464,6 @@ def rms_figure(result: Diagnosis) -> Figure:
 
 
 def _groups(result: Diagnosis) -> Iterator[Block]:
-
     yield Heading("Residuals of groups of records")
     table = result.residual_groups
     if table.empty:

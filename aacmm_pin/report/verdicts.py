@@ -233,7 +233,6 @@ def _is_settled(finding: Finding) -> bool:
 
 
 def _named(findings: Iterable[Finding], arm: Arm) -> str:
-
     certain = [f.effect for f in findings if _is_settled(f)]
     named = [several_in_words(certain, arm)] if certain else []
     for finding in findings:

@@ -215,17 +215,17 @@ def acceptance_procedure(
 
 def _stands(arm: Arm) -> bool:
     """Whether joint axis 1 is upright, and joint 2 not below the base."""
-    rotation, _ = arm.chain.walk(np.zeros((1, arm.nq)))
+    rotation, _ = arm.chain.at_zero
     first = arm.chain.moving_axes()[0]
-    cosine = abs(float(rotation[first, 0, :, 2] @ arm.up))
+    cosine = abs(float(rotation[first, :, 2] @ arm.up))
     return cosine > LEAST_UPRIGHT_COSINE and float(_shoulder(arm) @ arm.up) > -MM
 
 
 def _shoulder(arm: Arm) -> Array:
     """Origin of joint axis 2 (3,), or of the only joint axis."""
-    _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+    _, origin = arm.chain.at_zero
     *_, second = arm.chain.moving_axes()[:2]
-    return np.asarray(origin[second, 0])
+    return np.asarray(origin[second])
 
 
 @dataclass(eq=False)

@@ -102,8 +102,8 @@ def neighbours(circle: PosturesAtPoint, members: Index) -> Index:
 def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Array:
     """Draw joint axis 1 and the shoulder; return the ends of the line."""
     dh, shoulder = circle.components.swivel.dh, circle.components.swivel.shoulder
-    rotation, _ = dh.chain.walk(np.zeros((1, dh.nq)))
-    axis = rotation[dh.chain.moving_axes()[0], 0, :, 2]
+    rotation, _ = dh.chain.at_zero
+    axis = rotation[dh.chain.moving_axes()[0], :, 2]
     along = BASE_LINE * float(np.abs([dh.a, dh.d]).max()) * axis
     line = np.array([shoulder - along, shoulder + along])
     ax.plot(*line.T / MM, color=INK, lw=1.0, ls="-.", zorder=3, label="joint axis 1")

@@ -96,7 +96,7 @@ def residual_scene(
         "The slider shows the residuals, the largest first.",
         *bodies.notes,
     ]
-    seats = np.full(records.n, "") if records.conditions.seat is None else records.conditions.seat
+    seats = records.conditions.labels("seat")
     texts = {
         "row": [str(row) for row in records.row[chosen]],
         "seat": [str(seat or "–") for seat in seats[chosen]],

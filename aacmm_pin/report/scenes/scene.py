@@ -186,7 +186,6 @@ class _Window:
         self.commands: list[Any] = []
 
     def send(self, command: Any) -> None:
-
         self.commands.append(command)
 
 

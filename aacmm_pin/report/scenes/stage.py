@@ -113,8 +113,8 @@ class Bodies(ArmLines):
         """
         if self._shows(*self.lines[0][[0, -1]]):
             return np.zeros((2, 3))
-        rotations, origins = self.arm.chain.walk(np.zeros((1, self.arm.nq)))
-        axis, origin = rotations[chain.axis(1), 0, :, 2], origins[chain.axis(1), 0]
+        rotations, origins = self.arm.chain.at_zero
+        axis, origin = rotations[chain.axis(1), :, 2], origins[chain.axis(1)]
         up = -axis if axis @ self.arm.up < 0 else axis
         return np.array([origin, origin - 4.2 * self.radius * up])
 
