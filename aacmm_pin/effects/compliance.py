@@ -29,19 +29,17 @@ VERTICAL = 0.01
 SHORTEST_TUBE = 1e-3
 """A shorter body is no tube [m]."""
 TYPICAL_SAG = 5e-4
-"""Typical rotation under an unknown moment [rad]: measuring arms 1e-4, joints of robots up to
-5e-3.
-"""
+"""Typical rotation under an unknown moment [rad]: measuring arms 1e-4, robots up to 5e-3."""
 TYPICAL_LOAD = 1e-4
 """Typical rotation under a load with a lever of one metre [rad/m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadedEffect(Effect):
-    """The base class of elastic causes with one compliance.
+    """An elastic cause with one compliance.
 
-    A load that the arm file does not state may act at the end of a body, in addition to the known
-    masses. The parameter is then compliance times weight, for a unit force downwards.
+    A load that the arm file does not state may act at the end of a body, beside the known masses.
+    The parameter is then compliance times weight.
 
     Attributes:
         load_at: row of the body at whose end the load acts; None for the masses of the arm.
@@ -73,16 +71,14 @@ class LoadedEffect(Effect):
         return [] if self.load_at is None else [f"load at end of body {self.load_at}"]
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
-        """Return variants with a load at the tip, and at the end of each tube that the cause
-        carries.
-        """
+        """Variants with a load at the tip, and at the end of each tube that the cause carries."""
         ends = dict.fromkeys((*tubes(arm), arm.chain.rows))
         carried = [row for row in ends if row >= (self.row or 0)]
         return tuple(replace(self, load_at=row, values=(), u=()) for row in carried)
 
     def unit_load(self, state: State, row: int, about: Array) -> Array:
-        """Return the moment about points ``(n, 3)`` [m] in the base of a unit load that body
-        ``row`` carries.
+        """The moment of a unit load beyond body ``row`` about points ``(n, 3)`` [m], in the base
+        ``(n, 3)``.
 
         Raises:
             AacmmError: the load is at a body before ``row``.
@@ -95,7 +91,7 @@ class LoadedEffect(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class GravityEffect(LoadedEffect):
-    """The base class of causes that are proportional to a static moment.
+    """A cause that is proportional to a static moment.
 
     If the arm has masses, the only parameter is a compliance. If not, ``bodies`` names the rows
     whose weight acts. The parameters are then ``compliance × first moment × |g|``: three numbers
@@ -104,7 +100,7 @@ class GravityEffect(LoadedEffect):
 
     Attributes:
         bodies: rows of the bodies with unknown masses, from the row of the axis on; () for the
-            masses of the arm. The last body includes all bodies that it carries.
+            masses of the arm. The last body includes all that it carries.
     """
 
     bodies: tuple[int, ...] = ()
@@ -119,32 +115,32 @@ class GravityEffect(LoadedEffect):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """The compliance, three numbers for each body of unknown mass, or one for a load."""
+        """The compliance, one for a load, or three numbers for each body of unknown mass."""
         if not self.bodies:
             return super().terms
         names = [f"{body}{component}" for body in self.bodies for component in "xyz"]
         return tuple(Term(name, "rad", TYPICAL_SAG, f"sag{name}_rad") for name in names)
 
     def basis(self, arm: Arm, records: Records) -> Effect | None:
-        """Return the effect with all bodies of unknown mass; None with the masses of the arm."""
+        """The effect with all bodies of unknown mass; None with the masses of the arm."""
         if not self.bodies:
             return None
         return replace(self, bodies=bodies_beyond(arm, self.bodies[0]), values=(), u=())
 
     def load_variants(self, arm: Arm) -> tuple[Self, ...]:
-        """Return the variants with a load; none if the cause does not use the masses of the arm."""
+        """The variants with a load; none if ``bodies`` act."""
         if self.bodies or "torque" in self.needs:
             return ()
         return super().load_variants(arm)
 
     def moments(self, state: State, row: int) -> Array:
-        """Return the moment about the bearing of ``row`` per unit of each parameter, in the base:
-        ``(n, 3, p)``.
+        """The moment about the bearing of ``row`` per unit of each parameter, in the base ``(n, 3,
+        p)``.
 
         Raises:
             UnsupportedArmError: the arm has no masses and ``bodies`` is empty.
-            AacmmError: ``bodies`` are not the first bodies from this axis on, or the load is before
-                the axis.
+            AacmmError: ``bodies`` are not the first from this axis on, or the load is before the
+                axis.
         """
         if self.load_at is not None:
             return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
@@ -166,26 +162,26 @@ def compliance(typical: float) -> Term:
 
 
 def bodies_beyond(arm: Arm, row: int) -> tuple[int, ...]:
-    """Return the rows of the bodies at and beyond an axis."""
+    """The rows of the bodies at and beyond an axis."""
     return tuple(k for k in arm.chain.joint_rows() if k >= row)
 
 
 def load_variants(effect: Effect, arm: Arm) -> tuple[Effect, ...]:
-    """Return the variants of an effect with an unknown load; none for an effect without weights."""
+    """The variants of an effect with an unknown load; none for an effect without weights."""
     return effect.load_variants(arm) if isinstance(effect, LoadedEffect) else ()
 
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """A tube along the longer side of a body, along the axis of its row or across it; the rest is
+    """A tube along the longer side of a body: along the axis of its row or across it. The rest is
     rigid.
 
     Attributes:
         along: unit vector from its clamp to its end (n, 3).
         length: (n, 1) [m].
-        stub: vector from its end to the end of the body (n, 3) [m].
-        weight: weight at its end, with a lump of the body itself (n, 3) [N].
-        moment: moment of this weight about its end (n, 3) [N·m].
+        stub: from its end to the end of the body (n, 3) [m].
+        weight: at its end, with a lump of the body itself (n, 3) [N].
+        moment: of this weight about its end (n, 3) [N·m].
         spread: weight spread evenly over its length (n, 3) [N].
     """
 
@@ -200,8 +196,8 @@ class Tube:
     def of(state: State, row: int, label: str) -> Tube:
         """The tube of body ``row``.
 
-        As much weight of the body is spread over the tube as its centre of mass allows. The rest is
-        at the end of the tube, or at its clamp if the centre of mass is in the nearer half.
+        As much weight is spread over the tube as the centre of mass allows. The rest is at its end,
+        or at its clamp if the centre of mass is in the nearer half.
 
         Raises:
             AacmmError: the body is too short.
@@ -256,16 +252,14 @@ def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
 
 @dataclass(frozen=True)
 class JointCompliance(GravityEffect):
-    """The joint deflects about its own axis: ``δθ = c τ``, with the moment τ of the weight about
-    the axis.
+    """The joint deflects about its own axis: ``δθ = c τ``, with the moment τ of the weight.
 
-    This cause applies to a joint that a spring, brake or drive holds (joint 2 of a measuring arm,
-    every joint of a robot). A free joint carries no moment about its axis; see ``bearing_tilt``.
-    With ``torque=measured``, τ is minus the measured torque of the drive. The unit is rad/(N·m);
-    the typical magnitude is 1e-5 to 3e-5. Source: robot calibration with joint stiffness (Whitney,
-    Lozinski, Rourke 1986). For measured torques, this cause needs ``torqueN_nm``. Aliases:
-    ``encoder_eccentricity`` and ``counterbalance`` of the same joint, if the load rotates with the
-    joint; ``base_compliance``; ``torsional_windup``.
+    This applies to a joint that a spring, brake or drive holds: joint 2 of a measuring arm, every
+    joint of a robot. A free joint carries no moment about its axis; see ``bearing_tilt``. With
+    ``torque=measured``, τ is minus the measured torque of the drive, and ``torqueN_nm`` is needed.
+    Typical magnitude: 1e-5 to 3e-5 rad/(N·m). Source: robot calibration with joint stiffness
+    (Whitney, Lozinski, Rourke 1986). Aliases: ``encoder_eccentricity`` and ``counterbalance`` of
+    the same joint, if the load rotates with the joint; ``base_compliance``; ``torsional_windup``.
     """
 
     joint: int
@@ -287,11 +281,11 @@ class JointCompliance(GravityEffect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every revolute joint: with measured torques, with known or unknown
+        """A candidate for every revolute joint: with measured torques, with known or unknown
         weights.
 
-        A first joint with a vertical axis has no variant with weights. Measured torques have noise:
-        alone, they would fit worse than causes that use the weights.
+        A first joint with a vertical axis has no variant with weights. Measured torques alone have
+        noise, and would fit worse than causes that use the weights.
         """
         chain = arm.chain
         rows = chain.joint_rows()
@@ -318,7 +312,7 @@ class JointCompliance(GravityEffect):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Return ``torque="measured"`` if the records have torques."""
+        """``torque="measured"`` if the records have torques."""
         return {"torque": "measured"} if "torque" in present else {}
 
     @property
@@ -327,7 +321,7 @@ class JointCompliance(GravityEffect):
         return ("torque",) if self.torque == "measured" else ()
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the rotation about the axis, proportional to the moment.
+        """The rotation about the axis, proportional to the moment.
 
         Raises:
             UnsupportedArmError: the joint is prismatic; see also :meth:`GravityEffect.moments`.
@@ -355,13 +349,12 @@ def _first_axis_is_vertical(arm: Arm, records: Records | None) -> bool:
 
 @dataclass(frozen=True)
 class BearingTilt(GravityEffect):
-    """The bearing deflects across its axis: ``δφ = C (I - z zᵀ) m``, with the moment m of the
+    """The bearing deflects across its axis z: ``δφ = C (I - z zᵀ) m``, with the moment m of the
     weight.
 
-    The bearing of a free joint carries all moments except the moment about the axis z. The unit is
-    rad/(N·m); the typical magnitude is 2e-6 to 2e-5. Source: angular stiffness of a bearing pair.
-    Aliases: ``link_bending`` of the tube after the joint; ``base_compliance``, if the joint is
-    joint 1.
+    The bearing of a free joint carries all moments except that about z. Typical magnitude: 2e-6 to
+    2e-5 rad/(N·m). Source: angular stiffness of a bearing pair. Aliases: ``link_bending`` of the
+    tube after the joint; ``base_compliance`` for joint 1.
     """
 
     joint: int
@@ -371,7 +364,7 @@ class BearingTilt(GravityEffect):
     flexibility = compliance(1e-5)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the rotation that is proportional to the moment across the axis."""
+        """The rotation that is proportional to the moment across the axis."""
         state.joint(self.joint)  # a rigid row has no bearing
         place = state.bearing(self.joint)
         local = state.rotation[place].transpose(0, 2, 1) @ self.moments(state, self.joint)
@@ -381,18 +374,18 @@ class BearingTilt(GravityEffect):
 
 @dataclass(frozen=True)
 class _OfTube(LoadedEffect):
-    """A tube that deflects under its load, so that the end of its body moves and rotates."""
+    """A tube that deflects under its load: the end of its body moves and rotates."""
 
     link: int
 
     @abstractmethod
     def _deflection(self, tube: Tube) -> tuple[Array, Array]:
-        """Translation and rotation of the end of the tube per unit of the parameter, in the base
-        (n, 3).
+        """Translation and rotation of the end of the tube (n, 3) per unit of the parameter, in the
+        base.
         """
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the displacement of the end of the body; the body is rigid after the tube."""
+        """The displacement of the end of the body, which is rigid after the tube."""
         tube = Tube.of(state, self.link, self.label)
         place = end(self.link)
         if self.load_at is not None:
@@ -409,10 +402,10 @@ class _OfTube(LoadedEffect):
 class TorsionalWindup(_OfTube):
     """A tube twists about its own axis u: ``δφ = c (u · m) u``.
 
-    m is the moment of all bodies after the tube about its end. The unit is rad/(N·m); the typical
-    magnitude is 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant torsion.
-    This cause needs masses in the arm file. Aliases: ``joint_compliance`` of a joint whose axis is
-    along the tube, such as joints 3 and 5 of SINO6.
+    m is the moment of all bodies after the tube about its end. Typical magnitude: 2e-6 to 2e-5
+    rad/(N·m) (length over torsional rigidity G J). Source: Saint-Venant torsion. Needs masses in
+    the arm file. Aliases: ``joint_compliance`` of a joint whose axis is along the tube, such as
+    joints 3 and 5 of SINO6.
     """
 
     cause = "torsional_windup"
@@ -427,16 +420,14 @@ class TorsionalWindup(_OfTube):
 
 @dataclass(frozen=True)
 class LinkBending(_OfTube):
-    """A tube bends under its own weight and the weight of all later bodies: slope and sag of the
-    end.
+    """A tube bends under its own weight and that of all later bodies: slope and sag of its end.
 
     The tube is an Euler–Bernoulli cantilever of length L along u. W and M are the weight and the
-    moment of all later bodies at the end of the tube. The vector w is the evenly distributed weight
-    of the tube, and κ = 1/EI. The slope is ``κ (L²/2 u×W + L²/6 u×w + L M)``. The sag is ``κ (L³/3
-    W + L³/8 w + L²/2 M×u)``. Both omit the part along u. The unit is rad/(N·m²) = (rad/m)/(N·m);
-    the typical magnitude is 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam
-    theory (Timoshenko). This cause needs masses in the arm file. Aliases: ``bearing_tilt`` and
-    ``joint_compliance`` of the joint before the tube.
+    moment of all later bodies at its end, w is its own evenly distributed weight, and κ = 1/EI. The
+    slope is ``κ (L²/2 u×W + L²/6 u×w + L M)``, the sag ``κ (L³/3 W + L³/8 w + L²/2 M×u)``; both
+    omit the part along u. Typical magnitude: 3e-5 to 8e-5 rad/(N·m²) (aluminium or carbon tube of
+    50 to 60 mm). Source: beam theory (Timoshenko). Needs masses in the arm file. Aliases:
+    ``bearing_tilt`` and ``joint_compliance`` of the joint before the tube.
     """
 
     cause = "link_bending"
@@ -458,12 +449,11 @@ class LinkBending(_OfTube):
 class Counterbalance(Effect):
     """The spring of a joint balances the weight incompletely: ``δθ = κ z · (u × down)``.
 
-    The vector u is the direction of the body. If the next joint axis is across the axis z of the
-    joint, u is the direction of the next axis (upper tube of SINO6 after joint 2). The lever arm of
-    a weight on the body is proportional to the horizontal part of u in all postures. A positive κ
-    lowers u. The spring then carries too little if u points outwards. If u points back to the
-    shoulder, as on SINO6 (d3 < 0), the spring carries too much. The unit is rad (rotation of the
-    level body); the typical magnitude is 2e-5 to 2e-4. Source: moment of a constant-force
+    The vector u is the direction of the body, or of the next joint axis if that is across the axis
+    z (upper tube of SINO6 after joint 2). The lever arm of a weight on the body is proportional to
+    the horizontal part of u. A positive κ lowers u: the spring carries too little if u points
+    outwards, and too much if u points back to the shoulder, as on SINO6 (d3 < 0). Typical
+    magnitude: 2e-5 to 2e-4 rad (rotation of the level body). Source: moment of a constant-force
     counterbalance. Aliases: ``encoder_eccentricity`` of the same joint, if the eccentricity has the
     phase of gravity; ``joint_compliance`` of the same joint, if the load hardly changes.
     """
@@ -478,15 +468,13 @@ class Counterbalance(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for the second joint, which lifts the arm."""
+        """A candidate for the second joint, which lifts the arm."""
         for variants in super().candidates(arm, records):
             if variants[0].joint in arm.chain.moving_rows()[1:2]:
                 yield variants
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the rotation that is proportional to the horizontal part of the body across the
-        axis.
-        """
+        """The rotation, proportional to the horizontal part of the body across the axis."""
         row = state.known_row(self.joint)
         horizontal = np.cross(self._carried(state), state.down)
         lever = state.along_axis(row, horizontal)
@@ -505,12 +493,10 @@ class Counterbalance(Effect):
 
 @dataclass(frozen=True)
 class BaseCompliance(GravityEffect):
-    """The stand tilts under the moment of the whole arm: ``δφ = c m``, with the moment m of the
-    weight about the base origin.
+    """The stand tilts under the moment m of the whole arm about the base origin: ``δφ = c m``.
 
-    The unit is rad/(N·m); the typical magnitude is 5e-6 to 2e-5 (magnetic base, tripod). Source:
-    rotational stiffness of the mount. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``,
-    ``encoder_eccentricity:2``.
+    Typical magnitude: 5e-6 to 2e-5 rad/(N·m) (magnetic base, tripod). Source: rotational stiffness
+    of the mount. Aliases: ``bearing_tilt:1``, ``joint_compliance:2``, ``encoder_eccentricity:2``.
     """
 
     cause = "base_compliance"
@@ -519,7 +505,7 @@ class BaseCompliance(GravityEffect):
     flexibility = compliance(1e-5)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the rotation of the base that is proportional to the moment about its origin."""
+        """The rotation of the base, proportional to the moment about its origin."""
         if self.bodies or self.load_at is not None:
             moments = self.moments(state, 1)
         else:

@@ -1,6 +1,4 @@
-"""Conditions of records: time, temperature, approach, torque, direction of probing, tilt,
-labels.
-"""
+"""Conditions of records, such as time, temperature, torque and labels."""
 
 from __future__ import annotations
 
@@ -22,7 +20,7 @@ Labels = NDArray[np.object_]
 """(n,) of str; "" if a record has none."""
 Covariate = Literal["anywhere", "joints", "groups", "none"]
 """Effects that residuals are compared with; see
-:class:`aacmm_pin.measurements.csv_columns.Column`.
+:class:`~aacmm_pin.measurements.csv_columns.Column`.
 """
 
 
@@ -35,8 +33,7 @@ class ConditionColumn(NamedTuple):
         unit: unit of the numbers; "" for labels.
         of_reference: whether the condition describes the references.
         range: possible numbers in SI; None for the range of the unit.
-        usual: value in planned and simulated records if a cause needs it; None if they compute
-            values.
+        usual: value in planned and simulated records if a cause needs it; None if they compute it.
     """
 
     names: tuple[str, ...]
@@ -58,7 +55,7 @@ def condition(*column: Any, **more: Any) -> Any:
 
 
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
-"""No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
+"""Usual temperatures of records are between these [°C]; 50 °F are 10 °C."""
 TEMPERATURE_TOLERANCE = 2.0
 """A difference that changes a metre by 0.02 to 0.05 mm [K]."""
 MOUNT_TILT = Range(-np.pi, np.pi, "rad")
@@ -72,15 +69,15 @@ class Conditions(Shown):
     """The conditions of n records; an unknown condition is None.
 
     Attributes:
-        time: time ``(n,)`` [s].
-        temperature: temperature of the whole arm ``(n,)`` [°C].
-        link_temperature: temperature of each DH row ``(n, rows)`` [°C].
+        time: ``(n,)`` [s].
+        temperature: of the whole arm ``(n,)`` [°C].
+        link_temperature: of each DH row ``(n, rows)`` [°C].
         approach: sign of the last motion of each joint ``(n, nq)``: -1, 0 or 1.
         torque: measured joint torques ``(n, nq)`` [N·m].
-        probe_direction: unit vector of the motion of the probe towards the surface, in the axes of
-            the base ``(n, 3)``; zero if not stated.
-        tilt_x: rotation of the mount about x of the base, from the position for which the arm
-            states gravity ``(n,)`` [rad]; see :meth:`in_tilted_base`.
+        probe_direction: unit vector of the motion of the probe towards the surface, in the base
+            ``(n, 3)``; zero if not stated.
+        tilt_x: rotation of the mount about x of the base ``(n,)`` [rad]; see
+            :meth:`in_tilted_base`.
         tilt_y: the same about y ``(n,)`` [rad].
         seat: label of the seat ``(n,)``; "" for no seat.
         marker: label of the target on the last body ``(n,)``; "" for no label.
@@ -132,16 +129,12 @@ class Conditions(Shown):
             object.__setattr__(self, name, given)
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Conditions:
-        """Return the conditions of some of the records, by indices, a slice or a mask."""
+        """The conditions of some of the records."""
         index = np.arange(self.n)[rows]
         return Conditions(len(index), **{name: getattr(self, name)[index] for name in self.present})
 
     def with_usual(self, needs: Iterable[str], nq: int) -> Conditions:
-        """Return the conditions with the usual values of unknown conditions in ``needs``.
-
-        Args:
-            needs: names of conditions.
-        """
+        """The conditions with the usual values of unknown conditions named in ``needs``."""
         usual: dict[str, Any] = {}
         for name in {*needs}.difference(self.present):
             column = CONDITION_ENTRIES[name]
@@ -151,13 +144,14 @@ class Conditions(Shown):
         return replace(self, **usual)
 
     def in_tilted_base(self, direction: Array) -> Array:
-        """Return a vector of the room, such as gravity, in the axes of the tilted base, ``(n, 3)``.
+        """A vector of the room, such as gravity, in the tilted base, ``(n, 3)``.
 
-        The rotation vector ``(tilt_x, tilt_y, 0)`` turns the base from its nominal position. A
-        positive ``tilt_x`` lowers the side of -y, and a positive ``tilt_y`` the side of +x.
+        The rotation vector ``(tilt_x, tilt_y, 0)`` turns the base from the position for which the
+        arm states gravity. A positive ``tilt_x`` lowers the side of -y, a positive ``tilt_y`` that
+        of +x.
 
         Args:
-            direction: vector in the axes of the base in its nominal position ``(3,)``.
+            direction: vector in the base that is not tilted ``(3,)``.
         """
         if self.tilt_x is None and self.tilt_y is None:
             return np.broadcast_to(direction, (self.n, 3))
@@ -170,9 +164,7 @@ class Conditions(Shown):
         return np.asarray(Rotation.from_rotvec(turn).apply(direction, inverse=True))
 
     def labels(self, name: str) -> Labels:
-        """Return the labels ``seat``, ``marker`` or ``session`` of each record, ``(n,)``; "" for no
-        label.
-        """
+        """The ``seat``, ``marker`` or ``session`` of each record, ``(n,)``; "" for no label."""
         labels = getattr(self, name)
         return np.full(self.n, "", dtype=object) if labels is None else labels
 
@@ -187,7 +179,7 @@ class Conditions(Shown):
         return tuple(name for name in CONDITION_ENTRIES if getattr(self, name) is not None)
 
     def odd_temperatures(self, reference: float) -> list[Note]:
-        """Return notes on temperatures that are implausible for a workshop; ``reference`` in °C."""
+        """Notes on temperatures that are implausible in a workshop; ``reference`` in °C."""
         notes = []
         for values in (self.temperature, self.link_temperature):
             if values is None or not values.size:
@@ -200,9 +192,7 @@ class Conditions(Shown):
         return notes
 
     def other_temperatures(self, reference: float) -> list[Note]:
-        """Return a note if temperatures differ from the ``reference`` temperature of the lengths
-        [°C].
-        """
+        """A note if temperatures differ from the ``reference`` temperature of the lengths [°C]."""
         values = self.link_temperature if self.temperature is None else self.temperature
         if values is None or not values.size:
             return []
@@ -212,14 +202,14 @@ class Conditions(Shown):
 
     @property
     def odd_clock(self) -> list[Note]:
-        """A note if the times cannot count from the moment at which the arm was switched on."""
+        """A note if the times cannot count from switching on."""
         time = self.time
         if time is None or not time.size or 0.0 <= time.min() <= LONGEST_ON:
             return []
         return [Note("clock_odd", _range_of(time))]
 
     def require(self, name: str, purpose: str) -> NDArray:  # type: ignore[type-arg]
-        """Return the condition ``name``, which ``purpose`` needs.
+        """The condition ``name``, which ``purpose`` needs.
 
         Raises:
             MissingConditionError: the condition is unknown; the message names the column.
@@ -244,7 +234,7 @@ for _name, _column in CONDITION_ENTRIES.items():
 
 
 class Records(Protocol):
-    """The part of :class:`aacmm_pin.Measurements` that a cause may use to find its candidates."""
+    """The part of :class:`aacmm_pin.Measurements` in which a cause may find its candidates."""
 
     @property
     def q(self) -> Array:

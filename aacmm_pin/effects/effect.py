@@ -1,4 +1,4 @@
-"""The base class of causes of error: small displacements of places, linear in parameters."""
+"""The base class of causes of error: small displacements, linear in parameters."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Term:
     """One parameter of a cause.
 
     Attributes:
-        name: name among the parameters of the cause; "" for the only parameter.
+        name: name within the cause; "" for the only parameter.
         unit: SI unit.
         typical: typical magnitude in a measuring arm of 1 to 2.5 m [unit].
         key: name in files, with the unit.
@@ -103,8 +103,8 @@ class Displacement:
 
     Attributes:
         place: place of the chain.
-        columns: translation v, then rotation ω in the axes of the place, ``(n, 6, p)`` or ``(1, 6,
-            p)`` [m/unit, rad/unit].
+        columns: translation v, then rotation ω in its axes, ``(n, 6, p)`` or ``(1, 6, p)`` [m/unit,
+            rad/unit].
     """
 
     place: int
@@ -116,12 +116,11 @@ class Effect(Shown, ABC):
     """A cause of error with the values of its parameters.
 
     A subclass states ``cause``, ``terms``, :meth:`displacements`, and fields such as its place
-    (``joint``, ``link``, ``seat`` or ``marker``) or an order. All other attributes have defaults. A
-    subclass may also state ``load``, the name of the quantity to which the displacement is
-    proportional, for pictures.
+    (``joint``, ``link``, ``seat`` or ``marker``) or an order. All other attributes have defaults.
+    For pictures, ``load`` may name the quantity to which the displacement is proportional.
 
     Attributes:
-        values: values of the parameters in the order of ``terms`` [SI]; () for zero.
+        values: of the parameters in the order of ``terms`` [SI]; () for zero.
         u: standard uncertainties of the values [SI]; () for zero.
         nonlinear_u: standard uncertainty of the field in :attr:`nonlinear`.
     """
@@ -131,12 +130,12 @@ class Effect(Shown, ABC):
     words: ClassVar[str] = ""
     """The name in outputs; "" for ``cause`` with spaces."""
     elastic: ClassVar[bool] = False
-    """True if the displacement depends on the deflected posture, and so on other displacements."""
+    """True if the displacement depends on the deflected posture."""
     of_reference: ClassVar[bool] = False
     """True if the reference coordinates have the error, and not the arm."""
     refitted: ClassVar[bool] = False
-    """True for parameters that every calibration fits (geometry, tip, frame); only a change beyond
-    the stated uncertainty counts as a cause.
+    """True for parameters that every calibration fits (geometry, tip, frame): only a change beyond
+    their uncertainty counts as a cause.
     """
     along_slide: ClassVar[bool] = True
     """True if rad in the units of the parameters means m at a prismatic joint."""
@@ -144,18 +143,16 @@ class Effect(Shown, ABC):
     """The prior weight relative to other causes."""
     function_of: ClassVar[str] = ""
     """What the displacement depends on, such as ``angle``: causes of one joint or body with the
-    same word are forms of one place; "" for a place of its own.
+    same word are forms of one place. "" for a place of its own.
     """
     free_form: ClassVar[bool] = False
-    """True if the cause can be every function of its place, so that it acts there alone."""
+    """True if the cause can be every function of its place, and so acts there alone."""
     remedy: ClassVar[str] = ""
-    """What to do with the records, if the set-up and not the arm has the error; else ""."""
+    """What to do with the records, if the set-up has the error and not the arm; else ""."""
     follows: ClassVar[str] = ""
-    """The cause without which this cause is not tried at a place, such as the first periodic error;
-    "" for none.
-    """
+    """The cause without which this is not tried at a place, such as the first periodic error."""
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
-    """The field whose value the records determine by trial; :attr:`key` contains the value."""
+    """The field whose value the records determine by trial; :attr:`key` contains it."""
 
     values: tuple[float, ...] = ()
     u: tuple[float, ...] = ()
@@ -197,7 +194,7 @@ class Effect(Shown, ABC):
 
     @abstractmethod
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the displacements of places for one unit of each parameter.
+        """The displacements of places for one unit of each parameter.
 
         Raises:
             MissingConditionError: the records lack a condition that the cause needs.
@@ -205,9 +202,7 @@ class Effect(Shown, ABC):
         """
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
-        """Return places and their exact twists ``(n, 6)`` at the values; default the linear
-        twists.
-        """
+        """Places and their exact twists ``(n, 6)`` at the values; default the linear twists."""
         values = np.array(self.values)
         return [(moved.place, moved.columns @ values) for moved in self.displacements(state)]
 
@@ -218,17 +213,17 @@ class Effect(Shown, ABC):
 
     @property
     def known_range(self) -> tuple[float, float] | None:
-        """The range of joint angles in which the cause is known [rad]; None for all angles."""
+        """The joint angles between which the cause is known [rad]; None for all."""
         return None
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return the possible places of the cause, each with its variants to try.
+        """The possible places of the cause, each with its variants to try.
 
-        The default places are every joint, tube (body longer than 0.15 m), seat with at least two
-        records, or target, according to the field of the place; without such a field, the whole
-        arm. Places at which :meth:`displacements` raises an :class:`AacmmError` are omitted. A
-        class with other fields without default must replace this method, or has no candidates.
+        By default, the field of the place decides: every joint, tube (body longer than 0.15 m),
+        seat with at least two records, or target; without such a field, the whole arm. Places at
+        which :meth:`displacements` raises an :class:`AacmmError` are omitted. A class with other
+        fields without default must replace this method, or has no candidates.
 
         Args:
             records: records that must show the cause; None for all places that records could show.
@@ -250,24 +245,24 @@ class Effect(Shown, ABC):
                 yield effects
 
     def basis(self, arm: Arm, records: Records) -> Effect | None:
-        """Return an effect whose functions can represent this cause in the records, or None."""
+        """An effect whose functions can represent this cause in the records, or None."""
         return None
 
     def in_basis(self, basis: Effect) -> Array:
-        """Return the parameters of the basis for one unit of each parameter ``(b, p)``."""
+        """The parameters of the basis for one unit of each parameter ``(b, p)``."""
         return np.eye(len(basis.terms))[:, : len(self.terms)]
 
     @classmethod
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Return defaults of optional fields for an arm and the conditions of the records."""
+        """Defaults of optional fields for an arm and the conditions ``present``."""
         return {}
 
     @classmethod
     @cache  # asked for thousands of times in a calibration
     def location_field(cls) -> str | None:
-        """Return one of :data:`LOCATION_FIELDS`; None for the whole arm."""
+        """One of :data:`LOCATION_FIELDS`; None for the whole arm."""
         return next((name for name in LOCATION_FIELDS if name in fields_of(cls)), None)
 
     @property
@@ -291,9 +286,9 @@ class Effect(Shown, ABC):
 
     @property
     def key(self) -> str:
-        """The label with the nonlinear value, such as ``…,order=7``, different for each variant.
+        """The label with the nonlinear value, such as ``…,order=7``: different for each variant.
 
-        The value has six digits; a time since 1970 also has milliseconds.
+        The value has six digits; a time since 1970 also milliseconds.
         """
         if not self.nonlinear.field:
             return self.label
@@ -303,51 +298,51 @@ class Effect(Shown, ABC):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The name, the place and all other fields of the cause, without its values."""
+        """The name, the place and all other fields, without the values."""
         names = fields_of(type(self))
         return (self.cause, *(getattr(self, name) for name in names))
 
     @property
     def details(self) -> list[str]:
-        """The differences from other variants of the cause at its place, as text."""
+        """How the cause differs from other variants at its place, as texts."""
         return [self.nonlinear.in_words(self)] if self.nonlinear.field else []
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """Return notes about records to which the estimated values do not apply."""
+        """Notes on records to which the estimated values do not apply."""
         return []
 
     def at(self, values: Sequence[float] | Array, u: Sequence[float] | Array = ()) -> Self:
-        """Return the cause with other values and uncertainties [SI]."""
+        """The cause with other values and uncertainties [SI]."""
         return replace(self, values=tuple(values), u=tuple(u))
 
     def file_values(self) -> dict[str, float]:
-        """Return the values with the names and units of a file."""
+        """The values with the names and units of a file."""
         pairs = zip(self.terms, self.values, strict=True)
         return {term.key: value / term.scale for term, value in pairs}
 
     def file_jacobian(self) -> Array:
-        """Return ∂(values of the file)/∂(values), ``(numbers, p)``."""
+        """∂(values of the file)/∂(values), ``(numbers, p)``."""
         return np.diag([1.0 / term.scale for term in self.terms])
 
     def from_file(self, file_values: Mapping[str, float]) -> tuple[float, ...]:
-        """Return values from the numbers of a file [SI]; a missing number is zero.
+        """Values [SI] from the numbers of a file; a missing number is zero.
 
         Raises:
-            UnknownNameError: the cause does not have a parameter of this name.
+            UnknownNameError: the cause has no parameter of this name.
         """
         return values_by_key(self, file_values, "parameter")
 
     def readings(self) -> dict[str, Reading]:
-        """Return the form in outputs of each number of a file."""
+        """The form in outputs of each number of a file."""
         return {term.key: term.reading for term in self.terms}
 
     @property
     def phase_is_free(self) -> bool:
-        """Whether the values state only a magnitude, so that the phase is free."""
+        """Whether the values state only a magnitude."""
         return False
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return the parameters of the cause with their values and uncertainties."""
+        """The parameters of the cause with values and uncertainties."""
         parameters = []
         for term, value, u in zip(self.terms, self.values, self.u, strict=True):
             name = f"{self.key}.{term.name}" if term.name else self.key
@@ -357,7 +352,7 @@ class Effect(Shown, ABC):
 
 @cache
 def fields_of(kind: type[Effect]) -> tuple[str, ...]:
-    """Return the names of the fields that identify a cause, such as ``joint`` and ``order``."""
+    """The fields that identify a cause, such as ``joint`` and ``order``."""
     positional_first = sorted(fields(kind), key=lambda field: field.kw_only is True)
     return tuple(field.name for field in positional_first if field.name not in NUMBERS)
 
@@ -366,7 +361,7 @@ def require_names(stated: Iterable[str], names: Sequence[str], what: str) -> Non
     """Check names of a file.
 
     Raises:
-        UnknownNameError: a name is none of ``names``; ``what`` describes them.
+        UnknownNameError: a name is none of ``names``, which ``what`` describes.
     """
     for name in stated:
         if name not in names:
@@ -384,7 +379,7 @@ def values_by_key(effect: Effect, stated: Mapping[str, float], what: str) -> tup
 
 
 def require_row(effect: Effect, arm: Arm) -> Effect:
-    """Return the effect, after a check that the arm has its row.
+    """The effect, after a check of its row.
 
     Raises:
         AacmmError: the arm does not have the row.
@@ -398,7 +393,7 @@ def require_row(effect: Effect, arm: Arm) -> Effect:
 
 
 def is_possible(effect: Effect, arm: Arm, records: Records | None) -> bool:
-    """Whether the arm can have the effect, and the records, if any, have its conditions."""
+    """Whether the arm can have the effect, and the records have its conditions."""
     conditions = Conditions(1) if records is None else records.conditions.take([0])
     q = np.zeros((1, arm.nq)) if records is None else records.q[:1]
     try:
@@ -457,8 +452,8 @@ def rotations(typical: float) -> tuple[Term, ...]:
 
 
 def sensitivity(effect: Effect, state: State) -> Array:
-    """Compute ∂(position of the target)/∂parameters, ``(n, 3, p)`` [m/unit]; with
-    ``state.with_rotation`` also the rotation of the last body, ``(n, 6, p)`` [m/unit, rad/unit].
+    """∂(position of the target)/∂parameters, ``(n, 3, p)`` [m/unit]; with ``state.with_rotation``
+    also the rotation of the last body, ``(n, 6, p)`` [m/unit, rad/unit].
     """
     total = np.zeros((state.n, state.coordinates, len(effect.terms)))
     for displacement in effect.displacements(state):
@@ -489,10 +484,8 @@ def point_sensitivity(state: State, displacement: Displacement) -> Array:
 
 
 def about_axis(state: State, row: int, columns: Array) -> Displacement:
-    """Return the rotation of body ``row`` about its joint axis by ``columns`` ``(n, p)``
-    [rad/unit].
-
-    For a prismatic joint, the result is a translation along the axis [m/unit].
+    """The rotation of body ``row`` about its joint axis by ``columns`` ``(n, p)`` [rad/unit]; for a
+    prismatic joint, the translation along it [m/unit].
     """
     component = 2 if state.slides(row) else 5
     # Component by component, so that the zeros of the others take no memory: nobody writes there.
@@ -502,8 +495,8 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
 
 
 def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
-    """Rotations of all joints whose angles contain the reading of ``row``, by errors ``columns``
-    (n, p) [rad] of the reading.
+    """Rotations of all joints whose angles contain the reading of ``row``, by its errors
+    ``columns`` (n, p) [rad].
     """
     chain = state.arm.chain
     ratios = chain.drive.matrix @ state.arm.coupling_matrix[:, state.joint(row)]
@@ -512,12 +505,11 @@ def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
-    """Make the columns ``(n, 6, p)`` of a displacement in the axes of the place.
+    """The columns ``(n, 6, p)`` of a displacement in the axes of the place.
 
     Args:
-        linear: translation for one unit of each of p parameters ``(n, 3, p)`` [m/unit]; None if
-            zero.
-        angular: rotation for one unit of each parameter ``(n, 3, p)`` [rad/unit]; None if zero.
+        linear: translation per unit of each parameter ``(n, 3, p)`` [m/unit]; None for zero.
+        angular: rotation per unit of each parameter ``(n, 3, p)`` [rad/unit]; None for zero.
     """
     given = linear if linear is not None else angular
     assert given is not None
@@ -526,7 +518,7 @@ def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
 
 
 def extra_uncertainty_effects(effect: Effect) -> tuple[Effect, ...]:
-    """Effects with value zero whose u is the uncertainty beyond the u of the values."""
+    """Effects with value zero, whose u is the uncertainty beyond that of the values."""
     nonlinear = effect.nonlinear
     terms = nonlinear.extrapolation_terms(effect)
     if effect.nonlinear_u and nonlinear.prior_sd(effect):
@@ -536,7 +528,7 @@ def extra_uncertainty_effects(effect: Effect) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class UncertaintyOf(Effect):
-    """The base class of uncertainties of a cause beyond the u of its values."""
+    """An uncertainty of a cause beyond the u of its values."""
 
     base: Effect
     cause = "uncertainty"

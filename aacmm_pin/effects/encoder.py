@@ -1,8 +1,8 @@
 """Errors of encoders.
 
 ``δ`` is joint angle minus reading [rad], as a function of the reading θ. With couplings, an error
-of an encoder is added to its reading, and so to every joint angle that contains this reading;
-causes named after a joint are errors of its angle.
+of an encoder moves every joint whose angle contains its reading; causes named after a joint are
+errors of its angle.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ LEAST_SPREAD = 0.02
 HIGHEST_ORDER = 50.0
 """Highest order to try [periods per turn]."""
 ORDER_STEP = 0.1
-"""Step of the orders to try, in periods over the range of the joint: a wave between two of them
-loses 0.8 % of its mean square.
+"""Step of orders to try, in periods over the range: a wave in between loses 0.8 % of its mean
+square.
 """
 OWN_ORDERS = (1.0, 2.0)
 """Orders of other causes, which a periodic error would repeat …"""
@@ -60,11 +60,11 @@ ORDERS_NEAR = 15
 LEAST_ORDER = 0.3
 """Lowest order to try."""
 WHOLE_ORDER_SD = 0.03
-"""Prior standard deviation of a whole order. Where records determine it to 0.07, the phase of a
-whole order has an RMS error of 0.7 u (0.4 u with 0.5), and of the order 7.08 of 1.9 u.
+"""Prior standard deviation of a whole order. If records determine it to 0.07, its phase has an RMS
+error of 0.7 u (with 0.5: 0.4 u), and that of the order 7.08 1.9 u.
 """
 INTERVALS_PER_TURN = 200
-"""Intervals of the finest curve: four for each period of the highest order. With 100, two of five
+"""Intervals of the finest curve, four for each period of the highest order. With 100, two of five
 simulated robots with up to 45 periods per turn were described too coarsely.
 """
 COARSER = (8, 4, 2, 1)
@@ -81,10 +81,10 @@ MOST_WAVES = 6
 
 @dataclass(frozen=True)
 class OfAngle(Effect):
-    """The base class of errors that are a function of the angle of one joint.
+    """An error that is a function of the angle of one joint.
 
     A subclass states :meth:`function`, and ``of_reading`` if the reading of the encoder has the
-    error. All such errors of a joint are forms of one place, and ``diagnose`` compares them there.
+    error. All such errors of a joint are forms of one place, where ``diagnose`` compares them.
     """
 
     joint: int
@@ -96,23 +96,23 @@ class OfAngle(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every joint that moves far enough to show the cause."""
+        """A candidate for every joint that moves far enough to show the cause."""
         for row, _ in _moving(arm, records, cls.of_slides):
             yield (cls(row),)
 
     @abstractmethod
     def function(self, angle: Array) -> Array:
-        """Return the error at angles ``(n,)`` [rad] for one unit of each parameter, ``(n, p)``."""
+        """The error per unit of each parameter, ``(n, p)``, at angles ``(n,)`` [rad]."""
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the error as a rotation about the axis of the joint."""
+        """The error as a rotation about the axis of the joint."""
         if self.of_reading:
             return of_encoder(state, self.joint, self.function(state.reading(self.joint)))
         return [about_axis(state, self.joint, self.function(state.angle(self.joint)))]
 
     def basis(self, arm: Arm, records: Records) -> Effect | None:
-        """Return the finest error curve over the range of the joint; None for the reading of a
-        joint with couplings, whose error moves several joints.
+        """The finest error curve over the range of the joint; None for a reading that moves several
+        joints.
         """
         rows = arm.chain.moving_rows()
         if self.joint not in rows:
@@ -126,9 +126,7 @@ class OfAngle(Effect):
         return JointErrorCurve(self.joint, low, high, _finest(low, high))
 
     def in_basis(self, basis: Effect) -> Array:
-        """Return the coefficients of the basis that represent the functions ``(b, p)``, by least
-        squares.
-        """
+        """Coefficients of the basis ``(b, p)`` that represent the functions, by least squares."""
         assert isinstance(basis, JointErrorCurve)
         angle, inverse = _fitting(basis.lower_rad, basis.upper_rad, basis.coefficients)
         return inverse @ self.function(angle)
@@ -158,7 +156,7 @@ def _range_of(angle: Array) -> tuple[float, float]:
 
 
 def _finest(low: float, high: float) -> int:
-    """Number of coefficients of the finest curve over a range; eight intervals can be joined."""
+    """Coefficients of the finest curve over a range, whose intervals can be joined by eight."""
     eights = max(round((high - low) / (2 * np.pi) * INTERVALS_PER_TURN / COARSER[0]), 1)
     return COARSER[0] * eights + DEGREE
 
@@ -166,7 +164,7 @@ def _finest(low: float, high: float) -> int:
 def _moving(
     arm: Arm, records: Records | None, of_slides: bool = False
 ) -> Iterator[tuple[int, Array]]:
-    """Rows whose joints move enough, and the angles (n,); one turn without records."""
+    """Rows whose joints move enough, and their angles (n,); one turn without records."""
     for number, row in enumerate(arm.chain.moving_rows()):
         angle = np.array([-np.pi, np.pi]) if records is None else records.q[:, number]
         rotates = not arm.chain.prismatic[number]
@@ -192,13 +190,13 @@ class _Periodic(OfAngle):
         return np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
     def file_values(self) -> dict[str, float]:
-        """Return amplitude and phase [rad]; the phase is kθ at which δ is largest."""
+        """Amplitude and phase [rad]; the phase is kθ at which δ is largest."""
         cos, sin = self.values
         amplitude = float(np.hypot(cos, sin))
         return {"amplitude_rad": amplitude, "phase_rad": float(np.arctan2(sin, cos))}
 
     def file_jacobian(self) -> Array:
-        """Return ∂(A, φ)/∂(A cos φ, A sin φ); undefined at A = 0."""
+        """∂(A, φ)/∂(A cos φ, A sin φ); undefined at A = 0."""
         amplitude, phase = self.file_values().values()
         c = np.cos(phase)
         s = np.sin(phase)
@@ -206,7 +204,7 @@ class _Periodic(OfAngle):
         return np.array([[c, s], of_phase])
 
     def from_file(self, file_values: Mapping[str, float]) -> tuple[float, ...]:
-        """Return values from amplitude and phase, or from the linear parts."""
+        """Values from amplitude and phase, or from the linear parts."""
         if set(file_values) <= {"cos_rad", "sin_rad"}:
             return super().from_file(file_values)
         keys = ["amplitude_rad", "phase_rad"]
@@ -230,15 +228,13 @@ class _Periodic(OfAngle):
 
 @dataclass(frozen=True)
 class EncoderEccentricity(_Periodic):
-    """The disc rotates about a point that is not the centre of its track: ``δ = arcsin(A cos(θ -
-    φ))``.
+    """The disc rotates beside the centre of its track: ``δ = arcsin(A cos(θ - φ))``.
 
     The encoder has one reading head; two opposite heads cancel the error. A is the eccentricity
     over the radius of the track. The law of sines in the triangle of axis, disc centre and head
-    gives ``sin δ = A cos(θ - φ)`` exactly, with the reading θ. The unit is rad; the typical
-    magnitude is 2e-5 to 3e-4. Aliases: ``joint_compliance`` and ``counterbalance`` of the same
-    joint, if its axis is not vertical; ``encoder_ellipticity`` and ``encoder_gain``, if the joint
-    covers only a part of a turn.
+    gives the formula exactly, with the reading θ. Typical magnitude: 2e-5 to 3e-4 rad. Aliases:
+    ``joint_compliance`` and ``counterbalance`` of the same joint, if its axis is not vertical;
+    ``encoder_ellipticity`` and ``encoder_gain``, if the joint covers only a part of a turn.
     """
 
     cause = "encoder_eccentricity"
@@ -246,7 +242,7 @@ class EncoderEccentricity(_Periodic):
     periods_per_turn = 1.0
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
-        """Return the exact rotation with the arcsine.
+        """The rotation with the arcsine.
 
         Raises:
             AacmmError: the eccentricity is as large as the radius of the track.
@@ -267,10 +263,10 @@ class EncoderEccentricity(_Periodic):
 class EncoderEllipticity(_Periodic):
     """The disc is oval, which gives an error twice per turn: ``δ = A cos(2θ - φ)``.
 
-    With two opposite heads, the rest of an eccentricity has the same form. The unit is rad; the
-    typical magnitude is 1e-5 to 2e-4. Source: harmonic analysis of circle divisions (Watanabe et
-    al. 2001, CIRP Annals 50). Aliases: ``encoder_eccentricity``, and ``joint_periodic_error`` of a
-    similar order, if the joint covers only a part of a turn.
+    With two opposite heads, the rest of an eccentricity has the same form. Typical magnitude: 1e-5
+    to 2e-4 rad. Source: harmonic analysis of circle divisions (Watanabe et al. 2001, CIRP Annals
+    50). Aliases: ``encoder_eccentricity``, and ``joint_periodic_error`` of a similar order, if the
+    joint covers only a part of a turn.
     """
 
     cause = "encoder_ellipticity"
@@ -299,12 +295,11 @@ class _Order(Nonlinear["JointPeriodicError"]):
 
 @dataclass(frozen=True)
 class JointPeriodicError(_Periodic):
-    """A periodic error of any order k, such as that of a gear or a scale: ``δ = A cos(kθ - φ)``.
+    """A periodic error of any order k > 0, as of a gear or a scale: ``δ = A cos(kθ - φ)``.
 
-    k may be any positive number. The unit is rad; the typical magnitude is 1e-5 to 1e-4. Source:
-    harmonic analysis of circle divisions (Watanabe et al. 2001, CIRP Annals 50). Aliases:
-    ``joint_periodic_error`` of another order, if the joint covers a short range, or if the records
-    are too few for waves of this order.
+    Typical magnitude: 1e-5 to 1e-4 rad. Source: harmonic analysis of circle divisions (Watanabe et
+    al. 2001, CIRP Annals 50). Aliases: ``joint_periodic_error`` of another order, if the joint
+    covers a short range, or if the records are too few for waves of this order.
     """
 
     order: float
@@ -314,10 +309,8 @@ class JointPeriodicError(_Periodic):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return, for every joint, orders with at least one period in its range, in small steps,
-        and all whole orders.
-
-        A longer period is similar to :class:`EncoderGain`.
+        """For every joint, orders with at least one period in its range, in small steps, and all
+        whole orders; a longer period is similar to :class:`EncoderGain`.
         """
         for row, angle in _moving(arm, records):
             revolutions = float(np.ptp(angle)) / (2 * np.pi)
@@ -337,10 +330,9 @@ class JointPeriodicError(_Periodic):
 
 @dataclass(frozen=True)
 class SecondPeriodicError(JointPeriodicError):
-    """A further periodic error of a joint that has one, of any order k: ``δ = A cos(kθ - φ)``.
+    """A further periodic error of a joint that has one, of any order k > 0: ``δ = A cos(kθ - φ)``.
 
-    k may be any positive number. The unit is rad; the typical magnitude is 1e-5 to 1e-4. Source:
-    harmonic analysis of circle divisions (Watanabe et al. 2001, CIRP Annals 50). Aliases: as of
+    Typical magnitude: 1e-5 to 1e-4 rad. Source: as of :class:`JointPeriodicError`. Aliases: as of
     ``joint_periodic_error``; ``joint_error_curve``, which has periodic errors of many orders.
     """
 
@@ -353,10 +345,10 @@ class SecondPeriodicError(JointPeriodicError):
 class JointErrorCurve(OfAngle):
     """A repeatable error of one joint as any smooth function of its angle.
 
-    The function is a cubic spline with uniform knots from ``lower_rad`` to ``upper_rad``: ``δ(θ) =
-    Σ c_i B_i(θ)``, with cubic B-splines (de Boor 1978). The unit is rad; the typical magnitude is
-    1e-5 to 3e-4. Aliases: every other cause that depends only on the angle of the same joint;
-    causes of load, if only the same joint moves the load.
+    ``δ(θ) = Σ c_i B_i(θ)``, with cubic B-splines on uniform knots from ``lower_rad`` to
+    ``upper_rad`` (de Boor 1978). Typical magnitude: 1e-5 to 3e-4 rad. Aliases: every other cause
+    that depends only on the angle of the same joint; causes of load, if only the same joint moves
+    the load.
     """
 
     lower_rad: float
@@ -379,9 +371,7 @@ class JointErrorCurve(OfAngle):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return curves over the range of the records for every joint, from coarse to fine; none
-        without records.
-        """
+        """Curves over the range of the records for every joint, from coarse to fine."""
         for row, angle in _moving(arm, records) if records is not None else ():
             low, high = _range_of(angle)
             intervals = _finest(low, high) - DEGREE
@@ -395,7 +385,7 @@ class JointErrorCurve(OfAngle):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Return the range of the joint as the default range of the curve."""
+        """The range of the joint as that of the curve."""
         from aacmm_pin.arm import joint_bounds
 
         rows = arm.chain.moving_rows()
@@ -414,7 +404,7 @@ class JointErrorCurve(OfAngle):
         return _coefficients(self.coefficients)
 
     def function(self, angle: Array) -> Array:
-        """Return the values of the B-splines.
+        """The values of the B-splines.
 
         Raises:
             AacmmError: an angle is outside the range of the curve.
@@ -449,11 +439,11 @@ class JointErrorCurve(OfAngle):
 class EncoderGain(OfAngle):
     """The error is proportional to the angle: ``δ = g θ``.
 
-    If a coupling states the ratio c for the own reading of the joint, the ratio becomes ``c (1 +
-    g)``. A closed disc cannot have this error; a belt, a gear or an interpolator can, and a wound
-    cable has a similar effect. For a prismatic joint, g is the error of its scale. The unit is 1
-    (rad/rad, m/m); the typical magnitude is 2e-5 to 4e-4. Aliases: ``encoder_eccentricity`` and
-    ``encoder_ellipticity`` of the same joint, if the joint covers only a part of a turn.
+    A coupling ratio c for the own reading of the joint becomes ``c (1 + g)``. A closed disc cannot
+    have this error; a belt, a gear or an interpolator can, and a wound cable acts similarly. For a
+    prismatic joint, g is the error of its scale. Typical magnitude: 2e-5 to 4e-4 rad/rad or m/m.
+    Aliases: ``encoder_eccentricity`` and ``encoder_ellipticity`` of the same joint, if the joint
+    covers only a part of a turn.
     """
 
     cause = "encoder_gain"
@@ -462,7 +452,7 @@ class EncoderGain(OfAngle):
     terms = (Term("", "1", 1e-4, "gain"),)
 
     def function(self, angle: Array) -> Array:
-        """Return the angle itself."""
+        """The angle itself."""
         return angle[:, None]
 
 
@@ -470,11 +460,10 @@ class EncoderGain(OfAngle):
 class JointCoupling(Effect):
     """The angle of a joint contains a part of the reading of another encoder: ``δ = r θ_of``.
 
-    The reason is a gear, belt or parallelogram with another ratio than stated, or a cable that
-    another joint winds. The true ratio is the ratio in ``[[couplings]]``, or 0, plus r. The unit is
-    1 (rad/rad); the typical magnitude is 1e-4 to 3e-3. Aliases: ``joint_error_curve`` of the joint
-    ``of``, if the axes of the two joints are parallel and near each other; causes of load, if the
-    joint ``of`` lifts the other joint.
+    A gear, belt or parallelogram has another ratio than stated, or another joint winds a cable. The
+    true ratio is the ratio in ``[[couplings]]``, or 0, plus r. Typical magnitude: 1e-4 to 3e-3
+    rad/rad. Aliases: ``joint_error_curve`` of the joint ``of``, if the axes of the two joints are
+    parallel and near each other; causes of load, if the joint ``of`` lifts the other joint.
     """
 
     joint: int
@@ -495,8 +484,8 @@ class JointCoupling(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every revolute joint with the previous joint, and for every joint
-        that mimics another joint, if the other joint rotates far enough.
+        """Every revolute joint with the previous joint, and every mimic joint with its own, if the
+        other joint rotates far enough.
         """
         rows = arm.chain.moving_rows()
         mimicked = [(m.of, m.joint) for m in arm.mimics if m.of != m.joint]
@@ -510,7 +499,7 @@ class JointCoupling(Effect):
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """Return the joint before as the default of ``of``."""
+        """The joint before as the default of ``of``."""
         before = [row for row in arm.chain.moving_rows() if row < stated.get("joint", 0)]
         return {"of": before[-1]} if before else {}
 
@@ -525,7 +514,7 @@ class JointCoupling(Effect):
         return [f"with joint {self.of}"]
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the rotation that is proportional to the reading of the other joint."""
+        """The rotation, proportional to the reading of the other joint."""
         reading = state.reading(self.of)
         return [about_axis(state, self.joint, reading[:, None])]
 
@@ -534,11 +523,10 @@ class JointCoupling(Effect):
 class JointHysteresis(Effect):
     """Friction, a cable or a coupling holds the joint back towards its last position: ``δ = h s``.
 
-    s = -1, 0 or 1 is the sign of the last motion of the joint. The value h is half of the reversal
-    error. The sign of h depends on whether the encoder is before or after the elastic part. The
-    unit is rad; the typical magnitude is 2e-5 to 2e-4. Source: reversal value, ISO 230-2:2014. This
-    cause needs ``approachN``. Aliases: ``joint_hysteresis`` of a neighbouring joint, if both joints
-    always move together.
+    s = -1, 0 or 1 is the sign of the last motion of the joint; h is half of the reversal error. The
+    sign of h depends on whether the encoder is before or after the elastic part. Typical magnitude:
+    2e-5 to 2e-4 rad. Source: reversal value, ISO 230-2:2014. Needs ``approachN``. Aliases:
+    ``joint_hysteresis`` of a neighbouring joint, if both joints always move together.
     """
 
     joint: int
@@ -550,14 +538,14 @@ class JointHysteresis(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every joint with records of different approach."""
+        """A candidate for every joint with records of different approach."""
         approach = None if records is None else records.conditions.approach
         for number, row in enumerate(arm.chain.moving_rows()):
             if records is None or (approach is not None and np.ptp(approach[:, number]) > 0):
                 yield (cls(row),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the sign of the last motion as a rotation about the axis."""
+        """The sign of the last motion as a rotation about the axis."""
         approach = state.conditions.require("approach", self.label)
         return [about_axis(state, self.joint, approach[:, state.joint(self.joint), None])]
 
@@ -566,9 +554,8 @@ def strongest_waves(effect: Effect) -> list[tuple[float, float]] | None:
     """Orders [per turn] and amplitudes [rad] of the strongest waves in an error curve; None for
     other effects.
 
-    The waves are peaks of the periodogram over the range of the curve (Hann window), strongest
-    first, with at least one period. Waves less than two periods apart over this range form one
-    peak.
+    They are peaks of the periodogram over the range of the curve (Hann window), strongest first,
+    with at least one period. Waves less than two periods apart over this range form one peak.
     """
     if not isinstance(effect, JointErrorCurve):
         return None

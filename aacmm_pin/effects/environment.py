@@ -31,9 +31,7 @@ ANOTHER_POINT = 5e-4
 
 
 class _OfLabel(Effect):
-    """The base class of causes that act in records with one label; without a label in all
-    records.
-    """
+    """A cause that acts in records with one label; without a label in all."""
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -49,12 +47,12 @@ class _OfLabel(Effect):
 
 @dataclass(frozen=True)
 class SeatError(_OfLabel):
-    """The stated position of one seat has an error e: true position = stated position + e. The arm
-    has no error.
+    """One seat is not at its stated position: true position = stated position + e. The arm has no
+    error.
 
-    The unit is m; the typical magnitude is 1e-5 (worn, dirty or moved seat). Source: seats of
-    single-point tests, ASME B89.4.22-2004. This cause needs ``seat``. Aliases: every smooth error
-    of the arm, if you touch the seat in only one posture.
+    Typical magnitude: 1e-5 m (worn, dirty or moved seat). Source: seats of single-point tests, ASME
+    B89.4.22-2004. Needs ``seat``. Aliases: every smooth error of the arm, if you touch the seat in
+    only one posture.
     """
 
     seat: str
@@ -66,25 +64,25 @@ class SeatError(_OfLabel):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every seat, if there are enough other seats with coordinates."""
+        """A candidate for every seat, if enough other seats have coordinates."""
         seats = list(super().candidates(arm, records))
         if records is not None and len(seats) >= LEAST_SEATS and records.known.any():
             yield from seats
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return -e as a translation of the stated coordinates in the records of the seat."""
+        """-e as a translation of the stated coordinates in the records of the seat."""
         return [Displacement(BASE, twist(-np.eye(3) * self.mask(state)))]
 
 
 @dataclass(frozen=True)
 class ReferenceFrame(_OfLabel):
-    """The frame of the references has a small translation and rotation relative to the base.
+    """The frame of the references is displaced relative to the base: ``p_reference = exp(v, ω)
+    p_base``.
 
-    The error is a twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. With ``session``,
-    only the records of this session have the error. The units are m and rad; the magnitude is any
-    that remains after the fit of the two frames. Source: rigid registration. With a session, this
-    cause needs ``session``. Aliases: ``joint_zero_offset:1`` and ``joint_distance:1``, which also
-    displace the whole arm.
+    The error is a small twist (v, ω) at the base. With ``session``, only the records of this
+    session have it. Units: m and rad; the magnitude is any that remains after the fit of the two
+    frames. Source: rigid registration. With a session, needs ``session``. Aliases:
+    ``joint_zero_offset:1`` and ``joint_distance:1``, which also displace the whole arm.
     """
 
     session: str | None = None
@@ -97,23 +95,22 @@ class ReferenceFrame(_OfLabel):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return one candidate for all records."""
+        """One candidate for all records."""
         yield (cls(),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the unit twists of the base."""
+        """The unit twists of the base."""
         return [Displacement(BASE, np.eye(6) * self.mask(state))]
 
 
 @dataclass(frozen=True)
 class StylusOffset(_OfLabel):
-    """The ball or target is not at the tip, but has a constant translation in the axes of the last
-    frame.
+    """The ball or target is not at the tip: a constant translation in the axes of the last frame.
 
-    With ``marker``, only this target has the translation. The unit is m; the typical magnitude is
-    2e-5 for a qualified stylus, and 0.1 for a mounted target. Source: probe qualification, ISO
-    10360-12:2016. With a marker, this cause needs ``marker``. Aliases: ``link_length``,
-    ``joint_distance`` and ``joint_zero_offset`` of the last row.
+    With ``marker``, only this target has it. Typical magnitude: 2e-5 m for a qualified stylus, 0.1
+    m for a mounted target. Source: probe qualification, ISO 10360-12:2016. With a marker, needs
+    ``marker``. Aliases: ``link_length``, ``joint_distance`` and ``joint_zero_offset`` of the last
+    row.
     """
 
     marker: str | None = None
@@ -123,25 +120,25 @@ class StylusOffset(_OfLabel):
     terms = shifts(5e-5, FARTHEST_TARGET)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """Return a note if the coordinates are of a target far from the tip."""
+        """A note if the coordinates are of a target far from the tip."""
         far = float(np.linalg.norm(self.values))
         if self.marker is not None or far < ANOTHER_POINT:
             return []
         return [Note("tip_is_target", {"cause": self.label, "distance": far})]
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the unit translations at the tip."""
+        """The unit translations at the tip."""
         return [Displacement(state.arm.chain.tip, twist(np.eye(3) * self.mask(state)))]
 
 
 @dataclass(frozen=True)
 class FrameShift(StepInTime):
-    """The stand of the arm or the references moved once: ``p_reference = exp(v, ω) p_base`` from
-    ``time_s`` on. The arm has no error.
+    """The stand or the references moved once: ``p_reference = exp(v, ω) p_base`` from ``time_s``
+    on.
 
-    The units are m and rad; the typical magnitude is 2e-4 (a stand that was bumped, a tripod that
-    settled). Source: rigid registration. This cause needs ``time_s``. The movement is between the
-    two times ``between_s``. Aliases: ``encoder_slip:1``, if the stand only rotated about joint 1.
+    The arm has no error. The movement is between the two times ``between_s``. Typical magnitude:
+    2e-4 m and rad (a stand that was bumped, a tripod that settled). Source: rigid registration.
+    Needs ``time_s``. Aliases: ``encoder_slip:1``, if the stand only rotated about joint 1.
     """
 
     time_s: float
@@ -157,7 +154,7 @@ class FrameShift(StepInTime):
     terms = (*shifts(2e-4), *rotations(2e-4))
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the unit twists of the base in the later records."""
+        """The unit twists of the base in the later records."""
         part = self.part(state.conditions)
         return [Displacement(BASE, np.eye(6) * part[:, None, None])]
 
@@ -167,9 +164,9 @@ class StylusShift(StepInTime):
     """The stylus or target moved once on the last body, such as a probe that was mounted again: a
     translation in the axes of the last frame from ``time_s`` on.
 
-    The unit is m; the typical magnitude is 5e-5. Source: probe qualification, ISO 10360-12:2016.
-    This cause needs ``time_s``. The movement is between the two times ``between_s``. Aliases:
-    ``encoder_slip`` of the last joints.
+    The movement is between the two times ``between_s``. Typical magnitude: 5e-5 m. Source: probe
+    qualification, ISO 10360-12:2016. Needs ``time_s``. Aliases: ``encoder_slip`` of the last
+    joints.
     """
 
     time_s: float
@@ -183,7 +180,7 @@ class StylusShift(StepInTime):
     terms = shifts(5e-5, FARTHEST_TARGET)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the unit translations at the tip in the later records."""
+        """The unit translations at the tip in the later records."""
         part = self.part(state.conditions)
         return [Displacement(state.arm.chain.tip, twist(np.eye(3) * part[:, None, None]))]
 
@@ -193,9 +190,9 @@ class SeatShift(StepInTime, _OfLabel):
     """One seat moved once: true position = stated position + e from ``time_s`` on. The arm has no
     error.
 
-    The unit is m; the typical magnitude is 5e-5 (a seat that was knocked or fixed again). This
-    cause needs ``seat`` and ``time_s``. The movement is between the two times ``between_s``.
-    Aliases: every smooth error of the arm, if you touch the seat in few postures before or after.
+    The movement is between the two times ``between_s``. Typical magnitude: 5e-5 m (a seat that was
+    knocked or fixed again). Needs ``seat`` and ``time_s``. Aliases: every smooth error of the arm,
+    if you touch the seat in few postures before or after.
     """
 
     seat: str
@@ -209,7 +206,7 @@ class SeatShift(StepInTime, _OfLabel):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Return a candidate for every seat that is touched often enough, with its own times."""
+        """A candidate for every seat that is touched often enough, with its own times."""
         labels = None if records is None else records.conditions.seat
         times = None if records is None else records.conditions.time
         if labels is None or times is None or len(np.unique(labels)) < LEAST_SEATS:
@@ -222,7 +219,7 @@ class SeatShift(StepInTime, _OfLabel):
                 yield tuple(cls(str(seat), time) for time in between[some].tolist())
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return -e as a translation of the stated coordinates in the later records of the seat."""
+        """-e as a translation of the stated coordinates in the later records of the seat."""
         part = self.mask(state) * self.part(state.conditions)[:, None, None]
         return [Displacement(BASE, twist(-np.eye(3) * part))]
 
@@ -231,10 +228,9 @@ class SeatShift(StepInTime, _OfLabel):
 class StylusBending(Effect):
     """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, with the stylus axis e.
 
-    The parameter s is the sag of the level stylus. A constant probing force increases the sag. The
-    unit is m; the typical magnitude is 1e-6 to 2e-5. Source: beam theory. This cause needs the
-    stylus axis in the arm file. Aliases: ``bearing_tilt`` and ``joint_compliance`` of the last
-    joint.
+    s is the sag of the level stylus; a constant probing force increases it. Typical magnitude: 1e-6
+    to 2e-5 m. Source: beam theory. Needs the stylus axis in the arm file. Aliases: ``bearing_tilt``
+    and ``joint_compliance`` of the last joint.
     """
 
     cause = "stylus_bending"
@@ -243,7 +239,7 @@ class StylusBending(Effect):
     terms = (Term("", "m", 1e-5, "level_sag_mm", MM, positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the translation of the tip along gravity across the stylus."""
+        """The translation of the tip along gravity across the stylus."""
         stylus = _stylus_axis(self, state.arm)
         return [_across(stylus, state, state.down)]
 
@@ -252,13 +248,12 @@ class StylusBending(Effect):
 class ProbeBending(Effect):
     """The stylus bends under the probing force: ``δp = -b (I - e eᵀ) d``.
 
-    The vector e is the stylus axis, d is the direction of the motion of the probe at the contact,
-    and b is the deflection. The ball lags behind the probe, so that b is above zero. The force is
-    the same in all records. The unit is m; the typical magnitude is 5e-6 to 5e-5. For example, 1 N
-    on a steel stylus of 50 mm length and 4 mm diameter gives 1.6e-5. Source: cantilever, ``b = F L³
-    / (3 E I)``. This cause needs ``probe_direction_x …``, and the stylus axis in the arm file.
-    Aliases: ``stylus_offset``, and ``joint_hysteresis`` of the last joints, if you always touch
-    with the same side of the stylus.
+    e is the stylus axis, d the direction of the motion of the probe at the contact, and b the
+    deflection, above zero because the ball lags behind the probe. The force is the same in all
+    records. Typical magnitude: 5e-6 to 5e-5 m; 1 N on a steel stylus of 50 mm length and 4 mm
+    diameter gives 1.6e-5. Source: cantilever, ``b = F L³ / (3 E I)``. Needs ``probe_direction_x
+    …``, and the stylus axis in the arm file. Aliases: ``stylus_offset``, and ``joint_hysteresis``
+    of the last joints, if you always touch with the same side of the stylus.
     """
 
     cause = "probe_bending"
@@ -267,7 +262,7 @@ class ProbeBending(Effect):
     terms = (Term("", "m", 2e-5, "deflection_mm", MM, positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the translation of the tip against the motion of the probe, across the stylus."""
+        """The translation of the tip against the motion of the probe, across the stylus."""
         stylus = _stylus_axis(self, state.arm)
         direction = state.conditions.require("probe_direction", self.label)
         return [_across(stylus, state, -direction)]
@@ -278,13 +273,13 @@ class ThermalExpansion(Effect):
     """The lengths of the whole arm or of one body expand with temperature: ``δl = α (T - T0) l``.
 
     T0 is the reference temperature in the arm file. The temperature of a row applies to the body
-    that moves with the row. In standard DH this body has d and a of the row; in modified DH, d of
-    the row and a of the next row. Bodies before row 1 have the mean temperature of the rows. If the
-    whole arm also expands, α of one body is the difference. The unit is 1/K; the typical magnitude
-    is 12e-6 (steel) to 24e-6 (aluminium), and 1e-6 for carbon. Source: ISO 1:2022. This cause needs
-    ``temperature_c``, or ``temperature1_c …`` of each row. Aliases: an error of scale of the
-    reference coordinates; ``link_length`` and ``joint_distance``, if the temperature hardly
-    changes; for one body, ``thermal_expansion`` of the whole arm.
+    that moves with it: d and a of the row in standard DH, d of the row and a of the next in
+    modified DH. Bodies before row 1 have the mean temperature of the rows. If the whole arm also
+    expands, α of one body is the difference. Typical magnitude [1/K]: 12e-6 (steel) to 24e-6
+    (aluminium), 1e-6 for carbon. Source: ISO 1:2022. Needs ``temperature_c``, or ``temperature1_c
+    …`` of each row. Aliases: an error of scale of the reference coordinates; ``link_length`` and
+    ``joint_distance``, if the temperature hardly changes; for one body, ``thermal_expansion`` of
+    the whole arm.
     """
 
     link: int | None = None
@@ -294,7 +289,7 @@ class ThermalExpansion(Effect):
     terms = (Term("", "1/K", 2e-5, "expansion_per_k", read_in=("µm/(m·K)", 1e-6), positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the growth of each length per unit of α, proportional to T - T0."""
+        """The growth of each length per unit of α."""
         all_rows = range(state.arm.chain.rows + 1)
         rows = all_rows if self.link is None else [state.known_row(self.link)]
         growths = [growth_of_body(state, row, self._warmer(state, row)[:, None]) for row in rows]

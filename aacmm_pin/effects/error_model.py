@@ -34,7 +34,7 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
 MOST_EQUILIBRIUM_STEPS = 20
-"""Iterations of the moments in the deflected arm, at most; three or four suffice."""
+"""Most iterations of the moments in the deflected arm; three or four suffice."""
 LABELS_LISTED = 20
 """Labels to list, at most."""
 SAME_TWIST = 1e-15
@@ -47,7 +47,7 @@ class ErrorModel(Shown):
 
     Attributes:
         arm: the arm, with the covariance of its file.
-        effects: causes of error with the values of their parameters.
+        effects: causes with the values of their parameters.
     """
 
     arm: Arm
@@ -56,11 +56,11 @@ class ErrorModel(Shown):
     def __init__(self, arm: GivenArm, effects: GivenCause | Iterable[GivenCause] = ()) -> None:
         """Make a model from an arm, its name or its path, and from causes or their texts.
 
-        The constructor ignores causes in the arm file; :meth:`load` includes them.
+        Causes in the arm file are ignored; :meth:`load` includes them.
 
         Raises:
-            UnknownNameError: a name or cause is unknown, or the covariance of the arm has an
-                unknown parameter.
+            UnknownNameError: a name or cause is unknown, or the covariance has an unknown
+                parameter.
             AacmmError: two causes have the same parameter.
         """
         object.__setattr__(self, "arm", as_arm(arm))
@@ -86,8 +86,8 @@ class ErrorModel(Shown):
 
     @staticmethod
     def of(model: GivenModel) -> ErrorModel:
-        """Return a model unchanged, or that of an arm, its name or its path with the causes of the
-        arm file.
+        """A model unchanged, or that of an arm, its name or its path, with the causes of the arm
+        file.
 
         Raises:
             UnknownNameError, ArmFileError: see :meth:`load`.
@@ -111,7 +111,7 @@ class ErrorModel(Shown):
 
     @staticmethod
     def arm_of(model: GivenModel) -> Arm:
-        """Return the arm of a model; see :meth:`of` for errors."""
+        """The arm of a model; see :meth:`of` for errors."""
         return model.arm if isinstance(model, ErrorModel) else as_arm(model, "model")
 
     @staticmethod
@@ -125,11 +125,10 @@ class ErrorModel(Shown):
         return ErrorModel.of(name_or_path)
 
     def file(self) -> ArmFile | UrdfArmFile:
-        """Return the content of the arm file of this model.
+        """The content of the arm file of this model.
 
         Raises:
-            AacmmError: the arm comes neither from an arm file nor from a URDF that is a regular
-                file.
+            AacmmError: the arm comes neither from an arm file nor from a regular URDF file.
             ArmFileError: an arm file cannot state the name of the URDF.
         """
         file = self.arm.file
@@ -145,7 +144,7 @@ class ErrorModel(Shown):
         return file
 
     def text(self, comment: str = "", path: str | Path | None = None) -> str:
-        """Return the arm file of this model as TOML; see :meth:`file`."""
+        """The arm file of this model as TOML; see :meth:`file`."""
         return arm_text(self.file(), comment, path)
 
     def save(self, path: str | Path, force: bool = False, comment: str = "") -> None:
@@ -163,7 +162,7 @@ class ErrorModel(Shown):
             temporary.write_text(encodable(text), encoding="utf-8")
 
     def with_effects(self, *effects: GivenCause) -> ErrorModel:
-        """Return the model with more causes, which replace the same causes at the same places."""
+        """The model with more causes, which replace the same causes at the same places."""
         added = as_causes(effects, self)
         new = {effect.identity for effect in added}
         return replace(self, effects=(*(e for e in self.effects if e.identity not in new), *added))
@@ -186,7 +185,7 @@ class ErrorModel(Shown):
         return ErrorModel(arm, effects)
 
     def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
-        """Return the arm with only the given causes, and their part of the covariance."""
+        """The arm with only these causes, and their part of the covariance."""
         if self.arm.covariance is None:
             return replace(self, effects=effects)
         parameters = [*self.arm.parameters]
@@ -206,8 +205,8 @@ class ErrorModel(Shown):
         return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
 
     def covariance(self) -> Array:
-        """Return the covariance of all parameters, ``(p, p)`` [their units]; independent if not in
-        the arm file.
+        """The covariance of all parameters, ``(p, p)`` [their units]; independent if not in the arm
+        file.
         """
         parameters = self.parameters
         matrix = np.diag([p.u**2 for p in parameters])
@@ -231,16 +230,15 @@ class ErrorModel(Shown):
         """Compute the exact positions of the tip at joint angles ``q``: ``(n, 3)`` [m].
 
         Args:
-            q: joint angles from the readings ``(n, nq)`` [rad]. For an arm with couplings, use
+            q: joint angles from the readings ``(n, nq)`` [rad]; with couplings see
                 :meth:`aacmm_pin.Arm.joint_angles`.
             conditions: conditions of the records, if causes depend on them.
             at: name of a frame; default the tip.
-            as_referenced: include errors of the references, to compute the coordinates that the
-                references state.
+            as_referenced: include errors of the references: the coordinates that they state.
 
         Raises:
-            ShapeError: ``q`` is not a finite ``(n, nq)`` array, or ``conditions`` has another
-                number of records.
+            ShapeError: ``q`` is not finite ``(n, nq)``, or ``conditions`` has another number of
+                records.
             MissingConditionError: a condition that a cause needs is missing.
         """
         return self.state(q, conditions, at, as_referenced=as_referenced).position
@@ -258,8 +256,8 @@ class ErrorModel(Shown):
         return self.predict(readings, conditions)
 
     def input_warnings(self, q: Array, conditions: Conditions) -> list[Note]:
-        """Return notes on angles ``q`` ``(n, nq)`` [rad] outside the limits and on implausible
-        conditions, which may have another unit or clock.
+        """Notes on angles ``q`` ``(n, nq)`` [rad] outside the limits, and on implausible
+        conditions, such as of another unit or clock.
 
         Raises:
             MissingConditionError: a condition that a cause needs is missing.
@@ -280,17 +278,15 @@ class ErrorModel(Shown):
         return notes
 
     def other_targets(self, conditions: Conditions) -> list[str]:
-        """Return the labels of markers whose place the arm does not state; :meth:`predict` then
-        returns the tip.
-        """
+        """Markers whose place the arm does not state; :meth:`predict` then returns the tip."""
         stated = {effect.place for effect in self.effects if effect.location_field() == "marker"}
         labels = dict.fromkeys(conditions.labels("marker").tolist())
         return [label for label in labels if label and label not in stated]
 
     def known_at(self, q: ArrayLike) -> Mask:
-        """Return whether each cause is known at the angles ``q`` ``(n, nq)``: ``(n, effects)``.
+        """Whether each cause is known at the angles ``q`` ``(n, nq)``: ``(n, effects)``.
 
-        For example, an error curve is known only in its range. ``q`` may have a wrong unit.
+        An error curve is known only in its range. ``q`` may have a wrong unit.
 
         Raises:
             ShapeError: ``q`` is not a finite ``(n, nq)`` array.
@@ -306,7 +302,7 @@ class ErrorModel(Shown):
         return is_known
 
     def restricted_to_known_range(self) -> ErrorModel:
-        """Return the model with joint limits reduced to the known ranges of its causes.
+        """The model with joint limits reduced to the known ranges of its causes.
 
         Raises:
             AacmmError: no angle within the limits of a joint is in the known range.
@@ -331,8 +327,7 @@ class ErrorModel(Shown):
     def sensitivity(
         self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None
     ) -> Array:
-        """Compute ∂(position)/∂parameters at ``q`` ``(n, nq)`` [rad]: ``(n, 3, len(parameters))``
-        [m/unit].
+        """∂(position)/∂parameters at ``q`` ``(n, nq)`` [rad]: ``(n, 3, len(parameters))`` [m/unit].
 
         For arguments and errors see :meth:`predict`.
         """
@@ -353,9 +348,7 @@ class ErrorModel(Shown):
         *,
         as_referenced: bool = False,
     ) -> State:
-        """Return the arm in n records, displaced by all causes at their values; see
-        :meth:`predict`.
-        """
+        """The arm in n records, displaced by all causes at their values; see :meth:`predict`."""
         q = batch(q, self.arm.nq, "q", "rad")
         conditions = Conditions(len(q)) if conditions is None else conditions
         if conditions.n != len(q):
@@ -382,7 +375,7 @@ def displaced(
 ) -> State:
     """The state with every place displaced by the exact causes; weights act on the deflected arm.
 
-    Errors of the references come last, and do not rotate the arm relative to gravity.
+    Errors of the references come last: they do not rotate the arm relative to gravity.
     """
     acting = [effect for effect in effects if any(effect.values)]
     of_reference = [effect for effect in acting if effect.of_reference]
@@ -428,8 +421,7 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
     """Check that records show an effect that depends on conditions, such as a seat, target or time.
 
     Args:
-        effect, arm: the effect and the arm.
-        q, conditions: of the records ``(n, nq)`` [rad].
+        q: angles of the records ``(n, nq)`` [rad].
         source: name of the records in messages.
 
     Raises:
@@ -484,7 +476,7 @@ def as_causes(
 
 
 GivenModel = Arm | ErrorModel | str | Path
-"""An arm, or an arm with effects, or the bundled name or the path of the file of either."""
+"""An arm or a model, or the bundled name or the path of the file of either."""
 
 
 def loaded(model: GivenModel) -> Arm | ErrorModel:

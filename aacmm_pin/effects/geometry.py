@@ -16,22 +16,19 @@ from aacmm_pin.errors import UnsupportedArmError
 
 @dataclass(frozen=True)
 class _RowValue(Effect):
-    """One value of a DH row; the displacement is exact, because two screws about one axis
-    commute.
-    """
+    """One value of a DH row; the displacement is exact, for two screws about one axis commute."""
 
     joint: int
     refitted = True
     along_slide = False
     component: ClassVar[int]
-    """The component of the displacement that the parameter changes.
-
-    0 and 2 are translations along x and z; 3, 4 and 5 are rotations about x, y and z.
+    """What the parameter changes: translation along x (0) or z (2), rotation about x, y or z (3, 4,
+    5).
     """
 
     def _moved(self, state: State) -> int:
-        """(d, θ) act on the axis; (a, α) after the body in standard DH, before the axis in modified
-        DH.
+        """(d, θ) act on the axis; (a, α) after the body in standard DH, before the axis in
+        modified.
         """
         row = state.known_row(self.joint)
         if self.component in (2, 5):
@@ -47,13 +44,12 @@ class _RowValue(Effect):
 
 @dataclass(frozen=True)
 class JointZeroOffset(_RowValue):
-    """The zero of the encoder has an error: the body is rotated by ``δ`` about the joint axis, or
-    displaced along it.
+    """The zero of the encoder has an error ``δ``: the body rotates about the joint axis, or moves
+    along it.
 
-    The unit is rad; the typical magnitude is 1e-4 after a factory calibration, and up to 0.05 (3°)
-    after assembly. Source: any DH calibration; the 2010 zero-offset paper. Aliases: ``seat_error``,
-    if the records have few seats; for joint 1, a rotation of the reference frame, which has the
-    same effect.
+    Typical magnitude: 1e-4 rad after a factory calibration, up to 0.05 (3°) after assembly. Source:
+    any DH calibration; the 2010 zero-offset paper. Aliases: ``seat_error``, if the records have few
+    seats; for joint 1, a rotation of the reference frame, which has the same effect.
     """
 
     cause = "joint_zero_offset"
@@ -63,7 +59,7 @@ class JointZeroOffset(_RowValue):
     terms = (Term("", "rad", 3e-4, "offset_rad"),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return a unit motion of the joint; a row without joint rotates."""
+        """A unit motion of the joint; a row without joint rotates."""
         place = axis(state.known_row(self.joint))
         if state.arm.chain.moved[place] < 0:
             return super().displacements(state)
@@ -72,10 +68,10 @@ class JointZeroOffset(_RowValue):
 
 @dataclass(frozen=True)
 class LinkLength(_RowValue):
-    """The length a of a row has an error: the rest of the arm is displaced along x of the row.
+    """The length a of a row has an error: the rest of the arm moves along x of the row.
 
-    The unit is m; the typical magnitude is 2e-5. Source: Denavit–Hartenberg. Aliases:
-    ``thermal_expansion``; ``stylus_offset``, if the row is the last row.
+    Typical magnitude: 2e-5 m. Source: Denavit–Hartenberg. Aliases: ``thermal_expansion``;
+    ``stylus_offset``, if the row is the last row.
     """
 
     cause = "link_length"
@@ -87,11 +83,11 @@ class LinkLength(_RowValue):
 
 @dataclass(frozen=True)
 class JointDistance(_RowValue):
-    """The distance d of a row has an error: the rest of the arm is displaced along the joint axis.
+    """The distance d of a row has an error: the rest of the arm moves along the joint axis.
 
-    The unit is m; the typical magnitude is 2e-5. Source: Denavit–Hartenberg. Aliases:
-    ``joint_distance`` of a neighbouring row with a parallel axis; ``thermal_expansion``; for row 1,
-    the height of the reference frame.
+    Typical magnitude: 2e-5 m. Source: Denavit–Hartenberg. Aliases: ``joint_distance`` of a
+    neighbouring row with a parallel axis; ``thermal_expansion``; for row 1, the height of the
+    reference frame.
     """
 
     cause = "joint_distance"
@@ -103,10 +99,10 @@ class JointDistance(_RowValue):
 
 @dataclass(frozen=True)
 class LinkTwist(_RowValue):
-    """The twist alpha of a row has an error: the rest of the arm is rotated about x of the row.
+    """The twist alpha of a row has an error: the rest of the arm rotates about x of the row.
 
-    The unit is rad; the typical magnitude is 5e-5. Source: Denavit–Hartenberg. Aliases:
-    ``bearing_tilt``, if the load hardly changes.
+    Typical magnitude: 5e-5 rad. Source: Denavit–Hartenberg. Aliases: ``bearing_tilt``, if the load
+    hardly changes.
     """
 
     cause = "link_twist"
@@ -118,12 +114,10 @@ class LinkTwist(_RowValue):
 
 @dataclass(frozen=True)
 class SlideAngle(_RowValue):
-    """The angle theta of a row with a prismatic joint has an error: the rest of the arm is rotated
-    about the axis of the joint.
+    """The angle theta of a prismatic row has an error: the rest of the arm rotates about its axis.
 
-    The zero of such a joint is in the distance d of the row. The unit is rad; the typical magnitude
-    is 5e-5. Source: Denavit–Hartenberg. Aliases: ``joint_zero_offset`` of a neighbouring row with a
-    parallel axis.
+    The zero of such a joint is in the distance d. Typical magnitude: 5e-5 rad. Source:
+    Denavit–Hartenberg. Aliases: ``joint_zero_offset`` of a neighbouring row with a parallel axis.
     """
 
     cause = "slide_angle"
@@ -135,12 +129,10 @@ class SlideAngle(_RowValue):
 
 @dataclass(frozen=True)
 class LinkTilt(_RowValue):
-    """The next axis is tilted about y of the row. DH parameters cannot state this tilt of nearly
-    parallel axes.
+    """The next axis is tilted about y of the row, which DH cannot state for nearly parallel axes.
 
-    The unit is rad; the typical magnitude is 5e-5. Source: Hayati, Mirmirani 1985 (angle β).
-    Aliases: ``joint_distance`` of the same row and of the next row, if the axes are far from
-    parallel.
+    Typical magnitude: 5e-5 rad. Source: Hayati, Mirmirani 1985 (angle β). Aliases:
+    ``joint_distance`` of the same row and of the next row, if the axes are far from parallel.
     """
 
     cause = "link_tilt"
@@ -151,12 +143,11 @@ class LinkTilt(_RowValue):
 
 @dataclass(frozen=True)
 class JointPlacement(Effect):
-    """The placement of a joint has an error: three translations and three rotations in its own
-    axes.
+    """The placement of a joint has an error: three translations, three rotations in its own axes.
 
-    This cause is for arms from a URDF, which have placements instead of DH rows. Records determine
-    some placement parameters only in combination. The units are m and rad; the typical magnitudes
-    are 5e-5 and 1e-4. Aliases: ``joint_placement`` of a neighbouring joint.
+    For arms from a URDF, which have placements instead of DH rows. Records determine some of them
+    only in combination. Typical magnitude: 5e-5 m and 1e-4 rad. Aliases: ``joint_placement`` of a
+    neighbouring joint.
     """
 
     joint: int
@@ -166,7 +157,7 @@ class JointPlacement(Effect):
     terms = (*shifts(5e-5), *rotations(1e-4))
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the unit twists after the placement and before the joint."""
+        """The unit twists after the placement and before the joint."""
         row = state.known_row(self.joint)
         return [Displacement(end(row - 1), np.eye(6)[None])]
 
@@ -196,7 +187,7 @@ def of_parameter(arm: Arm, parameter: Parameter) -> Effect:
 
 
 def joint_zeros(arm: Arm) -> list[Effect]:
-    """The causes for the zeros of all joints; of a prismatic joint in a DH table the distance d."""
+    """The causes for the zeros of all joints; of a prismatic joint in a DH table d."""
     zeros: list[Effect] = []
     for row in arm.chain.joint_rows():
         in_distance = arm.dh is not None and arm.dh.slides[row - 1]

@@ -1,4 +1,4 @@
-"""Joint commands that bring the real arm to the place of a nominal arm."""
+"""Joint commands that bring the real arm where a nominal arm would be."""
 
 from __future__ import annotations
 
@@ -22,19 +22,18 @@ ARRIVED = 1e-9
 MOST_STEPS = 100
 """Newton steps; four suffice except next to a singular posture."""
 LONGEST_JOINT_STEP = 0.1
-"""Longest step; next to a singular posture a longer one would lead far away [rad]."""
+"""Longest step [rad]; a longer one beside a singular posture would lead far away."""
 SINGULAR_MOTION = 1e-6
-"""Ratio to the largest singular value below which motions are not made."""
+"""Motions below this ratio to the largest singular value are not made."""
 
 
 def joint_commands(
     model: GivenModel, nominal: GivenModel, q: ArrayLike, conditions: Conditions | None = None
 ) -> tuple[Array, Mask]:
-    """Compute joint commands for ``model`` that bring its tip to the place of the tip of
-    ``nominal`` at ``q``.
+    """Compute joint commands for ``model`` that bring its tip to that of ``nominal`` at ``q``.
 
-    With six joints or more, the commands also reproduce the orientation. The method is Newton's
-    with the shortest step, so that an arm with redundant joints stays near ``q``.
+    From six joints on, the commands also reproduce the orientation. Newton's method takes the
+    shortest step, so that an arm with redundant joints stays near ``q``.
 
     Args:
         model: the true arm.
@@ -42,12 +41,10 @@ def joint_commands(
         q: commands for the nominal arm ``(n, nq)`` [rad].
 
     Returns:
-        Commands ``(n, nq)`` [rad]; True for each command that arrives within 1 nm (and 1 nrad)
-        ``(n,)``.
+        Commands ``(n, nq)`` [rad]; True for each that arrives within 1 nm (and 1 nrad) ``(n,)``.
 
     Raises:
-        ShapeError: ``q`` is not a finite ``(n, nq)`` array, or the arms have different numbers of
-            joints.
+        ShapeError: ``q`` is not finite ``(n, nq)``, or the arms have different numbers of joints.
         MissingConditionError: a condition that a cause needs is missing.
         AacmmError: the tip of ``model`` is a target and the tip of ``nominal`` is not.
     """

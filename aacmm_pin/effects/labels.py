@@ -36,9 +36,7 @@ def cause_in_words(kind: type[Effect]) -> str:
 
 
 def name_in_words(effect: Effect, arm: Arm | None = None) -> str:
-    """The name and the place of a cause: ``encoder gain of joint 5``, ``distance d of tool row
-    7``.
-    """
+    """Name and place of a cause: ``encoder gain of joint 5``, ``distance d of tool row 7``."""
     words, location = cause_in_words(type(effect)), location_in_words(effect, arm)
     return f"{words} of {location}" if location else words
 
@@ -82,15 +80,13 @@ def _place_words(effect: Effect, arm: Arm | None) -> str:
 
 
 def row_in_words(row: int, arm: Arm) -> str:
-    """The word for a row (from 1): ``joint``, ``row`` if rigid, ``tool row`` after the last
-    joint.
-    """
+    """The word for a row (from 1): ``joint``, ``row`` if rigid, ``tool row`` after the joints."""
     moving = arm.chain.moving_rows()
     return "joint" if row in moving else "row" if row < moving[-1] else "tool row"
 
 
 def slides(effect: Effect, arm: Arm) -> bool:
-    """Whether the values of a cause are of a prismatic joint, in metres in place of radians."""
+    """Whether the values are of a prismatic joint: in metres in place of radians."""
     if effect.location_field() != "joint" or effect.row is None:
         return False
     number = int(arm.chain.joint[axis(effect.row)])
@@ -99,9 +95,7 @@ def slides(effect: Effect, arm: Arm) -> bool:
 
 
 def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
-    """The values of a cause with their u from the ``covariance`` ``(p, p)``, by the keys of
-    files.
-    """
+    """The values of a cause with their u from the ``covariance`` ``(p, p)``, by keys of files."""
     jacobian = effect.file_jacobian()
     variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
     u = np.sqrt(np.maximum(variance, 0.0)).tolist()
@@ -121,7 +115,7 @@ def known_range_in_words(effect: Effect) -> str:
 def values_in_words(
     effect: Effect, values: Mapping[str, tuple[float, float]], slides: bool = False
 ) -> str:
-    """The values of a cause with U (k = 2), as texts by key; in metres if the joint ``slides``."""
+    """The values with U (k = 2) as texts by key; in metres if the joint ``slides``."""
     if len(values) > FEW_VALUES:
         return f"curve with {len(values)} values"
     readings = effect.readings()
@@ -138,9 +132,7 @@ def values_in_words(
 
 
 def _value(reading: Reading, value: float, expanded: float) -> str:
-    """U with two digits, the value with the same decimals; a bound if U exceeds the value; no
-    unknown phase.
-    """
+    """U with two digits, the value to the same place; a bound if U exceeds it; no unknown phase."""
     value = value * reading.factor
     expanded = expanded * reading.factor
     if reading.unit == "°" and expanded > FREE_PHASE:

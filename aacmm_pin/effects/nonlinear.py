@@ -1,4 +1,4 @@
-"""The nonlinear parameter of a cause, such as an order, a time constant, or the time of a step."""
+"""The nonlinear parameter of a cause: an order, a time constant, the time of a step."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ KNOWN_TO = 3.0
 class Nonlinear(Generic[E]):
     """The nonlinear parameter of a cause, whose value the records determine by trial.
 
-    A search tries the values of :meth:`grid`, and refines the most probable one with
-    :meth:`refine`. All methods have defaults for a cause without nonlinear parameter.
+    A search tries the values of :meth:`grid`, and refines the most probable with :meth:`refine`.
+    All methods have defaults for a cause without nonlinear parameter.
 
     Attributes:
         field: field of the effect with the parameter; "" for none.
@@ -44,53 +44,51 @@ class Nonlinear(Generic[E]):
     words: str = ""
 
     def value(self, effect: E) -> float:
-        """Return the value of an effect."""
+        """The value of an effect."""
         return float(getattr(effect, self.field))
 
     def at(self, effect: E, value: float) -> E:
-        """Return the effect with another value."""
+        """The effect with another value."""
         field: dict[str, Any] = {self.field: value}
         return replace(effect, **field)
 
     def in_words(self, effect: E) -> str:
-        """Return the value as text."""
+        """The value as text."""
         value = self.value(effect)
         if not self.words:
             return f"{self.field.replace('_', ' ')} {value:.4g}"
         return self.words.format(value=value, minutes=value / 60.0)
 
     def grid(self, records: Records | None) -> Sequence[float]:
-        """Return the values to try; default none, so that ``candidates`` must state them."""
+        """The values to try; default none, so that ``candidates`` must state them."""
         return ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
-        """Return the effect with values near its own, in ascending order; default itself."""
+        """The effect with values near its own, in ascending order; default itself."""
         return [effect]
 
     def prior_sd(self, effect: E) -> float:
-        """Return the prior standard deviation of the value; 0 if the cause is not smooth in the
-        value.
-        """
+        """The prior standard deviation of the value; 0 if the cause is not smooth in it."""
         return 0.0
 
     def prior_probability(self, effect: E, records: Records) -> float:
-        """Return the prior probability of the value, up to a common factor."""
+        """The prior probability of the value, up to a common factor."""
         return 1.0
 
     def is_preferred(self, effect: E) -> bool:
-        """Return whether the value is common in machines, and so more probable than neighbours."""
+        """Whether the value is common in machines, and so more probable than its neighbours."""
         return False
 
     def gap(self, effect: E, records: Records) -> float:
-        """Return the time between the two records around a step; 0 for a cause without step."""
+        """The time between the two records around a step; 0 for no step."""
         return 0.0
 
     def with_coverage_interval(self, effect: E, low: float, high: float, records: Records) -> E:
-        """Return the effect with the 95 % interval of its value; default unchanged."""
+        """The effect with the 95 % interval of its value; default unchanged."""
         return effect
 
     def extrapolation_terms(self, effect: E) -> tuple[Effect, ...]:
-        """Return effects with value zero whose u is the uncertainty outside the records."""
+        """Effects with value zero whose u is the uncertainty outside the records."""
         return ()
 
 
@@ -103,21 +101,21 @@ class TimeConstant(Nonlinear[E]):
     words: str = "time constant {minutes:.0f} min"
 
     def grid(self, records: Records | None) -> Sequence[float]:
-        """Return short and long time constants, if the records have different times."""
+        """Short and long time constants, if the records have different times."""
         time = np.arange(2) if records is None else records.conditions.time
         return WARM_UP_TIMES if time is not None and np.ptp(time) > 0.0 else ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
-        """Return the effect with time constants from a third to three times its own."""
+        """The effect with time constants from a third to three times its own."""
         constants = self.value(effect) * np.geomspace(1 / KNOWN_TO, KNOWN_TO, TIME_CONSTANTS)
         return [self.at(effect, constant) for constant in constants.tolist()]
 
     def prior_sd(self, effect: E) -> float:
-        """Return twice the value, because the time constant is known to a factor of about three."""
+        """Twice the value, known beforehand to a factor of about three."""
         return 2.0 * self.value(effect)
 
     def prior_probability(self, effect: E, records: Records) -> float:
-        """Return a log-normal probability, with a factor of three, outside usual time constants."""
+        """A log-normal probability, with a factor of three, outside usual time constants."""
         value = self.value(effect)
         usual = np.clip(value, WARM_UP_TIMES[0], WARM_UP_TIMES[-1])
         factors = np.log(value / usual) / np.log(KNOWN_TO)

@@ -46,14 +46,13 @@ _Method = Callable[[Any, State], list[Any]]
 
 
 def register(cause: _Own) -> _Own:
-    """Register a cause of your own by its name; use the function as a decorator of the class.
+    """Register a cause of your own by its name; use it as a decorator of the class.
 
     ``diagnose`` then tries the cause at the places that ``candidates`` returns. Plans, arm files,
     ``--cause``, pages and pictures accept it. At the shell, ``aacmm-pin --plugin MODULE …`` or an
-    entry point in the group ``aacmm_pin.causes`` imports the module that registers the cause. A
-    program must register the cause before it reads an arm file with the cause. A new definition of
-    the same class, for example in a notebook, replaces the old class. The package checks every
-    result of ``displacements`` and ``exact``.
+    entry point in the group ``aacmm_pin.causes`` imports the module that registers it. A program
+    must register the cause before it reads an arm file with it. A new definition of the same class,
+    as in a notebook, replaces the old. Every result of ``displacements`` and ``exact`` is checked.
 
     Raises:
         AacmmError: the class is not an :class:`Effect`, or the name is invalid or already
@@ -122,7 +121,7 @@ def _checked(method: _Method, name: str) -> _Method:
 
 
 def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
-    """Refuse a displacement or a twist with a wrong shape or without finite numbers."""
+    """Refuse displacements or twists of a wrong shape or without finite numbers."""
     if method == "displacements":
         place = moved.place
         given = moved.columns
@@ -179,11 +178,11 @@ def cause_named(name: str) -> type[Effect]:
 def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tuple[Effect, ...]]:
     """Yield each possible cause at each possible place of an arm, as a tuple of variants to try.
 
-    Causes that every calibration fits are omitted. The order is that of :data:`CAUSES`;
-    neighbouring causes with the same kind of place are grouped by place.
+    Causes that every calibration fits are omitted. The order is that of :data:`CAUSES`; neighbours
+    with the same kind of place are grouped by place.
 
     Args:
-        records: records that must show the causes; None for all causes that records could show.
+        records: records that must show the causes; None for all that records could show.
     """
     arm = as_arm(arm)
     free = (cause for cause in CAUSES.values() if not cause.refitted)
@@ -207,9 +206,7 @@ def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[
 
 @cache
 def example(cause: type[Effect]) -> Effect | None:
-    """Return an example of a cause in SINO6; None if :meth:`Effect.candidates` finds no place in
-    SINO6.
-    """
+    """An example of a cause in SINO6; None if :meth:`Effect.candidates` finds no place there."""
     from aacmm_pin.arm import joint_bounds
 
     arm = Arm.load("sino6")

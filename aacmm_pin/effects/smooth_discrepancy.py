@@ -1,4 +1,4 @@
-"""Structure that no cause explains: smooth functions of recorded quantities, as plain data."""
+"""Structure that no cause explains: smooth functions of recorded quantities."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ Point = tuple[float, float, float]
 class Cosines:
     """The functions ``cos kπp`` for k from 0 to ``count``, with the rank p of a value.
 
-    p is the share of the fitted records with a smaller value, interpolated between knots, and
-    constant outside the range of the fitted records.
+    p is the share of the fitted records with a smaller value, interpolated between knots and
+    constant outside their range.
 
     Attributes:
         of: ``joint 2``, ``time`` or ``temperature``.
         at_si: values at the knots in ascending order [rad, m for a prismatic joint, s, °C].
-        below: number of fitted records below each knot, plus half of the records at the knot.
+        below: number of fitted records below each knot, plus half of those at the knot.
         records: number of fitted records.
         count: largest k.
     """
@@ -101,7 +101,7 @@ class Cosines:
 
 @dataclass(frozen=True)
 class Waves:
-    """The functions ``cos kq`` and ``sin kq`` of one joint, optionally after the constant 1.
+    """The functions ``cos kq`` and ``sin kq`` of one joint, perhaps after the constant 1.
 
     Attributes:
         of: ``joint 2``.
@@ -134,7 +134,7 @@ class Waves:
 
 @dataclass(frozen=True)
 class Moment:
-    """The moment of the weights about the axis of one joint, less a first-order wave of its angle.
+    """The moment of the weights about the axis of a joint, less a first-order wave of its angle.
 
     Attributes:
         of: ``joint 2``.
@@ -149,9 +149,7 @@ class Moment:
 
     @staticmethod
     def beyond_own_angle(of: str, state: State) -> Moment:
-        """The part of the moment that no first-order wave of the joint angle explains (least
-        squares).
-        """
+        """The part of the moment that no first-order wave of the angle explains (least squares)."""
         moment = Moment(of).values(state)[:, 0]
         first_order = Waves(of, constant=True).values(state)
         (c0, c1, c2), *_ = np.linalg.lstsq(first_order, moment, rcond=None)
@@ -220,7 +218,7 @@ QUANTITIES_OF_KIND = {
 
 
 def product_of(functions: Sequence[Smooth], state: State) -> Array:
-    """All products of one function of each set, ``(n, m)``, the last set varying fastest; 1 without
+    """All products of one function of each set, ``(n, m)``, the last varying fastest; 1 without
     sets.
     """
     columns = np.ones((state.n, 1))
@@ -276,7 +274,7 @@ OF_ROW = r"(before|angle|slide|tube) [1-9]\d{0,2}"
 CARRIERS = re.compile(f"room|frame|target|lengths|tubes|{OF_ROW}")
 """Names of :class:`Carrier`."""
 DIRECTION_DIGITS = 7
-"""Significant digits of a direction in a file: 1e-7 of a displacement is far below the noise."""
+"""Significant digits of a direction in a file: 1e-7 of a displacement is below every noise."""
 OF_TIP = dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
 TURNS = dict.fromkeys(("turn_x_urad", "turn_y_urad", "turn_z_urad"), 1e-6)
 GROWTH = {"growth_um_per_m": 1e-6}
@@ -317,13 +315,11 @@ class Carrier:
     """The quantity that the functions of a discrepancy change.
 
     Attributes:
-        name: one of the names below.
-
-    The names are:
+        name: one of these:
 
     - ``room``: translation of the tip along the axes of the base.
-    - ``frame``: translation of the tip along the axes of the base, and rotation about them; for a
-      rotation, a coefficient in m counts as rad.
+    - ``frame``: the same, and rotation about them; for a rotation, a coefficient in m counts as
+      rad.
     - ``target``: translation of the tip along the axes of the last body.
     - ``before j``: translation of the tip along the axes of the body before row j.
     - ``angle j``, ``slide j``: angle or position of joint j.
@@ -347,7 +343,7 @@ class Carrier:
 
     @property
     def kind(self) -> Kind:
-        """The common properties of all carriers with the same name without row."""
+        """What carriers of the same name without row have in common."""
         return CARRIER_KINDS[self.what]
 
     @property
@@ -398,10 +394,10 @@ class Part:
     """One part of a discrepancy: functions of covariates that change one quantity.
 
     Attributes:
-        carrier: the quantity that the functions change.
+        carrier: the quantity.
         functions: sets of functions whose products the part uses; () for the constant 1.
-        directions: coefficients of the functions for one unit of each parameter, function by
-            function, ``(functions · axes, p)``; () if each coefficient is a parameter.
+        directions: coefficients per unit of each parameter, function by function, ``(functions ·
+            axes, p)``; () if each coefficient is a parameter.
     """
 
     carrier: Carrier
@@ -415,7 +411,7 @@ class Part:
         return functions * self.carrier.axes
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the displacements for one unit of each parameter."""
+        """The displacements for one unit of each parameter."""
         rows = np.array(self.directions) if self.directions else np.eye(self.coefficients)
         of_functions = rows.reshape(-1, self.carrier.axes, rows.shape[1])
         functions = product_of(self.functions, state)
@@ -423,7 +419,7 @@ class Part:
         return self.carrier.displacements(state, shifts)
 
     def filed(self) -> DiscrepancyPart:
-        """Return the entry of the part in an arm file."""
+        """The entry of the part in an arm file."""
         functions = list(map(as_filed, self.functions))
         directions = tuple(map(_rounded, self.directions))
         return DiscrepancyPart(
@@ -441,12 +437,12 @@ class Discrepancy(Effect):
     """The discrepancy: structure that no cause explains, as smooth functions of recorded
     quantities.
 
-    ``diagnose`` does not try a discrepancy as a cause. A calibration or diagnosis keeps the
-    discrepancy of the arm file unchanged. Outside the range of the fitted records, functions of
-    time, temperature and ranks keep their last values.
+    ``diagnose`` does not try it as a cause; a calibration or diagnosis keeps that of the arm file
+    unchanged. Outside the range of the fitted records, functions of time, temperature and ranks
+    keep their last values.
 
     Attributes:
-        covariate: quantity on which the discrepancy depends, such as ``joint 2 × joint 4``.
+        covariate: what the discrepancy depends on, such as ``joint 2 × joint 4``.
         parts: the functions and the changed quantities; several parts share the parameters.
     """
 
@@ -511,11 +507,11 @@ class Discrepancy(Effect):
         return words
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the functions along the axes of their carriers."""
+        """The functions along the axes of their carriers."""
         return [moved for part in self.parts for moved in part.displacements(state)]
 
     def filed(self) -> DiscrepancyEntry:
-        """Return the entry of the discrepancy in an arm file."""
+        """The entry of the discrepancy in an arm file."""
         parts = [part.filed() for part in self.parts]
         u = self.u if any(self.u) else ()
         return DiscrepancyEntry(
@@ -523,7 +519,7 @@ class Discrepancy(Effect):
         )
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """Return notes about records outside the fitted range of time or temperature."""
+        """Notes on records outside the fitted range of time or temperature."""
         notes = {}
         for cosines in self._functions:
             if not (isinstance(cosines, Cosines) and cosines.of in RECORDED):

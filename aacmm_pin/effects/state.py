@@ -16,7 +16,7 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The arm in n records, as the input of a cause of error; places are those of
+    """The arm in n records, as the input of a cause; places are those of
     :mod:`aacmm_pin.arm.chain`.
 
     All vectors are in the base frame. :meth:`in_axes_of` converts them to the axes of a place, in
@@ -46,8 +46,8 @@ class State:
 
     @property
     def rotation(self) -> Array:
-        """The axes of every place as columns, ``(places, n, 3, 3)``: ``rotation[axis(2)][:, :, 2]``
-        is z of joint 2.
+        """The axes of every place as columns, ``(places, n, 3, 3)``; z of joint 2 is
+        ``rotation[axis(2)][:, :, 2]``.
         """
         return self._frames[0]
 
@@ -63,7 +63,7 @@ class State:
 
     @property
     def coordinates(self) -> int:
-        """The number of coordinates of a motion: three, or six with the rotation."""
+        """Three coordinates of a motion, or six with the rotation."""
         return 6 if self.with_rotation else 3
 
     @property
@@ -74,7 +74,7 @@ class State:
         return np.asarray(self.origin[self.target])
 
     def joint(self, row: int) -> int:
-        """Return the index (from 0) of the joint of ``row`` (from 1).
+        """The index (from 0) of the joint of ``row`` (from 1).
 
         Raises:
             AacmmError: the row does not exist, has no joint, or its joint follows another joint.
@@ -82,7 +82,7 @@ class State:
         return self._number(self.arm.chain.joint, row)
 
     def slides(self, row: int) -> bool:
-        """Return whether the joint of ``row`` is prismatic; the joint may follow another joint.
+        """Whether the joint of ``row``, which may follow another, is prismatic.
 
         Raises:
             AacmmError: the row does not exist or has no joint.
@@ -101,7 +101,7 @@ class State:
         return number
 
     def known_row(self, row: int) -> int:
-        """Return ``row`` (from 1), after a check that the arm has it.
+        """``row`` (from 1), after a check.
 
         Raises:
             AacmmError: the row does not exist.
@@ -112,9 +112,8 @@ class State:
         return row
 
     def bearing(self, row: int) -> int:
-        """Return the place of the bearing, at which the body of ``row`` begins on the joint axis.
-
-        :meth:`moment_at_axis` is about the origin of the bearing.
+        """The place at which the body of ``row`` begins on the joint axis; :meth:`moment_at_axis`
+        is about its origin.
 
         Raises:
             AacmmError: the row does not exist.
@@ -122,19 +121,17 @@ class State:
         return self.arm.foot(self.known_row(row))
 
     def angle(self, row: int) -> Array:
-        """Return the angle or position of the joint of ``row``, ``(n,)`` [rad; m for a prismatic
-        joint].
-        """
+        """The angle or position of the joint of ``row``, ``(n,)`` [rad, m]."""
         return self.q[:, self.joint(row)]
 
     def reading(self, row: int) -> Array:
-        """Return the reading of the encoder of ``row``, ``(n,)`` [rad; m for a prismatic joint]."""
+        """The reading of the encoder of ``row``, ``(n,)`` [rad; m for a prismatic joint]."""
         readings = self.arm.readings(self.q)
         return readings[:, self.joint(row)]
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
-        """Return vectors of the base, ``(n, 3)`` or ``(3,)``, as components in the axes of
-        ``place``, ``(n, 3)``.
+        """Vectors of the base, ``(n, 3)`` or ``(3,)``, as components in the axes of ``place``,
+        ``(n, 3)``.
         """
         turned = self.rotation[place]
         return np.asarray(
@@ -142,7 +139,7 @@ class State:
         )
 
     def span(self, row: int) -> Array:
-        """Return the vector from the bearing to the end of body ``row``, ``(n, 3)`` [m]."""
+        """The vector from the bearing to the end of body ``row``, ``(n, 3)`` [m]."""
         bearing = self.bearing(row)
         return np.asarray(self.origin[end(row)] - self.origin[bearing])
 
@@ -157,8 +154,8 @@ class State:
         return self.conditions.in_tilted_base(self.arm.gravity)
 
     def moment_at_axis(self, row: int) -> Array:
-        """Return the moment of the weight of body ``row`` and all later bodies about its bearing,
-        ``(n, 3)`` [N·m].
+        """The moment of the weight of body ``row`` and all later about its bearing, ``(n, 3)``
+        [N·m].
 
         Raises:
             UnsupportedArmError: the arm has no masses.
@@ -166,29 +163,29 @@ class State:
         return self.moment(row, self.origin[self.bearing(row)])
 
     def along_axis(self, row: int, vectors: Array) -> Array:
-        """Return the component of vectors ``(n, 3, …)`` along the axis of ``row``, ``(n, …)``."""
+        """The component of vectors ``(n, 3, …)`` along the axis of ``row``, ``(n, …)``."""
         z = self.rotation[axis(row)][:, :, 2]
         return np.asarray(np.einsum("ni,ni...->n...", z, vectors))
 
     def weight_beyond(self, row: int) -> Array:
-        """Return the weight of all bodies after ``row``, ``(n, 3)`` [N]."""
+        """The weight of all bodies after ``row``, ``(n, 3)`` [N]."""
         mass = self.masses[row:].sum()
         return np.asarray(mass * self.gravity)
 
     def moment(self, row: int, about: Array) -> Array:
-        """Return the moment of the weight of body ``row`` and all later bodies about points
-        ``about`` ``(n, 3)`` [m]: ``(n, 3)`` [N·m].
+        """The moment of the weight of body ``row`` and all later about points ``(n, 3)`` [m]: ``(n,
+        3)`` [N·m].
         """
         mass = self.masses[row - 1 :].sum()
         lever = self._first_moments[row - 1] - mass * about
         return np.cross(lever, self.gravity)
 
     def unit_moments(self, row: int) -> Array:
-        """Return the moment about ``axis(row)`` for unknown masses, ``(n, 3, 3 · bodies)``.
+        """The moment about ``axis(row)`` for unknown masses, ``(n, 3, 3 · bodies)``.
 
-        The static moment is ``Σ (R_k H_k) × g``, with one constant vector H_k for body ``row`` and
-        each later body. H_k also contains the masses farther out, lumped at the end of the body.
-        Each column is for one component of H_k and unit gravity.
+        The static moment is ``Σ (R_k H_k) × g``, with a constant vector H_k for body ``row`` and
+        each later one. H_k contains the masses farther out, lumped at the end of the body. Each
+        column is for one component of H_k and unit gravity.
 
         Raises:
             UnsupportedArmError: a joint after ``row`` is prismatic, so that H_k is not constant.

@@ -37,13 +37,13 @@ AnyEffect = TypeVar("AnyEffect", bound=Effect)
 
 
 def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Effect:
-    """Return the cause that a text states: ``cause[:place][,name=value…]``.
+    """The cause that a text states: ``cause[:place][,name=value…]``.
 
     Examples are ``joint_compliance:2`` and ``joint_periodic_error:6,order=7,amplitude_rad=2e-5``.
     Names are fields or parameters as in arm files; ``joint=2`` may replace the place. Values of
-    names that end in ``_rad`` may have a unit: ``amplitude_rad=20urad``, ``1.65arcsec``,
-    ``0.5mdeg``. Without parameters, the cause has the values of the same cause in the model, if
-    any. Otherwise all values are zero, which means a typical magnitude.
+    names that end in ``_rad`` may have a unit: ``20urad``, ``1.65arcsec``, ``0.5mdeg``. Without
+    parameters, the values are those of the same cause in the model, else zero, which means a
+    typical magnitude.
 
     Args:
         model: arm with or without causes, for default values.
@@ -79,7 +79,7 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
 
 
 def stated_cause(text: str, model: ErrorModel) -> Effect:
-    """The cause that a text states, with a check of the signs of its values.
+    """The cause that a text states, after a check of its signs.
 
     Raises:
         UnknownNameError, AacmmError: see :func:`cause_of` and :func:`require_sign`.
@@ -89,7 +89,7 @@ def stated_cause(text: str, model: ErrorModel) -> Effect:
 
 
 def text_of(effect: Effect) -> str:
-    """The text from which :func:`cause_of` makes the cause, with its values if they are few."""
+    """The text from which :func:`cause_of` makes the cause, with values if they are few."""
     if not any(effect.values) or len(effect.terms) > VALUES_IN_TEXT:
         return effect.key
     parameters = effect.file_values().items()
@@ -98,7 +98,7 @@ def text_of(effect: Effect) -> str:
 
 
 def _items(text: str, details: list[str], kind: type[Effect]) -> list[tuple[str, str]]:
-    """Names and values in a text; the first value may be the place alone, as in encoder_gain:3."""
+    """Names and values in a text; the first may be the place alone, as in encoder_gain:3."""
     location = kind.location_field()
     items: list[tuple[str, str]] = []
     for item in filter(None, ",".join(details).split(",")):
@@ -149,7 +149,7 @@ def effect_from(
     """The cause that a file states by fields, parameters and their u.
 
     Raises:
-        UnknownNameError: the cause does not have a field or parameter of this name.
+        UnknownNameError: the cause has no field or parameter of this name.
         AacmmError: a field is missing or invalid, or a number is implausible.
     """
     require_names(stated, fields_of(kind), f"field of {kind.cause}")
@@ -190,8 +190,7 @@ def require_plausible(effect: AnyEffect) -> AnyEffect:
 
 
 def require_sign(effect: AnyEffect) -> AnyEffect:
-    """The cause, after a check of the sign of ``positive`` values; estimates, with u, may be
-    negative.
+    """The cause, after a check of ``positive`` values; estimates, with u, may be negative.
 
     Raises:
         AacmmError: a value is below zero.

@@ -28,7 +28,7 @@ from aacmm_pin.errors import AacmmError
 TIMES_OF_STEP = 40
 """Times of a step to try, in quantiles of the times, besides every long pause."""
 AT_ENDS = 3
-"""Fewer records before or after a step may be gross errors: no step is tried there."""
+"""No step is tried with fewer records before or after it: they may be gross errors."""
 GAPS_NEAR = 60
 """Gaps between records to refine the time of a step."""
 PAUSE_RATIO = 5.0
@@ -62,15 +62,13 @@ class _TimeOfDrift(TimeConstant["ZeroDrift"]):
 
 @dataclass(frozen=True)
 class ZeroDrift(Effect):
-    """The zero of one encoder drifts while it warms up: ``δ = A (1 - exp(-t/τ))``, 0 before t = 0.
+    """The zero of an encoder drifts while it warms up: ``δ = A (1 - exp(-t/τ))``, 0 before t = 0.
 
-    t counts from the time at which the arm is switched on. The unit is rad; the typical magnitude
-    is 5e-5 to 3e-4, with τ from a quarter of an hour to two hours. Source: first-order heating.
-    This cause needs ``time_s``. Aliases: ``encoder_slip``, if the time constant is short;
-    ``thermal_expansion``, if the room warms up at the same rate.
-
-    After ``until_s``, the time of the last record, the standard uncertainty of the rate is the rate
-    at ``until_s``.
+    t counts from switching on. Typical magnitude: 5e-5 to 3e-4 rad, with τ from a quarter of an
+    hour to two hours. After ``until_s``, the time of the last record, the standard uncertainty of
+    the rate is the rate at ``until_s``. Source: first-order heating. Needs ``time_s``. Aliases:
+    ``encoder_slip``, if the time constant is short; ``thermal_expansion``, if the room warms up at
+    the same rate.
     """
 
     joint: int
@@ -89,14 +87,14 @@ class ZeroDrift(Effect):
         return (self.cause, self.joint, self.time_constant_s)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """Return a note about records that are later than ``until_s``."""
+        """A note about records that are later than ``until_s``."""
         time = conditions.require("time", self.label)
         later = 0 if self.until_s is None else int((time > self.until_s).sum())
         data = {"records": later, "of": conditions.n, "cause": self.label, "until": self.until_s}
         return [Note("after_drift", data)] if later else []
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the completed part of the warm-up as a rotation; zero before t = 0."""
+        """The completed part of the warm-up as a rotation."""
         time = np.maximum(state.conditions.require("time", self.label), 0.0)
         part = -np.expm1(-time / self.time_constant_s)
         return [about_axis(state, self.joint, part[:, None])]
@@ -121,7 +119,7 @@ def midpoints(times: Array) -> Array:
 
 @dataclass(frozen=True)
 class TimeOfStep(Nonlinear["StepInTime"]):
-    """The time of a step; records determine the two records between which it is."""
+    """The time of a step, of which records determine the two before and after it."""
 
     unit: str = "s"
     above: float = -LATEST
@@ -157,8 +155,8 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         return float(times[behind] - times[behind - 1]) if 0 < behind < times.size else 0.0
 
     def prior_probability(self, effect: StepInTime, records: Records) -> float:
-        """Half by the records (knocked in use), half by the duration of the gap (carried
-        around).
+        """Half by the records (knocked in use), half by the duration of the gap (moved in a
+        pause).
         """
         times = records.conditions.times
         if times.size < 2:  # of one that is known
@@ -189,12 +187,12 @@ class TimeOfStep(Nonlinear["StepInTime"]):
 
 @dataclass(frozen=True, kw_only=True)
 class StepInTime(Effect):
-    """The base class of causes that are zero before ``time_s``, and constant from then on.
+    """A cause that is zero before ``time_s``, and constant from then on.
 
     A subclass has the fields of its place and ``time_s``. The step is between the two times
-    ``between_s``. Between these times the model uses half of the values, with half of the values
-    as standard uncertainties (JCGM 100:2008, 4.3: two equally probable values). The times are by
-    the clock of the ``sessions``. Records of other sessions count as later and have the whole step.
+    ``between_s``; there, half of the values act, with the other half as standard uncertainties
+    (JCGM 100:2008, 4.3: two equally probable values). The times are by the clock of the
+    ``sessions``. Records of other sessions count as later.
     """
 
     between_s: tuple[float, ...] = ()
@@ -209,7 +207,7 @@ class StepInTime(Effect):
         return self.nonlinear.value(self)
 
     def with_gap(self, between_s: tuple[float, ...], sessions: tuple[str, ...]) -> Self:
-        """Return the cause with another gap, by the clock of other sessions."""
+        """The cause with another gap, by the clock of other sessions."""
         fields: dict[str, Any] = {"between_s": between_s, "sessions": sessions}
         return replace(self, **fields)
 
@@ -226,7 +224,7 @@ class StepInTime(Effect):
         return (self.cause, self.place, self.when)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
-        """Return notes about records before the step, and about records of later sessions."""
+        """Notes on records before the step, and of later sessions."""
         notes = []
         step = {"of": conditions.n, "cause": self.label}
         before = int(np.sum(self.part(conditions) == 0.0)) if self.sessions else 0
@@ -240,8 +238,8 @@ class StepInTime(Effect):
         return notes
 
     def part(self, conditions: Conditions) -> Array:
-        """Return the part of the step in each record, ``(n,)``: 0 before, 1 after, 0.5 between the
-        two times.
+        """The part of the step in each record, ``(n,)``: 0 before, 1 after, 0.5 between the two
+        times.
         """
         later = self._is_of_later_session(conditions)
         if conditions.n and later.all():
@@ -287,9 +285,9 @@ class _InGap(UncertaintyOf):
 class EncoderSlip(StepInTime):
     """The disc or coupling slips once: ``δ`` from ``time_s`` on, zero before.
 
-    The unit is rad; the typical magnitude is 5e-5 to 5e-4. This cause needs ``time_s``. The slip is
-    between the two times ``between_s``. Aliases: ``zero_drift``, if few records are near the slip;
-    ``frame_shift`` for joint 1, and ``stylus_shift`` for the last joints.
+    The slip is between the two times ``between_s``. Typical magnitude: 5e-5 to 5e-4 rad. Needs
+    ``time_s``. Aliases: ``zero_drift``, if few records are near the slip; ``frame_shift`` for joint
+    1, and ``stylus_shift`` for the last joints.
     """
 
     joint: int
@@ -298,6 +296,6 @@ class EncoderSlip(StepInTime):
     terms = (Term("", "rad", 2e-4, "step_rad"),)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Return the part of the slip in each record as an error of the reading."""
+        """The part of the slip in each record as an error of the reading."""
         part = self.part(state.conditions)
         return of_encoder(state, self.joint, part[:, None])
