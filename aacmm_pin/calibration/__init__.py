@@ -1,6 +1,4 @@
-"""Calibration: parameters of an arm from measurements, with covariance, identifiability and
-held-out residuals.
-"""
+"""Calibration: parameters of an arm from measurements, with covariance and held-out residuals."""
 
 from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import HeldEffects, calibrated_model, is_of_setup

@@ -67,23 +67,21 @@ from aacmm_pin.measurements import (
 )
 
 UNIT_RATIO = 100.0
-"""An uncertainty or torque so many times off may be in another unit (a factor of 1000, beside other
-noise)."""
+"""An uncertainty or torque so many times off may be in another unit (a factor of 1000)."""
 BEST_REFERENCE = 2e-7
-"""No coordinate is known better [m]: a coordinate measuring machine has 5e-7, a laser tracker 1e-5.
-"""
+"""No coordinate is known better [m]: a measuring machine has 5e-7, a laser tracker 1e-5."""
 ODD_RELATION = 4.0
 """A relation so many standard deviations off may have another value; chance: 1 of 16 000."""
 OFTEN = 2
-"""With more consecutive records of a posture on average, they are readings of one contact."""
+"""With more consecutive records of a posture on average, they read one contact."""
 HELD_IN = 0.5
-"""Stated uncertainties hold parameters in where, without them, the scatter is smaller than this
-part of it …
-"""
+"""Stated uncertainties hold parameters in if, without them, the scatter is below this part …"""
 FAR_OFF = 4.0
 """… and some are farther off than so many standard uncertainties; …"""
 OTHER_DIAMETER = 5e-4
-"""Least median difference of diameters, by contacts and as stated, of other spheres [m]."""
+"""Spheres are others if their diameters, by contacts and as stated, differ more in the median
+[m].
+"""
 MOST_NAMED = 3
 """… so many of them are named at most."""
 OPTION_OF_NOISE = {
@@ -119,29 +117,28 @@ def calibrate(
     """Estimate parameters of the arm and their covariance from measurements.
 
     The method is weighted least squares (JCGM 100:2008, 5.2). Known coordinates, seats, known
-    distances and the stated uncertainties of the arm are data of one fit. The noise of a record,
-    with the effect of the encoder noise on the tip, determines its weight. The fit lists and
-    excludes records with gross errors.
+    distances and the stated uncertainties of the arm are data of one fit. A record weighs by its
+    noise, with the effect of the encoder noise on the tip. Records with gross errors are listed and
+    excluded.
 
     Args:
-        model: the arm, or the arm with causes of error. The causes keep their values unless
-            ``parameters`` names them. The fit excludes and notes records outside the known range of
-            a cause.
+        model: the arm, or the arm with causes of error, which keep their values unless
+            ``parameters`` names them. Records outside the known range of a cause are excluded, with
+            a note.
         measurements: the records.
         parameters: ``zero-offsets`` of all joints (the method of the 2010 paper); ``geometry`` (all
             lengths and axes); ``tool`` (place of the target on the last body); names of parameters
             such as ``d3``, or patterns such as ``theta_offset*``; a cause, or its text such as
             ``encoder_gain:5``; or a list of these. Other parameters keep their values.
         reference_frame: ``base`` if the reference coordinates are in the base of the arm;
-            ``external`` if the relation of their frame to the base is unknown. ``session`` if this
-            relation is unknown and differs between sessions; results are then in the frame of the
-            first session.
-        target: ``tip`` if the reference coordinates are those of the tip. ``unknown`` if they are
-            of an unknown point on the last body; targets with a marker label always are, within the
-            standard uncertainty of their ``stylus_offset`` if the model states it. ``frame`` if the
-            target has the position and the axes of the tip frame. For ``tip`` and ``unknown``, the
-            fit also estimates one constant rotation for each marker if the records state
-            orientations.
+            ``external`` if the relation of their frame to the base is unknown; ``session`` if it
+            also differs between sessions: results are then in the frame of the first session.
+        target: ``tip`` if the reference coordinates are those of the tip; ``unknown`` if they are
+            of an unknown point on the last body; ``frame`` if the target has the position and the
+            axes of the tip frame. Targets with a marker label are always unknown, within the
+            standard uncertainty of their ``stylus_offset`` if the model states it. For ``tip`` and
+            ``unknown``, the fit also estimates one constant rotation for each marker if the records
+            state orientations.
         prior: use the stated uncertainties of the arm as information.
         encoder_noise: standard uncertainty of one reading, one number or ``(nq,)`` [rad]; default
             from the arm file.
@@ -161,7 +158,7 @@ def calibrate(
         UnknownNameError: a set of parameters, cause, frame or target is unknown.
         MissingConditionError: the records lack a column that a cause needs.
         AacmmError: no record has reference data or shows a requested cause; the records are too few
-            to estimate the noise; or the records do not fit the arm.
+            to estimate the noise, or do not fit the arm.
     """
     model = ErrorModel.of(model)
     measurements = as_measurements(measurements, model.arm)
@@ -216,7 +213,6 @@ def calibrate(
 def _chosen(
     parameters: GivenCause | Iterable[GivenCause], model: ErrorModel, measurements: Measurements
 ) -> list[GivenCause]:
-    """Names of sets as they are, causes for their texts."""
     items = [parameters] if isinstance(parameters, Effect | str) else list(parameters)
     sets = get_args(ParameterSet)
     present = measurements.conditions.present

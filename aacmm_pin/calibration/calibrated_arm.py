@@ -1,4 +1,4 @@
-"""From estimated effects to an arm: geometry goes into its table, the rest stays effects."""
+"""From estimated effects to an arm: geometry goes into its table, the rest stays."""
 
 from __future__ import annotations
 
@@ -54,9 +54,8 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
     """The arm and effects with the estimated values, without the set-up's.
 
     The u of an effect includes the prior width as far as the records leave it open; the covariance
-    includes this only where it moves the tip. Effects that the fit ``held`` join the covariance:
-    with the response ``R`` of the estimates and the covariance ``Σ`` of the held parameters, the
-    cross-covariance is ``R Σ``.
+    only where it moves the tip. Effects that the fit ``held`` join the covariance: with the
+    response ``R`` of the estimates and their covariance ``Σ``, the cross-covariance is ``R Σ``.
     """
     problem = fit.problem
     vector = problem.vector
@@ -136,7 +135,7 @@ def temperature_of(fit: Fit) -> float:
 
 
 def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covariance | None:
-    """The covariance of new estimates and the arm's of other parameters.
+    """The covariance of new estimates, and the arm's of other parameters.
 
     Args:
         names: of the parameters (p,); "" for one to leave out.
@@ -162,8 +161,8 @@ def moved_arm(
     covariance: Covariance | None,
     of_file: Mapping[str, Any] | None = None,
 ) -> Arm:
-    """The arm with ``steps`` added to its parameters by name [m, rad], and other values
-    ``of_file``. A step of a placement in a URDF is in its axes.
+    """The arm with ``steps`` added to its parameters by name [m, rad; of a URDF in the axes of the
+    placement], and other values ``of_file``.
     """
     update = of_file or {}
     if arm.dh is None:

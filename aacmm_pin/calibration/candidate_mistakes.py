@@ -50,7 +50,7 @@ SLIDE_UNITS = {"mm": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
 LEAST_SINE = 0.01
 """A twist with a smaller sine has no sign."""
 MOST_IN_RADIANS = 0.06
-"""Twists that are all below are right angles under a key for degrees [rad]."""
+"""Twists all below this are right angles under a key for degrees [rad]."""
 SMALL = 0.25
 """Least sum of the lengths of an arm [m]."""
 GON = 0.9
@@ -83,11 +83,11 @@ class Mistake:
     """A mistake in a file, and what undoes it.
 
     Attributes:
-        kind: of two mistakes of one kind only one is tried at a time.
+        kind: two mistakes of one kind are not tried together.
         code, data: of the note.
         matrix, offset: correct readings are ``matrix`` (nq, nq) times those in the file, plus
             ``offset`` (nq,) [rad, m].
-        axes: matrix (3, 3) that the coordinates are multiplied by; uncertainties stay.
+        axes: matrix (3, 3) that multiplies coordinates; uncertainties stay.
         bar_factor: of the lengths of bars.
         options: of the set-up that were left out.
         arm: None for the arm as described.
@@ -112,7 +112,7 @@ class Mistake:
 
     @property
     def free(self) -> int:
-        """How many numbers it leaves open, which may take up other mistakes."""
+        """How many numbers it leaves open, which may absorb other mistakes."""
         of_options = {"reference_frame": 6, "target": 3}
         return 10 * self.chosen + sum(of_options[option] for option in self.options)
 

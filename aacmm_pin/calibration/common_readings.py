@@ -12,14 +12,14 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.measurements import Measurements, Observations
 
 OWN_PART = 1e-9
-"""Least independent part of a record's variance, so that the rest has an inverse."""
+"""Least independent part of a record's variance, which gives the rest an inverse."""
 
 
 def one_reading(measurements: Measurements, observations: Observations) -> tuple[Index, ...]:
     """Records that share a reading, for each number m of records that do: (groups, m).
 
     Their readings are identical, each has another target, and they touch one seat or none. A target
-    that was measured again in a posture was read again.
+    measured again in a posture was read again.
     """
     marker = measurements.conditions.marker
     if marker is None:
@@ -46,7 +46,7 @@ class Correlation:
     tips come first: turns are whitened given all tips.
 
     Attributes:
-        records: for each number m of records in a group: (groups, m).
+        records: (groups, m), for each number m of records in a group.
         factors: L of each (groups, m k, m k).
     """
 
@@ -55,9 +55,7 @@ class Correlation:
 
     @staticmethod
     def of(records: tuple[Index, ...], by_reading: Array) -> Correlation:
-        """From whitened displacements by one u of each reading (n, k, nq); zero for a record that
-        does not count.
-        """
+        """From whitened displacements by one u of each reading (n, k, nq); zero does not count."""
         n, width, nq = by_reading.shape
         flat = by_reading.reshape(n * width, nq)
         factors = []
@@ -116,7 +114,7 @@ class Correlation:
 
 
 def _rows(records: Index, width: int) -> Index:
-    """Of groups (groups, m) of records with ``width`` rows each, tips before turns: (groups, m
+    """The ``width`` rows of each record of groups (groups, m), tips before turns: (groups, m
     width).
     """
     first = width * records[:, :, None]

@@ -13,8 +13,7 @@ from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.measurements import Measurements
 
 MOST_GROWTH = 0.1
-"""Part by which an RMS may grow unchanged: a poorly determined correction may add a few per cent.
-"""
+"""Growth of an RMS that counts as none: a poorly determined correction may add a few per cent."""
 FAR_FROM_U = 10.0
 """RMS distance over standard uncertainty that asks for a look at arm and file."""
 MAX_RMS = 0.01

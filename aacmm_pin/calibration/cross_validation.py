@@ -52,9 +52,9 @@ class HeldOut(Shown):
     """Residuals of records left out of the fit in turn.
 
     Attributes:
-        kind: ``records`` (at random, repeats of a posture together; neighbours stay in, which
-            flatters), ``seats``, ``sessions``, ``blocks`` (of joints).
-        before, after: residuals by the arm before calibration, only the set-up fitted, and by the
+        kind: ``records`` (random postures, whose neighbours stay in, which flatters), ``seats``,
+            ``sessions``, ``blocks`` (of joints).
+        before, after: residuals by the arm before calibration (set-up fitted), and by the
             calibrated arm (n,) [m]; nan for none.
         turn_before, turn_after: rotations from the stated orientations (n,) [rad]; nan for none.
     """
@@ -116,8 +116,8 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
 
 
 def fold_numbers(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """Kind and fold (n,) for a diagnosis: seats (those of a bar together), if few, blocks of joint
-    space. Repeats of a posture are together.
+    """Kind and fold (n,) for a diagnosis: seats (those of a bar together) or, if few, blocks of
+    joint space. Repeats of a posture are together.
     """
     records = fit.problem.measurements
     seat = fit.observations.seat
@@ -146,7 +146,7 @@ def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index
 
 
 def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> Index:
-    """Part, 0 to 9, of each record; records of one label together."""
+    """Part, 0 to 9, of each record; those of one label together."""
     first = np.unique(labels[_in_order(records)], return_index=True)[1]
     part = np.argsort(rng.permutation(first.size)) % FOLDS
     number = np.unique(labels, return_inverse=True)[1]
@@ -154,13 +154,13 @@ def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> In
 
 
 def _in_order(records: Measurements) -> Index:
-    """By their angles: draws then depend neither on the file's order nor on labels."""
+    """By angles: draws then depend neither on the file's order nor on labels."""
     angles = np.round(records.q, ANGLE_DECIMALS)
     return np.lexsort(angles.T[::-1])
 
 
 def together(labels: Index, postures: Index) -> Index:
-    """Labels (n,), from 0, with those made one that share a posture."""
+    """Labels (n,), from 0, with those that share a posture made one."""
     _, joined = np.unique(labels, return_inverse=True)
     as_nodes = joined.max() + 1 + postures
     number = clusters_of(np.column_stack([joined, as_nodes]), int(as_nodes.max()) + 1)
@@ -231,7 +231,7 @@ def held_out(
     before: Fit, after: Fit, rng: np.random.Generator, progress: Progress
 ) -> list[HeldOut]:
     """Leave out postures at random, then natural groups, and predict them by both fits. Excluded
-    records do not count. With fewer than three postures nothing is left out.
+    records do not count; fewer than three postures leave nothing to hold out.
     """
     records = after.problem.measurements
     used = after.used

@@ -34,11 +34,11 @@ UNEQUAL = 1.5
 """Factor of the limit if noise is not stated: far records scatter more, by their readings."""
 MOST_NOISE_ROUNDS = 12
 MOST_SCATTER_ROUNDS = 100
-"""From offsets of 100° the scatter takes 17 rounds to settle: the widths leave the search more
-freedom as it falls."""
+"""Rounds of the scatter, at most; from offsets of 100° it takes 17, as the widths loosen."""
 FALLS = 0.99
-"""Outliers are judged again while the scatter of the better half falls below this part: from 100°
-it falls by a tenth in most rounds, in some by 2 %."""
+"""Outliers are judged again while the better half's scatter falls below this part: from 100° it
+falls by a tenth in most rounds, in some by 2 %.
+"""
 STAYED = 1e-6
 """Motion along an undetermined direction that is none [widths]."""
 SCATTER_TOLERANCE = 1e-3
@@ -99,8 +99,8 @@ class _Estimation:
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
         """With the records' present scatter as noise; if robust, until it falls no more.
 
-        From afar the stated noise would give the data so much weight that the search follows every
-        valley of poorly known parameters; the widths hold it in.
+        From afar, with the stated noise, the search would follow every valley of poorly known
+        parameters; the widths hold it in.
         """
         squares = np.square(self.observations.deviations(point.prediction.poses, point.seats))
         tip = _median_scatter(squares[used, :3])
@@ -124,8 +124,7 @@ class _Estimation:
     def without_outliers(self, first: Solution) -> tuple[NoiseModel, Point, Mask]:
         """Noise, end and records of a search without outliers, by the scatter of the better half.
 
-        From afar this scatter is the way that remains, beside which nothing is an outlier: they
-        are judged again while it falls.
+        From afar this scatter is the way that remains, beside which nothing is an outlier.
         """
         dof = max(first.chi2.dof, 1.0)
         share = min(1.0, dof / int(self.observations.counts.sum()))
@@ -172,8 +171,7 @@ class _Estimation:
     def fit_of_all(self, point: Point) -> Fit | None:
         """None unless the stated noise and prior explain the fit and each record.
 
-        With few records, a robust search fits some at the expense of others, which then seem
-        outliers.
+        A robust search fits some of few records at the expense of others, which then seem outliers.
         """
         if not self.noise_is_stated:
             return None
@@ -191,7 +189,7 @@ class _Estimation:
         self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0
     ) -> Scatters:
         """That bring median squared distances, of which the fit left a ``share``, to those of χ².
-        Seats have the scatter of tips.
+        Seats have that of tips.
         """
         deviations = noise.observations.deviations(point.prediction.poses, point.seats)
         stated = noise.without_scatter
@@ -262,9 +260,8 @@ class _Estimation:
         return self.fit(solution, used, solution.chi2), chi2
 
     def fit(self, solution: Solution, used: Mask, chi2: Chi2 | None) -> Fit:
-        """The result, with what is undetermined left at its start.
-
-        Anisotropic noise would otherwise turn the arm as a whole where nothing else holds it.
+        """The result, with what is undetermined left at its start: anisotropic noise would
+        otherwise turn an arm that nothing else holds.
         """
         fitted = Fit.of(
             solution,

@@ -1,8 +1,8 @@
 """First placement of targets and base: the nearest for the arm as described.
 
 Base Y, b and offset t of a target are in ``r = Y (p + A t) + b``, for references r, tips p and axes
-A of the last body. With W = Yᵀ this is ``W r = p + A t + c``; t and c eliminated, a quadratic form
-of W is left. Its minima over the rotations are searched from those of a cube. Orientations S state
+A of the last body. With W = Yᵀ this is ``W r = p + A t + c``; without t and c, a quadratic form of
+W is left. Its minima over the rotations are searched from those of a cube. Orientations S state
 ``Aᵀ W S = X``, the constant axes of the target (robot-world and hand-eye calibration, Shah 2013),
 linear in the same way.
 """
@@ -28,7 +28,8 @@ from aacmm_pin.calibration.problem import (
 from aacmm_pin.measurements import orientation
 
 BASINS = 3
-"""So many of the lowest minima are compared by sums of distances, which gross errors hardly change.
+"""So many of the lowest minima are compared by sums of distances, which gross errors hardly
+change.
 """
 ROTATION_TOLERANCE = 0.05
 MOST_NEWTON_STEPS = 40
@@ -44,12 +45,13 @@ PLACEMENT_RANK_RATIO = 1e-10
 TINY = 1e-300
 
 _Form = tuple[Array, Array]
-"""H (9, 9) and h (9,) of a sum of squares ``wᵀ H w - 2 hᵀ w`` and a constant, w the numbers of W.
+"""H (9, 9) and h (9,) of ``wᵀ H w - 2 hᵀ w``, a sum of squares but for a constant, of the numbers w
+of W.
 """
 
 
 class _Place(NamedTuple):
-    """A rotation W, the weights of the positions (n,), and the sum of all distances [m]."""
+    """Rotation W, weights of the positions (n,), and sum of all distances [m]."""
 
     rotation: Array
     weights: Array
@@ -57,7 +59,7 @@ class _Place(NamedTuple):
 
 
 def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Array]:
-    """The frame, and the offsets of the targets (m,) [m], with the least sum of distances.
+    """Frame, and offsets of the targets (m,) [m], with the least sum of distances.
 
     Args:
         problem: with three or more records with coordinates.
@@ -115,7 +117,6 @@ class _Positions:
         return float(np.sqrt(squares.mean()))
 
     def form(self, weights: Array) -> _Form:
-        """Of the squared distances, t and c eliminated."""
         m = self.linear.shape[2]
         by_rotation = np.einsum("ij,nk->nijk", np.eye(3), self.references).reshape(self.n, 3, 9)
         columns = np.concatenate([self.linear, by_rotation, self.tips[:, :, None]], axis=2)
@@ -128,7 +129,7 @@ class _Positions:
         return left[:9, :9], left[:9, 9]
 
     def solved(self, rotation: Array, weights: Array) -> tuple[Array, Array]:
-        """What is linear (m + 3,) with W given, and what it leaves (n, 3) [m]."""
+        """What is linear (m + 3,) for this W, and what it leaves (n, 3) [m]."""
         deviations = self.references @ rotation.T - self.tips
         root = np.sqrt(weights)[:, None]
         rows = (root[:, :, None] * self.linear).reshape(3 * self.n, -1)
@@ -143,9 +144,7 @@ class _Positions:
 
 @dataclass(frozen=True, eq=False)
 class _Turns:
-    """Derivative of ``Aᵀ W S`` by W, over a lever (n, 9, 9) [m], and the number of each record's
-    target (n,).
-    """
+    """Derivative of ``Aᵀ W S`` by W, over a lever (n, 9, 9) [m], and each record's target (n,)."""
 
     by_rotation: Array
     target: Index
@@ -167,7 +166,6 @@ class _Turns:
         return len(self.target)
 
     def form(self, weights: Array) -> _Form:
-        """Of the squared distances, the constant axes eliminated."""
         root = np.sqrt(weights)[:, None, None]
         rows = (root * self._about_means(weights)).reshape(-1, 9)
         return rows.T @ rows, np.zeros(9)
@@ -220,8 +218,8 @@ def _weighted(
 def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
     """The minima of ``wᵀ H w - 2 hᵀ w`` near each rotation (k, 3, 3), and its values there (k,).
 
-    Newton's method over turns ω behind W, which move it by ``[ω] W + [ω]² W / 2``: damped, with
-    absolute curvatures, so that no step goes up (Dauphin et al. 2014).
+    Newton's method over turns ω, which add ``[ω] W + [ω]² W / 2``: damped, with absolute
+    curvatures, so that no step goes up (Dauphin et al. 2014).
     """
     quadratic, linear = form
 

@@ -37,9 +37,8 @@ class Fit(Solution):
         used: records that count (n,).
         excluded: outliers (n,).
         chi2_stated: χ² against the stated noise alone; None if it is not complete.
-        estimated_nonlinear: effects, by their keys, whose nonlinear parameters (order, time
-            constant) come from these records too; with the least u of each, by its name, if the
-            derivative gives too little.
+        estimated_nonlinear: effects, by keys, whose nonlinear parameters come from these records
+            too; with the least u of each, by name, if the derivative gives too little.
         added_covariance: of all columns, for an error that several records share (p, p) [units].
     """
 
@@ -61,12 +60,12 @@ class Fit(Solution):
 
     @property
     def scatter(self) -> float:
-        """Of each coordinate beyond the stated noise [m]; 0 if the stated noise suffices."""
+        """Of each coordinate beyond the stated noise [m]; 0 if that suffices."""
         return self.noise.scatters.tip
 
     @property
     def turns(self) -> Array:
-        """Rotation of each record from the stated orientation (n,) [rad]; NaN without one."""
+        """Rotation of each record from the stated orientation (n,) [rad]; NaN without."""
         turns = np.linalg.norm(self.system.deviations[:, 3:], axis=1)
         return np.where(self.observations.oriented, turns, np.nan)
 
@@ -115,8 +114,8 @@ class Fit(Solution):
 
     @property
     def by_geometry(self) -> Array:
-        """Displacement of each tip, in the frame of the references, by independent geometric errors
-        of unit variance (n, 3, p) [m].
+        """Displacement of each tip, in the references' frame, by independent geometric errors of
+        unit variance (n, 3, p) [m].
         """
         model, records = self.problem.model, self.problem.measurements
         values, vectors = np.linalg.eigh(model.covariance())
@@ -129,7 +128,7 @@ class Fit(Solution):
     @property
     def stated_variance(self) -> Array:
         """Variance of each record's distance by the arm's stated uncertainties and, if nothing is
-        fitted, those of the seats (n,) [m²].
+        fitted, the seats' (n,) [m²].
         """
         records = self.problem.measurements
         variance = np.square(self.by_geometry).sum(axis=(1, 2))
@@ -154,7 +153,7 @@ class Fit(Solution):
     def distance_of(self, covariance: Array) -> float:
         """RMS distance of the used tips and targets [m] by covariances of residuals (n, 3, 3) [m²].
 
-        Contacts determine a seat without known coordinates, which takes its part of their scatter.
+        A seat without known coordinates takes its part of its contacts' scatter.
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
         seat = self.observations.seat[self.used]
@@ -169,8 +168,8 @@ class Fit(Solution):
     def unknown(self) -> Array:
         """Directions that these records do not determine (p, k), orthonormal [scales].
 
-        If tips scatter, a turn of the whole arm about its base, or of its target about the last
-        joint, seems to change residuals. The first does not at targets, the second not at tips.
+        If tips scatter, a turn of the arm about its base, or of its target about the last joint,
+        seems to change residuals. The first does not at targets, the second not at tips.
         """
         point = self.point
         targets = point.prediction.tips - np.nan_to_num(self.system.deviation)
@@ -193,7 +192,7 @@ class Fit(Solution):
 
     def response(self, columns: Array) -> Array:
         """Derivative of all estimates by what the fit held (p, q) [units]: ``-(JᵀJ)⁻¹ Jᵀ C``;
-        ``columns`` displace the records by one unit of it (n, 3 or 6, q) [m, rad].
+        ``columns`` displace the records by one unit (n, 3 or 6, q) [m, rad].
         """
         point = self.point
         jacobian = np.concatenate([point.prediction.jacobian, columns], axis=2)

@@ -18,17 +18,16 @@ NEGLIGIBLE_PART = 0.02
 """Smaller parts of a combination are not mentioned."""
 OTHER_POSTURES = 200
 ROTATION = 1e-2
-"""A base whose rotation has a larger u is open [rad]: first order says nothing any more."""
+"""A base whose rotation has a larger u is open [rad], beyond first order."""
 MOVES = 1e-6
-"""A direction moves a point if one width does so by more (RMS over postures) [m]: mere
-redescriptions of the arm move it by 1e-9 m, what records leave open by 1e-4 m and more."""
+"""A direction moves a point if one width does so by more (RMS over postures) [m]: redescriptions of
+the arm move it by 1e-9 m, what records leave open by 1e-4 m and more.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Undetermined:
-    """Directions that the records do not determine, orthonormal (P, k) [scales], the frame's
-    included.
-    """
+    """Directions that the records leave open, orthonormal (P, k) [scales], the frame's included."""
 
     problem: Problem
     point: Point
@@ -43,9 +42,8 @@ class Undetermined:
 
     @cached_property
     def tip_spread(self) -> Array:
-        """The part of :attr:`spread` that moves the tip in the arm's own base (p, k) [units],
-        without motions of a session's frame and, if the references do not place the base, of the
-        whole arm.
+        """The part of :attr:`spread` that moves the tip in the base (p, k) [units], without motions
+        of a session's frame or, if the references do not place the base, of the whole arm.
         """
         if not self.spread.size:
             return self.spread
@@ -58,8 +56,8 @@ class Undetermined:
 
     @cached_property
     def target_directions(self) -> Array:
-        """Those that move the targets in the frame of the references (P, k) [scales]; others
-        describe the same arm.
+        """Those that move the targets in the references' frame (P, k) [scales]; others describe the
+        same arm.
         """
         if not self.directions.size:
             return self.directions
@@ -79,7 +77,7 @@ class Undetermined:
 
     @property
     def tied_to_frame(self) -> tuple[str, ...]:
-        """Parameters of the arm that the records determine only together with the base."""
+        """Parameters of the arm that records determine only together with the base."""
         p = self.problem.widths.size
         names = self.problem.names
         rows = _combinations(self.problem, self.directions)
@@ -89,7 +87,7 @@ class Undetermined:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Combinations that neither the records nor a stated uncertainty determine."""
+        """Combinations that neither records nor a stated uncertainty determine."""
         rows = _combinations(self.problem, self.directions)
         return tuple(_words(row, self.problem.names) for row in rows)
 
@@ -120,8 +118,7 @@ def _moving(directions: Array, jacobian: Array, free: Array | None) -> Array:
 
 @dataclass(frozen=True)
 class Observability(Shown):
-    """Observability indices of a data set (Sun, Hollerbach 2008), of the directions that the data
-    determine.
+    """Observability indices of the directions that a data set determines (Sun, Hollerbach 2008).
 
     From the singular values σ of the tips' sensitivity, each parameter in units of its typical
     error, n records: O1 = (Πσ)^(1/m)/√n (Borm, Menq), O2 = σ_min/σ_max, O3 = σ_min, O4 =
@@ -137,7 +134,7 @@ class Observability(Shown):
 
     @staticmethod
     def of(jacobian: Array, records: int) -> Observability:
-        """From the sensitivity (rows, p) [m], without nuisances, columns in typical errors."""
+        """From the sensitivity (rows, p) [m], without nuisances, in typical errors."""
         values = np.linalg.svd(jacobian, compute_uv=False) if jacobian.size else np.zeros(1)
         values = values[values > 1e-9 * values[0]]
         if not values.size:

@@ -3,9 +3,9 @@ explains them.
 
 No parameter may take up such a mistake. If the first fit, or the arm as described, leaves more than
 any arm has, every mistake is undone in turn. The arm as described ranks them by the median distance
-of tips and targets over the tips' travel: gross errors do not count, and no unit that shrinks the
-arm is rewarded. A fit then has to leave no more than the noise. The simplest is named: the fewest
-mistakes with the fewest free numbers.
+of tips and targets over the tips' travel, in which gross errors do not count. A fit then has to
+leave no more than the noise. The simplest is named: the fewest mistakes with the fewest free
+numbers.
 """
 
 from __future__ import annotations
@@ -49,10 +49,11 @@ from aacmm_pin.measurements import Measurements, Observations
 FAR = 2e-3
 """Scatter, or median distance after a fit, that no arm has [m]."""
 UNLIKE = 0.03
-"""Scatter over the tips' travel beyond which records do not belong to the arm."""
+"""Scatter over the tips' travel beyond which records are not of this arm."""
 MOVED = 5.0
 """Geometry that moves so many times :data:`ASSEMBLED`, and the tips as much as such a length, has
-taken up a mistake; the zero of a joint that hardly moves the tip may be anything."""
+taken up a mistake; a zero that hardly moves the tip may be anything.
+"""
 EXPLAINS = 0.2
 """Part of the median distance below which undoing a mistake explains it."""
 TRIED = 3
@@ -66,7 +67,7 @@ FEWEST_ROWS = 6
 MOST_OF_ROWS = 0.8
 """Least part of the rows that are excluded, or that fit."""
 SHIFTED_REMAINS = 0.1
-"""Part of the distance that may remain with the coordinates of another row."""
+"""Part of the distance that may remain with another row's coordinates."""
 ORIENTATION_FAR = 0.05
 """Median angle between fitted and stated orientations that no arm has [rad]."""
 
@@ -76,7 +77,7 @@ _Touches = tuple[Problem, Observations]
 
 
 def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
-    """:func:`fit`, refusing records that do not fit this arm.
+    """:func:`fit` that refuses records of another arm.
 
     Raises:
         MistakenFileError: undoing one mistake, or two, explains the records.
@@ -144,7 +145,7 @@ def _advice(problem: Problem) -> Note:
 
 
 def mistakes_of(after: Fit) -> Iterator[Note]:
-    """Notes on mistakes in the files with which records can still be fitted."""
+    """Notes on mistakes with which records can still be fitted."""
     if after.excluded.sum() >= FEWEST_ROWS:
         yield from _frozen_readings(after)
         yield from _shifted_rows(after)
@@ -154,7 +155,7 @@ def mistakes_of(after: Fit) -> Iterator[Note]:
 
 
 def _frozen_readings(after: Fit) -> Iterator[Note]:
-    """The longest run with one reading of each joint, if others move and most rows are excluded."""
+    """The longest run of one reading of a joint, if others move and most rows are excluded."""
     records = after.problem.measurements
     for joint, readings in enumerate(records.readings.T):
         starts = np.flatnonzero(np.append(True, np.diff(readings) != 0.0))
@@ -216,7 +217,7 @@ def _each_fits(parts: Sequence[Problem]) -> bool:
 
 
 def _require_no_mistake_in_a_session(problem: Problem) -> None:
-    """If other sessions fit the arm, refuse one whose columns have a mistake."""
+    """Refuse a session whose columns have a mistake, if others fit the arm."""
     distances = {}
     for alone in _by_session(problem):
         try:
@@ -267,8 +268,8 @@ def _require_no_mistake(
     Args:
         fitted: median distance after a fit, infinite without one [m].
         thorough: try two mistakes, and several signs and zeros.
-        options: try options that were left out. Geometry may take up the numbers that they leave
-            open: a tip that is off by a length of the last row is no mistake.
+        options: try options that were left out. Geometry may take up what they leave open: a tip
+            off by a length of the last row is no mistake.
         after: a fit, for one wrong value of the arm.
     """
     if problem.setup.frame_of_session:
@@ -311,9 +312,7 @@ def _require_no_mistake(
 def _likely(
     tier: list[tuple[Mistake, ...]], misfits: list[float], limit: float
 ) -> Iterator[list[tuple[Mistake, ...]]]:
-    """The least misfits up to a ``limit``: those alike together, the simplest first, then a few
-    others.
-    """
+    """The least misfits up to a ``limit``: those alike together, simplest first, then a few."""
     nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
     alike = [k for k in nearest if misfits[k] <= SIMILAR_RATIO * misfits[nearest[0]]]
     alike.sort(key=lambda k: (len(tier[k]), sum(one.free for one in tier[k]), k))
@@ -335,7 +334,6 @@ def _named(
 
 
 def _require_rows_together(problem: Problem, as_is: float) -> None:
-    """Refuse records whose coordinates are those of a neighbouring row."""
     records = problem.measurements
     if records.n < FEWEST_FOR_MISTAKES or not records.placed.all():
         return
@@ -380,7 +378,7 @@ def _travel(problem: Problem) -> float:
 
 
 def _absorbs(after: Fit) -> bool:
-    """Whether the fit moved geometry, and the tips, farther than that of any arm is off."""
+    """Whether the fit moved geometry, and the tips, farther than any arm is off."""
     point = after.point
     changes = np.abs(point.x - after.problem.start)
     squares = np.square(point.prediction.jacobian[:, :3, : changes.size])
@@ -433,9 +431,7 @@ class _Misfits:
         self.touches_of = touches_of
 
     def without(self, *mistakes: Mistake) -> tuple[float, float]:
-        """Median distance [m], and over the tips' travel; infinite without one, as for an arm
-        without equilibrium.
-        """
+        """Median distance [m], and over the tips' travel; infinite if there is none."""
         of_tips = [mistake for mistake in mistakes if mistake.changes_tips]
         of_touches = [mistake for mistake in mistakes if not mistake.changes_tips]
         # Two together are computed only once, and would fill the cache.

@@ -1,8 +1,7 @@
-"""Many effects at once for one set of records: several times faster than effect by effect.
+"""Many effects at once for one set of records, several times faster than one by one.
 
-What does not depend on the arm's position is computed once: a geometric value has the same twist in
-every record, an encoder error or thermal length the same in every step of a search; only elastic
-effects change.
+What does not depend on the arm's position is computed once: a geometric value has one twist in all
+records, an encoder error or thermal length the same in every step. Only elastic effects change.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ class _Same:
 
 @dataclass(frozen=True, eq=False)
 class _Varying:
-    """One place, its twists per unit in each record (n, 6, k), and the parameters' numbers."""
+    """One place, twists per unit in each record (n, 6, k), and numbers of the parameters."""
 
     displacement: Displacement
     number: slice
@@ -109,7 +108,7 @@ class Columns:
 
     @cached_property
     def _same_twists(self) -> list[tuple[list[int], Array]]:
-        """Places and twists by one unit of each parameter (places, 6, p): of the arm, and of the
+        """Places and twists by one unit of each parameter (places, 6, p): of the arm, of the
         references.
         """
         twists = []
@@ -122,7 +121,7 @@ class Columns:
 
     @property
     def alike(self) -> Index:
-        """Numbers of the parameters that displace the arm by the same twist in every record."""
+        """Numbers of the parameters that displace the arm by one twist in all records."""
         return np.unique(self.same.number[~self.same.of_reference])
 
     def bends(self, x: Array) -> bool:
@@ -142,8 +141,8 @@ class Columns:
         return replace(state, twists=_sum(dict(state.twists), of_reference))
 
     def jacobian(self, state: State, more: int = 0) -> Array:
-        """:func:`aacmm_pin.effects.sensitivity` of all parameters in ``state``, and so many zero
-        columns ``more``.
+        """:func:`aacmm_pin.effects.sensitivity` of all parameters in ``state``, and ``more`` zero
+        columns.
         """
         total = np.zeros((state.coordinates, self.vector.size + more, state.n)).transpose(2, 0, 1)
         if self.same.place.size:

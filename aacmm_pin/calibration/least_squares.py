@@ -3,11 +3,10 @@
 **Rows.** ``r + A δ``, in units of their noise. With the widths w of the parameters, ``δ = w x``,
 and the prior rows ``P x + q``, the sum to minimise is ``χ²(x) = |A w x + r|² + |P x + q|²``.
 
-**Triangle.** By reflections, ``[P q; A w r] = Q [R z; 0 e]``, so that ``χ² = |R x + z|² + e²``. The
-triangle of rows stands in for them.
+**Triangle.** By reflections, ``[P q; A w r] = Q [R z; 0 e]``, so that ``χ² = |R x + z|² + e²``.
 
 **Normal equations.** ``RᵀR = w AᵀA w + PᵀP`` by Cholesky, columns of length one: a seventh of the
-time. They square the condition number, and serve where that leaves digits enough.
+time. They square the condition number, and serve where enough digits are left.
 
 **Solution.** ``x = -R⁻¹ z`` lowers χ² by ``|z|²``. The columns of ``R⁻¹`` are steps of unit
 variance: the covariance of x is ``R⁻¹ R⁻ᵀ``. With ``R = U S Vᵀ``, a step in a trust region is ``-V
@@ -16,9 +15,8 @@ S (S² + λ)⁻¹ Uᵀ z``, as long as the radius.
 **Leverage.** With ``S = A w R⁻¹``, the hat matrix is ``S Sᵀ``; the rows determine ``tr(I - P R⁻¹
 R⁻ᵀ Pᵀ)`` parameters; a residual over the root of its remaining variance is studentised.
 
-**Elimination.** With nuisances first, ``R = [R₁ R₁₂; 0 R₂]``: ``R₂ᵀR₂`` is the Schur complement of
-the nuisances. The unknown points of seats are eliminated from the rows themselves
-(``SeatElimination``).
+**Elimination.** With nuisances first, ``R = [R₁ R₁₂; 0 R₂]``: ``R₂ᵀR₂`` is their Schur complement.
+Unknown points of seats are eliminated from the rows themselves (``SeatElimination``).
 
 **Identifiability.** ``R = U S Vᵀ``: a direction v with ``s < 1`` is known by less than one over its
 width; with the stated part of P alone, those with hardly any s are unknown.
@@ -41,12 +39,13 @@ from scipy.linalg.blas import dtrsm
 from aacmm_pin._support.checks import Array
 
 LEAST_INFORMATION = 0.1
-"""A direction with less information, in units of one over its width, is unknown."""
+"""A direction with less information, in one over its width, is unknown."""
 MOVABLE = 1e-9
 """Least singular value, of columns times widths, for a step."""
 UNEVEN = 1e-6
-"""Normal equations do if every singular value, of columns of length one, is certain to be larger:
-the smallest then has an error of 1e-4, the gradient none."""
+"""Normal equations do if all singular values, of columns of length one, are certainly larger: the
+smallest then has an error of 1e-4, the gradient none.
+"""
 SINGULAR_RATIO = 1e-13
 ROWS_AT_ONCE = 4000
 """A copy of all rows would take more memory than all the rest."""
@@ -130,7 +129,7 @@ class LinearModel:
 
     @cached_property
     def normal(self) -> UnitSteps | None:
-        """Of the normal equations [scales]; None where some directions are hardly known."""
+        """Of the normal equations [scales]; None if some directions are hardly known."""
         prior = self.prior.rows
         of_rows = self.prior.scales * (self.residual @ self.jacobian)
         return normal_solution(self._information, of_rows + prior[:, -1] @ prior[:, :-1])
@@ -211,8 +210,8 @@ def normal_solution(information: Array, gradient: Array) -> UnitSteps | None:
 
 
 class Spectrum(NamedTuple):
-    """Singular values of rows (k,), largest first; their directions (p, k); and the residual along
-    each (k,).
+    """Singular values of rows (k,), largest first, directions (p, k), and residual along each
+    (k,).
     """
 
     values: Array

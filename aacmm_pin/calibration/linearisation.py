@@ -1,5 +1,5 @@
-"""The linear model of the records at a point, whitened, with the seats eliminated: ``r + A δ + B
-s``, A by the parameters, B by the unknown points of the seats.
+"""The linear model of the records at a point, whitened: ``r + A δ + B s``, A by the parameters, B
+by the unknown points of the seats, which are eliminated.
 
 A row comes from a record, the stated coordinates of a seat, or a relation of two seats, such as a
 bar.
@@ -21,8 +21,9 @@ from aacmm_pin.calibration.problem import Prediction
 from aacmm_pin.measurements import NOTHING_KNOWN, Observations
 
 OPEN_CENTRE = 3e-4
-"""Least part of the information on a sphere or plane in each direction: contacts on a great circle
-say nothing across it."""
+"""Least part of the information on a sphere or plane in each direction; a great circle has none
+across it.
+"""
 
 
 class SeatElimination:
@@ -34,8 +35,8 @@ class SeatElimination:
     """
 
     def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
-        """``points`` (s, 3) of the seats; ``by_seat``: derivative of each record's whitened
-        residual by its seat (n, 3 or 6, 3).
+        """``points`` (s, 3) of the seats; ``by_seat``: each record's whitened residual by its seat
+        (n, 3 or 6, 3).
         """
         self.observations = observations
         self._touched = np.flatnonzero(observations.seat >= 0)
@@ -56,7 +57,7 @@ class SeatElimination:
         return float(of_ties)
 
     def _orthonormal(self, by: Array) -> None:
-        """Cholesky QR twice: orthonormal to rounding, however uneven the directions are known."""
+        """Cholesky QR twice: orthonormal to rounding, however uneven the directions."""
         placed = self.observations.known[:, None]
         count = len(self.observations.labels)
         weight = np.where(placed, 1.0 / np.where(placed, self.observations.stated_u, 1.0), 0.0)
@@ -94,8 +95,8 @@ class SeatElimination:
         """Whitened rows (n, 3 or 6, c), the residual last, with the seats at their best.
 
         Returns:
-            ``Qᵀ R`` (s, 3, c); and rows of the records (n, 3 or 6, c), in place, of the seats (s,
-                3, c), and of relations (b, c).
+            ``Qᵀ R`` (s, 3, c); rows of the records, in place, of the seats (s, 3, c), and of
+            relations (b, c).
         """
         along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
         ties = np.zeros_like(along)
@@ -165,8 +166,7 @@ def seat_columns(
     observations: Observations, points: Array, by_seat: Array
 ) -> tuple[Array, Array, Array]:
     """Derivative by the seats as columns: of records (n, k, s, 3), of stated coordinates (s, 3, s,
-    3), zero where nothing is stated, of relations (b, s, 3) [1/m]. Arguments as in
-    :class:`SeatElimination`.
+    3), zero if none, of relations (b, s, 3) [1/m]; for :class:`SeatElimination`'s arguments.
     """
     count = len(observations.labels)
     placed = observations.known

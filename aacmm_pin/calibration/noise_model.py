@@ -35,11 +35,13 @@ SAME_PLACE = 1e-9
 MEASURED = 1 / 3
 ROUNDED = 2.0
 """Standard uncertainties between coordinates of a seat that are the same: MEASURED if each may be a
-record's own; ROUNDED if records repeat them."""
+record's own, ROUNDED if records repeat them.
+"""
 REPEATED = 2
-"""Records per distinct coordinates of a seat, on average, with which they repeat them."""
+"""Records per distinct coordinates of a seat, on average, from which they repeat them."""
 CONTRADICTING = 10.0
-"""Standard uncertainties between coordinates that are not of one point; the noise of 100 gives 6.
+"""Standard uncertainties between coordinates that are not of one point; the noise of 100 gives
+6.
 """
 
 
@@ -49,8 +51,7 @@ class Scatters(NamedTuple):
     Attributes:
         tip: of each coordinate of a tip beside its target [m].
         turn: of each component of the turn behind it [rad].
-        seat: of each coordinate of a seat without stated uncertainty, common to all its contacts
-            [m].
+        seat: of each coordinate of a seat without stated uncertainty, common to its contacts [m].
     """
 
     tip: float = 0.0
@@ -75,10 +76,10 @@ class NoiseModel:
     """Observations and their noise.
 
     Attributes:
-        tips: covariance of each tip in the frame of the references, by its reading and the scatter
-            (n, 3, 3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
+        tips: covariance of each tip in the references' frame, by its reading and the scatter (n, 3,
+            3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
         by_reading: displacement of each tip by one u of each reading (n, 3 or 6, nq) [m, rad]; (n,
-            3 or 6, 0) if readings have no noise.
+            3 or 6, 0) without noise of readings.
         together: see :func:`one_reading`.
     """
 
@@ -154,8 +155,8 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
 
     A seat whose records state the same coordinates was measured once; a record of it without
     coordinates was there too. A seat without coordinates is an unknown point. A record with other
-    coordinates than its seat stands for itself. If records repeat the seat's coordinates, others
-    differ by twice the uncertainty, for less may be rounding; if not, by a third of it.
+    coordinates than its seat stands for itself: if records repeat the seat's, those off by twice
+    the uncertainty, for less may be rounding; if not, by a third of it.
     """
     stated_place = measurements.placed
     contact = setup.probe_noise or 0.0
@@ -261,7 +262,7 @@ def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Arr
 
 
 def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
-    """In the order of first records (n,), -1 without a seat; and labels."""
+    """Of first records in order (n,), -1 without a seat; and labels."""
     labels = measurements.conditions.seat
     if labels is None:
         return np.full(measurements.n, -1, dtype=np.intp), []
@@ -299,9 +300,9 @@ def _relations(
     """Numbers of the seats of each relation (b, 2), of bars, then of distances and angles of
     planes; their kinds, values and standard uncertainties (b,) [m, rad].
 
-    Equal bars are one bar at n places with a common error: with √n u each, their mean has u. A u
-    that is not stated is a guess, large enough for each. Planes are one body at n places if no
-    relation connects these.
+    Equal bars are one bar at n places with a common error: with √n u each, their mean has u. A
+    guessed u is large enough for each. Planes are one body at n places if no relation connects
+    these.
     """
     stated = []
     for bar in measurements.bars():

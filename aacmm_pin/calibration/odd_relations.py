@@ -23,8 +23,7 @@ IMPOSSIBLE = 30.0
 GROSS_DISTANCE = 3e-4
 GROSS_SCALE = 2e-3
 GROSS_ANGLE = 5e-3
-"""… these [m; part of the distance; rad] is mistyped: no cause acts so unequally on the faces of
-one body."""
+"""… these [m; part of the distance; rad] is mistyped: no cause acts so unequally on one body."""
 
 
 def deviations_of_relations(system: Linearisation) -> Array:

@@ -43,8 +43,7 @@ def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
 
 @dataclass(frozen=True, eq=False)
 class ParameterVector:
-    """Parameters of effects, one after the other. Iteration gives each effect and the slice of its
-    entries.
+    """Parameters of effects, one after the other. Iteration gives each effect and its slice.
 
     Attributes:
         arm: whose geometry some of the effects change.

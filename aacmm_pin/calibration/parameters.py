@@ -188,10 +188,8 @@ def length_held(problem: Problem) -> Effect | None:
 
 
 def _correlation(covariance: Covariance | None, names: list[str], stated: Array) -> Array:
-    """Of the prior (p, p), from the arm's file.
-
-    Parameters with another ``stated`` u (p,) than the file's, such as a cause that may have
-    changed, are uncorrelated.
+    """Of the prior (p, p), from the arm's file; none for parameters with another ``stated`` u (p,),
+    such as a cause that may have changed.
     """
     correlation = np.eye(stated.size)
     if covariance is None:
@@ -240,7 +238,7 @@ def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> 
 
 
 def known_places(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
-    """Places of targets of the records that the arm states with a u that counts."""
+    """Places of the records' targets that the arm states with a u that counts."""
     labels = {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
     return [e for e in model.effects if e.label in labels and _is_known_place(e, setup)]
 

@@ -17,8 +17,8 @@ def predicted_rms(at: Fit) -> float:
     without uncertainties of the arm, or targets.
 
     The fit takes a part of the errors: with the columns A of parameters and seats, weights W and
-    ``C = (Aᵀ W A + P)⁻¹`` of ISO/IEC Guide 98-3 (JCGM 100:2008, eq. 13) for ``e - A C Aᵀ W e``, e
-    the errors by geometry and noise.
+    ``C = (Aᵀ W A + P)⁻¹`` of ISO/IEC Guide 98-3 (JCGM 100:2008, eq. 13), ``e - A C Aᵀ W e`` is left
+    of the errors e by geometry and noise.
     """
     used = np.flatnonzero(at.used & at.observations.has_target)
     if not (used.size and at.problem.model.covariance().any()):

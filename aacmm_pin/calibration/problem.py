@@ -22,14 +22,13 @@ FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
 OF_WIDTH = 1e-3
 """Step of a difference, as a part of the parameter's width."""
 DETERMINED_VARIANCE = 1e-9
-"""Least variance of a combination of correlated parameters, each of unit variance, that was
-determined."""
+"""Least variance of a determined combination of correlated parameters of unit variance."""
 HELD_PRECISION = 1e4
-"""A held parameter moves by one over this of its width where the records pull it by u."""
+"""A held parameter moves by one over this of its width if the records pull it by u."""
 COLUMNS_AT_ONCE = 50
 MOST_REWEIGHTINGS = 60
 SETTLED_PART = 1e-3
-"""Rounds of weights end where the sum of distances falls by less than this part of it."""
+"""Rounds of weights end when the sum of distances falls by less than this part."""
 NONE = np.empty(0)
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
@@ -63,7 +62,7 @@ class Frame:
 
     def moved(self, step: Array) -> Frame:
         """With the base moved by a twist, v then ω, in its axes; behind it turns of the targets in
-        theirs [m, rad]: (6 + 3 k,), or (3 k,) where the base stays.
+        theirs [m, rad]: (6 + 3 k,), or (3 k,) if the base stays.
         """
         base, turns = np.split(step, [step.size - 3 * len(self.targets)])
         motion = exp(base.reshape(-1, 6))[0] if base.size else np.eye(4)
@@ -82,7 +81,7 @@ class Prediction:
 
     Attributes:
         poses: tips (n, 3) [m]; with orientations (n, 6), then the turn from the stated one to the
-            target's, in the axes of the references, zero if none is stated [rad].
+            target's, in the references' axes, zero if none is stated [rad].
         jacobian: by the unknown parameters, then the base's twist if the frame is unknown, then the
             turns of the targets (n, 3 or 6, p) [m/unit, rad/unit].
     """
@@ -107,7 +106,7 @@ class Problem:
         stated: whether that is a stated standard uncertainty, not a wide bound (p,).
         correlation: of the stated widths (p, p).
         known_from: fingerprints of the records behind the arm's file.
-        targets: labels of targets with unknown orientation; their turns are the last columns.
+        targets: labels of targets with unknown orientation, whose turns are the last columns.
         asked: sets and names of parameters, and causes.
         candidates: number of the last effects, which a search may give up again.
         held: directions in which the parameters stay at their start (k, p) [widths].
@@ -128,7 +127,7 @@ class Problem:
 
     @property
     def turns(self) -> bool:
-        """Whether there are orientations, so that residuals have six numbers."""
+        """Whether there are orientations: residuals of six numbers."""
         return self.measurements.orientation is not None
 
     @property
@@ -177,8 +176,8 @@ class Problem:
     def prior_rows(self) -> Array:
         """In units of the widths (p + k, p); none for the frame.
 
-        A combination without variance was not determined by earlier records: it is known as its
-        parameters are.
+        A combination without variance was not determined by earlier records: it is as known as its
+        parameters.
         """
         variances, combinations = np.linalg.eigh(self.correlation)
         known_variances = np.where(variances > DETERMINED_VARIANCE, variances, 1.0)
@@ -207,8 +206,8 @@ class Problem:
         return Columns.of(self._drawn, self.vector.effects, self.model.effects)
 
     def reading_jacobian(self, x: Array, frame: Frame) -> Array:
-        """∂(target)/∂(readings) (n, 3 or 6, nq) [m/rad] in the axes of the references, by the
-        nominal arm with targets at the values ``x`` (p,).
+        """∂(target)/∂(readings) (n, 3 or 6, nq) [m/rad] in the references' axes, by the nominal arm
+        with targets at the values ``x`` (p,).
         """
         effects = (*self.model.effects, *self.vector.at(x))
         of_targets = [effect for effect in effects if isinstance(effect, StylusOffset)]
@@ -224,7 +223,7 @@ class Problem:
     def predict(self, x: Array, frame: Frame, looked_at: Array | None = None) -> Prediction:
         """The records with the parameters ``x`` (p,).
 
-        ``looked_at``: points of the last body (n, 3) [m], in the frame of the references, for the
+        ``looked_at``: points of the last body (n, 3) [m], in the references' frame, for the
         derivative instead of the tips.
         """
         state = self._columns.at(x)
@@ -292,7 +291,7 @@ class Problem:
 
     def elastic_jacobian_correction(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
         """What the derivative leaves out: a displaced arm bends otherwise (n, 3 or 6, columns)
-        [m/unit]. Only for parameters that displace all records alike: others hardly matter.
+        [m/unit]. Only for parameters that displace all records alike.
         """
         correction = np.zeros_like(prediction.jacobian)
         for k in self._columns.alike:
@@ -307,7 +306,7 @@ class Problem:
 
 
 def _turn(rotation: Array, columns: Array) -> None:
-    """In place: a copy of all columns (n, 3 or 6, p) would take as much memory again."""
+    """In place: a copy of all columns (n, 3 or 6, p) would double the memory."""
     for first in range(0, columns.shape[2], COLUMNS_AT_ONCE):
         some = columns[:, :, first : first + COLUMNS_AT_ONCE].transpose(1, 2, 0)
         for half in range(0, len(some), 3):

@@ -13,18 +13,17 @@ from aacmm_pin.errors import AacmmError
 
 
 def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
-    """Return a model with random parameter values, as a virtual arm.
+    """A model with random parameter values, as a virtual arm.
 
-    The draws are uniform within half-widths. Parameters without half-width, and parameters in a
-    covariance, have normal draws. The result has no uncertainties: its values are the truth.
+    The draws are uniform within half-widths; normal for parameters without half-width, or in a
+    covariance. The result has no uncertainties: its values are the truth.
 
     Args:
         model: the arm, or the arm with causes of error; at least one parameter needs an
             uncertainty.
 
     Raises:
-        AacmmError: no parameter has an uncertainty, or an arm with a DH table does not come from a
-            file.
+        AacmmError: no parameter has an uncertainty, or an arm with a DH table comes from no file.
     """
     model = ErrorModel.of(model)
     errors = parameter_errors(model, rng, 1)[0]

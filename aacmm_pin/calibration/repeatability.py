@@ -25,7 +25,7 @@ NO_VARIANCE = 1e-9
 
 @dataclass(frozen=True)
 class Drift(Shown):
-    """The part of the deviations of repeats that is linear in time, the same at all postures.
+    """The part of the deviations of repeats that is linear in time, at all postures alike.
 
     Attributes:
         change: of tip minus target from the first repeat to the last (3,) [m].
@@ -38,7 +38,7 @@ class Drift(Shown):
 
 @dataclass(frozen=True, eq=False)
 class Repeatability(Shown):
-    """Repeats: used records with the same readings within
+    """Used records with the same readings within
     :data:`~aacmm_pin.measurements.repeats.SAME_POSTURE`, session and target.
 
     Attributes:
@@ -89,8 +89,8 @@ class Repeatability(Shown):
 
     @property
     def rp_of_references(self) -> float:
-        """RP by the stated noise of the references alone [m] (Maxwell distribution); nan if it is
-        not stated.
+        """RP by the stated noise of the references alone [m] (Maxwell distribution); nan if not
+        stated.
         """
         return RP_OF_NOISE * self.reference_u
 
@@ -102,8 +102,8 @@ class Repeatability(Shown):
 
     @cached_property
     def drift(self) -> Drift | None:
-        """The drift, by Hotelling's T² with independent repeats and one covariance at all postures;
-        None if the repeats are too few, or all of one time.
+        """The drift, by Hotelling's T² with independent repeats of one covariance; None if the
+        repeats are too few, or all of one time.
         """
         elapsed = self.elapsed
         square = float(elapsed @ elapsed)
@@ -122,8 +122,8 @@ class Repeatability(Shown):
 
 
 def repeatability_of(fit: Fit) -> Repeatability | None:
-    """None without repeats. Contacts with spheres and planes do not count, because only their
-    normal is measured.
+    """None without repeats. Contacts with spheres and planes, measured along the normal alone, do
+    not count.
     """
     records, conditions = fit.problem.measurements, fit.problem.measurements.conditions
     seat = None if conditions.seat is None else np.where(records.placed, "", conditions.seat)

@@ -141,11 +141,11 @@ class Calibration(Shown):
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """The estimated parameters: a table with one row for each parameter.
+        """The estimated parameters, one row each.
 
         The columns are ``before``, ``after``, ``change``, ``u`` and ``U`` (k = 2) in the unit of
         the row, and ``known``: ``measured``, ``hardly`` (the records add little), ``as stated``
-        (the records add nothing to the prior) or ``in combination``, without u, if it is part of a
+        (they add nothing to the prior) or ``in combination``, without u, if it is part of a
         combination in :attr:`undetermined`.
         """
         problem = self.fit.problem
@@ -183,15 +183,15 @@ class Calibration(Shown):
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
-        """The residuals: one row for each record, with line in the file, seat, residual before and
-        after calibration [mm], and whether the fit used it.
+        """One row for each record: line in the file, seat, residual before and after calibration
+        [mm], and whether the fit used it.
         """
         table = residuals_by_record({"before": self.before, "after": self.fit})
         return table.assign(used=self.fit.used)
 
     @property
     def excluded(self) -> pd.DataFrame:
-        """The records that the fit excluded, with row, labels, residual [mm] and reason."""
+        """The excluded records: row, labels, residual [mm] and reason."""
         table = self.residuals[self.fit.excluded]
         columns = [c for c in ("row", "record", "seat", "marker", "session") if c in table]
         reason = str(Note("excluded"))
@@ -203,16 +203,16 @@ class Calibration(Shown):
 
     @cached_property
     def exclusions(self) -> Exclusions:
-        """Whether the excluded records are really gross errors of single records."""
+        """Whether the excluded records are gross errors of single records."""
         return exclusions_of(self.fit)
 
     @cached_property
     def repeatability(self) -> Repeatability | None:
-        """What the repeated postures among the used records show; None without repeats."""
+        """What the repeated postures among the used records show; None without."""
         return repeatability_of(self.fit)
 
     def summary(self) -> dict[str, Any]:
-        """Return the content of the JSON file with the schema ``aacmm-pin/calibration/1``."""
+        """The content of the JSON file, of schema ``aacmm-pin/calibration/1``."""
         fit = self.fit
         scatters = fit.noise.scatters
         chi2 = None
@@ -294,7 +294,7 @@ def base_is_open(fit: Fit) -> bool:
 
 
 def base_placements(fit: Fit) -> list[BasePlacement]:
-    """The base in each unknown frame of the references; none if these records leave it open."""
+    """The base in each unknown frame of the references; none if it is open."""
     problem = fit.problem
     if not problem.external or base_is_open(fit):
         return []
@@ -315,7 +315,6 @@ def base_placements(fit: Fit) -> list[BasePlacement]:
 
 
 def _placed(session: str, rotation: Array, shift: Array, covariance: Array) -> BasePlacement:
-    """With the covariance (6, 6) of a twist of the base in its axes [m, rad]."""
     turned = np.kron(np.eye(2), rotation)
     u = np.sqrt(np.diag(turned @ covariance @ turned.T))
     return BasePlacement(session, rotation, shift, u[:3], u[3:])

@@ -1,5 +1,5 @@
-"""References of sessions, brought into the frame of the first up to a small estimated displacement;
-probe directions, into that of the base.
+"""References of all sessions in the frame of the first, up to a small estimated displacement; probe
+directions in that of the base.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def _without_frames(records: Measurements) -> Measurements:
 
 
 def session_notes(fit: Fit) -> Iterator[Note]:
-    """Whether the frame of each session agrees with the first, by the Mahalanobis distance of the
-    estimated displacement from zero.
+    """Whether each session's frame agrees with the first, by the Mahalanobis distance of the
+    displacement.
     """
     moved = fit.problem.setup.moved_frames
     for session, entries in fit.problem.vector.of_sessions():

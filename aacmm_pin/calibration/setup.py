@@ -23,8 +23,8 @@ Target = Literal["tip", "unknown", "frame"]
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Reference frame, target, prior and noise of a set of records, as the keywords of
-    :func:`calibrate`; a noise is None where it is not stated.
+    """Reference frame, target, prior and noise of records, as the keywords of :func:`calibrate`; a
+    noise that is not stated is None.
 
     Attributes:
         encoder_noise: of each joint (nq,) [rad].
@@ -35,8 +35,7 @@ class Setup:
 
     Raises:
         UnknownNameError: no such frame or target.
-        AacmmError: a noise is negative, not finite, or larger than any arm's: it was stated in
-            another unit.
+        AacmmError: a noise is negative, not finite, or larger than any arm's: in another unit.
     """
 
     reference_frame: ReferenceFrame = "base"
@@ -142,7 +141,7 @@ def checked_input(
     """Model and measurements, given or by name or path.
 
     Records outside the range of a known effect that is not ``asked`` for are left out, as
-    ``read_as`` then says, unless all are.
+    ``read_as`` then states, unless all are.
 
     Raises:
         AacmmError: no records, or another number of joints.

@@ -22,12 +22,13 @@ from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements
 
 TOGETHER = 1e-3
 """Chance, over all covariates, below which excluded records that share something are no gross
-errors."""
+errors.
+"""
 NEIGHBOURS = (4, 8, 16, 32)
 """Numbers of records round an excluded one that are tried."""
 MOST_CENTRES = 24
 BEYOND_USED = 0.5
-"""Excluded records farther beyond the range of the used ones, in parts of it, do not count."""
+"""Excluded records farther beyond the used ones, in parts of their range, do not count."""
 MOST_LABELS = 12
 NARROW = 0.5
 """Part of a joint's range below which used records are about another part of the arm."""
@@ -123,9 +124,7 @@ def exclusions_of(fit: Fit) -> Exclusions:
 
 
 def _narrowed(fit: Fit) -> Iterator[Narrowed]:
-    """Three excluded records at least reach beyond the used range: one or two may be wrong
-    readings.
-    """
+    """At least three excluded records reach beyond the used range: fewer may be wrong readings."""
     if not (fit.excluded.any() and fit.used.any()):
         return
     chain = fit.problem.model.arm.chain
@@ -145,8 +144,8 @@ def _narrowed(fit: Fit) -> Iterator[Narrowed]:
 
 
 def shared_by(fit: Fit) -> Shared | None:
-    """What the excluded records share and the used ones do not. A label says most, then time, then
-    the smallest chance.
+    """What the excluded records share and the used ones do not: a label first, then time, then the
+    smallest chance.
     """
     arm = fit.problem.model.arm
     unlikely = clusters(arm, fit.problem.measurements, fit.excluded, fit.used)
@@ -184,7 +183,7 @@ class Scale(NamedTuple):
         return self.name in ("time", "record")
 
     def near(self, used: Mask) -> Mask:
-        """Records not far beyond the range of the used ones (n,), as wrong readings are."""
+        """Records not far beyond the used ones (n,), as wrong readings are."""
         if self.is_order or self.labels is not None:
             return np.ones(len(self.values), dtype=bool)
         low = self.values[used].min(axis=0)
@@ -206,7 +205,7 @@ class Scale(NamedTuple):
 
 
 def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> list[Cluster]:
-    """By each scale, neighbours with many ``excluded`` records (n,), whose chance is less than
+    """By each scale, neighbours with many ``excluded`` records (n,), whose chance is below
     :data:`TOGETHER` by Bonferroni's bound. Records of one posture share an error and count once.
     """
     postures = records.postures
@@ -258,7 +257,7 @@ def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
 
 def _neighbours(scale: Scale, like: Index, excluded: Mask) -> tuple[Index, float]:
     """Of the records ``like``, those round an excluded one that are the least likely to have so
-    many excluded ones among them; and the chance of any such.
+    many excluded ones; and the chance of any such.
 
     With k of N drawn at random, one of them as the centre, m are among its w - 1 nearest and itself
     with a chance of at most ``C(w - 1, m - 1) C(N - m, k - m) / C(N - 1, k - 1)``; Bonferroni's

@@ -1,5 +1,4 @@
-"""Weighted least squares with a prior: a trust-region search on the analytic sensitivities, robust
-where asked.
+"""Weighted least squares with a prior: a trust-region search on the analytic sensitivities.
 
 Levenberg–Marquardt as in MINPACK (Moré 1978): steps are bounded in units of what each parameter
 moves the tips by; a trial that cannot be evaluated is rejected.
@@ -26,8 +25,7 @@ from aacmm_pin.measurements import Observations, centre_of_sphere
 
 MOST_STEPS = 100
 SETTLED = 1e-6
-"""The search ends when a step promises to lower χ² by less: parameters then stand still to 0.001 u.
-"""
+"""The search ends when a step promises to lower χ² by less: parameters stand still to 0.001 u."""
 LOOSELY_SETTLED = 1e-2
 """The same of a mere start."""
 NO_STEP = 1e-12
@@ -35,11 +33,11 @@ NO_STEP = 1e-12
 AT_BEST = 1e-7
 """Least motion of the ends of relations [m]."""
 FLAT_REDUCTION = 1e-2
-"""A promise below this that nothing comes of ends the search too, within 0.1 u of its end."""
+"""A promise below this that nothing comes of ends the search too, within 0.1 u."""
 CREEPING = 6
 """A later step that gains much less than it promises has a poor derivative: the response of elastic
-effects to the others is then computed, once. Otherwise a search may creep along a valley that this
-alone determines."""
+effects is then computed, once. Otherwise a search may creep along a valley that this determines.
+"""
 SMALLEST_STEP = 1e-12
 """Least radius of the trust region, as a part of the first step."""
 ROUNDING = 1e-12
@@ -132,7 +130,7 @@ class Solution:
 
 
 def initial_point(problem: Problem, observations: Observations) -> Point:
-    """The start: frame and unknown targets by a robust registration, unknown points by medians.
+    """The start: frame and targets by a robust registration, unknown points by medians.
 
     Raises:
         AacmmError: an unknown frame, and fewer than three records with coordinates.
@@ -258,8 +256,8 @@ class _Search:
     def trial(
         self, point: Point, seats: Array, step: Array, cost: float
     ) -> tuple[tuple[Point, Linearisation] | None, float]:
-        """The point after a step, and by how much χ² is lower than ``cost``; None and -∞ where the
-        arm cannot be evaluated, such as one too soft to carry its weight.
+        """The point after a step, and by how much χ² is lower than ``cost``; None and -∞ for an arm
+        that cannot be evaluated, such as one too soft for its weight.
         """
         x, of_frame = np.split(step, [point.x.size])
         x = point.x + x

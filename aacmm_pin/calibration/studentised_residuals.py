@@ -17,8 +17,7 @@ def deleted_distances(solution: Solution) -> Array:
     """Squared distance of each record from where the *others* put its target, over the variance of
     both (n,); infinite without a target.
 
-    A record pulls an unknown point towards itself; without it, the others of its seat determine the
-    point; bars do not count.
+    Without the record, the others of its seat determine an unknown point; bars do not count.
     """
     observations = solution.observations
     covariance = solution.noise.of_residuals[:, :3, :3].copy()
@@ -48,8 +47,8 @@ def studentised_distances(solution: Solution) -> Array:
     """Squared distance of each record over the variance that its share in the parameters leaves
     (n,); infinite without a target.
 
-    ``eᵀ (I - H)⁻¹ e`` with the record's whitened residual and its block of the hat matrix of the
-    system with its prior (internally studentised residuals; Cook and Weisberg 1982).
+    ``eᵀ (I - H)⁻¹ e`` with the whitened residual and its block of the hat matrix, prior included
+    (internally studentised residuals; Cook and Weisberg 1982).
     """
     system = solution.system
     has_target = solution.observations.has_target

@@ -34,8 +34,8 @@ def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters
 def _variance_component(
     solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float
 ) -> float:
-    """Of tips [m], or of rotations [rad] given the deviations of their tips; that of ``solution``
-    without degrees of freedom. ``open_`` coordinates of seats have ``dof_of_seats``.
+    """Of tips [m], or of rotations [rad] given their tips' deviations; that of ``solution`` without
+    degrees of freedom. ``open_`` coordinates of seats have ``dof_of_seats``.
     """
     noise = solution.noise
     stated_noise = noise.without_scatter
@@ -81,8 +81,8 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     """Scatter of the ``open_`` coordinates of seats (s, 3) [m], and their degrees of freedom.
 
     The almost unbiased estimate of a variance component (Horn, Horn and Duncan 1975, J. Am. Stat.
-    Assoc. 70). Few seats determine it poorly: the scatter of the tips counts as one more degree of
-    freedom. Outliers against the better half, such as a seat that was moved, do not count.
+    Assoc. 70). The scatter of the tips counts as one more degree of freedom, for few seats.
+    Outliers against the better half, such as a moved seat, do not count.
     """
     noise = solution.noise
     system = solution.system

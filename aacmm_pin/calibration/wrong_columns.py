@@ -1,8 +1,8 @@
 """Signs and quarter turns of several joint angles at once, or the ratio of one, that bring tips and
 targets together.
 
-A controller and a DH table often count joints from other zeros or in other directions: too many for
-a fit of each, so that a few records judge all.
+A controller and a DH table often count joints otherwise: too many ways for a fit of each, so that a
+few records judge all.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ SMALLEST_TRAVEL = 1e-9
 
 
 class Turned(NamedTuple):
-    """What undoes a wrong column: the sign of the angles of a joint (from 0), then a shift [°]."""
+    """What undoes a wrong column: the sign of a joint's angles (from 0), then a shift [°]."""
 
     joint: int
     sign: int

@@ -1,7 +1,7 @@
 """Whether one geometric value of the arm file is wrong, and its value by the records.
 
-After a free fit, each in turn is taken to be wrong, and the others to be as stated: in a linear
-model these are formulas of one matrix.
+After a free fit, each in turn is taken to be wrong, the others to be as stated: formulas of one
+matrix in a linear model.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ MOST_ALIKE = 3
 FAR_OFF = 4.0
 """A fit that moves values by fewer standard uncertainties gives no reason to search."""
 PER_PARAMETER = 6.0
-"""Gain in χ² for each further value of all zeros that makes them more probable than one value."""
+"""Gain in χ² per further value with which all zeros are more probable than one value."""
 LEAST_NOISE = 1e-6
 """Least noise of the records, for rounding [m]."""
 SAME_SIZE = 0.02
@@ -63,7 +63,7 @@ class WrongValue(NamedTuple):
     """What the records give instead of a value of the arm file.
 
     Attributes:
-        errors: to be added to values of the arm file, by the name of the parameter [m, rad].
+        errors: to be added to values of the file, by parameter [m, rad].
     """
 
     note: Note
@@ -92,9 +92,7 @@ def wrong_value(after: Fit) -> WrongValue | None:
 
 
 def _free_geometry(after: Fit) -> _Geometry | None:
-    """None if values are about as stated. The tip of an arm from a URDF is as uncertain as other
-    places.
-    """
+    """None if values are about as stated. The tip of a URDF arm is as uncertain as other places."""
     problem = after.problem
     geometric = np.flatnonzero(problem.vector.geometric)
     if not geometric.size or not after.determines_noise:
