@@ -14,6 +14,7 @@ from blind import Draw, draw
 
 from tests.again import again
 from tests.cli import shell
+from tests.few_causes import NO_WAVES
 
 NOISE = "--encoder-noise 8e-6 --u-reference-mm 0.012"
 LIMIT = 3.3
@@ -69,6 +70,7 @@ def test_a_hidden_cause_is_named_and_measured(tmp_path, cause, plan, seed):
     assert held["extended"] <= held["recalibrated"] * 1.005
 
 
+@NO_WAVES
 def test_look_alikes_are_said(tmp_path):
     """On a level mount a tilting first bearing and a tilting stand have the same columns: both are
     listed.
@@ -142,6 +144,7 @@ def test_nothing_hidden_is_said_to_be_nothing(tmp_path, seed, options):
     assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
+@NO_WAVES
 def test_geometry_beyond_what_is_stated_is_a_finding(tmp_path):
     """Held-out records have nothing to say of it: recalibration moves the value as well."""
     found, _ = diagnosis(
@@ -162,6 +165,7 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path):
     assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
+@NO_WAVES
 def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     plan = tmp_path / "plan.csv"
     words = "--causes joint_compliance:2 encoder_gain:2 --records 10 --postures 20"
@@ -173,6 +177,7 @@ def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     assert found["doubts"] == ["residuals too small"]
 
 
+@NO_WAVES
 def test_the_extended_arm_is_written_and_used(tmp_path):
     extended = tmp_path / "extended.toml"
     words = f"--arm-out {extended}"

@@ -27,6 +27,7 @@ from aacmm_pin.diagnosis.discrepancy import (
 )
 from aacmm_pin.effects import Carrier, Conditions, Discrepancy, ErrorModel, State, sensitivity
 from aacmm_pin.measurements import Measurements
+from tests.few_causes import NO_WAVES
 from tests.oracle import close
 
 NOISE = 15e-6
@@ -134,6 +135,7 @@ def test_new_readings_are_corrected_within_u(plant, tmp_path):
     )
 
 
+@NO_WAVES
 def test_the_arm_of_a_diagnosis_corrects_what_nothing_explains(plant, tmp_path):
     """Beside the geometry, its covariance with that included; a calibration holds it the next
     time.
@@ -153,6 +155,7 @@ def test_the_arm_of_a_diagnosis_corrects_what_nothing_explains(plant, tmp_path):
     assert again.model.effects == model.effects
 
 
+@NO_WAVES
 def test_the_base_is_that_of_the_arm_with_the_discrepancy(plant):
     data = plant.measured(150)
     rotation = Rotation.from_rotvec([0.3, -0.2, 0.9])

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from aacmm_pin import Diagnosis, Measurements, diagnose
 from tests.again import again
 from tests.arm_files import by_table
+from tests.few_causes import NO_WAVES
 from tests.oracle import dh_frames
 
 ROWS = (
@@ -92,6 +93,7 @@ def moved(places: Array, rng: np.random.Generator) -> Array:
     return after
 
 
+@NO_WAVES
 @pytest.mark.parametrize("seed", [1, again(2)])
 def test_a_stand_that_moved_is_no_encoder_fault(seed: int) -> None:
     plant = Plant.of(seed)
@@ -101,6 +103,7 @@ def test_a_stand_that_moved_is_no_encoder_fault(seed: int) -> None:
     assert abs(np.searchsorted(plant.time, finding.effect.time_s) - AT) <= 3  # type: ignore[attr-defined]
 
 
+@NO_WAVES
 @pytest.mark.parametrize("moves", [True, False])
 def test_a_frame_for_each_session_is_tried(moves: bool) -> None:
     plant = Plant.of(9)
@@ -110,6 +113,7 @@ def test_a_frame_for_each_session_is_tried(moves: bool) -> None:
     assert ("session_frames_fit" in [note.code for note in found.notes]) == moves
 
 
+@NO_WAVES
 def test_a_stylus_that_was_mounted_again_is_no_encoder_fault() -> None:
     plant = Plant.of(3)
     shift = np.array([0.08, -0.06, 0.07])
@@ -121,6 +125,7 @@ def test_a_stylus_that_was_mounted_again_is_no_encoder_fault() -> None:
     assert np.all(np.abs(off) < 3.0 * np.array(finding.effect.u) * 1e3)
 
 
+@NO_WAVES
 @pytest.mark.parametrize("column", ["time_s", "record"])
 def test_backlash_in_the_order_of_the_rows(column: str) -> None:
     plant = Plant.of(4)
@@ -132,6 +137,7 @@ def test_backlash_in_the_order_of_the_rows(column: str) -> None:
     assert finding.label == "joint_hysteresis:3"
 
 
+@NO_WAVES
 def test_bursts_of_an_encoder_are_in_the_order_of_the_records() -> None:
     plant = Plant.of(5)
     angle = np.zeros(plant.q.shape)
@@ -143,6 +149,7 @@ def test_bursts_of_an_encoder_are_in_the_order_of_the_records() -> None:
     assert order.correlation > 2.0 * order.limit
 
 
+@NO_WAVES
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_torques_of_the_load_instead_of_the_drive(sign: float) -> None:
     plant = Plant.of(8)
@@ -166,6 +173,7 @@ def test_two_waves_of_one_joint() -> None:
     assert orders == {4.0, 25.0}
 
 
+@NO_WAVES
 def test_the_budget_is_that_of_the_plant() -> None:
     """Of each part, within three standard uncertainties; and it adds up."""
     plant = Plant.of(7)

@@ -45,6 +45,7 @@ from aacmm_pin.report.verdicts import verdict_in_words
 from tests.again import again
 from tests.arm_files import changed
 from tests.cli import shell
+from tests.few_causes import NO_WAVES
 from tests.notes import data_of
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -65,6 +66,7 @@ def test_calibrating_twice_is_calibrating_with_all_records(sino6, rng):
     assert (np.abs(values - both) < 0.05 * wanted).all()
 
 
+@NO_WAVES
 @pytest.mark.parametrize("seed", [5, again(6), again(7)])
 def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6, seed):
     """Records over one time constant, which may be much longer than it seems: no error beyond 3.5
@@ -135,6 +137,7 @@ def test_what_no_cause_has_lends_its_strength_to_no_name(sino6):
     assert "structure left" in found.doubts
 
 
+@NO_WAVES
 def test_what_is_not_explained_stays_with_the_arm(sino6, tmp_path):
     """Joint 2 turns with the angle of joint 5 too."""
     data = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(3), **NOISE)
@@ -163,6 +166,7 @@ def test_what_is_not_explained_stays_with_the_arm(sino6, tmp_path):
         ) == (left, False)
 
 
+@NO_WAVES
 @pytest.mark.parametrize(
     ("records", "note"), [again(60, "prior_ignored"), (15, "partly_in_calibration")]
 )
@@ -272,6 +276,7 @@ def test_verdicts(sino6, rng):
         assert verdict_of(evidence, doubts_of(evidence)) == verdict, other
 
 
+@NO_WAVES
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     model = ErrorModel(sino6, (JointCompliance(2, values=(-3e-5,)),))
     data = simulate_measurements(model, "free", 60, rng=np.random.default_rng(1))
@@ -312,7 +317,7 @@ def test_a_known_cause_with_another_inner_value(sino6, orders, lost):
     truth = ErrorModel(
         sino6, tuple(JointPeriodicError(joint=3, order=k, values=(1e-4, 0.0)) for k in orders)
     )
-    data = simulate_measurements(truth, "free", 150, rng=np.random.default_rng(2), **NOISE)
+    data = simulate_measurements(truth, "free", 80, rng=np.random.default_rng(2), **NOISE)
     found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, hold_out=False)
     (finding,) = found.findings
     assert (found.verdict, finding.label) == ("explained", known.label)
@@ -320,6 +325,7 @@ def test_a_known_cause_with_another_inner_value(sino6, orders, lost):
     assert sorted(e.order for e in found.model.effects) == sorted(orders)
 
 
+@NO_WAVES
 @pytest.mark.parametrize(
     ("before", "after", "drift"), [(3600.0, 1200.0, 2e-4), again(1200.0, 1200.0, 1e-4)]
 )
@@ -393,6 +399,7 @@ def test_a_known_slip_that_has_grown_is_no_second_one(sino6):
     assert abs(finding.effect.values[0] - 4.8e-4) < 3.3 * finding.effect.u[0] < 1.1e-4
 
 
+@NO_WAVES
 @pytest.mark.parametrize(
     ("constant", "amplitude"), [(1500.0, 2.5e-4), again(5e4, 1.2e-3), again(2e4, 4e-3)]
 )
@@ -434,6 +441,7 @@ def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
         assert bool(model.input_warnings(q[:50], conditions)) != told
 
 
+@NO_WAVES
 def test_a_known_slip_beside_a_clock_that_stands(sino6):
     """All records are of one time, behind the slip."""
     known = ErrorModel(sino6, (EncoderSlip(joint=4, time_s=3000.0, values=(3e-4,), u=(5e-6,)),))
@@ -446,6 +454,7 @@ def test_a_known_slip_beside_a_clock_that_stands(sino6):
     assert not found.findings
 
 
+@NO_WAVES
 @pytest.mark.parametrize(("seed", "step"), [again(0, 2.5e-4), (2, 4e-5)])
 def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     sino6, seed, step, tmp_path
@@ -490,6 +499,7 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     assert data_of(model.input_warnings(q, later), "after_slip") == [told]
 
 
+@NO_WAVES
 @pytest.mark.parametrize(
     ("new", "left"),
     [again(BearingTilt(joint=2, values=(1e-5,)), 2e-5), (BaseCompliance(values=(2e-5,)), 0.0)],
@@ -505,6 +515,7 @@ def test_what_moves_the_tip_alike_is_named_as_one_cause(sino6, new, left):
     )
 
 
+@NO_WAVES
 @pytest.mark.parametrize(
     "known",
     [
@@ -533,6 +544,7 @@ def test_a_load_that_the_file_does_not_have(known, sino6):
     assert abs(finding.effect.values[0] - load) < 3.3 * finding.effect.u[0] < 0.3 * load
 
 
+@NO_WAVES
 @pytest.mark.parametrize("phase", [0.0, again(np.pi / 2)])
 def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6, phase):
     """An eccentricity whose phase makes it like the torque of gravity, in few records."""
@@ -546,6 +558,7 @@ def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6, phase):
     assert phase or new.label in aliases | {finding.label for finding in found.findings}
 
 
+@NO_WAVES
 def test_a_known_cause_that_has_changed(sino6):
     for value in (2.6e-5, 0.0):
         found = known_before(sino6, value=value)
@@ -599,6 +612,7 @@ def test_an_early_slip_is_no_drift(sino6, seed):
     }
 
 
+@NO_WAVES
 @pytest.mark.parametrize(
     "shares", [again("last few"), again("time"), again("operator"), "joint 2", again("place")]
 )
@@ -664,6 +678,7 @@ def test_a_bump_in_the_room_is_no_gross_errors(sino6, seed):
     assert {"x", "place"} & set(found.unexplained.depends_on)
 
 
+@NO_WAVES
 def test_a_target_that_is_unknown_again_is_found_anew(sino6, rng):
     known = ErrorModel(sino6, (StylusOffset(values=(0.01, 0.02, 0.03), u=(1e-5, 1e-5, 1e-5)),))
     now = ErrorModel(sino6, (StylusOffset(values=(0.03, 0.0, 0.01)),))
@@ -702,7 +717,7 @@ def test_one_wave_of_any_order_is_no_curve(sino6, order, turns):
     limits[0] = -turns * np.pi, turns * np.pi
     arm, rng = replace(sino6, limits=limits), np.random.default_rng(4)
     data = simulate_measurements(
-        ErrorModel(arm, (JointPeriodicError(1, order, values=(6e-5, 8e-5)),)), "free", 200, rng=rng
+        ErrorModel(arm, (JointPeriodicError(1, order, values=(6e-5, 8e-5)),)), "free", 100, rng=rng
     )
     result = diagnose(arm, data, hold_out=False)
     (finding,) = result.findings
@@ -712,6 +727,7 @@ def test_one_wave_of_any_order_is_no_curve(sino6, order, turns):
     assert abs(found - order) < 4 * u < 0.1
 
 
+@NO_WAVES
 @pytest.mark.parametrize(("noise", "payload"), [again(1.0, 0.0), (0.02, 2.0)])
 def test_torques_with_noise_and_masses_that_lack_a_payload(sino6, noise, payload):
     """Whichever of the two tells the moment better is taken, so that no cause beside it has an
@@ -735,6 +751,7 @@ def test_torques_with_noise_and_masses_that_lack_a_payload(sino6, noise, payload
     assert abs(finding.effect.values[0] - 2e-5) < 3.3 * finding.effect.u[0] < 8e-6
 
 
+@NO_WAVES
 def test_compliance_on_a_mount_that_is_tilted_in_half_of_the_records(sino6):
     """Each half is simulated with the gravity of its mount in the arm file, not with the columns.
 
@@ -780,6 +797,7 @@ def in_two_parts(
     return effect, pause, diagnose(arm, data, **NOISE, hold_out=False)
 
 
+@NO_WAVES
 @pytest.mark.parametrize(("seed", "part"), [again(1, 0.2), (7, 0.5), again(25, 0.9)])
 def test_a_slip_in_a_long_pause(sino6, seed, part):
     """It may have been at any time of it."""
@@ -793,6 +811,7 @@ def test_a_slip_in_a_long_pause(sino6, seed, part):
     assert u == pytest.approx(pause / np.sqrt(12.0), rel=0.1)
 
 
+@NO_WAVES
 @pytest.mark.parametrize("seed", [6, again(5), again(0)])
 def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6, seed):
     """Its disc is eccentric since."""
@@ -813,6 +832,7 @@ def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6, seed):
     assert found.unexplained.depends_on == (f"joint {joint}", "time")
 
 
+@NO_WAVES
 @pytest.mark.parametrize("seed", [3, again(6), again(14)])
 def test_a_drift_over_a_long_pause_is_no_slip(sino6, seed):
     """Its time constant is beyond those that are tried; beside a slip it is judged with the one
@@ -824,6 +844,7 @@ def test_a_drift_over_a_long_pause_is_no_slip(sino6, seed):
     assert hidden.label in {finding.label, *(alias.label for alias in finding.aliases)}
 
 
+@NO_WAVES
 @pytest.mark.parametrize("seed", [10, again(15), again(22)])
 def test_a_cause_that_excluded_records_show_is_not_denied(sino6, seed):
     """One of few records shows the fault most, and so seems to be a gross error."""
