@@ -1,4 +1,4 @@
-"""Arms: DH table or URDF, arm file, kinematics, and poses by Pinocchio."""
+"""Arms: DH table or URDF, arm file, kinematics, poses."""
 
 import lazy_loader
 

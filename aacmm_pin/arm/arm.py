@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from aacmm_pin.arm.poses import Poses
 
 MOST_UNEXPLAINED = 1000
-"""Characters of the text on unexplained structure, which may list many groups of records."""
+"""Characters; the text may list many groups of records."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,21 +58,19 @@ class Arm(Shown):
     """A serial arm with its Pinocchio model and, if available, its DH table.
 
     Attributes:
-        name: name in titles and messages.
-        model: Pinocchio model, which you must not change.
-        tip: name of the frame whose origin is the tip.
+        name: in titles and messages.
+        model: of Pinocchio; do not change it.
+        tip: frame whose origin is the tip.
         limits: joint limits ``(nq, 2)`` [rad].
-        parameters: geometric parameters with their uncertainties, in the order of
-            :meth:`sensitivity`.
-        dh: DH table; None for an arm from a URDF alone.
+        parameters: geometric parameters, in the order of :meth:`sensitivity`.
+        dh: None for an arm from a URDF.
         encoder_noise: standard uncertainty of one reading ``(nq,)`` [rad]; None if not stated.
-        stylus_axis: direction of the stylus in the tip frame ``(3,)``; None if not stated.
+        stylus_axis: unit vector in the tip frame ``(3,)``; None if not stated.
         source: origin of the numbers.
-        reference_temperature: temperature at which the stated lengths apply [°C].
+        reference_temperature: of the stated lengths [°C].
         file: content of the arm file.
-        covariance: covariance of parameters from a calibration, or None.
-        nominal: for an arm from a URDF, the Pinocchio model without corrections of its placements;
-            otherwise None.
+        covariance: of parameters from a calibration, or None.
+        nominal: of an arm from a URDF, the model without corrections; otherwise None.
         couplings: joint angles that depend on readings of other joints; see :meth:`with_couplings`.
         mimics: joints of a URDF that follow other joints, and have no columns in ``q``.
     """
@@ -101,7 +99,7 @@ class Arm(Shown):
 
     @property
     def without_uncertainty(self) -> tuple[str, ...]:
-        """The geometric parameters without stated uncertainty, which count as exact."""
+        """Parameters without stated uncertainty, which count as exact."""
         exact = (p for p in self.parameters if p.half_width is None and p.u == 0)
         return tuple(parameter.name for parameter in exact)
 
@@ -117,8 +115,8 @@ class Arm(Shown):
 
     @staticmethod
     def load(name_or_path: str | Path) -> Arm:
-        """Load a bundled arm (``sino6``, ``zero6``) or an example robot (``ur5``) by name, or an
-        arm file by path.
+        """Load a bundled arm (``sino6``) or example robot (``ur5``) by name, or an arm file by
+        path.
 
         Raises:
             UnknownNameError: the name is unknown.
@@ -135,7 +133,7 @@ class Arm(Shown):
         """Build the arm of a validated arm file; ``path`` is its name in error messages.
 
         Raises:
-            ArmFileError: the URDF of the arm file is missing, has changed, or has other joints.
+            ArmFileError: its URDF is missing, has changed, or has other joints.
         """
         if isinstance(arm, UrdfArmFile):
             return _of_urdf_file(arm, path or arm.name)
@@ -161,26 +159,24 @@ class Arm(Shown):
         translation_half_width: float = 0.0,
         rotation_half_width: float = 0.0,
     ) -> Arm:
-        """Load an arm with a fixed base and revolute, continuous or prismatic joints from a URDF
-        file.
+        """Load an arm with revolute, continuous or prismatic joints from a URDF file.
 
-        A ``continuous`` joint becomes a revolute joint with limits of ±2π. Joints that do not move
-        ``frame`` (such as gripper fingers) stay at zero. A joint that mimics another joint has no
-        column in ``q``. The parameters are three translations and three rotations of every joint
-        placement, in the axes of the placement.
+        A ``continuous`` joint gets limits of ±2π. Joints that do not move ``frame`` (gripper
+        fingers) stay at zero. Joints that mimic others have no column in ``q``. The parameters are
+        three translations and three rotations of every joint placement, in its own axes.
 
         Args:
             path: URDF file (meshes are not needed), or the name of a robot in
                 :data:`aacmm_pin.arm.example_robots.EXAMPLE_ROBOTS`.
-            frame: name of the link or frame whose origin is the tip; example robots have a default.
-            translation_half_width, rotation_half_width: half-width of each translation [m] and
-                rotation [rad] of a placement; 0 states no uncertainty.
+            frame: link or frame whose origin is the tip; example robots have a default.
+            translation_half_width, rotation_half_width: of each placement [m, rad]; 0 states no
+                uncertainty.
 
         Raises:
             ArmFileError: the file cannot be read, is no URDF, or is implausible.
             UnsupportedArmError: a joint has more than one coordinate (planar, floating), or mimics
                 a joint that does not move ``frame``.
-            UnknownNameError: the frame is unknown; the message lists all frames.
+            UnknownNameError: the frame is unknown; lists all frames.
         """
         if str(path) in EXAMPLE_ROBOTS:
             frame = frame or EXAMPLE_ROBOTS[str(path)][1]
@@ -232,7 +228,7 @@ class Arm(Shown):
 
     @property
     def urdf_file(self) -> UrdfArmFile:
-        """The arm file of an arm from a URDF; its path is empty for a Pinocchio model or a pipe.
+        """The arm file; its path is empty for a Pinocchio model or a pipe.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
@@ -245,7 +241,7 @@ class Arm(Shown):
 
     @property
     def uncorrected(self) -> Arm:
-        """The arm with all joint placements and the tip as its URDF states them.
+        """The arm with placements and tip as its URDF states them.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.
@@ -257,10 +253,10 @@ class Arm(Shown):
     def with_placements(
         self, steps: Array, covariance: Covariance | None, *, exact: bool = False
     ) -> Arm:
-        """Return the arm, from a URDF, with every joint placement moved by a twist in its own axes.
+        """Return the arm with every placement of its URDF moved by a twist in its own axes.
 
         Args:
-            steps: translations, then rotations ``(nq, 6)`` [m, rad].
+            steps: v, then ω ``(nq, 6)`` [m, rad].
             covariance: new covariance of the placements, or None.
             exact: set all half-widths to zero.
         """
@@ -281,8 +277,8 @@ class Arm(Shown):
         return _corrected(self.nominal, file, self.mimics)
 
     def with_joint_axis(self, joint: int, axis: Array) -> Arm:
-        """Return the arm, from a URDF, with another axis of a joint, by the placements of this
-        joint and the next.
+        """Return the arm with another axis of a joint of its URDF, by the placements of this joint
+        and the next.
 
         Args:
             joint: number of the joint, from 1; not the last one.
@@ -297,8 +293,8 @@ class Arm(Shown):
         return self.with_placements(steps, None)
 
     def with_encoder_noise(self, noise: Array) -> Arm:
-        """Return the arm, and its file, with a standard uncertainty of one reading for each joint,
-        ``(nq,)`` [rad].
+        """Return the arm, and its file, with these standard uncertainties of one reading ``(nq,)``
+        [rad].
         """
         if self.file is None:
             return replace(self, encoder_noise=noise)
@@ -314,13 +310,13 @@ class Arm(Shown):
     def with_couplings(self, *couplings: tuple[int, int, float]) -> Arm:
         """Return the arm with joint angles that depend on readings of several encoders.
 
-        A joint angle is the sum of ratios times readings. The own reading of a joint has the ratio
-        1, unless a coupling with ``of = joint`` states another ratio. For example, ``(3, 2, -1.0)``
-        states that the angle of joint 3 is reading 3 minus reading 2. The arm file changes too.
+        A joint angle is the sum of ratios times readings. The ratio of its own reading is 1, unless
+        a coupling with ``of = joint`` states another. Example: ``(3, 2, -1.0)`` makes the angle of
+        joint 3 reading 3 minus reading 2. The arm file changes too.
 
         Args:
-            couplings: ``joint``, ``of`` and ``ratio`` of each coupling, with row numbers from 1;
-                they replace all couplings of the arm.
+            couplings: ``joint``, ``of`` and ``ratio`` of each, with row numbers from 1; they
+                replace all former ones.
 
         Raises:
             AacmmError: a coupling is invalid, or the readings do not determine all joint angles.
@@ -350,8 +346,7 @@ class Arm(Shown):
         return coupling_matrix(self.couplings, self.chain.moving_rows())
 
     def joint_angles(self, readings: Array) -> Array:
-        """Compute the joint angles from readings ``(n, nq)``: ``(n, nq)`` [rad; m for a prismatic
-        joint].
+        """Joint angles from readings ``(n, nq)``: ``(n, nq)`` [rad; m for a prismatic joint].
 
         Raises:
             ShapeError: ``readings`` is not a finite ``(n, nq)`` array.
@@ -360,9 +355,7 @@ class Arm(Shown):
         return readings @ self.coupling_matrix.T if self.couplings else readings
 
     def readings(self, q: Array) -> Array:
-        """Compute the readings at joint angles ``(n, nq)``: ``(n, nq)`` [rad; m for a prismatic
-        joint].
-        """
+        """Readings at joint angles ``(n, nq)``: ``(n, nq)`` [rad; m for a prismatic joint]."""
         if not self.couplings:
             return q
         return np.asarray(np.linalg.solve(self.coupling_matrix, q.T).T)
@@ -372,7 +365,7 @@ class Arm(Shown):
         return by_angles @ self.coupling_matrix if self.couplings else by_angles
 
     def with_unexplained(self, text: str) -> Arm:
-        """Return the arm whose file states structure that no cause explained, perhaps shortened."""
+        """Return the arm whose file states this unexplained structure, perhaps shortened."""
         short = textwrap.shorten(text, MOST_UNEXPLAINED, placeholder=" …")
         return replace(
             self,
@@ -386,7 +379,7 @@ class Arm(Shown):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """All joints from the base to the tip, including joints that follow others."""
+        """All joints from base to tip, including joints that follow others."""
         return tuple(self.model.names[1:])
 
     @property
@@ -409,8 +402,8 @@ class Arm(Shown):
         """Return the DH table.
 
         Args:
-            purpose: operation that needs the DH table, for the error message.
-            joints: number of first rows that must have joints.
+            purpose: what needs the table, for the error message.
+            joints: so many first rows must have joints.
             revolute: all joints must be revolute.
 
         Raises:
@@ -437,7 +430,7 @@ class Arm(Shown):
 
     @cached_property
     def chain(self) -> Chain:
-        """The kinematics of the arm as a chain of places."""
+        """The kinematics of the arm."""
         if self.dh is None:
             return chain_of(self.model, self.tip, self.mimics)
         return self.dh.chain
@@ -450,8 +443,8 @@ class Arm(Shown):
 
     @cached_property
     def centres_of_mass(self) -> Array:
-        """The centre of mass of the body after each ``axis``, in the axes of that place, ``(rows,
-        3)`` [m]; zero for a body without mass.
+        """The centre of mass of the body after each ``axis``, in the axes of that place ``(rows,
+        3)`` [m]; zero without mass.
         """
         centres = np.zeros((len(self.chain.slides), 3))
         for joint, body in enumerate(self.model.inertias.tolist()[1:]):
@@ -460,7 +453,7 @@ class Arm(Shown):
         return self._over_rows(centres)
 
     def foot(self, row: int) -> int:
-        """Return the place on the joint axis at which the body of ``row`` begins.
+        """Return the place on the joint axis where the body of ``row`` begins.
 
         In modified DH this place is before the distance d of the row; ``axis(row)`` is after d.
         """
@@ -474,7 +467,7 @@ class Arm(Shown):
         return values
 
     def place(self, at: str | None = None) -> int:
-        """Return the place of the chain at the origin of frame ``at``; default the tip.
+        """Return the place at the origin of frame ``at``; default the tip.
 
         Raises:
             UnknownNameError: the frame is unknown.
@@ -486,8 +479,8 @@ class Arm(Shown):
         return dh.place(self._known_row(at))
 
     def poses(self, q: Array, at: str | None = None) -> Poses:
-        """Compute placements and Jacobians of frame ``at`` (default the tip) at ``q`` ``(n, nq)``
-        [rad] with Pinocchio.
+        """Placements and Jacobians of frame ``at`` (default the tip) at ``q`` ``(n, nq)`` [rad], by
+        Pinocchio.
 
         Raises:
             ShapeError: ``q`` is not a finite ``(n, nq)`` array.
@@ -499,35 +492,31 @@ class Arm(Shown):
         return Poses(self.model, angles, frame_number(self.model, at or self.tip))
 
     def positions(self, q: Array, at: str | None = None) -> Array:
-        """Compute the origin of frame ``at`` (default the tip) at ``q`` ``(n, nq)`` [rad]: ``(n,
-        3)`` [m].
+        """The origin of frame ``at`` (default the tip) at ``q`` ``(n, nq)`` [rad]: ``(n, 3)``
+        [m].
         """
         return self._chain_to(at).positions(batch(q, self.nq, "q", "rad"))
 
     def sensitivity(self, q: Array, at: str | None = None) -> Array:
-        """Compute ∂(origin of frame ``at``)/∂parameters at ``q`` ``(n, nq)`` [rad]: ``(n, 3, p)``
-        [m/unit].
+        """∂(origin of frame ``at``)/∂parameters at ``q`` ``(n, nq)`` [rad]: ``(n, 3, p)`` [m/unit].
 
-        The p columns are in the order of :attr:`parameters`; see :mod:`aacmm_pin.arm.chain` for the
-        formulas.
+        Columns follow :attr:`parameters`; formulas: :mod:`aacmm_pin.arm.chain`.
         """
         chain_to = self._chain_of_parameters(at)
         return chain_to.position_and_sensitivity(batch(q, self.nq, "q", "rad"))[1]
 
     def jacobian(self, q: Array, at: str | None = None) -> Array:
-        """Compute ∂(origin of frame ``at``)/∂q at ``q`` ``(n, nq)`` [rad]: ``(n, 3, nq)``
-        [m/rad].
-        """
+        """∂(origin of frame ``at``)/∂q at ``q`` ``(n, nq)`` [rad]: ``(n, 3, nq)`` [m/rad]."""
         return self._chain_to(at).position_and_jacobian(batch(q, self.nq, "q", "rad"))[1]
 
     def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
-        """Compute the exact positions for parameter errors, without linearisation.
+        """Exact positions with parameter errors, without linearisation.
 
-        Errors of a joint placement form a twist, like the corrections in an arm file.
+        Errors of a placement form a twist, as corrections in an arm file do.
 
         Args:
             q: one posture ``(1, nq)``, or one for each row of errors ``(m, nq)`` [rad].
-            errors: errors to add to the parameters ``(m, len(parameters))`` [their units].
+            errors: of the parameters ``(m, len(parameters))`` [their units].
             at: frame; default the tip.
 
         Returns:
@@ -554,7 +543,7 @@ class Arm(Shown):
         )
 
     def _chain_of_parameters(self, at: str | None) -> Chain:
-        """The chain to frame ``at``, which must be in the table if there is one."""
+        """The chain to ``at``, which must be in the table if there is one."""
         if self.dh is not None:
             self._known_row(at)
         return self._chain_to(at)
@@ -576,7 +565,7 @@ class Arm(Shown):
         return row
 
     def dh_row(self, at: str | None = None) -> int | None:
-        """Return the DH row whose frame is ``at`` (default the tip), or None.
+        """The DH row whose frame is ``at`` (default the tip), or None.
 
         Raises:
             UnknownNameError: the frame is unknown.
@@ -687,7 +676,7 @@ GivenArm = Arm | str | Path
 
 
 def as_arm(given: object, name: str = "arm") -> Arm:
-    """An arm itself, or by name or path.
+    """An arm, given itself, by name, or by path.
 
     Raises:
         UnknownNameError, ArmFileError: see :meth:`Arm.load`.

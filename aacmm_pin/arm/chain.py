@@ -1,4 +1,4 @@
-"""The kinematics: an arm as a chain of places that may be displaced.
+"""Kinematics: an arm as a chain of places that may be displaced.
 
 The places, from the base to the tip, with i from 1 to the number of rows:
 
@@ -9,10 +9,10 @@ The places, from the base to the tip, with i from 1 to the number of rows:
 - ``end i``: where body i ends and the next begins;
 - ``tip``: the origin of the last frame again, so that a stylus can move relative to the last body.
 
-Each place is a constant transform after the place before, followed at an ``axis`` by the motion of
-the joint. A displacement is a twist ξ = (v, ω) in the axes of its place, and acts exactly as
-``exp(ξ)`` after it. Its derivative: a unit translation along an axis moves the tip p along this
-axis, a unit rotation moves it by ``axis × (p - o)``, with the origin o of the place.
+Each place is a constant transform after the place before; at an ``axis`` the motion of the joint
+follows. A displacement is a twist ξ = (v, ω) in the axes of its place, and acts as ``exp(ξ)`` after
+it. Its derivative: a unit translation moves the tip p along the axis, a unit rotation by ``axis ×
+(p - o)``, with the origin o of the place.
 """
 
 from __future__ import annotations
@@ -33,18 +33,17 @@ from aacmm_pin._support.plausible import REACH_POSTURES, out_of_reach
 from aacmm_pin.arm.couplings import Drive, Mimic
 
 OF_A_POSE = 6
-"""Joints that a whole pose needs; with fewer, only the point is reached."""
+"""Joints that a whole pose needs; with fewer, the point alone is reached."""
 BASE = 0
 V_X, V_Y, V_Z, OMEGA_X, OMEGA_Y, OMEGA_Z = range(6)
 """Components of a twist."""
 Z = 2
-"""Number of the axis of joints."""
 ALONG_Z = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 NO_PLACE = -1
-"""Place of a parameter or joint that does not move the tip."""
+"""Of a parameter or joint that does not move the tip."""
 LARGE_BATCH = 14_000
-"""Postures from which the compiled loop is used: NumPy takes 6 ms, the loop 3 ms, and once half a
-second to load. The loop differs in the last digits.
+"""Postures from which the compiled loop is used: NumPy takes 6 ms, the loop 3 ms, loading it half a
+second. It differs in the last digits.
 """
 LANES = 128
 """Postures side by side in wide registers."""
@@ -68,11 +67,11 @@ class Chain:
 
     Attributes:
         constant: transform of each place relative to the place before (places, 4, 4) [m].
-        moved: joint of each place, from 0 along the chain, with joints that follow others; -1 for
-            none (places,).
+        moved: joint of each place, from 0, counting joints that follow others; -1 for none
+            (places,).
         slides: True for prismatic joints (m,).
-        parameters: place and twist component of each geometric parameter (p, 2); place -1 if it
-            does not move the tip.
+        parameters: place, or :data:`NO_PLACE`, and twist component of each geometric parameter (p,
+            2).
         drive: motion of the m joints by the nq independent ones.
     """
 
@@ -91,9 +90,8 @@ class Chain:
         parameters: list[tuple[int, int]],
         mimics: Sequence[Mimic] = (),
     ) -> Chain:
-        """The chain with transforms (4, 4) [m] before ``axis`` 1 … and before ``end`` 0 ….
-
-        ``joints``: of each axis, -1 if rigid.
+        """The chain with transforms (4, 4) [m] before ``axis`` 1 … and ``end`` 0 …, and the joint
+        of each axis, -1 if rigid.
         """
         constant = [np.eye(4), ends[0]]
         moved = [-1, -1]
@@ -113,7 +111,7 @@ class Chain:
 
     @property
     def rows(self) -> int:
-        """Number of rows: DH rows, or joints of an arm without a table."""
+        """Number of DH rows, or of joints of an arm without a table."""
         return (self.places - 3) // 2
 
     @property
@@ -133,28 +131,27 @@ class Chain:
 
     @cached_property
     def joint(self) -> NDArray[np.intp]:
-        """The independent joint of each place, from 0; -1 for none (places,)."""
+        """Independent joint of each place, from 0; -1 for none (places,)."""
         numbers = np.full(len(self.slides) + 1, -1)
         numbers[self.drive.independent] = np.arange(self.nq)
         return numbers[self.moved]
 
     def moving_axes(self) -> list[int]:
-        """The places that joints move, with joints that follow others, in order."""
+        """Places that joints move, in order."""
         return np.flatnonzero(self.moved >= 0).tolist()
 
     def joint_rows(self) -> list[int]:
-        """The rows (from 1) with a joint, also one that follows another, in order."""
+        """Rows (from 1) with a joint, also one that follows another."""
         return [place // 2 for place in self.moving_axes()]
 
     def moving_rows(self) -> list[int]:
-        """The rows (from 1) with an independent joint, in order."""
+        """Rows (from 1) with an independent joint."""
         return (np.flatnonzero(self.joint >= 0) // 2).tolist()
 
     def links(self) -> Array:
-        """Constant transforms L of ``L_0 Rz(q_1) L_1 … Rz(q_m) L_m`` (Tz for prismatic joints): (m
-        + 1, 4, 4) [m].
+        """L of ``L_0 Rz(q_1) L_1 … Rz(q_m) L_m`` (Tz for prismatic joints): (m + 1, 4, 4) [m].
 
-        A screw about a joint axis before it commutes with the joint, and is put after it.
+        A screw about a joint axis commutes with the joint, and is put after it.
         """
         links = [np.eye(4)]
         for constant, joint in zip(self.constant, self.moved, strict=True):
@@ -167,9 +164,7 @@ class Chain:
         return np.stack(links)
 
     def cut(self, place: int, offset: Array | None = None) -> Chain:
-        """The chain to ``place``, shifted by ``offset`` (3,) [m] in its axes, with all joints and
-        parameters.
-        """
+        """The chain to ``place``, shifted by ``offset`` (3,) [m] in its axes."""
         tip = np.eye(4)
         if offset is not None:
             tip[:3, 3] = offset
@@ -227,7 +222,7 @@ class Chain:
         return position, columns.transpose(2, 0, 1)
 
     def beyond_reach(self) -> str:
-        """That the tip is implausibly far from the base at some postures, in words; else ""."""
+        """A sentence if the tip is implausibly far from the base at some postures; else ""."""
         spread = spread_angles(REACH_POSTURES, self.nq) * ~self.prismatic
         return out_of_reach(self.positions(np.vstack([np.zeros(self.nq), spread])))
 
@@ -268,7 +263,7 @@ class Chain:
 
     def _frames(self, q: Array, twists: Mapping[int, Array]) -> Array:
         """Frames as x, y, z and origin; components; records last (places, 4, 3, n): several times
-        faster than stacks of 3×3 products.
+        faster than stacks of products.
         """
         n = len(q)
         frames = np.empty((self.places, 4, 3, n))
@@ -293,7 +288,7 @@ class Chain:
     def _with_joints(
         self, values: Array, twists: Mapping[int, Array]
     ) -> tuple[Array, Mapping[int, Array]]:
-        """Joint values (m, n) with the rotations of displacements about joint axes, and the other
+        """Joint values (m, n) plus rotations of displacements about joint axes, and the other
         twists.
         """
         others = dict(twists)
@@ -306,7 +301,7 @@ class Chain:
         return values, others
 
     def _twists(self, errors: Array) -> dict[int, Array]:
-        """Twists (n, 6) of the places by ``errors`` in the parameters (n, p)."""
+        """Twists (n, 6) of the places by parameter ``errors`` (n, p)."""
         place, component = self.parameters.T
         twists = {}
         for here in np.unique(place[place != NO_PLACE]).tolist():
@@ -374,8 +369,8 @@ def _differentiate(
     position: Array,
     columns: Array,
 ) -> None:  # pragma: no cover, for numba compiles it
-    """:meth:`Chain._differentiated` in loops; ``angles`` of all joints (n, m), results in
-    ``position`` (n, 3) and ``columns`` (3, k, n).
+    """:meth:`Chain._differentiated` in loops, from angles of all joints (n, m) into ``position``
+    (n, 3) and ``columns`` (3, k, n).
     """
     places = len(constant)
     n = len(angles)
@@ -494,9 +489,7 @@ def skew(w: Array) -> Array:
 
 
 def rigid_motions(points: Array) -> Array:
-    """Motion of points (n, 3) [m] by translation and rotation of their body about the origin: (n,
-    3, 6).
-    """
+    """Motion of points (n, 3) [m] by translation and rotation of their body: (n, 3, 6)."""
     rotations = -skew(points)
     translations = np.broadcast_to(np.eye(3), rotations.shape)
     return np.concatenate([translations, rotations], axis=2)

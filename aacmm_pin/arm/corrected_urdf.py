@@ -1,4 +1,4 @@
-"""A URDF file with calibrated placements of its joints; all else stays."""
+"""A URDF file with calibrated placements of its joints; the rest stays."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     """The URDF file of an arm with its present joint placements.
 
     Pinocchio gathers fixed joints into the placement of the next moving joint. A correction acts
-    after this placement, so it changes the origin of the moving joint: ``origin (placement_before⁻¹
+    after it, so the origin of the moving joint becomes ``origin (placement_before⁻¹
     placement_after)``.
 
     Args:
         tip_shift: translation of the tip in its own axes (3,) [m], or None.
 
     Raises:
-        AacmmError: the file cannot be read, or has changed.
+        AacmmError: the file is unreadable or has changed.
         UnsupportedArmError: the arm has no URDF file, or no fixed joint can shift the tip.
     """
     urdf = arm.urdf_file.urdf

@@ -19,7 +19,7 @@ SINGULAR = 1e-6
 
 
 class Coupling(BaseModel):
-    """A part of a joint angle: ``ratio`` times the reading of one encoder; see
+    """Part of a joint angle: ``ratio`` times one reading; see
     :meth:`Arm.with_couplings`.
 
     Attributes:
@@ -79,8 +79,7 @@ class Mimic(NamedTuple):
     """A joint that follows another: ``ratio`` times its angle, plus ``offset``.
 
     Attributes:
-        joint, of: numbers of both joints, from 1; equal for the first joint that follows an encoder
-            beside the arm.
+        joint, of: joint numbers from 1; equal for the first that follows an encoder beside the arm.
         ratio: [rad/rad; with m for prismatic joints].
         offset: [rad, m].
     """
@@ -118,7 +117,7 @@ class Drive:
 
     @cached_property
     def is_identity(self) -> bool:
-        """Whether no joint follows another, or an encoder of its own."""
+        """Whether no joint follows another or has a ratio."""
         return np.array_equal(self.matrix, np.eye(len(self.matrix))) and not self.offset.any()
 
     @property

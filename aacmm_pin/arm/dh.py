@@ -1,14 +1,14 @@
-"""The Denavit–Hartenberg table as a value.
+"""The Denavit–Hartenberg table.
 
-A row is a transform from frame i-1 to frame i:
+A row leads from frame i-1 to frame i:
 
 - ``standard-dh``: ``T_i = Rz(θ_i + θ0_i) Tz(d_i) Tx(a_i) Rx(α_i)``
 - ``modified-dh`` (Craig): ``T_i = Rx(α_i) Tx(a_i) Rz(θ_i + θ0_i) Tz(d_i)``
 
-A prismatic joint (``slides[i]``) has its reading in d_i + q_i, and θ_i = 0. A fixed row
-(``moving[i] = False``: a stylus) has θ_i = 0. As a chain, standard DH puts (d, θ) of row i at
-``axis i`` and (a, α) at ``end i``; modified DH puts (a, α) at ``end i-1``. Two screws about one
-axis commute: a displacement by (δa, δα) is exactly a + δa, α + δα.
+A prismatic joint (``slides[i]``) has d_i + q_i and θ_i = 0; a fixed row (a stylus) has θ_i = 0. In
+the chain, standard DH puts (d, θ) of row i at ``axis i`` and (a, α) at ``end i``; modified DH puts
+(a, α) at ``end i-1``. Screws about one axis commute: a displacement by (δa, δα) is exactly a + δa,
+α + δα.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class DHTable(Shown):
 
     @cached_property
     def chain(self) -> Chain:
-        """The kinematics; parameters are the values row by row, and fixed rows have a fixed
+        """Kinematics; parameters are the values row by row, and fixed rows have a fixed
         ``axis``.
         """
         turns = screws(self.theta_offset, 0.0, 2)

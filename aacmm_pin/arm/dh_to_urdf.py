@@ -1,13 +1,13 @@
 """URDF of an arm file.
 
-Every DH row becomes one moving link and one frame link, so that every number of the table appears
-unchanged in the text (``%.17g``), without conversion of rotations: standard DH puts ``Rz(θ0)`` into
-the origin of the joint and ``Tz(d) Tx(a) Rx(α)`` into that of the frame; modified DH puts ``Rx(α)
-Tx(a)`` into an extra fixed joint. Frames are ``frame1`` ... ``frameN`` and ``tip``. Joints are
-``revolute``: Pinocchio has two numbers for the angle of a ``continuous`` joint.
+Every DH row becomes a moving link and a frame link, so that its numbers appear unchanged
+(``%.17g``). Standard DH puts ``Rz(θ0)`` into the origin of the joint and ``Tz(d) Tx(a) Rx(α)`` into
+that of the frame; modified DH puts ``Rx(α) Tx(a)`` into an extra fixed joint. Frames are ``frame1``
+... ``frameN`` and ``tip``. Joints are ``revolute``: Pinocchio has two numbers for a ``continuous``
+one.
 
-For other programs, a ``stylus_offset`` without marker may shift ``tip`` in the axes of the last
-frame. In this package, :class:`aacmm_pin.effects.error_model.ErrorModel` adds this offset.
+For other programs, a ``stylus_offset`` without marker may shift ``tip``; in this package the error
+model adds it.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.file import ArmFile, Row
+from aacmm_pin.arm.file import ArmFile, DHRow
 
 TUBE_RADIUS = 0.018
 STYLUS_RADIUS = 0.004
 """Radii of drawn links [m]."""
 SHORTEST_DRAWN = 0.005
-"""Shorter lengths are residues of a calibration, and are not drawn [m]."""
+"""Shorter lengths are residues of a calibration, not drawn [m]."""
 BODY_RADIUS = 0.03
-"""Radius of the solid sphere whose inertia a body has; statics needs only mass and centre [m]."""
+"""Radius of the solid sphere whose inertia a body has; statics needs mass and centre alone [m]."""
 
 Triple = tuple[float, ...]
 _ZERO: Triple = (0.0, 0.0, 0.0)
@@ -39,8 +39,8 @@ _COLORS = {
 
 
 def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
-    """URDF of ``arm`` [m, rad]: joints with limits, simple visuals, inertials from the stated
-    masses. ``with_stylus_offset``: shift ``tip`` by the ``stylus_offset`` of the arm.
+    """URDF of ``arm`` [m, rad]: joints with limits, visuals, inertials of stated masses; perhaps
+    with ``tip`` shifted by its ``stylus_offset``.
     """
     robot = ET.Element("robot", name=_printable(arm.name))
     source = _printable(arm.source or arm.name)
@@ -70,7 +70,7 @@ def xml_text(robot: ET.Element) -> str:
 
 
 def _add_row(
-    robot: ET.Element, parent: ET.Element, number: int, row: Row, standard: bool, last: bool
+    robot: ET.Element, parent: ET.Element, number: int, row: DHRow, standard: bool, last: bool
 ) -> ET.Element:
     a = row.a_mm * MM
     d = row.d_mm * MM

@@ -21,7 +21,7 @@ EXAMPLE_ROBOTS = {
     "xarm7": ("xarm7.urdf", "link_eef"),
     "z1": ("z1.urdf", "link06"),
 }
-"""Name of the URDF, and default frame of the tip."""
+"""URDF, and default frame of the tip."""
 
 
 def urdf_of_robot(name: str) -> Path:

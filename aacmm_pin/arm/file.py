@@ -1,7 +1,6 @@
-"""Arm files (TOML): a DH table with uncertainties, limits and masses; or a URDF with corrections.
+"""Arm files (TOML): a DH table, or a URDF with corrections.
 
-Files have millimetres and radians (degrees in keys ``…_deg``); properties of :class:`ArmFile` are
-in SI.
+Files have mm and rad (degrees in keys ``…_deg``); properties of :class:`ArmFile` SI.
 """
 
 from __future__ import annotations
@@ -66,30 +65,29 @@ COVERAGE_FACTOR = 2.0
 """A calibrated parameter counts as within ± U, U = k u (JCGM 100:2008, 6.2)."""
 
 MOST_BYTES = 32_000_000
-"""Size of a file; one with a covariance of a thousand parameters has half of it."""
+"""A file with a covariance of a thousand parameters has half of it."""
 UR_FILES = (".yaml", ".yml", ".conf")
-"""Suffixes of kinematics files of Universal Robots."""
 DECIMAL_COMMA = re.compile(r"=\s*([+-]?[0-9]{1,9},[0-9]{1,17})")
-"""A value with a decimal comma, which TOML does not have."""
+"""A value with a decimal comma, unknown to TOML."""
 TABLE = re.compile(
     rb"(?:[ \t\r]*(?:#[^\n]*)?\n)*+"  # comments
     rb"(?=[^=\n]*(?:\n|$))[^,;\t\n]*[,;\t]"
 )
-"""A file whose first line has several cells, as a CSV file."""
+"""A file whose first line has several cells, as CSV."""
 
 MOST_EFFECTS = 1000
-"""Causes of error in a file; `diagnose` finds a handful."""
+"""In a file; `diagnose` finds a handful."""
 
 MOST_DISCREPANCIES = 100
-"""Discrepancies in a file; `diagnose` writes one for each covariate, and one more."""
+"""`diagnose` writes one for each covariate, and one more."""
 MOST_COEFFICIENTS = 10_000
-"""Coefficients of a discrepancy; all covariates have about a thousand."""
+"""Of a discrepancy; all covariates have about a thousand."""
 
 MOST_FACTORS = 4
-"""Factors of a product of functions; of two joints there are two."""
+"""Of a product of functions; of two joints there are two."""
 
 LARGEST_DEG = 1e6
-"""Bound of angles: whole numbers of TOML may be larger than any float."""
+"""Whole numbers of TOML may be larger than any float."""
 
 # TOML has arrays only; strict validation would refuse them where a tuple is meant.
 _FROM_ARRAY = Field(strict=False)
@@ -102,7 +100,7 @@ class _Part(BaseModel):
 
 
 class _WithAngles(_Part):
-    """A table whose keys ``…_rad`` may be ``…_deg``, in degrees."""
+    """A table whose keys ``…_rad`` may be ``…_deg``."""
 
     @model_validator(mode="before")
     @classmethod
@@ -141,10 +139,9 @@ class Uncertainty(_WithAngles):
 
 
 JOINT_KEYS = ("limits_rad", "encoder_noise_rad", "limits_mm", "encoder_noise_mm")
-"""Keys of rows with a joint, each in the unit of its readings."""
 
 
-class Row(_WithAngles):
+class DHRow(_WithAngles):
     """One DH row: a joint, or with ``fixed = true`` a rigid piece such as a stylus."""
 
     a_mm: LengthMm
@@ -162,7 +159,7 @@ class Row(_WithAngles):
     com_mm: Annotated[tuple[PlaceMm, PlaceMm, PlaceMm], _FROM_ARRAY] | None = None
 
     @model_validator(mode="after")
-    def _consistent(self) -> Row:
+    def _consistent(self) -> DHRow:
         angles = [("alpha_rad", self.alpha_rad, 1), ("theta_offset_rad", self.theta_offset_rad, 1)]
         angles += [
             (f"limits_rad[{i}]", limit, MOST_TURNS)
@@ -194,7 +191,7 @@ class Row(_WithAngles):
 
     @property
     def unit(self) -> str:
-        """Unit of readings of the joint in the file."""
+        """Unit of its readings in the file."""
         return "mm" if self.slides else "rad"
 
     @property
@@ -219,7 +216,7 @@ class Row(_WithAngles):
         noise = self.encoder_noise_mm if self.slides else self.encoder_noise_rad
         return None if noise is None else noise * self._scale
 
-    def with_encoder_noise(self, noise: float) -> Row:
+    def with_encoder_noise(self, noise: float) -> DHRow:
         """The row with this standard uncertainty of a reading [rad; m for a prismatic joint]."""
         return self.model_copy(update={f"encoder_noise_{self.unit}": noise / self._scale})
 
@@ -237,10 +234,7 @@ class Stylus(_Part):
 
 
 class EffectEntry(_Part):
-    """A cause of error in the file, with its fields (``joint``, ``order``, …), parameters and u.
-
-    :mod:`aacmm_pin.effects` checks fields and parameters.
-    """
+    """A cause in the file, whose fields and parameters :mod:`aacmm_pin.effects` checks."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
 
@@ -267,7 +261,7 @@ class DiscrepancyPart(_Part):
     """Smooth functions of a discrepancy, and their carrier; see
     :mod:`aacmm_pin.effects.smooth_discrepancy`.
 
-    A row of ``directions`` is for one coefficient, with a number for each value of the entry.
+    ``directions`` has a row for each coefficient, a column for each value of the entry.
     """
 
     acts_on: Name
@@ -280,7 +274,7 @@ class DiscrepancyPart(_Part):
 
 
 class DiscrepancyEntry(_Part):
-    """Structure that no cause explains, as smooth functions of recorded quantities."""
+    """Unexplained structure as smooth functions of recorded quantities."""
 
     depends_on: Name
     parts: Annotated[list[DiscrepancyPart], Field(min_length=1, max_length=MOST_EFFECTS)]
@@ -289,10 +283,9 @@ class DiscrepancyEntry(_Part):
 
 
 class Covariance(_Part):
-    """The covariance of parameters from a calibration, which replaces their half-widths.
+    """Covariance of parameters from a calibration; replaces their half-widths.
 
-    ``records`` are fingerprints of the records of the calibration, separated by blanks, so that
-    none counts twice.
+    ``records`` are fingerprints of its records, separated by blanks: none counts twice.
     """
 
     parameters: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
@@ -392,8 +385,8 @@ Kind = TypeVar("Kind", bound=AnyArmFile)
 class Urdf(_WithAngles):
     """The URDF, the frame at the tip, and half-widths of the joint placements.
 
-    A changed URDF is refused by its SHA-256. The path is relative to the real folder of the arm
-    file (in memory, absolute), so that both can move together.
+    A changed URDF is refused by its SHA-256. The path is relative to the folder of the arm file (in
+    memory, absolute): both can move together.
     """
 
     file: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(without_nul)]
@@ -442,7 +435,7 @@ class UrdfArmFile(AnyArmFile):
 
     @property
     def corrections(self) -> Array:
-        """Twist of every placement, translations then rotations (nq, 6) [m, rad]."""
+        """Twists of the placements, v then ω (nq, 6) [m, rad]."""
         twists = np.array([joint.shift_mm + joint.turn_rad for joint in self.joints])
         twists = twists.reshape(-1, 6)
         twists[:, :3] *= MM
@@ -458,7 +451,7 @@ class ArmFile(AnyArmFile):
     """A validated arm file with a DH table."""
 
     convention: Literal["standard-dh", "modified-dh"]
-    joints: Annotated[list[Row], Field(min_length=1, max_length=MOST_ROWS)]
+    joints: Annotated[list[DHRow], Field(min_length=1, max_length=MOST_ROWS)]
 
     @model_validator(mode="after")
     def _has_a_joint(self) -> ArmFile:
@@ -520,7 +513,7 @@ class ArmFile(AnyArmFile):
         return [number for number, row in numbered if not row.fixed]
 
     @property
-    def moving_rows(self) -> list[Row]:
+    def moving_rows(self) -> list[DHRow]:
         """The rows with a joint, in order."""
         return [row for row in self.joints if not row.fixed]
 
@@ -537,7 +530,7 @@ class ArmFile(AnyArmFile):
         return _noise(self.moving_rows)
 
     def dh_parameters(self) -> tuple[Parameter, ...]:
-        """The four values of every row in the order of :attr:`DHTable.chain`; u = 0 if not
+        """The four values of every row, in the order of :attr:`DHTable.chain`; u = 0 if not
         stated.
         """
         parameters = []
@@ -552,13 +545,13 @@ class ArmFile(AnyArmFile):
         return calibrated(parameters, self.covariance)
 
 
-def _noise(joints: Iterable[Row | UrdfJoint]) -> Array | None:
+def _noise(joints: Iterable[DHRow | UrdfJoint]) -> Array | None:
     noise = [joint.encoder_noise for joint in joints]
     return np.array(noise, dtype=np.float64) if noise and None not in noise else None
 
 
-def _check_noise(numbered: Iterable[tuple[int, Row | UrdfJoint]]) -> None:
-    """Refuse a file in which only some joints state the noise of their encoder."""
+def _check_noise(numbered: Iterable[tuple[int, DHRow | UrdfJoint]]) -> None:
+    """Refuse encoder noise of only some joints."""
     keys = {f"joints[{number}].encoder_noise_{joint.unit}": joint for number, joint in numbered}
     missing = [key for key, joint in keys.items() if joint.encoder_noise is None]
     if 0 < len(missing) < len(keys):
@@ -568,7 +561,7 @@ def _check_noise(numbered: Iterable[tuple[int, Row | UrdfJoint]]) -> None:
 def calibrated(
     parameters: Iterable[Parameter], covariance: Covariance | None
 ) -> tuple[Parameter, ...]:
-    """The parameters, with u and the bound ± k u of those in the ``covariance``."""
+    """The parameters; those in the ``covariance`` with its u and the bound ± k u."""
     if covariance is None:
         return tuple(parameters)
     by_name = {parameter.name: parameter for parameter in parameters}
@@ -585,7 +578,7 @@ def bundled_arms() -> list[str]:
 
 
 def load_arm_file(name_or_path: str | Path) -> ArmFile:
-    """Read an arm file with a DH table; one with a URDF is an ArmFileError."""
+    """Read an arm file with a DH table; a URDF is an ArmFileError."""
     file = read_arm_file(name_or_path)
     if isinstance(file, UrdfArmFile):
         raise ArmFileError(
@@ -619,7 +612,7 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
     """The table of a TOML file.
 
     Raises:
-        AacmmError: the error that ``refused`` makes of the message.
+        AacmmError: made by ``refused``.
     """
     try:
         text = content.decode("utf-8-sig")
@@ -641,9 +634,7 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
-    """Validate the content of an arm file at ``path``, to whose folder the path of a URDF is
-    relative.
-    """
+    """Validate the content of an arm file at ``path``, where relative paths of a URDF start."""
 
     def refused(message: str) -> ArmFileError:
         if path.lower().endswith(".urdf"):
@@ -669,7 +660,7 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
 
 
 def refuse_ur_file(path: str) -> None:
-    """Raises ArmFileError if the file is named like a kinematics file of Universal Robots."""
+    """Raises ArmFileError for a kinematics file of Universal Robots."""
     if path.lower().endswith(UR_FILES):
         raise ArmFileError(
             path,
@@ -700,7 +691,7 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
     match item["type"]:
         case "extra_forbidden":
             kinds = {
-                "joints": Row if kind is ArmFile else UrdfJoint,
+                "joints": DHRow if kind is ArmFile else UrdfJoint,
                 "urdf": Urdf,
                 "uncertainty": Uncertainty,
                 "stylus": Stylus,
@@ -726,7 +717,7 @@ def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | N
 
     Args:
         comment: lines at the beginning.
-        path: path of the file, for the relative path of a URDF; None is beside the URDF.
+        path: for the relative path of a URDF; None is beside the URDF.
     """
     content = {"schema": arm.schema_} | arm.model_dump(
         by_alias=True, exclude_none=True, exclude_defaults=True

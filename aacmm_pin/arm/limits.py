@@ -17,8 +17,7 @@ STANDSTILL = 1e-15
 
 
 def into_limits(q: Array, limits: Array) -> Array:
-    """Angles ``q`` (n, nq) [rad] moved by whole turns inside their limits (nq, 2), or least
-    outside.
+    """``q`` (n, nq) [rad] moved by whole turns inside limits (nq, 2), or least outside.
 
     Of several places inside, the nearest to the middle; a joint without finite limits within half a
     turn of zero.
@@ -45,9 +44,7 @@ def outside_limits(q: Array, limits: Array) -> Mask:
 
 
 def whole_turn_notes(q: Array, limits: Array, slides: Mask) -> list[Note]:
-    """A note if angles ``q`` (n, nq) [rad] of revolute joints are outside limits (nq, 2) by whole
-    turns.
-    """
+    """A note if revolute joints in ``q`` (n, nq) [rad] exceed limits (nq, 2) by whole turns."""
     nearest_turn = into_limits(q, limits)
     tolerant_limits = limits + STOP_TOLERANCE * np.array([-1.0, 1.0])
     by_whole_turns = outside_limits(q, limits) & (np.abs(nearest_turn - q) > np.pi)
@@ -65,7 +62,7 @@ def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
     """The part of straight ways from ``start`` to ``end`` inside the limits.
 
     Args:
-        start, end: (n, nq) [rad], any turns, less than half a turn apart.
+        start, end: (n, nq) [rad], less than half a turn apart.
         limits: (nq, 2) [rad]; limits of a full turn do not count.
 
     Returns:

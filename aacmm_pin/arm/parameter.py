@@ -16,18 +16,17 @@ Scope = Literal["arm", "session", "record"]
 
 @dataclass(frozen=True)
 class Parameter(Shown):
-    """A model parameter with an unknown error.
+    """Model parameter with an unknown error.
 
     Attributes:
-        name: short name, unique in the arm, such as ``d3`` or ``encoder_noise4``.
-        kind: kind of the parameter, such as ``a``, ``d``, ``alpha``, ``theta_offset``, ``encoder``.
-        joint: number of the DH row or joint, from 1; None for the whole arm.
-        unit: SI unit, such as ``m`` or ``rad``.
-        value: stated value [unit].
+        name: unique in the arm, such as ``d3`` or ``encoder_noise4``.
+        kind: such as ``a``, ``d``, ``alpha``, ``theta_offset``, ``encoder``.
+        joint: DH row or joint, from 1; None for the whole arm.
+        unit: SI.
+        value: stated [unit].
         half_width: largest possible error of the value [unit]; None if not stated.
         u: standard uncertainty [unit].
-        scope: ``arm`` (one error for all records), ``session`` (a new error in each session) or
-            ``record`` (a new error in each record).
+        scope: one error for the ``arm``, or a new one in each ``session`` or ``record``.
     """
 
     name: str
@@ -52,7 +51,7 @@ class Parameter(Shown):
 
 
 def wide_half_width_notes(parameters: Sequence[Parameter]) -> list[Note]:
-    """Notes on half-widths of lengths or angles larger than those of an arm as assembled."""
+    """Notes on half-widths larger than those of an arm as assembled."""
     notes = []
     for code, unit in (("length_half_widths_large", "m"), ("angle_half_widths_large", "rad")):
         stated = {p.name: p.half_width or 0.0 for p in parameters if p.unit == unit}

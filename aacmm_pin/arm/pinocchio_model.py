@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 STDERR = threading.Lock()
-"""Held by the thread that has redirected the standard error."""
+"""Held by the thread that redirects standard error."""
 
 
 def built_model(text: str, path: str) -> Any:
-    """The Pinocchio model of a URDF; ``path`` is its name in errors.
+    """Pinocchio model of a URDF named ``path`` in errors.
 
     Raises:
         ArmFileError: Pinocchio refuses the URDF, with its message on stderr.
@@ -51,8 +51,7 @@ def built_model(text: str, path: str) -> Any:
 
 
 def frame_number(model: Any, name: str) -> int:
-    """Number of a frame; of a link and a joint with the same name, the link (getFrameId would
-    raise).
+    """Number of a frame; the link, if a joint has the same name (getFrameId would raise).
 
     Raises:
         UnknownNameError: no such frame; lists the frames.
@@ -67,8 +66,7 @@ def frame_number(model: Any, name: str) -> int:
 def serial_part(
     model: Any, frame: str, followers: Mapping[str, Follower] = MappingProxyType({})
 ) -> tuple[Any, tuple[Mimic, ...]]:
-    """The chain from the base to ``frame``, and its joints that follow others; other joints (of a
-    gripper) are locked.
+    """The chain to ``frame``, and its joints that follow others; joints beside it are locked.
 
     Raises:
         UnknownNameError: no such frame.
@@ -110,9 +108,9 @@ def serial_part(
 def _mimics(
     names: list[str], joints: Collection[str], followers: Mapping[str, Follower]
 ) -> tuple[Mimic, ...]:
-    """The joints of a chain that follow others, counted along it.
+    """Joints of a chain that follow others.
 
-    If several follow a joint beside the chain, the first has the reading of its encoder.
+    Of several that follow a joint beside the chain, the first has its reading.
     """
     mimics = []
     first_of: dict[str, int] = {}
@@ -131,8 +129,8 @@ def _mimics(
 
 
 def _rename(model: Any, joints: list[int]) -> None:
-    """Rename fixed joints, and ``joints``, with the name of a link: Pinocchio looks for frames by
-    name alone.
+    """Rename fixed joints, and ``joints``, with the name of a link: Pinocchio finds frames by name
+    alone.
     """
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
     for frame in model.frames:
@@ -146,8 +144,8 @@ def _rename(model: Any, joints: list[int]) -> None:
 
 
 def chain_of(model: Any, tip: str, mimics: Sequence[Mimic] = ()) -> Chain:
-    """The chain of a Pinocchio model, with joint axes along z; parameters are the twists of the
-    placements in their own axes.
+    """Chain of a Pinocchio model, joint axes along z; parameters are the twists of the placements
+    in their own axes.
     """
     turns = [pin.SE3(onto_z(axis), np.zeros(3)) for axis in joint_axes(model)]
     axes = [turn.homogeneous for turn in turns]

@@ -15,12 +15,11 @@ from aacmm_pin._support.display import Shown
 
 @dataclass(frozen=True, eq=False)
 class Poses(Shown):
-    """The placements and Jacobians of one frame of an arm, by Pinocchio at the first use.
+    """Placements and Jacobians of one frame, computed by Pinocchio at the first use.
 
     Attributes:
-        q: postures ``(n, nq)`` [rad; m for a prismatic joint], with the columns of joints that
-            follow others.
-        frame_id: number of the frame in Pinocchio.
+        q: ``(n, nq)`` [rad; m for a prismatic joint], with joints that follow others.
+        frame_id: in Pinocchio.
     """
 
     model: Any
@@ -45,9 +44,7 @@ class Poses(Shown):
 
     @cached_property
     def jacobian(self) -> Array:
-        """The Jacobian of the frame in ``LOCAL_WORLD_ALIGNED``, linear part first, ``(n, 6,
-        nq)``.
-        """
+        """Its Jacobian in ``LOCAL_WORLD_ALIGNED``, linear part first, ``(n, 6, nq)``."""
         model = self.model
         data = self.model.createData()
         jacobians = np.empty((len(self.q), 6, self.q.shape[1]))
@@ -59,8 +56,8 @@ class Poses(Shown):
 
     @cached_property
     def placement_sensitivity(self) -> Array:
-        """The derivative of the position by the twists of all joint placements, ``(n, 3, 6 nq)``
-        [m/m, m/rad].
+        """Derivative of the position by the twists of all placements, ``(n, 3, 6 nq)`` [m/m,
+        m/rad].
         """
         model = self.model
         data = self.model.createData()

@@ -1,4 +1,4 @@
-"""Random postures: between the limits of the joints, beside the stand, above a table."""
+"""Random postures: inside limits, beside the stand, above a table."""
 
 from __future__ import annotations
 
@@ -14,16 +14,14 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 MARGIN = 1e-3
-"""Distance of postures from the limits, for noise and small errors [rad, m]."""
+"""Distance from the limits, for noise and small errors [rad, m]."""
 CLEAR = 0.1
 """Distance of tips from joint axis 1, where the stand is [m]."""
 MOST_DRAWS = 20
-"""Rounds of random postures, at most."""
 
 
 def joint_bounds(arm: Arm) -> Array:
-    """Bounds of random postures: the limits less :data:`MARGIN`, (nq, 2) [rad, m]; ±π for wider
-    limits.
+    """The limits less :data:`MARGIN`, (nq, 2) [rad, m]; ±π for wider limits.
 
     Raises:
         UnsupportedArmError: a prismatic joint without limits.
@@ -43,7 +41,7 @@ def joint_bounds(arm: Arm) -> Array:
 
 
 def random_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
-    """Postures uniform between the bounds of the joints: (count, nq) [rad, m]."""
+    """Postures uniform between the bounds: (count, nq) [rad, m]."""
     bounds = joint_bounds(arm)
     return rng.uniform(bounds[:, 0], bounds[:, 1], size=(count, arm.nq))
 
@@ -63,7 +61,7 @@ def spread_postures(arm: Arm, count: int, q: Array) -> Array:
 
 
 def _endless(arm: Arm) -> Mask:
-    """Joints without limits, and revolute joints with limits several turns apart: (nq,)."""
+    """Joints without limits, or with limits several turns apart: (nq,)."""
     unlimited = ~np.isfinite(arm.limits).all(axis=1)
     farthest = np.abs(arm.limits).max(axis=1)
     many_turns = farthest > plausible.MOST_TURNS * 2 * np.pi
@@ -73,7 +71,7 @@ def _endless(arm: Arm) -> Mask:
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """The places for a part beside an arm: :data:`CLEAR` of joint axis 1, not below ``above``.
+    """Places for a part beside an arm: :data:`CLEAR` of joint axis 1, not below ``above``.
 
     Collisions of the arm with itself or the table do not count.
 

@@ -1,4 +1,4 @@
-"""Calibrated kinematics of robots of Universal Robots: file of the ROS description, DH table of the
+"""Calibrated kinematics of Universal Robots: file of the ROS description, DH table of the
 controller.
 """
 
@@ -26,7 +26,7 @@ from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UR_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 UR_BASES = ("base_link_inertia", "base")
-"""Frames of the first link in a URDF."""
+"""Frames of the first link."""
 UR_LIMITS = (-2.0 * np.pi, 2.0 * np.pi)
 UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 UR_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
@@ -41,13 +41,11 @@ UR_ROBOTS = {
     "ur20": ((-0.862, -0.7287), (0.2363, 0.201, 0.1593, 0.1543)),
     "ur30": ((-0.637, -0.5037), (0.2363, 0.201, 0.1593, 0.1543)),
 }
-"""Lengths a of rows 2 and 3, and d of rows 1, 4, 5 and 6, of the maker's table [m]; others are
-zero.
-"""
+"""a of rows 2 and 3, and d of rows 1, 4, 5 and 6, by the maker [m]; others are zero."""
 FAR_FROM_TABLE = 0.05
-"""A link farther from the maker's table is wrong, not calibrated [m]."""
+"""A link farther off is wrong, not calibrated [m]."""
 LONGEST_LINK = 3.0
-"""Longest distance between two joints [m]."""
+"""Between two joints [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +54,7 @@ class UrKinematics:
 
     Attributes:
         name: hash of the calibration, or name of the robot.
-        placements: of each joint (axis z) in the link before, and of the tool in the last link (7,
-            4, 4) [m].
+        placements: of each joint (axis z), and of the tool, in the link before (7, 4, 4) [m].
     """
 
     name: str
@@ -87,7 +84,7 @@ class UrKinematics:
 
     @staticmethod
     def of(arm: Arm) -> UrKinematics:
-        """The kinematics of an arm whose URDF has the links of a robot of Universal Robots.
+        """Kinematics of an arm whose URDF has the links of such a robot.
 
         Raises:
             UnsupportedArmError: it has other joints, or joint axes other than z.
@@ -138,12 +135,11 @@ class UrKinematics:
 
 
 def placements_of_dh(table: Array) -> list[Array]:
-    """Placement of each joint in the link before, and of the tool in the last (7 of (4, 4)) [m].
+    """Placements of the joints and the tool in the link before, 7 of (4, 4) [m].
 
-    ``table`` (4, 6) [rad, m] has theta, d, a, alpha of standard DH rows. Axes 2 to 4 are nearly
-    parallel, and d of the controller may be hundreds of metres. Frames 2 and 3 may be anywhere
-    along their axes: joint 2 is put where row 1 ends, joint 3 in the plane through it perpendicular
-    to axis 2. The tip stays in every posture.
+    ``table`` (4, 6) [rad, m] has theta, d, a, alpha of standard DH. Axes 2 to 4 are nearly
+    parallel, and d of the controller may be hundreds of metres: joint 2 is put where row 1 ends,
+    joint 3 in the plane through it perpendicular to axis 2. The tip stays in every posture.
     """
     theta, d, a, alpha = table
     frames = []
@@ -165,7 +161,7 @@ def placements_of_dh(table: Array) -> list[Array]:
 
 
 def _xyz_rpy(placement: Array) -> tuple[list[float], list[float]]:
-    """Translation and roll, pitch, yaw of a placement (4, 4)."""
+    """Translation and roll, pitch, yaw."""
     return placement[:3, 3].tolist(), roll_pitch_yaw(placement[:3, :3]).tolist()
 
 
@@ -244,7 +240,7 @@ def _of_yaml(text: str, place: str) -> UrKinematics:
 
 
 def _numbers(values: object, place: str, key: str) -> Array:
-    """Six finite numbers; YAML reads some as text, such as 1e-05."""
+    """Six finite numbers; YAML reads 1e-05 as text."""
     numbers = values if isinstance(values, list) else []
     try:
         parsed = np.array([float(v) for v in numbers if not isinstance(v, bool)])

@@ -1,4 +1,4 @@
-"""A URDF file as a Pinocchio model; what Pinocchio would misread is refused.
+"""A URDF file as a Pinocchio model; refuses what Pinocchio would misread.
 
 ``continuous`` joints become ``revolute`` with limits of ±2π: Pinocchio would give them two numbers,
 cosine and sine.
@@ -29,20 +29,19 @@ from aacmm_pin.errors import ArmFileError
 FULL_TURN = 2 * math.pi
 """Limit on both sides of a continuous joint [rad]."""
 MAX_URDF_BYTES = 20_000_000
-"""Size of a file; a humanoid has a quarter of a megabyte."""
+"""A humanoid has a quarter of a megabyte."""
 MAX_LINKS = 1000
-"""Largest number of links; Pinocchio and its parser use recursion along the chain."""
+"""Pinocchio and its parser use recursion along the chain."""
 IGNORED = (
     *("visual", "collision", "material", "transmission", "gazebo"),
     *("dynamics", "safety_controller", "calibration"),
 )
 """Elements without effect here."""
 ATTRIBUTES = {"origin": ("xyz", "rpy"), "axis": ("xyz",)}
-"""All attributes of these elements; unknown ones might move a body."""
+"""Unknown attributes of these might move a body."""
 SHORTEST_AXIS = 1e-3
-"""Least size of the largest component of an axis."""
+"""Least size of the largest component."""
 CHECKED_PLACES = ("joint/origin", "joint/axis", "link/inertial/origin")
-"""Elements of these kinds that Pinocchio reads."""
 MAX_INERTIA = 1e9
 """Largest mass [kg] or moment [kg m²]."""
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -52,8 +51,8 @@ Element = Any
 
 
 class Follower(NamedTuple):
-    """The content of ``<mimic>``: ``ratio`` times the value of the independent joint ``leader``,
-    plus ``offset``; and its place in words.
+    """Content of ``<mimic>``: ``ratio`` times the independent joint ``leader``, plus ``offset``;
+    and its place in words.
     """
 
     leader: str
@@ -63,12 +62,10 @@ class Follower(NamedTuple):
 
 
 def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
-    """The Pinocchio model of a URDF file, the SHA-256 of the file, and its mimicking joints by
-    name.
+    """The Pinocchio model of a URDF file, its SHA-256, and its mimicking joints by name.
 
     Raises:
-        ArmFileError: the file cannot be read, is no URDF, or is implausible; names the link or
-            joint.
+        ArmFileError: it is unreadable, no URDF, or implausible; names the link or joint.
     """
     name = str(path)
     content = content_of(
@@ -102,7 +99,7 @@ def parsed_urdf(content: bytes, path: str) -> Element:
     """The root element; ``path`` is its name in errors.
 
     Raises:
-        ArmFileError: it is no well-formed XML, or needs xacro.
+        ArmFileError: no well-formed XML, or xacro.
     """
     parser = etree.XMLParser(resolve_entities=False, no_network=True, recover=True)
     # As the parser of Pinocchio, pass over what is blank before the XML declaration.
@@ -134,7 +131,7 @@ def _refused(element: Element, message: str) -> ArmFileError:
 
 
 def _numbers(element: Element, name: str, default: str, largest: float) -> list[float]:
-    """The numbers of an attribute, as many as its ``default`` has."""
+    """As many numbers of an attribute as its ``default`` has."""
     text = element.get(name, default)
     count = len(default.split())
     try:
@@ -209,7 +206,7 @@ def _check_limits(joint: Element) -> None:
 
 
 def _followers(joints: dict[str, Element]) -> dict[str, Follower]:
-    """Mimicking joints; in a row of them, the first independent joint leads."""
+    """Mimicking joints; the first independent joint of a row leads."""
     followers = {}
     for name, joint in joints.items():
         passed = {name}

@@ -1,12 +1,12 @@
-"""The DH table of an arm from a URDF, exactly the same arm.
+"""The DH table of exactly the arm of a URDF.
 
-A row of standard DH, ``Rz(θ) Tz(d) Tx(a) Rx(α)``, leads from a frame with z along one axis to a
-frame with z along the next, and x along the common normal (Denavit, Hartenberg 1955). The rows are:
+A row of standard DH, ``Rz(θ) Tz(d) Tx(a) Rx(α)``, leads from z along one axis to z along the next,
+with x along the common normal (Denavit, Hartenberg 1955). The rows:
 
 - from z of the base to the first joint axis: a fixed row, if they are not one line;
-- from each joint axis to the next: the row of the joint. For parallel axes, the common normal
-  through the origin of the frame (d = 0). The common normal of nearly parallel axes is far away
-  and amplifies rounding: a fixed row, by an axis across both, is inserted;
+- from each joint axis to the next: the row of the joint; parallel axes have d = 0. The common
+  normal of nearly parallel axes is far away and amplifies rounding: a fixed row, by an axis across
+  both, is inserted;
 - from the last joint axis to z of the tip, and perhaps a fixed row ``Rz(θ) Tz(d)`` to the tip.
 """
 
@@ -26,14 +26,14 @@ from aacmm_pin.arm.file import ArmFile, UrdfArmFile, validated
 from aacmm_pin.errors import UnsupportedArmError
 
 PARALLEL = 1e-13
-"""Axes with a smaller angle are parallel: rounding [rad]."""
+"""Smallest angle of axes that are not parallel: rounding [rad]."""
 NEARLY_PARALLEL = 1e-2
-"""With a smaller angle, the place of the common normal is rounding divided by the angle [rad]."""
+"""Below it, the place of the common normal is rounding divided by the angle [rad]."""
 SAME = 1e-14
-"""Lengths and angles below this are rounding [m, rad]."""
+"""Smaller lengths and angles are rounding [m, rad]."""
 
 
-class Row(NamedTuple):
+class StandardRow(NamedTuple):
     """One row of standard DH [m, rad]."""
 
     a: float
@@ -43,8 +43,7 @@ class Row(NamedTuple):
 
 
 def dh_file(arm: Arm) -> ArmFile:
-    """The arm file, by standard DH, of an arm from a URDF, with masses and limits, without
-    half-widths.
+    """Arm file, by standard DH, of an arm from a URDF: masses and limits, no half-widths.
 
     Raises:
         UnsupportedArmError: a joint follows another, or the arm has a DH table.
@@ -64,7 +63,7 @@ def dh_file(arm: Arm) -> ArmFile:
     frames = []
     for joint, place in enumerate([*chain.moving_axes(), chain.tip], start=-1):
         for number, exact in enumerate(_onto_axis(frame, rotation[place][:, 2], origin[place])):
-            row = Row(*(value if abs(value) > SAME else 0.0 for value in exact))
+            row = StandardRow(*(value if abs(value) > SAME else 0.0 for value in exact))
             moving = joint if number == 0 and joint >= 0 else None
             if moving is not None or any(row):
                 rows.append((row, moving))
@@ -72,10 +71,10 @@ def dh_file(arm: Arm) -> ArmFile:
                 frames.append(frame)
     turn = frame[:3, :3].T @ rotation[-1]
     shift = frame[:3, :3].T @ (origin[-1] - frame[:3, 3])
-    remaining = Row(0.0, float(shift[2]), 0.0, math.atan2(turn[1, 0], turn[0, 0]))
+    remaining = StandardRow(0.0, float(shift[2]), 0.0, math.atan2(turn[1, 0], turn[0, 0]))
     last, joint_of_last = rows[-1]
     if last.a == last.alpha == 0.0:
-        along = Row(0.0, last.d + remaining.d, 0.0, last.theta + remaining.theta)
+        along = StandardRow(0.0, last.d + remaining.d, 0.0, last.theta + remaining.theta)
         rows[-1] = along, joint_of_last
         frames[-1] = frame @ _motion(remaining)
     elif np.abs(remaining).max() > SAME:
@@ -85,9 +84,9 @@ def dh_file(arm: Arm) -> ArmFile:
 
 
 def _file(
-    arm: Arm, file: UrdfArmFile, rows: list[tuple[Row, int | None]], frames: list[Array]
+    arm: Arm, file: UrdfArmFile, rows: list[tuple[StandardRow, int | None]], frames: list[Array]
 ) -> ArmFile:
-    """The arm file of these rows, with frames (4, 4) at zero joint values."""
+    """``frames`` (4, 4) are those of the rows at zero joint values."""
     axes = [axis(number) for number in arm.chain.moving_rows()]
     rotation, origin = (part[axes] for part in arm.chain.at_zero)
     joints = []
@@ -124,10 +123,8 @@ def _file(
     )
 
 
-def _onto_axis(frame: Array, z: Array, point: Array) -> Iterator[Row]:
-    """One or two rows from a frame (4, 4) to the axis with direction z (3,) through a point (3,)
-    [m].
-    """
+def _onto_axis(frame: Array, z: Array, point: Array) -> Iterator[StandardRow]:
+    """One or two rows from a frame (4, 4) to the axis along z (3,) through a point (3,) [m]."""
     z, point = _seen_from(frame, z, point)
     angle = math.hypot(z[0], z[1])
     if PARALLEL < angle < NEARLY_PARALLEL:
@@ -146,15 +143,13 @@ def _seen_from(frame: Array, z: Array, point: Array) -> tuple[Array, Array]:
     return rotation @ z, rotation @ (point - frame[:3, 3])
 
 
-def _row(z: Array, point: Array) -> Row:
-    """The row to the axis with direction z (3,) through a point (3,) [m], both in its first
-    frame.
-    """
+def _row(z: Array, point: Array) -> StandardRow:
+    """The row to the axis along z (3,) through a point (3,) [m], both in its first frame."""
     sine = math.hypot(z[0], z[1])
     if sine < PARALLEL:
         a = math.hypot(point[0], point[1])
         theta = math.atan2(point[1], point[0]) if a > SAME else 0.0
-        return Row(a, 0.0, 0.0 if z[2] > 0 else math.pi, theta)
+        return StandardRow(a, 0.0, 0.0 if z[2] > 0 else math.pi, theta)
     # x = ±(e_z × z)/sin α is the common normal: at q = 0 the one that is turned less is taken.
     theta = math.atan2(z[0], -z[1])
     alpha = math.atan2(sine, z[2])
@@ -165,10 +160,10 @@ def _row(z: Array, point: Array) -> Row:
     y = np.array([-x[1], x[0], 0.0])
     # point = d e_z + a x + s z, with z = -sin α y + cos α e_z
     s = -float(point @ y) / math.sin(alpha)
-    return Row(float(point @ x), float(point[2] - s * math.cos(alpha)), alpha, theta)
+    return StandardRow(float(point @ x), float(point[2] - s * math.cos(alpha)), alpha, theta)
 
 
-def _motion(row: Row) -> Array:
+def _motion(row: StandardRow) -> Array:
     (about_z,) = screws(np.array([row.theta]), row.d, 2)
     (about_x,) = screws(np.array([row.alpha]), row.a, 0)
     return np.asarray(about_z @ about_x)
