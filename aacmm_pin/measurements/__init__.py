@@ -1,4 +1,4 @@
-"""Records of an arm, from a file or simulated, and their reference data."""
+"""Records of an arm, read or simulated, and their reference data."""
 
 import lazy_loader
 

@@ -1,6 +1,4 @@
-"""The columns of measurement and acceptance files: how each is read, checked, written and
-compared.
-"""
+"""Columns of measurement and acceptance files: how each is read, checked, written and compared."""
 
 from __future__ import annotations
 
@@ -20,30 +18,27 @@ from aacmm_pin.effects import CONDITION_ENTRIES, Covariate
 AngleUnit = Literal["deg", "rad"]
 
 SI_OF_UNIT = {"mm": MM, "°": DEG}
-"""Units of files other than SI."""
 NUMBER_IN_NAME = "(0|[1-9][0-9]*)"
 """Numbers in place of #."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """The columns of a file for one quantity or label.
+    """Columns of one quantity or label.
 
     Attributes:
-        field: attribute of measurements, conditions or probed points with the values; "" if they
-            stay in :attr:`aacmm_pin.Measurements.extra`.
-        names: one for each component; # stands for the numbers 1, 2, … of joints, or of DH rows for
-            temperatures.
-        covariate: effects to compare residuals with: ``anywhere``: translations of the tip,
-            rotations of joints, changes of lengths; ``joints``: all but lengths; ``groups``:
-            records with one label may be excluded together; ``none``. Excluded records are compared
-            with all but ``none``.
-        unit: in the file; "" for labels.
+        field: attribute of measurements, conditions or probed points; "" for
+            :attr:`aacmm_pin.Measurements.extra`.
+        names: one for each component; # stands for the numbers 1, 2, … of joints (temperatures: DH
+            rows).
+        covariate: what residuals are compared with: ``anywhere``: translations of the tip,
+            rotations of joints, lengths; ``joints``: all but lengths; ``groups``: exclusion of
+            records with one label; ``none``. Excluded records are compared with all but ``none``.
+        unit: of the file; "" for labels.
         range: possible numbers in SI; None for any.
-        may_be_empty: whether a row may state no number; a label may always be missing.
-        above_zero: whether zero is invalid, as for a standard uncertainty.
-        of_reference: whether it describes the reference, which does not change where the readings
-            put the tip.
+        may_be_empty: whether a number may be missing; a label always may.
+        above_zero: whether zero is invalid.
+        of_reference: whether it describes the reference, not where the readings put the tip.
     """
 
     field: str
@@ -62,12 +57,12 @@ class Column:
 
     @property
     def is_numbered(self) -> bool:
-        """Whether each joint or row has a column."""
+        """Whether each joint or row has one."""
         return "#" in self.names[0]
 
     @property
     def is_direction(self) -> bool:
-        """Whether its components form a unit vector or quaternion."""
+        """Whether they form a unit vector or quaternion."""
         return self.unit == "1" and len(self.names) > 1
 
     @property
@@ -77,7 +72,7 @@ class Column:
 
     @property
     def range_in_file(self) -> Range | None:
-        """:attr:`range` in the unit of the file."""
+        """In the unit of the file."""
         if self.range is None or self.si == 1.0:
             return self.range
         return self.range.of_unit(self.unit, self.si)
@@ -89,13 +84,13 @@ class Column:
         return name in self.names
 
     def among(self, names: Collection[str]) -> list[str]:
-        """Its columns among ``names``, in the order of components or numbers."""
+        """Its columns among ``names``, in order."""
         if self.is_numbered:
             return sorted(filter(self.has, names), key=lambda name: (len(name), name))
         return [name for name in self.names if name in names]
 
     def quantity(self, name: str) -> str:
-        """The quantity of its column ``name``, such as ``torque 2``; else the name."""
+        """The quantity of a column, such as ``torque 2``; else its name."""
         if not self.field:
             return name
         number = number_in(name, self.names[0]) if self.is_numbered else None
@@ -122,7 +117,7 @@ ORIENTATION = ("qw", "qx", "qy", "qz")
 ROTATION_VECTOR = ("rx_rad", "ry_rad", "rz_rad")
 ROLL_PITCH_YAW = ("roll_deg", "pitch_deg", "yaw_deg")
 EULER = "euler_"
-"""Begins the columns of three angles about axes in another order."""
+"""Begins the columns of angles about axes in another order."""
 EULER_ORDERS = (
     *("xyx", "xyz", "xzx", "xzy", "yxy", "yxz"),
     *("yzx", "yzy", "zxy", "zxz", "zyx", "zyz"),
@@ -132,9 +127,9 @@ ROTATION_ORDERS: dict[tuple[str, ...], str] = {
     ROLL_PITCH_YAW: "xyz",
     **dict(zip(EULER_ANGLES, map(str.upper, EULER_ORDERS), strict=True)),
 }
-"""Axes of the angles of a form for SciPy: fixed ones in lower case, rotated ones in upper case."""
+"""Axes for SciPy: fixed ones in lower case, rotated ones in upper case."""
 ORIENTATIONS = (ORIENTATION, ROTATION_VECTOR, *ROTATION_ORDERS)
-"""Ways to state an orientation; a file has one, and quaternions are written."""
+"""A file has one; quaternions are written."""
 ORIENTATION_U = "u_rot_rad"
 PROBE_DIRECTION = CONDITION_ENTRIES["probe_direction"].names
 BAR = ("bar", "bar_end", "bar_length_mm")
@@ -147,7 +142,7 @@ DIAMETERS = ("feature_diameter_mm", "probe_diameter_mm")
 (LINK_TEMPERATURE,) = CONDITION_ENTRIES["link_temperature"].names
 
 AT_FRONT = ("seat", "marker")
-"""Conditions with columns beside the coordinates."""
+"""Conditions written beside the coordinates."""
 _TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
 _NO_DEGREES = "degrees, in columns theta1_deg …"
 _LENGTH = (plausible.BAR_LENGTH, True)
@@ -188,9 +183,9 @@ RECORD_COLUMNS = (
     Column("operator", ("operator",), "joints"),
     Column("record", ("record",), "none"),
 )
-"""The columns of a measurement file besides the angles, in the order of writing.
+"""Columns of a measurement file besides the angles, in the order of writing.
 
-A column without entry is kept unchanged, as a covariate that may act anywhere.
+Others are kept unchanged, as covariates that may act anywhere.
 """
 PROBED_POINT_COLUMNS = (
     Column("feature", (FEATURE,), "none"),
@@ -218,16 +213,15 @@ LABELS = tuple(
 )
 """Labels on which errors of records may depend."""
 UNKNOWN_COLUMN = Column("", ("",), "anywhere")
-"""The entry of a column without entry."""
 PLANNED = "planned_"
-"""Begins columns of values that a procedure planned, which are no conditions of a record."""
+"""Begins columns that a procedure planned, which are no conditions."""
 
 MEASUREMENT_FILE = (*READING_COLUMNS, *RECORD_COLUMNS, *_ORIENTATION_COLUMNS)
 ACCEPTANCE_FILE = (*MEASUREMENT_FILE, *PROBED_POINT_COLUMNS)
 
 
 def columns_of_file(header: Iterable[object]) -> tuple[Column, ...]:
-    """The columns that a file with this header may have."""
+    """Columns that a file with this header may have."""
     return ACCEPTANCE_FILE if "test" in {str(name).lower() for name in header} else MEASUREMENT_FILE
 
 
@@ -248,12 +242,12 @@ def column_of(name: object, columns: Iterable[Column] = MEASUREMENT_FILE) -> Col
 
 
 def is_reading(name: object) -> bool:
-    """Whether it names a column of angles."""
+    """Whether it is a column of angles."""
     return column_of(name, READING_COLUMNS) in READING_COLUMNS
 
 
 def named(form: str, count: int) -> list[str]:
-    """The names of ``form`` with the numbers 1 … ``count``."""
+    """``form`` with the numbers 1 … ``count``."""
     numbers = map(str, range(1, count + 1))
     return [form.replace("#", number) for number in numbers]
 

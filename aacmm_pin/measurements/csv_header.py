@@ -1,4 +1,4 @@
-"""The header of a measurement or acceptance file: its columns, and mistakes in their names."""
+"""The header of a measurement or acceptance file, and mistakes in its names."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from aacmm_pin.measurements.csv_columns import (
 )
 
 SPELLING_SIMILARITY = 0.9
-"""Similarity (difflib) from which a name is a misspelt one: one wrong letter in ten."""
+"""Similarity (difflib) of a misspelt name: one wrong letter in ten."""
 OF_ANGLES = ("deg", "rad", "mrad", "gon", "arcsec")
 OTHER_UNITS = {*OF_ANGLES, "m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm"}
 SPELLED = {"°c": "c", "°": "deg", "θ": "theta"}
 
 
 def check_header(names: Sequence[object], nq: int | None, problems: Problems) -> None:
-    """Check the names of columns of a measurement file; None for any number of joints ``nq``.
+    """Check the columns of a measurement file; ``nq`` joints, or any for None.
 
     Raises:
         MeasurementFileError: a name is missing, repeated, misspelt, or needs another column.
@@ -106,7 +106,7 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
 def checked_names(
     names: Sequence[object], columns: Sequence[Column], problems: Problems
 ) -> list[str]:
-    """The names of a file as text, with known names in place of similar ones.
+    """The names as text, known names in place of similar ones.
 
     Raises:
         MeasurementFileError: too many are unknown; other mistakes go to ``problems``.
@@ -144,8 +144,8 @@ def checked_names(
 
 
 def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> str | None:
-    """The name or form that was meant: with the same letters, or a missing one that is similar or
-    has another unit; else None.
+    """The name or form that was meant: the same letters, or a missing one that is similar or has
+    another unit; else None.
     """
     with_unit = f"{name.lower()}_mm"
     if with_unit in REFERENCE and with_unit not in present:
@@ -170,7 +170,7 @@ def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> s
 
 
 def similar_labels(labels: Iterable[str]) -> list[str]:
-    """Pairs of labels that differ only in case, other signs, leading zeros, or ``.0``."""
+    """Pairs that differ only in case, other signs, leading zeros, or ``.0``."""
     spellings: dict[str, list[str]] = {}
     for label in filter(None, labels):
         key = re.sub(r"\.0$|[\W_]|(?<!\d)0+(?=\d)", "", label.casefold())
@@ -190,7 +190,7 @@ def _letters(name: str) -> str:
 
 
 def _renaming(names: Sequence[str], nq: int | None) -> str:
-    """How to rename unknown numbered columns that may be the angles; else ""."""
+    """How to rename unknown numbered columns that may be the angles, or ""."""
     alike: dict[str, list[str]] = {}
     for name in names:
         form, numbers = re.subn("[0-9]+", "#", name)

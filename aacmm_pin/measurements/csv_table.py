@@ -1,8 +1,6 @@
-"""The cells of a CSV file or an Excel workbook (``*.xlsx``, with openpyxl, the extra ``excel``), as
-text.
+"""The cells of a CSV file or an Excel workbook (``*.xlsx``, by openpyxl), as text.
 
-pandas fills short rows up, and does not count blank lines and line ends in quotes. Python's reader
-states the line of each row.
+Python's reader states the line of each row; pandas fills short rows, and skips blank lines.
 """
 
 from __future__ import annotations
@@ -34,24 +32,21 @@ from aacmm_pin.measurements.csv_columns import (
 from aacmm_pin.measurements.csv_header import near_miss
 
 MOST_UNPACKED = 500_000_000
-"""Bytes of an unpacked workbook, at most."""
+"""Bytes of an unpacked workbook."""
 LARGEST_FILE = 100_000_000
-"""Bytes of a measurement file, at most: a quarter of a million records, whose table takes ten times
-as much.
-"""
+"""Bytes: a quarter of a million records, whose table takes ten times as much."""
 SEPARATORS = {";": "semicolons", "\t": "tabulators"}
-"""Separators of cells besides commas, and their names."""
 _NO_HEADER = re.compile(r"\s*#|sep=.?$", re.IGNORECASE)
-"""A comment, or a first line such as sep=; of a spreadsheet."""
+"""A comment, or a line such as sep=; of a spreadsheet."""
 LAST_HEADER = 30
 """Lines in which the header is searched: a title may precede it."""
 _ARM_FILE = re.compile(r"^\s*schema\s*=\s*[\"']aacmm-pin/arm/", re.MULTILINE)
 _NUMBER = re.compile(r"\s*[+-]?(?=[.,]?[0-9])[0-9]*([.,]?)[0-9]*([eE][+-]?[0-9]+)?\s*")
-"""A number as cells have it; its decimal sign is the first group."""
+"""The first group is the decimal sign."""
 DECIMAL_SIGNS = {".": "point", ",": "comma"}
 
 
-class Row(NamedTuple):
+class FileLine(NamedTuple):
     """A line of a file."""
 
     line: int
@@ -70,7 +65,7 @@ class Dialect(NamedTuple):
     decimal_sign: str = "."
 
     def text(self, table: pd.DataFrame) -> str:
-        """The CSV text of a table with the columns of a file."""
+        """CSV text of a table with the columns of a file."""
         columns: dict[Any, Any] = dict(table.items())
         if self.decimal_sign == ",":
             for k in _numeric([str(name) for name in table]):
@@ -79,9 +74,7 @@ class Dialect(NamedTuple):
 
 
 class CsvTable(NamedTuple):
-    """Cells as text with decimal points, the line of each record (n,), and notes on unusual
-    properties.
-    """
+    """Cells as text with decimal points, the line of each record (n,), and notes."""
 
     table: pd.DataFrame
     lines: Index
@@ -107,15 +100,14 @@ def measurement_file(path: str) -> bytes:
 
 
 def read_table(path: str, content: bytes | None = None) -> CsvTable:
-    """Read the cells of a CSV file, or of the first sheet of an Excel workbook; ``content``
-    replaces reading.
+    """The cells of a CSV file, or of the first sheet of a workbook; ``content`` replaces reading.
 
-    Separators are commas, semicolons or tabulators, perhaps followed by spaces; with the latter
-    two, numbers may have decimal commas. Lines that begin with #, a first line such as sep=;, and
-    empty rows at the end are omitted, if they cannot be records. Known names may be in upper case.
+    Separators are commas, semicolons or tabulators, perhaps with spaces; with the latter two,
+    numbers may have decimal commas. Lines that begin with # or sep=, and empty rows at the end, are
+    omitted if they cannot be records. Known names may be in upper case.
 
     Raises:
-        MeasurementFileError: the file cannot be read, or is no such table.
+        MeasurementFileError: it cannot be read, or is no such table.
     """
     content = measurement_file(path) if content is None else content
     ways: list[str] = []
@@ -146,8 +138,8 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
     return CsvTable(table, lines, tuple(notes), Dialect(separator, sign))
 
 
-def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[Row]:
-    """Rows of the first sheet that are not empty: numbers as Python writes them, formulas as their
+def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[FileLine]:
+    """Rows of the first sheet that are not empty: numbers as Python writes them, formulas as
     values, with empty cells up to the last name of the header.
     """
     try:
@@ -195,7 +187,7 @@ def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[Row]:
             cells.pop()
         if not cells:
             continue
-        row = Row(line, cells)
+        row = FileLine(line, cells)
         if not row.is_comment:
             width = width or len(cells)
             cells += [""] * (width - len(cells))
@@ -228,7 +220,7 @@ def _separator(line: str) -> str:
 
 
 def _has_names(cells: Sequence[str]) -> bool:
-    """Whether cells have a known name, or nearly two, or nearly the only one."""
+    """Whether cells have a known name, nearly two, or nearly the only one."""
     names = [cell.strip(' "') for cell in cells]
     if any(column_of(name.lower(), ACCEPTANCE_FILE) is not UNKNOWN_COLUMN for name in names):
         return True
@@ -236,8 +228,8 @@ def _has_names(cells: Sequence[str]) -> bool:
     return len(similar) >= min(2, len(names))
 
 
-def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
-    """All lines that are not empty."""
+def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[FileLine]:
+    """Lines that are not empty."""
     end = 0
     lines = io.StringIO(text, newline="")
     reader = csv.reader(lines, strict=True, delimiter=separator, skipinitialspace=spaced)
@@ -247,7 +239,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
             if cells:
                 if has_quotes:
                     cells = [*map(csv_unquoted, cells)]
-                yield Row(end + 1, [*map(str.strip, cells)] if spaced else cells)
+                yield FileLine(end + 1, [*map(str.strip, cells)] if spaced else cells)
             end = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(
@@ -256,9 +248,9 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[Row]:
 
 
 def _records(
-    path: str, rows: Sequence[Row], ways: list[str]
+    path: str, rows: Sequence[FileLine], ways: list[str]
 ) -> tuple[list[str], Index, list[list[str]]]:
-    """The header, and lines and cells of the records."""
+    """Header, and lines and cells of the records."""
     stated = [row for row in rows if not row.is_comment]
     if not stated:
         raise MeasurementFileError(
@@ -320,7 +312,7 @@ def _records(
 
 
 def _numeric(header: Sequence[str]) -> list[int]:
-    """The columns that may hold numbers."""
+    """Columns that may hold numbers."""
     known = columns_of_file(header)
     entries = [column_of(name, known) for name in header]
     return [k for k, entry in enumerate(entries) if entry is UNKNOWN_COLUMN or entry.unit]
@@ -329,7 +321,7 @@ def _numeric(header: Sequence[str]) -> list[int]:
 def _decimal_sign_of(
     header: Sequence[str], columns: Sequence[Sequence[str]], problems: Problems
 ) -> str:
-    """The decimal sign of most numbers, which the others must have."""
+    """The sign of most numbers, which the others must have."""
     signs = {k: np.array([*map(_decimal_sign, columns[k])]) for k in _numeric(header)}
     commas, points = (sum(np.sum(of == sign) for of in signs.values()) for sign in ",.")
     usual, other = (",", ".") if commas > points else (".", ",")
@@ -385,12 +377,11 @@ def _text(path: str, content: bytes) -> str:
 
 
 def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataFrame:
-    """The rows of the first file with the columns of the second, by the column ``record`` or else
-    in order.
+    """Rows of the first file with the columns of the second, by ``record`` or else in order.
 
     Raises:
-        MeasurementFileError: both files have a column, a label is missing or repeated, or the
-            numbers of rows differ.
+        MeasurementFileError: a column is in both, a label is missing or repeated, or the numbers of
+            rows differ.
     """
     one, two = first.table, second.table
     for name in one.columns.intersection(two.columns).drop("record", errors="ignore"):

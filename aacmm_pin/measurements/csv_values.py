@@ -1,4 +1,4 @@
-"""The cells of a measurement or acceptance file: numbers in units of the file, and labels."""
+"""The cells of a measurement or acceptance file as numbers, in its units, and labels."""
 
 from __future__ import annotations
 
@@ -28,24 +28,22 @@ Cells = NDArray[np.object_]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """The n rows of a table by the names of columns, each (n,): numbers in units of the file, and
-    text.
-    """
+    """The n rows of a table by column, each (n,): numbers in units of the file, and text."""
 
     n: int
     columns: dict[str, NDArray[Any]]
 
     def block(self, names: Sequence[str]) -> Array:
-        """The columns ``names`` side by side, (n, len(names)); NaN for a missing column."""
+        """Columns side by side, (n, len(names)); NaN for a missing one."""
         missing = np.full(self.n, np.nan)
         return np.column_stack([self.columns.get(name, missing) for name in names])
 
     def label(self, name: str) -> Cells:
-        """The column ``name``; "" if missing."""
+        """A column; "" if missing."""
         return self.columns.get(name, np.full(self.n, "", dtype=object))
 
     def names(self, entry: Column) -> list[str]:
-        """The columns of an entry, in order."""
+        """Columns of an entry."""
         return entry.among(self.columns)
 
     def field(self, entry: Column) -> NDArray[Any] | None:
@@ -60,7 +58,7 @@ class Values:
 
 
 def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Problems) -> Values:
-    """The cells of a table with known ``columns``; mistakes go to ``problems``."""
+    """The cells of known ``columns``; mistakes go to ``problems``."""
     values = Values(len(table), {})
     for name in table.columns:
         entry = column_of(name, columns)
@@ -94,7 +92,7 @@ def _numbers(name: str, cells: Cells, column: Column, problems: Problems) -> Arr
 
 
 def check_values(values: Values, columns: Sequence[Column], problems: Problems) -> None:
-    """Check the numbers of a table against their columns."""
+    """Check numbers against their columns."""
     for entry in columns:
         names = values.names(entry)
         if names and not entry.is_label:

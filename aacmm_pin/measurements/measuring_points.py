@@ -1,4 +1,4 @@
-"""Places for simulated or planned measurements: free postures, seats and bars within reach."""
+"""Places of simulated or planned measurements: free postures, seats, bars."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import StateOf, agile, brought_to, different_postures, spread_out
 
 SEATS_APART = 0.05
-"""Least distance of two seats [m]."""
 POOL = 20_000
 """Random postures for places and first guesses."""
 GUESSES = 4
-"""First guesses for each wanted posture, and at least :data:`LEAST_GUESSES`."""
+"""For each wanted posture, and at least :data:`LEAST_GUESSES`."""
 LEAST_GUESSES = 100
 CANDIDATES = 30
-"""Candidate places for each wanted one."""
+"""For each wanted place."""
 TRIES = 4
 """Places to try for each wanted one."""
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class SeatOrBar:
     """Points touched together: one seat, or the two ends of a bar.
 
     Attributes:
@@ -60,7 +59,7 @@ class Pool:
 
     @staticmethod
     def draw(model: ErrorModel, above: float | None, each: int, rng: np.random.Generator) -> Pool:
-        """A pool to touch a point in ``each`` postures, over a table at ``above`` [m].
+        """For ``each`` postures at a point, over a table at ``above`` [m].
 
         Raises:
             AacmmError: see :meth:`Room.postures`.
@@ -78,21 +77,21 @@ class Pool:
         return self.room.arm
 
     def thinness(self, points: Array, most: float = np.inf) -> Array:
-        """Radius about each point (n, 3) with the nearest tips of the pool: large if few postures
-        reach it [m]. Infinite from ``most`` on, to save time.
+        """Radius about each point (n, 3) with the nearest tips: large if few postures reach it [m].
+        Infinite from ``most`` on, to save time.
         """
         distances, _ = self.tree.query(points, k=LEAST_GUESSES, distance_upper_bound=most)
         return np.asarray(distances[:, -1])
 
     def dense(self, rng: np.random.Generator, count: int) -> Array:
-        """The better half of ``2 count`` random tips, which many postures reach: (count, 3) [m]."""
+        """The better half of ``2 count`` random tips, reached by many postures: (count, 3) [m]."""
         chosen = rng.permutation(len(self.tips))[: 2 * count]
         points = self.tips[chosen]
         order = np.argsort(self.thinness(points))
         return points[order[: len(points) // 2]]
 
     def touched(self, points: Array, each: int) -> list[Array]:
-        """Up to ``each`` different postures with the tip at each of the ``points`` (k, 3)."""
+        """Up to ``each`` different postures at each of the ``points`` (k, 3)."""
         guesses = max(LEAST_GUESSES, GUESSES * each)
         _, near = self.tree.query(points, k=guesses)
         bounds = joint_bounds(self.arm)
@@ -110,14 +109,13 @@ class Pool:
             postures.append(different_postures(self.arm, there, each))
         return postures
 
-    def places(self, candidates: Array, wanted: int, each: int, what: str) -> list[Place]:
-        """The first ``wanted`` of the ``candidates`` (c, k, 3) whose points all have ``each``
-        postures.
+    def places(self, candidates: Array, wanted: int, each: int, what: str) -> list[SeatOrBar]:
+        """The first ``wanted`` of ``candidates`` (c, k, 3) with ``each`` postures at all points.
 
         Raises:
             AacmmError: there are fewer.
         """
-        places: list[Place] = []
+        places: list[SeatOrBar] = []
         most, at = 0, 0
         while len(places) < wanted and at < len(candidates):
             part = candidates[at : at + wanted - len(places)]
@@ -127,7 +125,7 @@ class Pool:
                 at_points = tuple(postures[k * len(points) : (k + 1) * len(points)])
                 fewest = min(map(len, at_points))
                 if fewest == each:
-                    places.append(Place(points, at_points))
+                    places.append(SeatOrBar(points, at_points))
                 else:
                     most = max(most, fewest)
         if len(places) < wanted:
@@ -139,11 +137,11 @@ class Pool:
         return places
 
 
-def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> list[Place]:
+def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> list[SeatOrBar]:
     """Seats spread over the dense workspace, each with ``each`` postures.
 
     Raises:
-        AacmmError: there is no room for so many, or they have too few postures.
+        AacmmError: no room for so many, or too few postures.
     """
     points = pool.dense(rng, CANDIDATES * wanted)
     order = spread_out(points, TRIES * wanted, SEATS_APART)
@@ -157,14 +155,14 @@ def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> l
 
 def bars_for(
     pool: Pool, wanted: int, length: float, each: int, rng: np.random.Generator
-) -> list[Place]:
-    """Ball bars of ``length`` [m] in ``wanted`` places, each end with ``each`` postures.
+) -> list[SeatOrBar]:
+    """Bars of ``length`` [m] in ``wanted`` places, each end with ``each`` postures.
 
-    One end is a random tip. The other lies towards another tip, where postures are as dense as at
+    One end is a random tip; the other lies towards another, where postures are as dense as at
     seats.
 
     Raises:
-        AacmmError: the arm does not reach both ends anywhere, or in too few postures.
+        AacmmError: no place, or too few postures at both ends.
     """
     a = pool.dense(rng, CANDIDATES * wanted)
     b = a.copy()
@@ -192,13 +190,12 @@ def bars_for(
 
 
 def visits(counts: Index, session: Index, rng: np.random.Generator) -> tuple[Index, Index]:
-    """The order of records: point by point in each session, each session with its share of every
-    point.
+    """The order of records: point by point in each session, with its share of every point.
 
     Args:
         counts: records of each point (k,).
         session: of each record, ascending (n,).
-        rng: draws the order of points in a session, and of postures at a point.
+        rng: for the order of points in a session, and of postures at a point.
 
     Returns:
         point and number of its posture, of each record (n,).

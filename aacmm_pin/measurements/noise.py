@@ -12,21 +12,21 @@ from aacmm_pin._support.checks import Array, vector
 from aacmm_pin.errors import ShapeError
 
 ENCODER = 8e-6
-"""Default standard uncertainty of a reading [rad]: a good optical encoder, 1.6″."""
+"""Default u of a reading [rad]: a good optical encoder, 1.6″."""
 REFERENCE_NOISE = 1.2e-5
-"""Default standard uncertainty of a reference coordinate [m]: a laser tracker at 2 m."""
+"""Default u of a reference coordinate [m]: a laser tracker at 2 m."""
 PROBE = 0.0
-"""Default standard uncertainty of a contact [m]."""
+"""Default u of a contact [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Standard uncertainties that change in every record, or in every reference.
+    """Standard uncertainties of what is new in every record or reference.
 
     Attributes:
-        encoder: of one reading of each encoder (nq,) [rad; m for prismatic joints].
-        reference: of each coordinate of a reference, once for a seat, or once for a free point [m].
-        probe: of each coordinate of one contact, new in every record [m].
+        encoder: of one reading (nq,) [rad; m for prismatic joints].
+        reference: of each coordinate of a seat or free point [m].
+        probe: of each coordinate of a contact [m].
     """
 
     encoder: Array
@@ -53,7 +53,7 @@ class Noise:
         reference: float = REFERENCE_NOISE,
         probe: float = PROBE,
     ) -> Noise:
-        """Noise of an arm with ``nq`` joints; ``encoder`` is (nq,), or one number [rad].
+        """Noise of ``nq`` joints; ``encoder`` is (nq,), or one number [rad].
 
         Raises:
             ShapeError: ``encoder`` has another number of entries.

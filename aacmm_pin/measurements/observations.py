@@ -17,13 +17,13 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.measurements.relations import of_planes
 
 NOTHING_KNOWN = 1e-4
-"""Smallest information for a known seat [1/m²]; with less it may be anywhere within 100 m."""
+"""Smallest information for a known seat [1/m²]; less leaves it 100 m of freedom."""
 
 
 NOTHING_BESIDE = 1e-3
 """Relative standard deviation of the part of a deviation that does not count."""
 WILD_CONTACT = 1e-4
-"""Distance from a sphere from which a contact has less weight in the first centre [m]."""
+"""Distance from a sphere at which a contact loses weight in the first centre [m]."""
 LEAST_WIDTH = 1e-3
 """Contacts of a plane nearer together do not show its tilt [m]."""
 OF_BAR = "bar"
@@ -31,7 +31,7 @@ OF_BAR = "bar"
 
 
 def best_sphere(points: Array) -> tuple[Array, float]:
-    """Fit a sphere to points ``(m, 3)`` [m] and return centre ``(3,)`` and radius [m].
+    """Fit a sphere to points ``(m, 3)`` [m]: centre ``(3,)`` and radius [m].
 
     Linear least squares of ``|p|² = 2 c·p + k``.
     """
@@ -44,7 +44,7 @@ def best_sphere(points: Array) -> tuple[Array, float]:
 
 
 def centre_of_sphere(points: Array, radius: float) -> Array:
-    """Fit the centre ``(3,)`` [m] of a sphere with known radius to points ``(m, 3)`` [m].
+    """Fit a sphere of known radius to points ``(m, 3)`` [m]: centre ``(3,)`` [m].
 
     The robust fit (soft L1 loss) starts on both sides of the points.
     """
@@ -64,16 +64,14 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
 
 
 def normal_of_plane(points: Array) -> Array:
-    """Return a unit normal ``(3,)`` of the best plane through points ``(m, 3)`` [m]."""
+    """Unit normal ``(3,)`` of the best plane through points ``(m, 3)`` [m]."""
     about = points - points.mean(axis=0)
     *_, directions = np.linalg.svd(about, full_matrices=False)
     return np.asarray(directions[2])
 
 
 def clusters_of(ends: Index, seats: int) -> Index:
-    """Return the number of the cluster of each seat, ``(seats,)``; pairs ``ends`` ``(b, 2)``
-    connect seats.
-    """
+    """The cluster of each seat, ``(seats,)``; pairs ``ends`` ``(b, 2)`` connect seats."""
     graph = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(seats, seats))
     _, number = connected_components(graph, directed=False)
     return np.asarray(number, dtype=np.intp)
@@ -83,34 +81,30 @@ def clusters_of(ends: Index, seats: int) -> Index:
 class Observations:
     """The targets of the tip in n records, some of these at s seats with unknown coordinates.
 
-    The residual of a record is tip minus target. Stated coordinates of seats, lengths of bars
-    between seats, and distances and angles between planes add further residuals, the *ties*. All
-    records of a seat share the error of its stated coordinates, so that more records do not reduce
-    this error.
+    The residual of a record is tip minus target. Stated seats, lengths of bars, and distances and
+    angles between planes add residuals, the *ties*. All records of a seat share the error of its
+    stated coordinates, which more records do not reduce.
 
     Attributes:
-        reference: known coordinates ``(n, 3)`` [m]; NaN if unknown or if the record touches a seat.
-        seat: index of the seat that the record touches ``(n,)``; -1 for no seat.
-        covariance: of the target of each record, without the covariance of the arm, ``(n, 3, 3)``
-            [m²]. If any record states an orientation: ``(n, 6, 6)``, with the rotation after the
-            position [rad²].
+        reference: known coordinates ``(n, 3)`` [m]; NaN if unknown or at a seat.
+        seat: index of the touched seat ``(n,)``; -1 for none.
+        covariance: of the targets, without that of the arm, ``(n, 3, 3)`` [m²]; with any
+            orientation ``(n, 6, 6)``, the rotation after the position [rad²].
         labels: of the seats ``(s,)``.
         stated: coordinates of the seats ``(s, 3)`` [m]; NaN if not stated.
-        stated_u: standard uncertainty of ``stated`` ``(s, 3)`` [m]; NaN if not stated.
-        ends: indices of the two seats of each relation ``(b, 2)``.
-        relation: kind of each relation ``(b,)``: a bar, or a distance, angle or tilt of two planes.
-        value: calibrated values of the relations ``(b,)`` [m, rad].
-        value_u: their standard uncertainties ``(b,)`` [m, rad].
+        stated_u: of ``stated`` ``(s, 3)`` [m]; NaN if not stated.
+        ends: indices of both seats of each relation ``(b, 2)``.
+        relation: its kind ``(b,)``: a bar, or a distance, angle or tilt of two planes.
+        value: its calibrated value ``(b,)`` [m, rad].
+        value_u: its standard uncertainty ``(b,)`` [m, rad].
         oriented: records that state an orientation ``(n,)``.
-        radius: distance between the tip and the seat if the seat is the centre of a sphere ``(n,)``
-            [m]; NaN if the tip is at the seat.
-        on_plane: records that touch a plane ``(n,)``. The centre of the ball is then on a parallel
-            plane, and the seat is the point of the parallel plane nearest to ``anchor``.
-        anchor: a point as far from the plane of each seat as the contacts are from their mean ``(s,
-            3)`` [m], RMS and at least 1 mm; NaN if the seat is no plane.
-        normal: of the sphere or plane at each record ``(n, 3)``; zero if the tip is at the seat.
-        by_place: derivative of the distance between a record and its plane by the seat, times -1,
-            ``(n, 3)``.
+        radius: distance from tip to seat if this is the centre of a sphere ``(n,)`` [m]; else NaN.
+        on_plane: records that touch a plane ``(n,)``. Their seat is the point nearest to ``anchor``
+            of the parallel plane of ball centres.
+        anchor: a point as far from the plane as the contacts are from their mean, RMS and at least
+            1 mm ``(s, 3)`` [m]; NaN for no plane.
+        normal: of the surface at each record ``(n, 3)``; zero without surface.
+        by_place: minus the derivative of the distance from the plane by the seat ``(n, 3)``.
     """
 
     reference: Array
@@ -132,38 +126,36 @@ class Observations:
 
     @cached_property
     def has_target(self) -> Mask:
-        """True for records with a target, ``(n,)``."""
+        """Records with a target, ``(n,)``."""
         known = np.isfinite(self.reference).all(axis=1)
         return (self.seat >= 0) | known
 
     @property
     def counts(self) -> Index:
-        """The number of coordinates of each record, ``(n,)``: 0 without target, 1 for a sphere or
-        plane, 3 for a point, and 3 more for an orientation.
+        """Number of coordinates of each record, ``(n,)``: 0 without target, 1 on a surface, 3 for a
+        point, and 3 more for an orientation.
         """
         of_tip = np.where(self.on_surface, 1, 3)
         return self.has_target * of_tip + 3 * (self.has_target & self.oriented)
 
     @property
     def on_sphere(self) -> Mask:
-        """True for records that touch a sphere, ``(n,)``."""
+        """Records that touch a sphere, ``(n,)``."""
         return np.isfinite(self.radius)
 
     @property
     def on_surface(self) -> Mask:
-        """True for records that touch a sphere or a plane, ``(n,)``: only their deviation along the
-        normal counts.
-        """
+        """Records that touch a sphere or plane, ``(n,)``; deviations along the normal count."""
         return self.on_sphere | self.on_plane
 
     @property
     def spheres(self) -> Mask:
-        """True for seats that are centres of spheres, ``(s,)``."""
+        """Seats that are centres of spheres, ``(s,)``."""
         return self._seats_of(self.on_sphere)
 
     @property
     def planes(self) -> Mask:
-        """True for seats that are planes, ``(s,)``."""
+        """Seats that are planes, ``(s,)``."""
         return self._seats_of(self.on_plane)
 
     def _seats_of(self, records: Mask) -> Mask:
@@ -172,13 +164,11 @@ class Observations:
 
     @property
     def surfaces(self) -> Mask:
-        """True for seats that are spheres or planes, ``(s,)``."""
+        """Seats that are spheres or planes, ``(s,)``."""
         return self.spheres | self.planes
 
     def with_normals(self, tips: Array, points: Array) -> Observations:
-        """Return the observations with normals, for tips ``(n, 3)`` and seats at ``points`` ``(s,
-        3)`` [m].
-        """
+        """Return the observations with normals, for tips ``(n, 3)`` and seats ``(s, 3)`` [m]."""
         normal = np.zeros((len(tips), 3))
         touches = self.on_sphere
         way = tips[touches] - points[self.seat[touches]]
@@ -206,8 +196,8 @@ class Observations:
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def by_seats(self, whitening: Array) -> Array:
-        """Return the derivative of whitened deviations by the seats ``(n, r, 3)``; ``whitening`` is
-        ``(n, r, 3 or 6)``.
+        """Derivative of whitened deviations by the seats ``(n, r, 3)``; ``whitening`` is ``(n, r, 3
+        or 6)``.
         """
         derivative = -whitening[:, :, :3]
         touches = self.on_plane
@@ -216,14 +206,14 @@ class Observations:
         return derivative
 
     def along_normals(self, rows: Array) -> Array:
-        """Return rows ``(n, r, 3 or 6)`` that multiply only the part of a deviation that counts."""
+        """Rows ``(n, r, 3 or 6)`` that multiply only the part of a deviation that counts."""
         if not self.on_surface.any():
             return rows
         return rows @ self._projections(rows.shape[2])
 
     def counting(self, covariance: Array) -> Array:
-        """Return the covariance of the part of deviations that counts, ``(n, 3 or 6, 3 or 6)`` [m²,
-        rad²]; the rest has a very small variance.
+        """Covariance of the part of deviations that counts, ``(n, 3 or 6, 3 or 6)`` [m², rad²]; the
+        rest has a tiny variance.
         """
         if not self.on_surface.any():
             return covariance
@@ -242,27 +232,25 @@ class Observations:
 
     @property
     def known(self) -> Mask:
-        """True for seats with stated coordinates, ``(s,)``."""
+        """Seats with stated coordinates, ``(s,)``."""
         return np.asarray(np.isfinite(self.stated).all(axis=1))
 
     @property
     def unstated(self) -> Mask:
-        """True for stated coordinates of seats without an uncertainty, ``(s, 3)``."""
+        """Stated coordinates without an uncertainty, ``(s, 3)``."""
         known = self.known[:, None]
         return known & np.isnan(self.stated_u)
 
     @cached_property
     def clusters(self) -> Index:
-        """The number of the cluster of each seat, ``(s,)``; relations connect the seats of a
-        cluster.
-        """
+        """The cluster of each seat, ``(s,)``; relations connect its seats."""
         return clusters_of(self.ends, len(self.labels))
 
     def start(self, tips: Array) -> Array:
-        """Return first estimates of the seats, ``(s, 3)`` [m], from tips ``(n, 3)`` [m].
+        """First estimates of the seats, ``(s, 3)`` [m], from tips ``(n, 3)`` [m].
 
-        The estimate is the stated value, else the median of the tips; of a sphere the fitted
-        centre, of a plane the mean of its tips.
+        The stated value, else the median of the tips; of a sphere the fitted centre, of a plane the
+        mean.
         """
         touched = self.seat >= 0
         if not touched.any():
@@ -279,8 +267,8 @@ class Observations:
         return np.nan_to_num(places)
 
     def targets(self, points: Array) -> Array:
-        """Return the target of each tip, ``(n, 3)`` [m], for seats at ``points`` ``(s, 3)``; NaN
-        without target.
+        """Targets of the tips, ``(n, 3)`` [m], for seats at ``points`` ``(s, 3)``; NaN without
+        target.
         """
         touched = self.seat >= 0
         targets = self.reference.copy()
@@ -288,12 +276,11 @@ class Observations:
         return targets
 
     def deviations(self, poses: Array, points: Array) -> Array:
-        """Return the deviations of ``poses`` from the targets, ``(n, 3 or 6)`` [m, rad]; along the
-        normal for a sphere or plane.
+        """Deviations of ``poses`` from the targets, ``(n, 3 or 6)`` [m, rad]; along the normal on a
+        surface.
 
         Args:
-            poses: positions of the tip, and rotations relative to the target if stated, ``(n, 3 or
-                6)`` [m, rad].
+            poses: tips, and rotations from the target if stated, ``(n, 3 or 6)`` [m, rad].
             points: the seats ``(s, 3)`` [m].
         """
         deviations = poses.copy()
@@ -307,14 +294,12 @@ class Observations:
         return deviations
 
     def of_seats(self, points: Array) -> Array:
-        """Return the residuals of the stated seats over their u, ``(s, 3)``; zero if not stated."""
+        """Residuals of the stated seats over their u, ``(s, 3)``; zero if not stated."""
         known = self.known[:, None]
         return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
 
     def of_relations(self, points: Array) -> tuple[Array, Array]:
-        """Return the residuals of relations over their u ``(b,)``, and their derivatives by both
-        ends ``(b, 2, 3)``.
-        """
+        """Residuals of relations over their u ``(b,)``; derivatives by both ends ``(b, 2, 3)``."""
         first, second = self.ends.T
         way = points[first] - points[second]
         values = np.linalg.norm(way, axis=1)
@@ -329,10 +314,10 @@ class Observations:
         return (values - self.value) / self.value_u, by_ends / self.value_u[:, None, None]
 
     def divided(self, part: Index) -> tuple[Observations, Index, Index]:
-        """Return the observations with separate seats in each ``part`` ``(n,)`` of the records.
+        """Separate the seats of each ``part`` ``(n,)`` of the records.
 
         Returns:
-            The observations; the old index and the part of each new seat ``(s',)``.
+            The observations; old index and part of each new seat ``(s',)``.
         """
         touched = self.seat >= 0
         of_touches = np.stack([part[touched], self.seat[touched]], axis=1)

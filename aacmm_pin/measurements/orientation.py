@@ -11,7 +11,7 @@ from aacmm_pin.measurements.csv_columns import ORIENTATION, ROTATION_ORDERS, ROT
 
 
 def matrices(quaternions: Array) -> Array:
-    """Orientations (n, 3, 3) of unit quaternions (n, 4), scalar first; the identity for NaN."""
+    """Orientations (n, 3, 3) of unit quaternions (n, 4), scalar first; identity for NaN."""
     filled = np.where(np.isfinite(quaternions), quaternions, [1.0, 0.0, 0.0, 0.0])
     scalar_last = np.roll(filled, -1, axis=1)
     rotations = scipy.spatial.transform.Rotation.from_quat(scalar_last)
@@ -19,11 +19,11 @@ def matrices(quaternions: Array) -> Array:
 
 
 def as_quaternions(form: tuple[str, ...], numbers: Array) -> Array:
-    """Quaternions (n, 4), scalar first, from columns of ``form``, one of :data:`ORIENTATIONS`, in
-    units of the file; NaN stays.
+    """Quaternions (n, 4), scalar first, from columns of one of :data:`ORIENTATIONS`, in units of
+    the file.
 
-    Angles are about the axes of :data:`ROTATION_ORDERS`; roll, pitch and yaw are ``Rz(yaw)
-    Ry(pitch) Rx(roll)``.
+    Angles are about :data:`ROTATION_ORDERS`; roll, pitch, yaw: ``Rz(yaw) Ry(pitch) Rx(roll)``. NaN
+    stays.
     """
     if form == ORIENTATION:
         return numbers
@@ -65,7 +65,7 @@ def by_small_turn(turn: Array) -> Array:
 
 
 def mean(orientations: Array) -> Array:
-    """The mean (3, 3) of orientations (n, 3, 3) in the Frobenius norm; the identity of none."""
+    """Mean (3, 3) of orientations (n, 3, 3) in the Frobenius norm; identity of none."""
     if not len(orientations):
         return np.eye(3)
     return np.asarray(scipy.spatial.transform.Rotation.from_matrix(orientations).mean().as_matrix())

@@ -1,4 +1,4 @@
-"""Probed points of an acceptance test, and the records that they correspond to."""
+"""Probed points of an acceptance test, and the records that they are."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ NEEDED = {
     "single-point": ("position",),
     "volumetric": ("feature", "position", "length_id", "length_mm"),
 }
-"""The tests, and the columns that their rows must fill in."""
+"""The columns that rows of each test must fill in."""
 POINT_FIELDS = {column.names[0]: column.field for column in PROBED_POINT_COLUMNS}
 LENGTH_TESTS = tuple(test for test, needed in NEEDED.items() if "length_mm" in needed)
 ONE_VALUE = {
     ("length_id", "position", "repeat"): ("length_mm", "probe_diameter_mm", "u_length_mm"),
     ("feature", "position"): ("feature_diameter_mm", "probe_diameter_mm", "u_length_mm"),
 }
-"""Labels of the lengths and spheres of a test, and the columns with one value for each of them."""
+"""Labels of lengths and spheres, and the columns with one value for each."""
 LEAST_LENGTH_U = 1e-9
-"""Least standard uncertainty of a length, even if stated as zero [m]."""
+"""Least u of a length, even if stated as zero [m]."""
 PREDICTED_ACCURATE = "high"
-"""Value of ``part`` for a posture with predicted high accuracy."""
+"""``part`` of a posture with predicted high accuracy."""
 
 
 def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
@@ -54,8 +54,8 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
     Labels are text, or ""; lengths are in metres, or NaN; ``row`` is the line in the file.
 
     Raises:
-        MeasurementFileError: a name of a column is a mistake, or there is no column ``test`` or no
-            point; other mistakes go to ``problems``.
+        MeasurementFileError: a wrong name of a column, no column ``test``, or no point; other
+            mistakes go to ``problems``.
     """
     names = checked_names(list(table.columns), ACCEPTANCE_FILE, problems)
     if "test" not in names:
@@ -109,14 +109,14 @@ def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
 
 
 def has_probed_points(table: pd.DataFrame) -> bool:
-    """Whether a table has angles, and a column ``test`` with a known test."""
+    """Whether a table has angles and a known ``test``."""
     if "test" not in table or not any(map(is_reading, table)):
         return False
     return bool(table["test"].astype(str).str.strip().isin(NEEDED).any())
 
 
 def with_features_as_seats(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
-    """The table of a measurement file with labels of features as seats."""
+    """A measurement file with features as seats."""
     feature = cells_of(table[FEATURE])
     seat = cells_of(table["seat"]) if "seat" in table else np.full_like(feature, "")
     both = (feature != "") & (seat != "")
@@ -127,13 +127,13 @@ def with_features_as_seats(table: pd.DataFrame, problems: Problems) -> pd.DataFr
 
 
 def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, tuple[Note, ...]]:
-    """The table of a measurement file from probed points, and notes.
+    """The table of a measurement file of probed points, and notes.
 
-    A single point is a seat, and so is each end of a length that is probed once a repeat, over all
-    repeats of its position. The length is a bar between its ends, longer by the diameter of the
-    probe if probed from opposite sides. Points of a sphere with stated diameters lie on it. Other
-    points are not used. Seats or bars of the table itself have priority. Coordinates are those of
-    the tested arm, and no reference.
+    A single point is a seat, and so is each end of a length with one point a repeat, over all
+    repeats of its position. The length is a bar between its ends, longer by the probe diameter if
+    probed from opposite sides. Points of a sphere with stated diameters lie on it. Other points are
+    not used. Seats or bars of the table have priority. Coordinates are those of the tested arm: no
+    reference.
 
     Raises:
         MeasurementFileError: see :func:`read_probed_points`.

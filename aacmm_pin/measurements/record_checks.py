@@ -1,4 +1,4 @@
-"""Consistency of the cells of a measurement file: units of angles, references, seats and bars."""
+"""Consistency of cells: units of angles, references, seats and bars."""
 
 from __future__ import annotations
 
@@ -30,24 +30,23 @@ from aacmm_pin.measurements.repeats import WHOLE_TOLERANCE
 ENOUGH_RECORDS = 5
 """Records that distinguish degrees from radians."""
 ENOUGH_ANGLES = 10
-"""Different angles of a joint that show rounding."""
+"""Angles of a joint that show rounding."""
 COARSE_DECIMALS = 4
-"""Rounding to more decimals adds less than the noise of an encoder."""
+"""Rounding to more adds less than the noise of an encoder."""
 LEAST_PART_IN_A_TURN = 0.75
 """Part of the angles within ±2π if degrees may be radians."""
 SIGNS = (-1.0, 0.0, 1.0)
 """Directions of approach."""
 BAR_ENDS = ("A", "B")
 FEWEST_CONTACTS = 4
-"""Least contacts of a surface: three determine a plane or a centre, and nothing else."""
+"""Least contacts of a surface: three determine it, and nothing else."""
 
 
 def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Values:
-    """The columns of a measurement file of an arm with ``nq`` joints, or of any arm.
+    """The columns of a measurement file of ``nq`` joints, or of any arm.
 
     Raises:
-        MeasurementFileError: the header or a cell is invalid, cells do not fit each other, or there
-            are no records.
+        MeasurementFileError: header or cells are invalid or contradict each other, or no records.
     """
     check_header(list(table.columns), nq, problems)
     if not len(table):
@@ -78,8 +77,7 @@ def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Val
 
 
 def looks_like_radians(degrees: Array) -> bool:
-    """Whether ``degrees`` (n, nq) are radians: at least 5 records, and the largest between 1 and
-    2π.
+    """Whether ``degrees`` (n, nq) are radians: 5 records or more, the largest from 1 to 2π.
 
     Measurements rotate several joints by tens of degrees.
     """
@@ -90,7 +88,7 @@ def looks_like_radians(degrees: Array) -> bool:
 
 
 def mostly_like_radians(degrees: Array) -> bool:
-    """Whether most of ``degrees`` (n, nq) are below 2π, as radians of few records or an endless
+    """Whether most of ``degrees`` (n, nq) are below 2π: radians of few records, or an endless
     wrist.
     """
     sizes = np.abs(degrees[degrees != 0.0])
@@ -100,7 +98,7 @@ def mostly_like_radians(degrees: Array) -> bool:
 
 
 def rounding_steps(angles: Array) -> Array:
-    """The power of ten to which the angles (n, nq) of each joint are rounded (nq,), or 0."""
+    """Power of ten to which angles (n, nq) of each joint are rounded (nq,), or 0."""
     steps = np.zeros(angles.shape[1])
     for decimals in range(COARSE_DECIMALS, -1, -1):
         scaled = angles * 10.0**decimals
@@ -111,7 +109,7 @@ def rounding_steps(angles: Array) -> Array:
 
 
 def _check_references(values: Values, problems: Problems) -> None:
-    """No arm has its tip at the origin in every record, except for one seat there."""
+    """No tip is at the origin in every record, but for one seat there."""
     coordinates = values.block(REFERENCE)
     complete = np.isfinite(coordinates).all(axis=1)
     number = np.count_nonzero(complete)
@@ -144,7 +142,7 @@ def _check_references(values: Values, problems: Problems) -> None:
 
 
 def _check_features(values: Values, problems: Problems) -> None:
-    """A diameter of a probe without that of a feature needs a direction."""
+    """A probe diameter without that of a feature needs a direction."""
     kind = values.label(FEATURE_KIND)
     is_kind = np.isin(kind, [PLANE, ""])
     problems.at(~is_kind, FEATURE_KIND, f"{{!r}}; expected {PLANE} or an empty cell", kind)

@@ -1,6 +1,6 @@
 """Measurements of an arm: readings, references and conditions, and their CSV file.
 
-The file has millimetres and degrees (or radians), :class:`Measurements` SI.
+The file has mm and degrees (or rad), :class:`Measurements` SI.
 """
 
 from __future__ import annotations
@@ -69,13 +69,13 @@ from aacmm_pin.measurements.relations import Relation, read_relations
 from aacmm_pin.measurements.repeats import posture_numbers
 
 LEAST_MOTION = 1e-3
-"""Least change of a joint from row to row that counts as motion [rad, m]."""
+"""Least change of a joint between rows that is motion [rad, m]."""
 FIRST_RECORD = 2
-"""Line of the first record in a file: the header is line 1."""
+"""Its line in a file: the header is line 1."""
 
 
 class Bar(NamedTuple):
-    """Two seats at a known distance, and its standard uncertainty [m], or NaN."""
+    """Two seats, their distance and its standard uncertainty [m], or NaN."""
 
     bar: str
     seat_a: str
@@ -89,7 +89,7 @@ class CovariateColumn(NamedTuple):
 
     Attributes:
         name: in the file.
-        values: numbers in the unit of the file, or labels (n,); of an unknown column unchanged.
+        values: in the unit of the file, or labels (n,); unknown columns unchanged.
         entry: in the table of columns.
     """
 
@@ -99,7 +99,7 @@ class CovariateColumn(NamedTuple):
 
     @property
     def quantity(self) -> str:
-        """The quantity, such as ``torque 2``; the name of a column without attribute."""
+        """The quantity, such as ``torque 2``; of an unknown column its name."""
         return self.entry.quantity(self.name)
 
 
@@ -108,37 +108,32 @@ class Measurements(Shown):
     """The n records of one arm.
 
     Attributes:
-        q: joint angles ``(n, nq)`` [rad]; for an arm without couplings the readings; see
-            :meth:`with_joint_angles`.
-        reference: coordinates of the tip ``(n, 3)`` [m]; NaN rows if unknown.
-        reference_u: standard uncertainty of ``reference`` ``(n, 3)`` [m]; NaN rows if not stated.
+        q: joint angles ``(n, nq)`` [rad]; with couplings, readings until :meth:`with_joint_angles`.
+        reference: of the tip ``(n, 3)`` [m]; NaN rows if unknown.
+        reference_u: its standard uncertainty ``(n, 3)`` [m]; NaN rows if not stated.
         conditions: of the records.
-        bar: label of the ball bar whose end is the seat of the record ``(n,)``; "" for no bar.
-        bar_end: end of the bar, ``A``, ``B`` or "" ``(n,)``.
-        bar_length: length of the bar ``(n,)`` [m]; NaN for no bar.
-        operator: label of the operator ``(n,)``; "" if not stated.
-        record: label of the record ``(n,)``; "" if not stated.
-        extra: columns without an attribute, unchanged, n rows.
-        row: line of each record in the file ``(n,)``, with the header as line 1. For records from a
-            table, the line that a file would have.
-        source: file name as the caller stated it, or ``table``.
-        read_as: unusual properties of the file: separators, decimal commas, excluded comments or
-            records, rows of an acceptance test.
-        header: names of the columns in the file.
-        orientation: of the target in the reference frame, unit quaternions with the
-            scalar first ``(n, 4)``; NaN rows if unknown; None without any orientation.
-        orientation_u: standard uncertainty of the orientation about each axis ``(n,)`` [rad]; NaN
-            if not stated; None without any orientation.
-        bar_length_u: standard uncertainty of the bar length ``(n,)`` [m]; NaN if not stated; None
-            if never stated.
-        feature_diameter: diameter of the sphere that is the seat ``(n,)`` [m]; you probe the sphere
-            from outside. NaN if the seat is a point. If the seat is a sphere, the references are
-            coordinates of its centre.
-        probe_diameter: diameter of the ball of the probe ``(n,)`` [m]. NaN if the references are
-            for the tip; see :func:`~aacmm_pin.measurements.records.at_centres`.
-        feature_kind: ``plane`` if the seat is a plane, otherwise "" ``(n,)``.
-        of_encoders: readings, if they differ from ``q``, ``(n, nq)`` [rad]; otherwise None.
-        relations: known distances and angles between planes.
+        bar: label of the ball bar with an end at the seat ``(n,)``; "" for none.
+        bar_end: ``A``, ``B`` or "" ``(n,)``.
+        bar_length: ``(n,)`` [m]; NaN for no bar.
+        operator: label ``(n,)``; "" if not stated.
+        record: label ``(n,)``; "" if not stated.
+        extra: other columns, unchanged, n rows.
+        row: line in the file ``(n,)``, with the header as line 1; of a table as if in a file.
+        source: file name as stated, or ``table``.
+        read_as: unusual properties of the file, such as separators or omitted comments.
+        header: columns of the file.
+        orientation: of the target in the reference frame, unit quaternions, scalar first ``(n,
+            4)``; NaN rows if unknown; None without any.
+        orientation_u: its standard uncertainty about each axis ``(n,)`` [rad]; NaN if not stated;
+            None without any.
+        bar_length_u: standard uncertainty ``(n,)`` [m]; NaN if not stated; None without any.
+        feature_diameter: of the sphere that is the seat, probed from outside ``(n,)`` [m]; NaN for
+            a point. References are then those of its centre.
+        probe_diameter: of the ball ``(n,)`` [m]; NaN if references are of the tip; see
+            :func:`~aacmm_pin.measurements.records.at_centres`.
+        feature_kind: ``plane`` or "" ``(n,)``.
+        of_encoders: readings, if they differ from ``q``, ``(n, nq)`` [rad], or None.
+        relations: distances and angles between planes.
     """
 
     q: Array
@@ -168,17 +163,16 @@ class Measurements(Shown):
     def read(
         path: str | Path, nq: int | None = None, references: str | Path | None = None
     ) -> Measurements:
-        """Read a measurement file (CSV), and its references from a second file if you state one.
+        """Read a measurement file (CSV), perhaps with references from a second file.
 
-        The column ``record`` connects the rows of the two files. If a file lacks the column
-        ``record``, the order of the rows connects the files.
+        The column ``record`` connects the rows of both; if a file lacks it, their order does.
 
         Args:
             nq: number of joints; None for any number.
 
         Raises:
-            MeasurementFileError: the file cannot be read, is not a measurement file, or has an
-                invalid column or cell. The message names row and column of the first ten problems.
+            MeasurementFileError: the file cannot be read, or a column or cell is invalid. Names row
+                and column of the first ten problems.
         """
         first = read_table(str(path))
         table, lines, read_as, _ = first
@@ -191,12 +185,10 @@ class Measurements(Shown):
     def from_frame(
         table: pd.DataFrame, nq: int | None = None, source: str = "table"
     ) -> Measurements:
-        """Make measurements from a table with the columns of a measurement file; cells are numbers
-        or text.
+        """Make measurements from a table with the columns of a measurement file.
 
         Raises:
-            MeasurementFileError: see :meth:`read`. Row numbers count as in a file, with the first
-                record in row 2.
+            MeasurementFileError: see :meth:`read`. The first record is row 2.
         """
         lines = np.arange(len(table)) + FIRST_RECORD
         return _from_table(table, lines, nq, source)
@@ -214,18 +206,16 @@ class Measurements(Shown):
     ) -> Measurements:
         """Make measurements from arrays in SI units; None for unknown quantities.
 
-        The arguments are the attributes of the class; ``attributes`` may be ``orientation``,
+        Arguments are attributes of the class; ``attributes`` may be ``orientation``,
         ``orientation_u``, ``bar``, ``bar_end``, ``bar_length``, ``bar_length_u``,
         ``feature_diameter``, ``probe_diameter``, ``feature_kind``, ``operator`` and ``record``.
-        Coordinates of contacts become coordinates of the tip; see
-        :func:`~aacmm_pin.measurements.records.at_centres`. The method checks shapes and numbers.
-        Only :meth:`read` also checks whether seats and bars suffice for a calibration.
+        Coordinates of contacts become those of the tip; see
+        :func:`~aacmm_pin.measurements.records.at_centres`. Only :meth:`read` checks whether seats
+        and bars suffice for a calibration.
 
         Raises:
-            ShapeError: an array has a wrong shape or impossible numbers, or ``extra`` has a known
-                column.
-            MeasurementFileError: the data contradict each other, for example a bar without seat or
-                a wrong number of approach directions.
+            ShapeError: a wrong shape, impossible numbers, or a known column in ``extra``.
+            MeasurementFileError: the data contradict each other, for example a bar without seat.
         """
         q = batch(q, width_of(q), "q", "rad")
         n = len(q)
@@ -273,7 +263,7 @@ class Measurements(Shown):
     def with_joint_angles(self, arm: Arm) -> Measurements:
         """Return the records with ``q`` as the joint angles of an arm with couplings.
 
-        Functions of this package that accept an arm and records call this method themselves.
+        Functions that take an arm and records do this themselves.
 
         Raises:
             ShapeError: the arm has another number of joints.
@@ -285,57 +275,55 @@ class Measurements(Shown):
         return replace(self, q=q, of_encoders=readings if arm.couplings else None)
 
     def with_readings(self, arm: Arm) -> Measurements:
-        """Return the records with the readings of an arm at the joint angles ``q``."""
+        """Return the records with the readings of an arm at ``q``."""
         if not arm.couplings:
             return self
         return replace(self, of_encoders=arm.readings(self.q))
 
     @property
     def known(self) -> Mask:
-        """True for records with a known position of the tip, ``(n,)``."""
+        """Records with a known position of the tip, ``(n,)``."""
         return self.placed & ~self.on_surface
 
     @property
     def placed(self) -> Mask:
-        """True for records with reference coordinates of the tip or of a sphere, ``(n,)``."""
+        """Records with reference coordinates of the tip or of a sphere, ``(n,)``."""
         return np.asarray(np.isfinite(self.reference).all(axis=1))
 
     @property
     def contact_radius(self) -> Array:
-        """The distance between tip and centre of the touched sphere, ``(n,)`` [m]; NaN for no
-        sphere.
-        """
+        """Distance from tip to centre of the touched sphere, ``(n,)`` [m]; NaN for no sphere."""
         if self.feature_diameter is None or self.probe_diameter is None:
             return np.full(self.n, np.nan)
         return (self.feature_diameter + self.probe_diameter) / 2
 
     @property
     def on_sphere(self) -> Mask:
-        """True for records that touch a sphere, ``(n,)``."""
+        """Records that touch a sphere, ``(n,)``."""
         return np.isfinite(self.contact_radius)
 
     @property
     def on_plane(self) -> Mask:
-        """True for records that touch a plane, ``(n,)``."""
+        """Records that touch a plane, ``(n,)``."""
         if self.feature_kind is None:
             return np.zeros(self.n, dtype=bool)
         return np.asarray(self.feature_kind == PLANE, dtype=bool)
 
     @property
     def on_surface(self) -> Mask:
-        """True for records that touch a sphere or a plane, ``(n,)``."""
+        """Records that touch a sphere or plane, ``(n,)``."""
         return self.on_sphere | self.on_plane
 
     @property
     def oriented(self) -> Mask:
-        """True for records that state an orientation, ``(n,)``."""
+        """Records that state an orientation, ``(n,)``."""
         if self.orientation is None:
             return np.zeros(self.n, dtype=bool)
         return np.isfinite(self.orientation[:, 0])
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Measurements:
-        """Return records by indices, a slice or a mask; seats and bars of the result may not
-        suffice for a calibration.
+        """Return records by indices, slice or mask; their seats and bars may not suffice for a
+        calibration.
         """
         index = np.arange(self.n)[rows]
         arrays: dict[str, Any] = {}
@@ -347,14 +335,14 @@ class Measurements(Shown):
         return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
 
     def with_approach_from_order(self) -> Measurements:
-        """Return the records with approach directions that follow from the order of the rows.
+        """Return the records with approach directions from the order of the rows.
 
-        The direction is the sign of the change of ``q`` since the row before. A change below
-        :data:`LEAST_MOTION` keeps the sign of the row before. Before the first motion of a session,
-        the direction is 0. If the arm has couplings, first call :meth:`with_joint_angles`.
+        The direction is the sign of the change of ``q`` since the row before. A smaller one than
+        :data:`LEAST_MOTION` keeps the sign. Before the first motion of a session it is 0. With
+        couplings, first call :meth:`with_joint_angles`.
 
         Raises:
-            AacmmError: the records already state approach directions.
+            AacmmError: the records state directions already.
         """
         if self.conditions.approach is not None:
             raise AacmmError(
@@ -371,17 +359,13 @@ class Measurements(Shown):
 
     @property
     def order_in_time(self) -> Index:
-        """Return the numbers of the records in the order of ``time_s``, ``(n,)``; without it, of
-        the rows.
-        """
+        """Return the numbers of the records by ``time_s``, else in the order of rows, ``(n,)``."""
         time = self.conditions.time
         return np.arange(self.n) if time is None else np.argsort(time, kind="stable")
 
     @property
     def in_order(self) -> bool:
-        """Return whether ``time_s`` or, without it, numbers in ``record`` increase from row to
-        row.
-        """
+        """Return whether ``time_s``, else numbers in ``record``, increase from row to row."""
         clock: ArrayLike | None = self.conditions.time
         if clock is None and self.record is not None:
             clock = pd.to_numeric(pd.Series(self.record), errors="coerce")
@@ -390,17 +374,17 @@ class Measurements(Shown):
 
     @cached_property
     def postures(self) -> Index:
-        """Return the number of the held posture of each record, ``(n,)``; see
+        """Return the number of the posture of each record, ``(n,)``; see
         :func:`aacmm_pin.measurements.repeats.posture_numbers`.
         """
         return posture_numbers(self.q)
 
     def seats(self) -> dict[str, Index]:
-        """Return the records of each seat by its label, in the order of their first records."""
+        """Return the records of each seat, by label in the order of appearance."""
         return _records_by_label(self.conditions.seat)
 
     def bars(self) -> list[Bar]:
-        """Return the ball bars with records of both ends, in the order of their first records."""
+        """Return the ball bars with records of both ends, in the order of appearance."""
         seat = self.conditions.seat
         if self.bar is None or self.bar_end is None or self.bar_length is None or seat is None:
             return []
@@ -418,11 +402,10 @@ class Measurements(Shown):
         """Return the records with known distances and angles between planes of one body.
 
         Args:
-            given: path of the file of relations, or a table with its columns.
+            given: file of relations, or a table with its columns.
 
         Raises:
-            MeasurementFileError: the file cannot be read, or a row cannot be used. The message
-                names row and column.
+            MeasurementFileError: it cannot be read, or a row not used; names row and column.
         """
         probe = self.probe_diameter
         diameters = np.full(self.n, np.nan) if probe is None else probe
@@ -434,8 +417,8 @@ class Measurements(Shown):
         return replace(self, relations=read_relations(given, probes, self.source))
 
     def lengths(self) -> list[tuple[float, float]]:
-        """Return the known lengths of bars and distances of planes, each with its standard
-        uncertainty [m].
+        """Return the lengths of bars and distances of planes, each with its standard uncertainty
+        [m].
         """
         lengths = [(bar.length, bar.u) for bar in self.bars()]
         for relation in self.relations:
@@ -444,7 +427,7 @@ class Measurements(Shown):
         return lengths
 
     def bar_length_errors(self, tips: Array) -> Array:
-        """Compute the error of each bar length, ``(b,)`` [m]: distance of the mean tips at both
+        """Return the error of each bar length, ``(b,)`` [m]: distance of the mean tips at both
         ends, from tips ``(n, 3)``, minus the stated length.
         """
         means = {label: tips[rows].mean(axis=0) for label, rows in self.seats().items()}
@@ -455,7 +438,7 @@ class Measurements(Shown):
         return np.array(errors)
 
     def to_frame(self, angle_unit: AngleUnit = "deg") -> pd.DataFrame:
-        """Return a table with the columns of a measurement file; unknown columns come last.
+        """Return a table with the columns of a measurement file, unknown ones last.
 
         Raises:
             UnknownNameError: ``angle_unit`` is neither ``deg`` nor ``rad``.
@@ -473,7 +456,6 @@ class Measurements(Shown):
         return pd.concat([pd.DataFrame(table), self.extra], axis=1)
 
     def _in_file(self, column: Column) -> dict[str, NDArray[Any]]:
-        """The columns of an entry in their unit, if stated."""
         values = getattr(
             self.conditions if column.field in CONDITION_ENTRIES else self, column.field
         )
@@ -486,8 +468,8 @@ class Measurements(Shown):
         return dict(zip(names, np.atleast_2d(values.T), strict=True))
 
     def covariate_columns(self) -> list[CovariateColumn]:
-        """Return the columns that residuals or excluded records may depend on: of the whole arm,
-        joints, groups, then of :attr:`extra`.
+        """Return the columns on which residuals or exclusions may depend: of the whole arm, joints,
+        groups, then :attr:`extra`.
         """
         kinds = get_args(Covariate)
         columns = []
@@ -500,9 +482,9 @@ class Measurements(Shown):
         return [column for column in columns if column.entry.covariate != "none"]
 
     def csv(self) -> str:
-        """Return the records as CSV text from which :meth:`read` restores the same numbers.
+        """Return CSV text from which :meth:`read` restores the same numbers.
 
-        Angles are in degrees, or in radians if :meth:`read` would interpret the degrees as radians.
+        Angles are in degrees, or in radians if :meth:`read` would take degrees for radians.
         """
         table = self.to_frame("rad" if looks_like_radians(self.readings / DEG) else "deg")
         dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])
@@ -514,7 +496,7 @@ class Measurements(Shown):
         return csv_text(table, quoting)
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Save the records, whole or not at all, as a CSV file.
+        """Save as a CSV file, whole or not at all.
 
         Raises:
             OutputError: ``path`` exists and ``force`` is False, or the file cannot be written.
@@ -551,7 +533,7 @@ GivenRecords = Measurements | str | Path
 
 
 def as_measurements(given: object, arm: Arm) -> Measurements:
-    """Records, or those of a file, with the joint angles of an arm.
+    """Records, perhaps of a file, with the joint angles of an arm.
 
     Raises:
         MeasurementFileError: see :meth:`Measurements.read`.
@@ -610,7 +592,7 @@ def _with_numbers(extra: pd.DataFrame, values: Values) -> pd.DataFrame:
 
 
 def _measurements(q: Any, stated: dict[str, Any], **others: Any) -> Measurements:
-    """Records with what is ``stated``: normalised quaternions, and references of the tip."""
+    """Records of what is ``stated``: quaternions normalised, references of the tip."""
     for name in ("reference", "reference_u"):
         if stated[name] is None:
             stated[name] = np.full((len(q), 3), np.nan)
@@ -624,11 +606,10 @@ def _measurements(q: Any, stated: dict[str, Any], **others: Any) -> Measurements
 
 
 def at_centres(records: Measurements) -> Measurements:
-    """The records with references of the tip, which is the centre of the probe's ball.
+    """Records with references of the tip, the centre of the probe's ball.
 
-    A record with a diameter of the probe and a direction, without feature or seat, states the
-    coordinates of its contact: the centre is ``c = p - r d``. The result has no diameter there, and
-    ``read_as`` has a note.
+    A record with probe diameter and direction, without feature or seat, states its contact p: the
+    centre is ``c = p - r d``. The result has no diameter there, and ``read_as`` a note.
     """
     diameter = records.probe_diameter
     direction = records.conditions.probe_direction
@@ -651,7 +632,7 @@ def at_centres(records: Measurements) -> Measurements:
 
 
 def _notes(values: Values, angles: Column) -> tuple[Note, ...]:
-    """An angle is too coarse if the u of its steps, step/√12 (JCGM 100:2008, F.2.2.1), exceeds the
+    """An angle is too coarse if the u of its steps, step/√12 (JCGM 100:2008, F.2.2.1), exceeds
     usual noise.
     """
     notes = []
@@ -691,7 +672,7 @@ class _ArrayProblems(Problems):
 
 
 def _checked(column: Column, values: ArrayLike, n: int) -> Any:
-    """The values for the field of a column as a new array, NaN if unknown."""
+    """Values of a column as a new array, NaN if unknown."""
     name = column.field
     if column.is_label:
         return labels_of(name, values, n)

@@ -1,4 +1,4 @@
-"""Known distances and angles between planes of one body: a cube, a gauge block, a step gauge."""
+"""Known distances and angles between planes of one body, such as a gauge block."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from aacmm_pin.measurements.csv_values import check_values, read_values
 
 DISTANCE, ANGLE = "distance", "angle"
 TILTS = ("tilt 1", "tilt 2")
-"""Parallel planes state two angles: about either direction in them."""
+"""Parallel planes state two angles, about directions in them."""
 SURELY_OBLIQUE = np.radians(1.0)
-"""An angle nearer to 0 or 180° than this is that of parallel planes [rad]."""
+"""An angle nearer to 0 or 180° is that of parallel planes [rad]."""
 
 
 class Relation(NamedTuple):
@@ -29,9 +29,9 @@ class Relation(NamedTuple):
 
     Attributes:
         a, b: labels of the planes.
-        distance: between the centres of the probe's ball on both planes [m]; NaN if not stated.
+        distance: between the ball's centres on both planes [m]; NaN if not stated.
         distance_u: its standard uncertainty [m]; NaN if not stated.
-        angle: between the normals that point out of the body [rad].
+        angle: between the outward normals [rad].
         angle_u: its standard uncertainty [rad].
     """
 
@@ -43,7 +43,7 @@ class Relation(NamedTuple):
     angle_u: float
 
     def rows(self) -> Iterator[tuple[str, float, float]]:
-        """Each number that is known: its kind, value and standard uncertainty [m, rad]."""
+        """Each known number: kind, value and standard uncertainty [m, rad]."""
         if np.isfinite(self.distance):
             yield DISTANCE, self.distance, self.distance_u
         if 0.0 < self.angle < np.pi:
@@ -56,15 +56,15 @@ class Relation(NamedTuple):
 def read_relations(
     given: str | Path | pd.DataFrame, probes: Mapping[str, float], source: str
 ) -> tuple[Relation, ...]:
-    """The relations of a file, or of a table with its columns.
+    """The relations of a file or table.
 
     Args:
-        given: path of the file, or the table.
-        probes: diameter of the probe on each plane of the records [m]; NaN if not stated.
+        given: path, or table.
+        probes: diameter on each plane of the records [m]; NaN if not stated.
         source: of the records.
 
     Raises:
-        MeasurementFileError: the table cannot be read, or a row cannot be used.
+        MeasurementFileError: it cannot be read, or a row not used.
     """
     if isinstance(given, pd.DataFrame):
         table, problems = given, Problems("table", np.arange(len(given)) + 2)
@@ -142,15 +142,15 @@ def read_relations(
 def of_planes(
     kind: NDArray[np.str_], stated: Array, points: Array, anchors: Array
 ) -> tuple[Array, Array]:
-    """Distances and angles of pairs of planes (m,) [m, rad], and their derivatives by the points of
-    both (m, 2, 3).
+    """Distances and angles of pairs of planes (m,) [m, rad], and derivatives by both points (m, 2,
+    3).
 
-    A distance is that of the points along the mean normal.
+    Distances are along the mean normal.
 
     Args:
         kind: of each number (m,).
-        stated: of each (m,): an angle may be that of either side.
-        points: of the planes (m, 2, 3) [m]; the normals point there from the ``anchors``.
+        stated: (m,): an angle may be that of either side.
+        points: of the planes (m, 2, 3) [m]; normals point there from the ``anchors``.
     """
     way = points - anchors
     height = np.linalg.norm(way, axis=2, keepdims=True)

@@ -1,4 +1,4 @@
-"""Repeated records: copies of one record, readings of one contact, records of one posture."""
+"""Copies of records, readings of one contact, records of one posture."""
 
 from __future__ import annotations
 
@@ -20,37 +20,34 @@ if TYPE_CHECKING:
 SAME_POSTURE = 1e-3
 """Largest difference of readings of one posture in any joint [rad; m for prismatic joints].
 
-A UR10 sent to one pose 255 times reads within 3e-4 rad, and its other poses differ by more than
-0.03 rad; repeats of a Fanuc have equal angles. The tip moves by about a millimetre over this step.
+A UR10 sent to one pose 255 times reads within 3e-4 rad, a Fanuc equal angles; other poses of the
+UR10 differ by more than 0.03 rad. The tip moves by about a millimetre.
 """
 WHOLE_TOLERANCE = 1e-6
-"""Tolerance of whole and half numbers of steps: a double at 100 m has 1e-8 µm."""
+"""For whole and half numbers of steps: a double at 100 m has 1e-8 µm."""
 FINGERPRINT_STEP = 1e-9
-"""Numbers of a record with a smaller difference are equal [rad, m]."""
+"""Smaller differences are none [rad, m]."""
 FINGERPRINT_DIGITS = 12
-"""Hexadecimal digits of a fingerprint: among 100 000 records two agree by chance in one of 50 000
-files.
-"""
+"""Hexadecimal: among 100 000 records two agree by chance in one of 50 000 files."""
 UNKNOWN_IN_FINGERPRINT = -(2.0**62)
-"""Replaces unknown coordinates."""
 ANGLE_STEPS = (1e-3, 1e-4, 1e-5, 1e-6)
-"""Rounding of angles in another export, coarsest first [degree] …"""
+"""Rounding of angles in another export [degree] …"""
 REFERENCE_STEPS = (10 * UM, UM, UM / 10, UM / 100)
 """… and of references [m]."""
 ANGLE_DECIMALS = 9
-"""Decimals of degrees after removal of whole turns."""
+"""Of degrees after removal of whole turns."""
 MOST_VALUES = 12
-"""An unknown column with more values describes single records, such as their numbers."""
+"""An unknown column with more describes single records, such as their numbers."""
 SHARED_BY_COPIES = (*REFERENCE, *ORIENTATION, "seat", "marker", "bar", "bar_end")
 """Columns in which copies agree, besides angles and approach."""
 
 
 def originals(records: Measurements) -> Index:
-    """Number of the first record (n,) of which each is a copy; its own if it is no copy.
+    """Number of the record of which each is a copy (n,); its own if none.
 
-    Copies agree exactly in readings (but for whole turns), reference, labels and approach. One may
-    be rounded: references to 1e-2 to 1e-5 mm, angles to 1e-3 to 1e-6 degrees. They come from a file
-    appended to itself or to another export.
+    Copies agree in readings (but for whole turns), reference, labels and approach. One may be
+    rounded: references to 1e-2 to 1e-5 mm, angles to 1e-3 to 1e-6 degrees. They come from files
+    appended to another export.
     """
     single = _nearest_difference(records.readings, 2.0 * SAME_POSTURE) > DEG * ANGLE_STEPS[0]
     if single.all():
@@ -88,8 +85,8 @@ def _group_numbers(table: pd.DataFrame) -> Index:
 
 
 def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
-    """The groups (n,) after rows of ``values`` (n, k) join those of their rounded numbers, among
-    rows that are ``equal_otherwise`` (n,). Programs round a half up, to even, or down.
+    """Groups (n,) after rows of ``values`` (n, k) join those of their rounded numbers, if
+    ``equal_otherwise`` (n,). Programs round a half up, to even, or down.
     """
     finite = np.isfinite(values).all(axis=1)
     is_whole = finite & (np.abs(values - np.rint(values)) < WHOLE_TOLERANCE).all(axis=1)
@@ -107,8 +104,8 @@ def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
 
 
 def _nearest_difference(q: Array, most: float) -> Array:
-    """Largest difference of readings to the nearest record (n,), but for whole turns; infinite
-    above ``most``.
+    """Largest difference of readings to the nearest record (n,), but for turns; infinite above
+    ``most``.
     """
     turn = 2 * np.pi
     # Of what is below zero by next to nothing the first gives 2π.
@@ -119,9 +116,9 @@ def _nearest_difference(q: Array, most: float) -> Array:
 
 
 def posture_numbers(q: Array, within: float = SAME_POSTURE) -> Index:
-    """Number of the posture of each record (n,), from 0 in order of appearance; q is (n, nq) [rad].
+    """Number of the posture of each record (n,), from 0 by appearance; q is (n, nq) [rad].
 
-    A record repeats a posture if no reading differs by more than ``within`` from its first record.
+    A record repeats it if no reading differs by more than ``within`` from its first.
     """
     tree = scipy.spatial.KDTree(q)
     single = _nearest_difference(q, 2.0 * within) > within
@@ -139,10 +136,10 @@ def posture_numbers(q: Array, within: float = SAME_POSTURE) -> Index:
 
 
 def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
-    """One record of each contact, with mean readings; and which records have several readings.
+    """One record of each contact, with mean readings; and which had several readings.
 
-    Successive records in one posture with equal reference, labels, approach, and other few-valued
-    columns are readings of one held contact.
+    Successive records in one posture, equal in reference, labels, approach and other few-valued
+    columns, are one contact.
     """
     few = [name for name in records.extra if records.extra[name].nunique() <= MOST_VALUES]
     columns = [*SHARED_BY_COPIES, "session", "operator", *named(APPROACH, records.nq), *few]
@@ -161,14 +158,12 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
 
 
 def fingerprints(records: Measurements) -> tuple[str, ...]:
-    """A short text that identifies each record in any file: readings to 1e-9 rad and reference to 1
-    nm.
-    """
+    """A text that identifies each record in any file: readings to 1e-9 rad, reference to 1 nm."""
     return _hashes(np.column_stack([records.readings, records.reference]))
 
 
 def fingerprints_of_standards(records: Measurements) -> tuple[str, ...]:
-    """The fingerprints of the coordinates of each seat, and of the length and u of each bar."""
+    """Fingerprints of each seat's coordinates, and of each bar's length and u."""
     at_seat = records.conditions.labels("seat") != ""
     places = np.unique(records.reference[records.known & at_seat], axis=0)
     lengths = np.unique(records.lengths(), axis=0).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""The schedule of a virtual workshop: sessions, pauses, temperature, approach."""
+"""Schedule of a virtual workshop: sessions, pauses, temperature, approach."""
 
 from __future__ import annotations
 
@@ -11,22 +11,21 @@ from aacmm_pin.effects import Conditions, ErrorModel, Labels
 from aacmm_pin.errors import AacmmError
 
 MOST_IN_SESSION = 200
-"""Records after which a session ends."""
 RECORD_INTERVAL = (20.0, 40.0)
-"""Interval between records [s]."""
+"""[s]"""
 PAUSE_LENGTH = (180.0, 900.0)
-"""A pause [s]."""
+"""[s]"""
 PAUSES = 1 / 40
-"""Pauses per record."""
+"""Per record."""
 BREAK = (3600.0, 3 * 3600.0)
-"""Duration between sessions [s]; the arm stays on."""
+"""Between sessions [s]; the arm stays on."""
 DAY = 24 * 3600.0
 OVERSHOOT = 0.2
-"""Share of joints that overshoot, so that their last motion is reversed."""
+"""Share of joints whose last motion is reversed."""
 
 
 def sessions(records: int) -> Index:
-    """Session of each record, from 0, with equal numbers of records: (records,)."""
+    """Session of each record, from 0, of equal sizes: (records,)."""
     count = -(-records // MOST_IN_SESSION)
     return np.sort(np.arange(records) % count)
 
@@ -41,14 +40,14 @@ def workshop_conditions(
 ) -> Conditions:
     """Conditions of records in order.
 
-    Time counts from switching the arm on. The temperature stays within ± ``temperature_range`` of
-    the reference: a constant offset (4/10), a drift (3/10), the sine of the day (2/10) and noise
-    (1/10), all random. The approach is the sign of the motion from the record before (first: from
-    the mean posture), reversed for one joint in five. Probe directions are random, if the ``model``
-    needs them. ``session`` is ascending (n,); q is (n, nq) [rad].
+    Time counts from switching on. The temperature stays within ± ``temperature_range`` of the
+    reference: offset (4/10), drift (3/10), sine of the day (2/10) and noise (1/10), all random. The
+    approach is the sign of the motion since the record before (first: the mean posture), reversed
+    for one joint in five. Probe directions are random, if ``model`` needs them. ``session`` is
+    ascending (n,); q is (n, nq) [rad].
 
     Raises:
-        AacmmError: the range is negative or not finite.
+        AacmmError: a negative or infinite range.
     """
     if not (np.isfinite(temperature_range) and temperature_range >= 0):
         raise AacmmError(f"temperature_range is {temperature_range:g} K; expected 0 K or more")

@@ -1,4 +1,4 @@
-"""Simulated measurements of an arm with known errors, by exact physics."""
+"""Simulated measurements of an arm with known errors."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, Labels, correc
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import (
     SEATS_APART,
-    Place,
     Pool,
+    SeatOrBar,
     bars_for,
     seats_for,
     visits,
@@ -49,50 +49,47 @@ def simulate_measurements(
     temperature_range: float = 3.0,
     orientation_noise: float | None = None,
 ) -> Measurements:
-    """Simulate measurements of an arm with exactly the errors of ``model``, plus noise.
+    """Simulate measurements of an arm with the errors of ``model``, plus noise.
 
     The schemes are:
 
     - ``free``: random postures, uniform in the joint angles; a laser tracker measures each tip.
-    - ``seats``: kinematic seats in the whole workspace; you touch each seat in different postures
-      of all solution branches. Each seat has one stated reference, or none (``known=False``).
-    - ``ball-bar``: ``seats // 2`` bars of ``bar_length``, with contacts at both ends and without
+    - ``seats``: seats in the whole workspace, touched in different postures of all solution
+      branches. Each has one stated reference, or none (``known=False``).
+    - ``ball-bar``: ``seats // 2`` bars of ``bar_length``, touched at both ends, without
       coordinates. Each stated length has one error from the reference noise.
     - ``single-point``: one seat without reference.
 
-    The model error is exact (:meth:`ErrorModel.predict`). Before encoder noise, the distance
-    between tip and seat is the probe noise; for ``free``, between tip and target of the tracker.
-    Causes with ``of_reference`` change the stated coordinates. Postures avoid the obstacles of
-    :class:`Room`, and stay 1e-3 rad away from the limits. For conditions see
+    Errors are exact (:meth:`ErrorModel.predict`). Before encoder noise, the tip misses the seat
+    (``free``: the target of the tracker) by the probe noise. Causes with ``of_reference`` change
+    the stated coordinates. Postures avoid the obstacles of
+    :class:`Room`, and stay 1e-3 rad off the limits. For conditions see
     :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a session has at most 200 records.
 
     Args:
         model: the arm with its errors.
-        rng: random generator; ``source`` of the result states its seed.
+        rng: ``source`` of the result states its seed.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad; m for a
-            prismatic joint]; default from the arm file, else 8 µrad. ``source`` states an assumed
-            value.
-        reference_noise: standard uncertainty of each reference coordinate [m]. A seat has one draw;
-            a free point has one draw for each record.
-        probe_noise: standard uncertainty of each coordinate of one contact [m], with a new draw in
-            each record.
-        seats: number of seats; each bar has two.
+            prismatic joint]; default of the arm file, else 8 µrad. ``source`` states an assumption.
+        reference_noise: standard uncertainty of each reference coordinate [m], with one draw for a
+            seat or free point.
+        probe_noise: standard uncertainty of each coordinate of a contact [m], with a draw for each
+            record.
+        seats: each bar has two.
         known: state the coordinates of the seats; only for ``seats``.
-        bar_length: length of the bars [m]; only for ``ball-bar``.
-        above: height of a table above the base origin, against gravity [m]; the tip stays above the
-            table.
-        temperature_range: largest difference between the temperatures and the reference temperature
-            of the arm [K].
-        orientation_noise: standard uncertainty about each axis of stated orientations [rad]; None
-            for no orientations.
+        bar_length: [m]; only for ``ball-bar``.
+        above: height of a table over the base origin, against gravity [m], above which the tip
+            stays.
+        temperature_range: largest difference from the reference temperature of the arm [K].
+        orientation_noise: standard uncertainty about each axis of stated orientations [rad], or
+            None.
 
     Raises:
         UnknownNameError: the scheme is unknown, or a ``seat_error`` names a seat that the scheme
             lacks.
-        ShapeError: the noise is not finite, or its number differs from the number of encoders.
-        MissingConditionError: a cause depends on a condition that the simulation does not record.
-        AacmmError: a number is invalid, or the scheme is not possible; the message states the
-            reason.
+        ShapeError: the noise is not finite, or not one for each encoder.
+        MissingConditionError: a cause depends on a condition that is not simulated.
+        AacmmError: a number is invalid, or the scheme not possible.
     """
     if scheme not in SCHEMES:
         raise UnknownNameError("scheme", scheme, list(SCHEMES))
@@ -137,7 +134,7 @@ def simulate_touches(
 ) -> Measurements:
     """Records of touches in order, near the postures ``q`` (n, nq) [rad], without references.
 
-    The tip of the arm with all its errors is at ``points`` (n, 3) [m] plus noise of contacts.
+    The tip, with all errors, is at ``points`` (n, 3) [m] plus noise of contacts.
 
     Raises:
         AacmmError: a point cannot be touched near its posture.
@@ -164,7 +161,7 @@ class _Workshop:
         return self._recorded(q, conditions, stated)
 
     def touched(
-        self, places: list[Place], counts: Index, stated: bool, length: float | None
+        self, places: list[SeatOrBar], counts: Index, stated: bool, length: float | None
     ) -> Measurements:
         """``counts`` (k,) records at seats, or at both ends of bars."""
         points = np.concatenate([place.points for place in places])
@@ -196,14 +193,13 @@ class _Workshop:
         return self._recorded(q, conditions, reference, **bars)
 
     def at(self, points: Array, q: Array) -> Measurements:
-        """Records near the postures ``q`` (n, nq)."""
         conditions = self._conditions(sessions(len(q)), q, None)
         touched = points + self._normal(self.noise.probe, points)
         exact = self._exactly(q, touched, conditions)
         return self._recorded(exact, conditions, None)
 
     def _exactly(self, q: Array, target: Array, conditions: Conditions) -> Array:
-        """Postures near ``q`` with the tip, with all errors, at ``target`` (n, 3) [m]."""
+        """Postures near ``q`` whose tip, with all errors, is at ``target`` (n, 3) [m]."""
         arm = self.model.arm
         q, arrived = brought_to(
             lambda q, rows: self.model.state(q, conditions.take(rows)), q, target, arm.limits
