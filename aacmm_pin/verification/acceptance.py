@@ -28,7 +28,7 @@ from aacmm_pin.verification.characteristics import (
 )
 from aacmm_pin.verification.doubts import check_unit, doubts
 from aacmm_pin.verification.evaluators import LENGTH_KEY, Evaluated, without_value
-from aacmm_pin.verification.places import Place
+from aacmm_pin.verification.places import PointsInFile
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 GUARD_BAND_FACTOR = 2.0
@@ -67,10 +67,10 @@ class CharacteristicValue:
     definition: Definition
     evaluated: Evaluated
     mpe: float = math.nan
-    places: tuple[Place, ...] = ()
+    places: tuple[PointsInFile, ...] = ()
 
     @property
-    def where(self) -> Place | None:
+    def where(self) -> PointsInFile | None:
         """The probed points of the largest error; None if all points determine the test value."""
         if not self.places:
             return None
@@ -329,7 +329,7 @@ def accept(
                 unfit.setdefault(why, []).append(definition.name)
             limit = limits.get(definition.name, math.nan)
             parts = [of_test[of_test["row"].isin(rows)] for rows in evaluated.rows]
-            places = tuple(map(Place.of, parts))
+            places = tuple(map(PointsInFile.of, parts))
             figures.append(CharacteristicValue(source, definition, evaluated, limit, places))
     notes = [*points.notes]
     notes += [note.with_place(first) for note in doubts(of_first, measuring_range)]

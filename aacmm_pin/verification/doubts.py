@@ -15,7 +15,7 @@ from scipy.special import stdtr
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.verification.evaluators import LENGTH_KEY, measured_lengths, size_error
-from aacmm_pin.verification.places import Place, coordinates_of
+from aacmm_pin.verification.places import PointsInFile, coordinates_of
 from aacmm_pin.verification.spheres import FEWEST_POINTS, FittedSphere, fitted_sphere
 
 COPY_TOLERANCE = 5e-7
@@ -108,11 +108,12 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
     for k, (group, sphere) in enumerate(spheres):
         point, distance = _outlier(group, sphere)
         if point is not None:
-            yield Note("touch_off_sphere", {"distance": distance}).with_place(str(Place.of(point)))
+            place = str(PointsInFile.of(point))
+            yield Note("touch_off_sphere", {"distance": distance}).with_place(place)
         elif len(spheres) > 2:
             usual = float(np.median(np.delete(forms, k)))
             if sphere.form > max(TIMES_ITS_LIKE * usual, LEAST_DISTANCE_FROM_SPHERE):
-                place = str(Place.of(group))
+                place = str(PointsInFile.of(group))
                 yield Note("touches_off_sphere", {"form": sphere.form}).with_place(place)
         error = size_error(group, sphere)
         probe = group["probe_diameter"].iloc[0]
@@ -122,7 +123,7 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
         group, error = max(wrong_sizes, key=lambda wrong: abs(wrong[1]))
         more = f" and {len(wrong_sizes) - 1} more" if len(wrong_sizes) > 1 else ""
         code = "sphere_too_large" if error > 0 else "sphere_too_small"
-        yield Note(code, {"difference": abs(error)}).with_place(f"{Place.of(group)}{more}")
+        yield Note(code, {"difference": abs(error)}).with_place(f"{PointsInFile.of(group)}{more}")
 
 
 def _outlier(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:

@@ -16,7 +16,7 @@ from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.accuracy import single_point_statistics
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import PREDICTED_ACCURATE
-from aacmm_pin.verification.places import Place, coordinates_of, named, rows_of
+from aacmm_pin.verification.places import PointsInFile, coordinates_of, named, rows_of
 from aacmm_pin.verification.spheres import (
     FEWEST_POINTS,
     FittedSphere,
@@ -119,7 +119,7 @@ class Needed(NamedTuple):
         labels = [name for by, _ in self.levels for name in by]
         for group in groups_of(table, labels):
             if len(group) < self.each:
-                yield named(Place.of(group).labels)
+                yield named(PointsInFile.of(group).labels)
 
 
 # --- from points
@@ -279,9 +279,10 @@ def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
         wrong = counts[bad].iloc[:1][labels]
         its_ends = counts.merge(wrong, on=labels)
         came = ", ".join(f"{n} of {name}" for name, n in its_ends[["feature", "points"]].to_numpy())
+        place = PointsInFile.of(points.merge(wrong, on=labels))
         raise AacmmError(
-            f"{Place.of(points.merge(wrong, on=labels))}: {came}; expected two features, each with "
-            f"1 probed point or with {FEWEST_POINTS} or more points all over a sphere"
+            f"{place}: {came}; expected two features, each with 1 probed point or with "
+            f"{FEWEST_POINTS} or more points all over a sphere"
         )
     first = points.drop_duplicates([*labels, "feature"])
     centres = first.set_index([*labels, "feature"])[at].astype(np.float64)
@@ -301,10 +302,10 @@ def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
     return lengths.assign(error=errors, rows=pd.Series(rows, stated.index)).reset_index()
 
 
-def _with_one_end(points: pd.DataFrame) -> Iterator[Place]:
+def _with_one_end(points: pd.DataFrame) -> Iterator[PointsInFile]:
     for length in groups_of(points, LENGTH_KEY):
         if length["feature"].nunique() < 2:
-            yield Place.of(length)
+            yield PointsInFile.of(length)
 
 
 def errors_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:

@@ -14,14 +14,14 @@ LABELS_OF_PLACES = ("length_id", "feature", "position", "repeat")
 
 
 @dataclass(frozen=True)
-class Place:
+class PointsInFile:
     """Common labels of probed points by column, and their lines in the file."""
 
     labels: Mapping[str, str]
     rows: tuple[int, ...]
 
     @classmethod
-    def of(cls, points: pd.DataFrame) -> Place:
+    def of(cls, points: pd.DataFrame) -> PointsInFile:
         """The place of these points."""
         shared = {}
         for name in LABELS_OF_PLACES:
