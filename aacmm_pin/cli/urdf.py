@@ -73,6 +73,8 @@ def run(
         if to_dh and to_ur:
             raise typer.BadParameter("--to-dh cannot be combined with --to-ur")
         robot = None
+        if ur_robot and not (arm.arm or "").lower().endswith(".conf"):
+            raise typer.BadParameter("--ur-robot requires calibration.conf as ARM")
         if arm.arm is not None and arm.arm.lower().endswith(UR_FILES):
             robot = UrKinematics.read(arm.arm, ur_robot)
         model = ErrorModel(robot.arm()) if robot else arm.model()

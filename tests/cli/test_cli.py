@@ -198,6 +198,7 @@ def test_wrong_usage_is_status_2():
         "calibrate sino6",
         "calibrate sino6 data.csv --urdf a.urdf --frame tip",
         "correct sino6 readings.csv --commands",
+        "urdf my_ur5e.yaml --ur-robot ur5e",
     ):
         status, out, _ = run(words)
         assert (status, out) == (2, ""), words
