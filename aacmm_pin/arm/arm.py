@@ -467,11 +467,11 @@ class Arm(Shown):
         return values
 
     def place(self, at: str | None = None) -> int:
-        """Return the place at the origin of frame ``at``; default the tip.
+        """Return the number of the chain's place at the origin of frame ``at``; default the tip.
 
         Raises:
             UnknownNameError: the frame is unknown.
-            UnsupportedArmError: the frame is not a place of the chain.
+            UnsupportedArmError: the frame is not the tip, and no DH table has it.
         """
         if at is None or at == self.tip:
             return self.chain.tip

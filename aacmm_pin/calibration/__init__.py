@@ -1,4 +1,7 @@
-"""Calibration: parameters of an arm from measurements, with covariance and held-out residuals."""
+"""Calibration: parameters of an arm from measurements, with covariance and held-out residuals.
+
+It also finds mistakes in files, such as a wrong sign, column, unit or frame.
+"""
 
 from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import HeldEffects, calibrated_model, is_of_setup

@@ -109,7 +109,7 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
         if kind == "session" and fit.problem.setup.frame_of_session:
             continue
         labels = records.conditions.labels(kind)
-        groups = together(pd.factorize(labels)[0], records.postures)
+        groups = merged_by_posture(pd.factorize(labels)[0], records.postures)
         if np.unique(groups[fit.used & (labels != "")]).size >= FEWEST_GROUPS:
             return f"{kind}s", groups
     return "blocks", _blocks(records, FOLDS, rng)
@@ -124,7 +124,7 @@ def fold_numbers(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     touched = seat >= 0
     label = np.zeros(records.n, dtype=np.intp)
     label[touched] = fit.observations.clusters[seat[touched]]
-    label = together(label, records.postures)
+    label = merged_by_posture(label, records.postures)
     count = int(label.max()) + 1
     if count >= FEWEST_SEATS and touched.sum() > MOSTLY * records.n:
         return "seats", _folds(label, records, rng)
@@ -159,11 +159,11 @@ def _in_order(records: Measurements) -> Index:
     return np.lexsort(angles.T[::-1])
 
 
-def together(labels: Index, postures: Index) -> Index:
+def merged_by_posture(labels: Index, postures: Index) -> Index:
     """Labels (n,), from 0, with those that share a posture made one."""
     _, joined = np.unique(labels, return_inverse=True)
-    as_nodes = joined.max() + 1 + postures
-    number = clusters_of(np.column_stack([joined, as_nodes]), int(as_nodes.max()) + 1)
+    posture_nodes = joined.max() + 1 + postures
+    number = clusters_of(np.column_stack([joined, posture_nodes]), int(posture_nodes.max()) + 1)
     return number[joined]
 
 

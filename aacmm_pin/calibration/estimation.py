@@ -249,7 +249,9 @@ class _Estimation:
         return replace(solution, message=solution.message or "the scatter did not settle")
 
     def fit_with_stated_noise(self, point: Point, used: Mask) -> tuple[Fit | None, Chi2]:
-        """The fit, if χ² after one more step, which spares the search, allows it."""
+        """The fit without scatter beyond the stated noise, and its χ²; None, without a search, if
+        the χ² that one step promises is too large.
+        """
         noise = self.noise(point, Scatters())
         weights = used.astype(np.float64)
         here = solution_at(self.problem, noise, point, weights)

@@ -64,7 +64,9 @@ class Scatters(NamedTuple):
         return max(self.tip, self.turn)
 
     def covariance(self, width: int) -> Array:
-        """Of a residual, by tip and turn alone (3, 3) or (6, 6) [m², rad²]."""
+        """Of a residual of ``width`` numbers (3: tip; 6: tip and turn), without ``seat`` (3, 3) or
+        (6, 6) [m², rad²].
+        """
         of_tip = max(self.tip, LEAST_U)
         of_turn = max(self.turn, LEAST_U)
         variance = np.repeat([of_tip**2, of_turn**2], 3)

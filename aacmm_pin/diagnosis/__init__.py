@@ -1,4 +1,10 @@
-"""Diagnosis: what the model gets wrong, the cause, the extended model, and the gain."""
+"""Diagnosis: what the model gets wrong, the cause, the extended model, and the gain.
+
+``candidates`` and ``covariates`` become columns (``design_matrix``) and inner products
+(``gram_matrix``). ``linear_model`` and ``model_space`` state how probable a set of causes is.
+``search`` finds the probable sets (``posterior``), and ``model_extension`` refits with them.
+``diagnose`` runs all of it, and ``verdict`` judges.
+"""
 
 from aacmm_pin.diagnosis.budget import GEOMETRY, STRUCTURE, BudgetPart
 from aacmm_pin.diagnosis.candidates import not_tried

@@ -101,7 +101,7 @@ def budget_of(
 def _displacing(choice: Choice, structure: Sequence[DiscrepancySize]) -> Iterator[BudgetPart]:
     design, model = choice.design, choice.posterior.median_model
     arm = choice.fit.problem.model.arm
-    of_causes = {k: design.weights(k) @ model.estimate[model.places[k]] for k in choice.causes}
+    of_causes = {k: design.weights(k) @ model.estimate[model.entries[k]] for k in choice.causes}
     members = defaultdict[int, list[int]](list)
     for block in of_causes:
         if not geometric_parameters(arm, choice.variant(block)):
@@ -148,7 +148,7 @@ def _relative_u(choice: Choice, blocks: Sequence[int]) -> float:
     """
     model = choice.posterior.median_model
     members = Members(choice.posterior.space.base(0), tuple(blocks))
-    entries = numbers_of([model.places[k] for k in blocks])
+    entries = numbers_of([model.entries[k] for k in blocks])
     estimate = model.estimate[entries]
     gradient = members.information @ estimate
     variance = float(gradient @ model.covariance[np.ix_(entries, entries)] @ gradient)

@@ -80,11 +80,11 @@ class Choice:
 
     @property
     def gram_of_folds(self) -> Gram:
-        """Inner products of all records, from which folds can be left out: a seat has coordinates
-        of its own in each fold.
+        """Inner products of all records, from which those of a fold can be subtracted: a seat with
+        records in several folds has coordinates of its own in each.
         """
         of_all = self.posterior.space.gram
-        if not divide_seats(self.folds, self.design.fit):
+        if not seats_are_divided(self.folds, self.design.fit):
             return of_all
         numbers = np.unique(self.folds[self.design.fit.used]).tolist()
         divided = gram_of(self.design, self.noise, [self.folds == number for number in numbers])
@@ -129,10 +129,10 @@ class Choice:
         return ReadingScatter.of(self.design.fit, deviations, share, self.noise)
 
     @property
-    def log_scatter(self) -> float:
-        """What the scatter of readings and tips adds to the log posterior beside χ²: the
-        determinant of the covariances, with all fitted parameters, and the prior odds of readings
-        that scatter.
+    def log_density_of_scatter(self) -> float:
+        """Term beside :attr:`Posterior.log_density` by which choices of different scatter are
+        compared: log determinants of the whitening and of the nuisances' precision, and prior odds
+        of each joint whose readings scatter.
         """
         space = self.posterior.space
         fit = self.design.fit
@@ -183,7 +183,7 @@ class Choice:
                 break
         for effect in effects:
             k = block[effect.label, len(effect.terms)]
-            place = model.places[k]
+            place = model.entries[k]
             scales = typical_of(effect)
             u = model.scale[place][: scales.size] * scales
             values = model.estimate[place] * scales if effect.free_form else ()
@@ -196,7 +196,7 @@ class Choice:
         """
         model = self.posterior.median_model
         of_label = {self.variant(k).label: k for k in self.causes}
-        entries = numbers_of([model.places[of_label[effect.label]] for effect in effects])
+        entries = numbers_of([model.entries[of_label[effect.label]] for effect in effects])
         scales = np.concatenate([*map(typical_of, effects)])
         covariance = model.covariance[np.ix_(entries, entries)] * np.outer(scales, scales)
         u = iter(np.sqrt(np.diag(covariance)))
@@ -231,7 +231,7 @@ class Choice:
         return self.library[self.candidates.owner(block)][variant]
 
 
-def divide_seats(folds: Index, fit: Fit) -> bool:
+def seats_are_divided(folds: Index, fit: Fit) -> bool:
     """Whether the records of a seat, or of seats that a bar connects, are in several folds (n,)."""
     touched = fit.observations.seat >= 0
     cluster = fit.observations.clusters[fit.observations.seat[touched]]

@@ -146,7 +146,7 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     moving = [joint for joint in joints if spread[joint.number] > LEAST_SPREAD]
     single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
     with_time = [_with_time(covariate, state.conditions) for covariate in single]
-    of_joints = [*_products(state, moving), *_of_loads(state, moving)]
+    of_joints = [*_of_pairs_and_time(state, moving), *_of_loads(state, moving)]
     return [*with_time, *of_joints, _place(state), _scale(state), *_groups(measurements)]
 
 
@@ -236,18 +236,18 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
     return replace(covariate, variants=(*covariate.variants, by_session))
 
 
-def _products(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
-    """The error of one of two joints depends on both angles: on their first orders, or on the
-    orders of a gear and on a load. The error of a joint depends on its angle, and changes with
-    time: an encoder that was knocked midway.
+def _of_pairs_and_time(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
+    """Two joints: the error of either depends on the first orders of both angles, or on an order
+    of its gear and on the other angle, which changes its load. A joint and the time: its error
+    depends on its angle and changes with time, as of an encoder that was knocked midway.
     """
     for pair in itertools.combinations(joints, 2):
         names = tuple(joint.name for joint in pair)
         waves = tuple(Waves(name, constant=True) for name in names)
         variants = [Carried.of(waves, joint.error, state) for joint in pair]
-        for joint, load in zip(pair, reversed(waves), strict=True):
+        for joint, of_other in zip(pair, reversed(waves), strict=True):
             gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides]
-            variants += [Carried.of((gear, load), joint.error, state) for gear in gears]
+            variants += [Carried.of((gear, of_other), joint.error, state) for gear in gears]
         values = pd.concat([joint.table(state) for joint in pair], axis=1)
         yield Covariate(" × ".join(names), names, tuple(variants), values)
     time = state.conditions.time

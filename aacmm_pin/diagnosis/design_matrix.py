@@ -32,8 +32,8 @@ TYPICAL_GROWTH = 1.0
 """… and of all lengths [1] for each metre of that."""
 MANY_VARIANTS = 20
 """A candidate with more variants is asked by itself, since it may be barred as a whole."""
-MOST_FORMS = 10_000
-"""So many forms are kept, for their places come back in each round."""
+MOST_COMBINATIONS = 10_000
+"""So many combinations are kept, for their places come back in each round."""
 ROWS_OF_A_GROUP = 1500
 """Rows of the records whose columns are worked out at once."""
 
@@ -48,7 +48,7 @@ class Block:
     Attributes:
         candidate, variant: their numbers.
         columns: the columns of the design that it moves along.
-        form: combinations of these columns, one for each parameter (columns, q); None if each
+        combinations: of these columns, one for each parameter (columns, q); None if each
             column is a parameter.
         positive: whether nature has its only parameter above zero.
     """
@@ -56,40 +56,40 @@ class Block:
     candidate: int
     variant: int
     columns: slice
-    form: Array | None
+    combinations: Array | None
     positive: bool = False
 
     @property
     def size(self) -> int:
         """Number of parameters."""
         width = self.columns.stop - self.columns.start
-        return int(width if self.form is None else self.form.shape[1])
+        return int(width if self.combinations is None else self.combinations.shape[1])
 
     def of_rows(self, rows: Array) -> Array:
         """Products with all columns (m, columns) as products with the parameters (m, q)."""
         products = rows[..., self.columns]
-        return products if self.form is None else np.asarray(products @ self.form)
+        return products if self.combinations is None else np.asarray(products @ self.combinations)
 
     def in_columns(self, values: Array) -> Array:
         """Values of the parameters (q, ...) as coefficients of the columns (columns, ...)."""
-        return values if self.form is None else np.asarray(self.form @ values)
+        return values if self.combinations is None else np.asarray(self.combinations @ values)
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Blocks with as many parameters that are asked together: forms of one place, or any without a
-    form.
+    """Blocks with as many parameters that are asked together: of one place, or any without
+    combinations.
 
     Attributes:
         blocks: their numbers (b,).
-        columns: those of the place; without forms those of each block (b, q).
-        forms: (b, columns, q), or None.
+        columns: those of the place; without combinations those of each block (b, q).
+        combinations: (b, columns, q), or None.
         positive: (b,).
     """
 
     blocks: Index
     columns: slice | Index
-    forms: Array | None
+    combinations: Array | None
     positive: Mask
 
     def some(self, chosen: Mask) -> Family:
@@ -97,33 +97,33 @@ class Family:
         if chosen.all():
             return self
         columns = self.columns if isinstance(self.columns, slice) else self.columns[chosen]
-        forms = None if self.forms is None else self.forms[chosen]
-        return Family(self.blocks[chosen], columns, forms, self.positive[chosen])
+        combinations = None if self.combinations is None else self.combinations[chosen]
+        return Family(self.blocks[chosen], columns, combinations, self.positive[chosen])
 
     def information(self, inside: Array) -> Array:
         """Information of each block (b, q, q), by the products inside the columns."""
-        if self.forms is None:
+        if self.combinations is None:
             return inside
-        count, width, size = self.forms.shape
-        flat = self.forms.transpose(1, 0, 2).reshape(width, count * size)
+        count, width, size = self.combinations.shape
+        flat = self.combinations.transpose(1, 0, 2).reshape(width, count * size)
         along = (inside @ flat).reshape(width, count, size).transpose(1, 0, 2)
-        return np.asarray(self.forms.transpose(0, 2, 1) @ along)
+        return np.asarray(self.combinations.transpose(0, 2, 1) @ along)
 
     def of_rows(self, rows: Array) -> Array:
         """Products with all columns (r, columns) as products with the parameters (b, r, q)."""
         products = rows[:, self.columns]
-        if self.forms is None:
+        if self.combinations is None:
             return np.asarray(products.transpose(1, 0, 2))
-        return np.asarray(products @ self.forms)
+        return np.asarray(products @ self.combinations)
 
     def gradient(self, with_residual: Array) -> Array:
         """Products of the parameters of each block with the residual (b, q), by those of all
         columns (columns,).
         """
         products = with_residual[self.columns]
-        if self.forms is None:
+        if self.combinations is None:
             return products
-        return np.asarray(np.tensordot(self.forms, products, (1, 0)))
+        return np.asarray(np.tensordot(self.combinations, products, (1, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ class Design:
         names: label of each candidate; covariates after the causes.
         causes: number of causes among them.
         blocks: what may be admitted.
-        sources: what the columns behind the nuisances come from.
+        sources: what the columns after the nuisances come from.
         nuisances: number of nuisance columns, which come first.
         scales: factors that bring all columns to one order (columns,).
         kept: which of the fit's own parameters are nuisances.
@@ -175,7 +175,7 @@ class Design:
         alike = defaultdict[tuple[int | None, int, int], list[int]](list)
         variants = np.bincount(self.owners)
         for number, block in enumerate(self.blocks):
-            place = None if block.form is None else block.columns.start
+            place = None if block.combinations is None else block.columns.start
             apart = block.candidate if variants[block.candidate] > MANY_VARIANTS else -1
             alike[place, block.size, apart].append(number)
         families = []
@@ -184,8 +184,8 @@ class Design:
             positive = np.array([block.positive for block in some])
             starts = np.array([block.columns.start for block in some])
             columns = starts[:, None] + np.arange(size) if place is None else some[0].columns
-            forms = [block.form for block in some if block.form is not None]
-            stacked = np.array(forms) if forms else None
+            combinations = [one.combinations for one in some if one.combinations is not None]
+            stacked = np.array(combinations) if combinations else None
             families.append(Family(np.array(numbers), columns, stacked, positive))
         return tuple(families)
 
@@ -210,7 +210,7 @@ class Design:
         return tuple(self.names[self.blocks[k].candidate] for k in blocks)
 
     def weights(self, block: int) -> Array:
-        """Weights of all columns in each parameter of a block (columns, q)."""
+        """Coefficients of all columns for one unit of each parameter of a block (columns, q)."""
         parameters = self.blocks[block]
         weights = np.zeros((self.width, parameters.size))
         weights[parameters.columns] = parameters.in_columns(np.eye(parameters.size))
@@ -333,8 +333,8 @@ def design_of(
     return replace(design, tips=tips - moved)
 
 
-@lru_cache(maxsize=MOST_FORMS)
-def _form(effect: Effect, basis: Effect) -> Array:
+@lru_cache(maxsize=MOST_COMBINATIONS)
+def _combinations(effect: Effect, basis: Effect) -> Array:
     """Combinations of the scaled columns of a basis (columns, q)."""
     return effect.in_basis(basis) * typical_of(effect) / typical_of(basis)[:, None]
 
@@ -357,22 +357,22 @@ class _ColumnsOf:
         changes = is_change(first)
         basis = None
         for which, effect in enumerate(variants):
-            # Variants that differ by a nonlinear parameter are forms of one basis.
+            # Variants that differ by a nonlinear parameter are combinations of one basis.
             if not changes and not (which and effect.nonlinear.field):
                 basis = effect.basis(self.arm, self.records)
             if basis is not None:
                 if basis.identity not in self.bases:
                     self.bases[basis.identity] = self._new((basis,))
                 columns = self.bases[basis.identity]
-                form = _form(effect, basis)
+                combinations = _combinations(effect, basis)
             else:
                 both = changes and bool(first.nonlinear.field) and effect is not first
                 columns = self._new((effect, first) if both else (effect,))
-                form = None
+                combinations = None
             single = len(effect.terms) == 1 and not is_change(effect)
             # Files give torques of the drive, or of the load, which have the opposite sign.
             positive = single and effect.terms[0].positive and "torque" not in effect.needs
-            self.blocks.append(Block(number, which, columns, form, positive))
+            self.blocks.append(Block(number, which, columns, combinations, positive))
 
     def add_covariate(self, number: int, covariate: Covariate) -> None:
         for which, way in enumerate(covariate.variants):

@@ -53,7 +53,7 @@ def described_model(
     prior_u = []
     for k in choice.covariates:
         scales = design.scales[design.blocks[k].columns]
-        prior_u.append(model.scale[model.places[k]] * scales)
+        prior_u.append(model.scale[model.entries[k]] * scales)
     named = covariate_effects(covariates, prior_u, taken)
     taken |= {effect.label for effect in named}
     held, covariances = list[Effect](), list[Array]()

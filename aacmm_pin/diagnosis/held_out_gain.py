@@ -110,7 +110,9 @@ def predicted_folds(choice: Choice, before: Fit, kind: str, progress: Progress) 
 
 
 def _fold(choice: Choice, before: Fit, of_all: Gram, number: int) -> Fold | None:
-    """The fold; None if it has nothing to be compared with."""
+    """Choose and fit without the records of fold ``number``, and predict them; None if these have
+    no more rows than unknown coordinates of seats.
+    """
     inside = choice.folds == number
     left_out = gram_of(choice.design, choice.noise, [inside])
     if not left_out.free:
@@ -126,8 +128,8 @@ def _fold(choice: Choice, before: Fit, of_all: Gram, number: int) -> Fold | None
         return distances(records, poses, lever=choice.fit.lever)
 
     def predicted(state: ModelState, background: bool = False) -> Array:
-        """What is stated of known causes holds exactly where their change is not among the blocks,
-        or the other records would change them all the same.
+        """Distances of the fold's records by a state, fitted to the others. Known causes keep their
+        stated values unless their change is among its blocks.
         """
         amplitude = len(others.amplitudes) - 1 if background else 0
         alike = state._replace(amplitude=amplitude)

@@ -4,7 +4,8 @@
 are taken out of the inner products once for each amplitude of the background; the blocks of a set
 are then conditioned on by one small Cholesky factor. What is asked of other blocks beside the set,
 such as the evidence of every form of a place, is arithmetic on the products inside their columns.
-*Products* are with all columns and, last, the residual, unless others are named.
+*Products* are with all columns and, last, the residual, unless others are named. That residual is
+tip minus target, so that an estimate is minus their solution.
 """
 
 from __future__ import annotations
@@ -209,8 +210,8 @@ class Members:
     blocks: tuple[int, ...]
 
     @cached_property
-    def places(self) -> dict[int, slice]:
-        """Where each block is among the set's parameters."""
+    def entries(self) -> dict[int, slice]:
+        """Of each block, its slice among the set's parameters."""
         sizes = [self.base.design_blocks[k].size for k in self.blocks]
         ends = np.cumsum(sizes, dtype=int).tolist()
         slices = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
@@ -260,9 +261,9 @@ class Conditional:
         return self.base.design_blocks
 
     @property
-    def places(self) -> dict[int, slice]:
-        """Where each block is among the set's parameters."""
-        return self.members.places
+    def entries(self) -> dict[int, slice]:
+        """Of each block, its slice among the set's parameters."""
+        return self.members.entries
 
     @cached_property
     def scale(self) -> Array:
@@ -316,7 +317,7 @@ class Conditional:
         """The same of one block; 0 where nature has either sign."""
         if not self.design_blocks[block].positive:
             return 0.0
-        place = self.places[block].start
+        place = self.entries[block].start
         unit = np.zeros(len(self.scale))
         unit[place] = 1.0
         along = scipy.linalg.solve_triangular(self.factor, unit, lower=True)
@@ -374,7 +375,7 @@ class Conditional:
 
         Not kept, as it refers to this, and the memory of a circle is freed late.
         """
-        entries = numbers_of([self.places[k] for k in members])
+        entries = numbers_of([self.entries[k] for k in members])
         inverse = self.inverse[np.ix_(entries, entries)]
         precision = np.asarray(np.linalg.inv(inverse), np.float64)
         estimate = self.estimate[entries]
@@ -408,17 +409,19 @@ class Conditional:
         """Posterior mean of nuisances and background, beside the set at its mean (b,)."""
         whitened = self.base.whitened
         right = whitened[:, -1].copy()
-        for k, place in self.places.items():
+        for k, place in self.entries.items():
             right += self.design_blocks[k].of_rows(whitened) @ self.estimate[place]
         solved = scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
         return np.asarray(-solved)
 
     @cached_property
     def step(self) -> Array:
-        """Posterior mean of all columns' coefficients (columns,)."""
+        """Posterior mean of the coefficients of all columns (columns,): added to the fit, they move
+        the tips to :attr:`all_tips`.
+        """
         design = self.base.gram.design
         coefficients = np.zeros(design.width)
-        for k, place in self.places.items():
+        for k, place in self.entries.items():
             parameters = self.design_blocks[k]
             coefficients[parameters.columns] += parameters.in_columns(self.estimate[place])
         of_base = self._of_base
@@ -622,7 +625,7 @@ def _largest_canonical(first: Array, second: Array, cross: Array) -> float:
 
 
 def keep(kept: dict[Any, Any], key: object, value: object, most: int) -> None:
-    """Put a value behind those that are kept; the first goes if they are too many."""
+    """Keep a value as the latest, and drop the oldest if there are more than ``most``."""
     kept.pop(key, None)
     kept[key] = value
     if len(kept) > most:

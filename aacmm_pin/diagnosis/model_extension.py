@@ -353,7 +353,9 @@ def _climbed(
         return choice
     posterior = replace(climb, scatter=scatter).ended(previous)
     scattered = replace(choice, posterior=posterior, scatter=scatter)
-    return max(choice, scattered, key=lambda one: one.posterior.log_density + one.log_scatter)
+    return max(
+        choice, scattered, key=lambda one: one.posterior.log_density + one.log_density_of_scatter
+    )
 
 
 @dataclass(frozen=True, eq=False)

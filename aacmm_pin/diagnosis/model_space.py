@@ -332,10 +332,13 @@ class ModelSpace:
         """
         if blocks not in self._marginals:
             start = self._near(blocks) if near is None else near.of(blocks)
-            self._marginals[blocks] = self._summed(blocks, start)
+            self._marginals[blocks] = self._summed(start)
         return self._marginals[blocks]
 
-    def _summed(self, blocks: Blocks, state: ModelState) -> Marginal:
+    def _summed(self, state: ModelState) -> Marginal:
+        """See :meth:`marginal`: best amplitude and best widths in turn, until an amplitude is the
+        best again. The amplitudes that count are then summed over widths of their own.
+        """
         by_amplitude = self._over_amplitudes(state)
         peaks = dict[int, Peak]()
         while (best := int(np.argmax(by_amplitude))) not in peaks:

@@ -58,10 +58,12 @@ def refined_causes(choice: Choice, causes: Blocks, before: Sequence[Effect] = ()
 def with_likeliest(
     at: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Sequence[Effect]]
 ) -> list[Effect]:
-    """The causes as they act, with the likeliest of the effects to try, see :func:`evidences`."""
+    """Each cause as it acts, or in its place the likeliest effect of those tried for it, see
+    :func:`likeliest`; arguments as in :func:`evidences`.
+    """
     best = [variants[-1] for variants in acting]
-    for k, odds in evidences(at, noise, acting, tried).items():
-        best[k] = likeliest(tried[k], odds)
+    for k, log_odds in evidences(at, noise, acting, tried).items():
+        best[k] = likeliest(tried[k], log_odds)
     return best
 
 
@@ -75,7 +77,9 @@ def refined_rivals(choice: Choice) -> list[Effect]:
     candidates, records = choice.candidates, choice.fit.problem.measurements
     # Forms of a basis are tried at all values already.
     own_columns = {
-        block.candidate for block in candidates.blocks if block.variant == 0 and block.form is None
+        block.candidate
+        for block in candidates.blocks
+        if block.variant == 0 and block.combinations is None
     }
     smooth = {
         k
@@ -94,9 +98,9 @@ def refined_rivals(choice: Choice) -> list[Effect]:
     tried = {k: [*itertools.chain.from_iterable(of_block)] for k, of_block in rivals.items()}
     acting = _acting(choice, choice.top_causes)
     refined = list[Effect]()
-    for k, odds in evidences(choice.fit, choice.noise, acting, tried).items():
+    for k, log_odds in evidences(choice.fit, choice.noise, acting, tried).items():
         ends = np.cumsum([len(effects) for effects in rivals[k]])[:-1]
-        refined += map(likeliest, rivals[k], np.split(odds, ends))
+        refined += map(likeliest, rivals[k], np.split(log_odds, ends))
     return refined
 
 
@@ -113,8 +117,8 @@ def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
 def evidences(
     at: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Sequence[Effect]]
 ) -> dict[int, Array]:
-    """Log evidence of effects in the place of one cause, the other causes held, where a fit with
-    one of each ended.
+    """Log of evidence times prior of effects in the place of one cause, the other causes held,
+    where a fit with one of each ended.
 
     Args:
         at, noise: the fit, and the noise of its records.
@@ -143,19 +147,19 @@ def evidences(
     return evidence_of
 
 
-def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
+def likeliest(tried: Sequence[Effect], log_odds: Array) -> Effect:
     """The effect with the largest evidence, or one with nearly this evidence and a value that
     machines are made with.
     """
-    best = int(np.argmax(odds))
+    best = int(np.argmax(log_odds))
     exceptional = [k for k, effect in enumerate(tried) if effect.nonlinear.is_preferred(effect)]
-    usual = max(exceptional, key=lambda k: odds[k], default=best)
-    if exceptional and odds[usual] > odds[best] - EXCEPTIONAL:
+    usual = max(exceptional, key=lambda k: log_odds[k], default=best)
+    if exceptional and log_odds[usual] > log_odds[best] - EXCEPTIONAL:
         return tried[usual]
-    return _at_the_top(tried, odds, best)
+    return _at_the_top(tried, log_odds, best)
 
 
-def _at_the_top(tried: Sequence[Effect], odds: Array, best: int) -> Effect:
+def _at_the_top(tried: Sequence[Effect], log_odds: Array, best: int) -> Effect:
     """The effect at the top of the parabola through the best of those tried and its neighbours."""
     effect = tried[best]
     nonlinear = effect.nonlinear
@@ -163,7 +167,7 @@ def _at_the_top(tried: Sequence[Effect], odds: Array, best: int) -> Effect:
         return effect
     near = slice(best - 1, best + 2)
     values = np.array([nonlinear.value(neighbour) for neighbour in tried[near]])
-    bend, slope, _ = np.polyfit(values - values[1], odds[near], 2)
+    bend, slope, _ = np.polyfit(values - values[1], log_odds[near], 2)
     top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
     refined: Effect = nonlinear.at(effect, float(np.clip(values[1] + top, values[0], values[2])))
     return refined
@@ -187,13 +191,13 @@ def with_nonlinear_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> 
     records = at.problem.measurements
     new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
     tried = {k: effects[k].nonlinear.refine(effects[k].at(()), records) for k in new}
-    odds = evidences(at, noise, [(effect,) for effect in effects], tried)
+    log_odds = evidences(at, noise, [(effect,) for effect in effects], tried)
     u_of = {}
     number = {effects[k].label: k for k in new}
     for effect, entries in zip(at.effects, at.problem.vector.slices, strict=True):
         k = number.get(effect.label, -1)
-        if k in odds and not at.problem.start[entries].any():
-            u_of[effect.key] = {effect.nonlinear.field: _least_u(effect, tried[k], odds[k])}
+        if k in log_odds and not at.problem.start[entries].any():
+            u_of[effect.key] = {effect.nonlinear.field: _least_u(effect, tried[k], log_odds[k])}
     return replace(at, estimated_nonlinear=u_of)
 
 
@@ -203,7 +207,7 @@ def _is_smooth(effect: Effect) -> bool:
     return bool(nonlinear.prior_sd(effect)) and not nonlinear.is_preferred(effect)
 
 
-def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
+def _least_u(effect: Effect, tried: Sequence[Effect], log_odds: Array) -> float:
     """Half of the distance from a nonlinear parameter to the farther end of its 95 % interval: a
     time constant that is longer than the records last has far more room upwards than its derivative
     says.
@@ -214,15 +218,15 @@ def _least_u(effect: Effect, tried: Sequence[Effect], odds: Array) -> float:
     fine = np.linspace(0.0, grid[-1], PARTS_OF_STEP * int(grid[-1]) + 1)
     tried_values = [variant.nonlinear.value(variant) for variant in tried]
     values = scipy.interpolate.CubicSpline(grid, tried_values)(fine)
-    fine_odds = scipy.interpolate.CubicSpline(grid, odds)(fine)
+    fine_odds = scipy.interpolate.CubicSpline(grid, log_odds)(fine)
     low, high = _interval(values, fine_odds)
     value = effect.nonlinear.value(effect)
     return float(max(high - value, value - low) / 2.0)
 
 
-def _interval(values: Array, odds: Array) -> tuple[float, float]:
-    """The ends of 95 % of the probability, by log odds of the values."""
-    share = np.cumsum(np.exp(odds - logsumexp(odds)))
+def _interval(values: Array, log_odds: Array) -> tuple[float, float]:
+    """The ends of 95 % of the probability, by log log_odds of the values."""
+    share = np.cumsum(np.exp(log_odds - logsumexp(log_odds)))
     places = np.searchsorted(share, (0.025, 0.975)).clip(max=values.size - 1)
     low, high = values[places].tolist()
     return low, high
@@ -251,10 +255,10 @@ def interval_of_step(choice: Choice, block: int, name: str) -> NonlinearInterval
     tried = chosen.nonlinear.refine(chosen, records)
     others = [k for k in choice.top_causes if candidates.owner(k) != candidates.owner(block)]
     acting = _acting(choice, [block, *others])
-    odds = evidences(choice.fit, choice.noise, acting, {0: tried})[0]
+    log_odds = evidences(choice.fit, choice.noise, acting, {0: tried})[0]
     values = np.array([getattr(effect, name) for effect in tried])
-    share = np.exp(odds - logsumexp(odds))
+    share = np.exp(log_odds - logsumexp(log_odds))
     gaps = np.array([effect.nonlinear.gap(effect, records) for effect in tried])
     variances = np.square(values - getattr(chosen, name)) + np.square(gaps) / 12.0
     u = float(np.sqrt(share @ variances))
-    return NonlinearInterval(u, *_interval(values, odds))
+    return NonlinearInterval(u, *_interval(values, log_odds))

@@ -83,8 +83,9 @@ class Posterior:
 
     @cached_property
     def forms(self) -> dict[int, dict[frozenset[int], float]]:
-        """Of each place where something acts, the probability of each form, the most probable
-        first: of the candidates that act there together.
+        """Of each place, by its number, the probability of each form, the most probable first.
+
+        A form is the set of the candidates that act there together, whatever their variants.
         """
         candidates = self.space.candidates
         of_places = defaultdict[int, dict[frozenset[int], float]](dict)
@@ -199,7 +200,7 @@ class Posterior:
         Other sets hold it too, and structure beside it: law of total variance, about the estimate
         with these causes alone.
         """
-        place = self.causes_alone.places[block]
+        place = self.causes_alone.entries[block]
         alone = self.causes_alone.covariance[place, place]
         values, vectors = np.linalg.eigh(self._of_other_sets[block] - alone)
         return np.asarray(vectors * np.maximum(values, 0.0) @ vectors.T)
@@ -210,14 +211,14 @@ class Posterior:
         causes alone.
         """
         alone = self.causes_alone
-        total = {k: 0.0 * alone.covariance[place, place] for k, place in alone.places.items()}
+        total = {k: 0.0 * alone.covariance[place, place] for k, place in alone.entries.items()}
         held = dict.fromkeys(alone.blocks, 0.0)
         for blocks, weight in self._likely.items():
             there = self.beside(blocks)
             covariance = there.covariance
             for k in set(blocks) & held.keys():
-                place = there.places[k]
-                difference = there.estimate[place] - alone.estimate[alone.places[k]]
+                place = there.entries[k]
+                difference = there.estimate[place] - alone.estimate[alone.entries[k]]
                 total[k] += weight * (covariance[place, place] + np.outer(difference, difference))
                 held[k] += weight
         return {k: total[k] / max(held[k], THRESHOLDS.worth_listing) for k in alone.blocks}

@@ -123,7 +123,7 @@ class Walk:
             self._look_at(start)
 
     def take_up(self, other: Walk) -> None:
-        """What another walk has visited too."""
+        """Add what another walk has visited; as many sets as at first may be expanded."""
         self.values |= other.values
         self.expanded |= other.expanded
         self.exchanged |= other.exchanged

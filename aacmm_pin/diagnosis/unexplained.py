@@ -293,7 +293,7 @@ def _discrepancy(choice: Choice) -> tuple[DiscrepancySize, ...]:
     design, model = choice.design, choice.posterior.median_model
     parts = []
     for k in choice.covariates:
-        entries = model.places[k]
+        entries = model.entries[k]
         covariance = model.covariance[entries, entries]
         rms, u = _sizes(choice, design.weights(k), model.estimate[entries], covariance)
         probability = choice.posterior.probability(k)

@@ -95,7 +95,7 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     number, records = len(way.quantities), np.arange(len(functions))
     scales = design.scales[design.blocks[block].columns]
     # Each function has one coefficient for each quantity.
-    coefficients = (model.estimate[model.places[block]] * scales).reshape(-1, number)
+    coefficients = (model.estimate[model.entries[block]] * scales).reshape(-1, number)
     correction = functions @ coefficients
     # Shift of the tip for one unit of each quantity (n, 3, quantities): a column is a function
     # times the shift, so divide by the strongest function.

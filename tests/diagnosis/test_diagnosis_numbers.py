@@ -34,7 +34,7 @@ from aacmm_pin.diagnosis import held_out_gain as gain
 from aacmm_pin.diagnosis import odd_groups as groups
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import Variants, candidates
-from aacmm_pin.diagnosis.choice import Choice, divide_seats
+from aacmm_pin.diagnosis.choice import Choice, seats_are_divided
 from aacmm_pin.diagnosis.covariates import Covariate, covariates, label_groups
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
@@ -299,7 +299,7 @@ def some_blocks(design: Design) -> list[int]:
 def of_block(rows: Array, block: Block) -> Array:
     """Rows of the parameters of a block."""
     own = rows[:, block.columns]
-    return own if block.form is None else own @ block.form
+    return own if block.combinations is None else own @ block.combinations
 
 
 def same_products(found: Array, rows: Array) -> None:
@@ -331,7 +331,7 @@ def test_inner_products(
 def test_without_a_part_the_others_are_left(case: Case) -> None:
     """Where no seat is in two of them."""
     design, noise = case.design, case.noise
-    assert not divide_seats(case.folds, case.fit)
+    assert not seats_are_divided(case.folds, case.fit)
     one, whole = np.unique(case.folds)[1], gram_of(design, noise)
     others = whole.without(gram_of(design, noise, [case.folds == one]))
     rows = dense(case, case.folds, [one])
@@ -402,7 +402,7 @@ def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case, excluded:
     same_products(gram.matrix, rows)
     assert gram.free == len(rows) - case.design.nuisances
     if case.records.conditions.seat is not None:
-        assert divide_seats(part, case.fit)
+        assert seats_are_divided(part, case.fit)
         torn = replace(case, folds=part).choice(only=few(case)).gram_of_folds
         assert torn.free == gram.free + gram_of(case.design, case.noise, [part == 2]).free
 
@@ -741,7 +741,7 @@ def test_estimates_answer_a_curve_that_a_refit_holds(free_case: Case) -> None:
     zero = np.zeros(len(effect.terms))
     at = refit(zero)
     found = choice.held_curves(at, [effect])
-    own = model.places[curve]
+    own = model.entries[curve]
     typical = np.array([term.typical for term in effect.terms])
     wanted = model.covariance[own, own] * np.outer(typical, typical)
     close(found.covariance / wanted, np.ones_like(wanted), 1e-9)

@@ -226,7 +226,8 @@ def dense_of(space: ModelSpace) -> Dense:
     rows = rows_of(space)
     directions = space.gram.directions
     own = [
-        rows[:, block.columns] @ (np.eye(block.size) if block.form is None else block.form)
+        rows[:, block.columns]
+        @ (np.eye(block.size) if block.combinations is None else block.combinations)
         for block in design.blocks
     ]
     return Dense(
