@@ -10,7 +10,8 @@ from blind.kinematics import Array
 from scipy.optimize import OptimizeResult
 
 from aacmm_pin.arm import Arm
-from aacmm_pin.calibration import Calibration
+from aacmm_pin.calibration import Calibration, calibrate
+from aacmm_pin.measurements import Measurements
 from tests.oracle import dh_frames
 
 SPHERE, PROBE = 25.4e-3, 3e-3
@@ -20,10 +21,13 @@ ROW = ("a", "d", "alpha", "theta_offset")
 
 
 class Machine:
-    """SINO6 with errors of its parameters (p,), and postures that touch spheres anywhere."""
+    """SINO6 with errors of its parameters (p,), if any, and postures that touch spheres
+    anywhere.
+    """
 
-    def __init__(self, arm: Arm, errors: Array) -> None:
-        stated = {p.name: p.value + e for p, e in zip(arm.parameters, errors, strict=True)}
+    def __init__(self, arm: Arm, errors: Array | float = 0.0) -> None:
+        off = np.broadcast_to(errors, len(arm.parameters))
+        stated = {p.name: p.value + e for p, e in zip(arm.parameters, off, strict=True)}
         self.table = np.array([[stated[f"{name}{j}"] for name in ROW] for j in range(1, 7)])
 
     def tips(self, q: Array) -> Array:
@@ -34,13 +38,14 @@ class Machine:
         q = start.copy()
         for _ in range(50):
             off = points - self.tips(q)
+            far = np.linalg.norm(off, axis=1) > 1e-13
             columns = [
-                (self.tips(q + 1e-6 * axis) - self.tips(q - 1e-6 * axis)) / 2e-6
+                (self.tips(q[far] + 1e-6 * axis) - self.tips(q[far] - 1e-6 * axis)) / 2e-6
                 for axis in np.eye(6)
             ]
             jacobian = np.stack(columns, axis=2)
-            step = np.einsum("nij,nj->ni", np.linalg.pinv(jacobian, rcond=1e-3), off)
-            q += np.clip(step, -0.2, 0.2)
+            step = np.einsum("nij,nj->ni", np.linalg.pinv(jacobian, rcond=1e-3), off[far])
+            q[far] += np.clip(step, -0.2, 0.2)
         return q[np.linalg.norm(points - self.tips(q), axis=1) < 1e-12]
 
     def touching(
@@ -100,6 +105,12 @@ def drawn(arm: Arm, rng: np.random.Generator) -> Array:
     return rng.normal(size=len(arm.parameters)) * np.array([p.u for p in arm.parameters])
 
 
+def calibrated(arm: Arm, records: Measurements, **how: object) -> Calibration:
+    """With the noise of the plant as stated, unless ``how`` says otherwise."""
+    stated = {"encoder_noise": READING, "probe_noise": CONTACT, "hold_out": False}
+    return calibrate(arm, records, **(stated | how))  # type: ignore[arg-type]
+
+
 class Values:
     """The estimated values of an arm by the plant's kinematics, at readings (n, 6)."""
 
@@ -109,7 +120,7 @@ class Values:
         self.chosen = [names.index(name) for name in result.parameters["parameter"]]
         self.count = len(self.chosen)
         self.u = np.array([arm.parameters[k].u for k in self.chosen])
-        bare = Machine(arm, np.zeros(len(names)))
+        bare = Machine(arm)
         moves = [bare.tips(q + 1e-6 * axis) - bare.tips(q - 1e-6 * axis) for axis in np.eye(6)]
         by_reading = READING * np.stack(moves, axis=2) / 2e-6
         self.covariance = by_reading @ by_reading.transpose(0, 2, 1) + CONTACT**2 * np.eye(3)

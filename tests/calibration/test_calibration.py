@@ -25,11 +25,9 @@ from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
     Conditions,
-    Effect,
     EncoderEccentricity,
     EncoderSlip,
     ErrorModel,
-    JointCompliance,
     JointErrorCurve,
     JointPeriodicError,
     State,
@@ -41,22 +39,19 @@ from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.again import again
 from tests.arm_files import PRISMATIC, by_table, changed
+from tests.calibration.contacts import drawn
 from tests.notes import data_of
-from tests.oracle import close
+from tests.oracle import close, postures
 
 READING, REFERENCE = 8e-6, 12e-6
-
-
-def within(arm: Arm, rng: np.random.Generator, n: int) -> Array:
-    return np.column_stack([rng.uniform(low, high, n) for low, high in arm.limits])
 
 
 def free_points(arm: Arm, rng: np.random.Generator, n: int = 300) -> tuple[Measurements, Array]:
     """Records of an arm whose geometry is off by a draw of its stated uncertainty, and that
     draw.
     """
-    q = within(arm, rng, n)
-    errors = rng.normal(size=len(arm.parameters)) * np.array([p.u for p in arm.parameters])
+    q = postures(arm, rng, n)
+    errors = drawn(arm, rng)
     tips = arm.perturbed_positions(q, np.tile(errors, (n, 1)))
     noisy = q + rng.normal(size=q.shape) * READING
     return Measurements.of(noisy, tips + rng.normal(size=tips.shape) * REFERENCE), errors
@@ -78,7 +73,7 @@ def test_values_of_a_row_with_a_prismatic_joint(rng):
     measured = {"d3", "theta_offset3"} & {*result.parameters.query("known == 'measured'").parameter}
     assert measured
     assert np.abs(normalised(arm, result, errors)).max() < 4.5
-    q = within(arm, rng, 50)
+    q = postures(arm, rng, 50)
     tips = arm.perturbed_positions(q, np.tile(errors, (len(q), 1)))
     close(result.model.predict(q), tips, 2e-5)
     zeros = quick(arm, data, "zero-offsets")
@@ -159,7 +154,7 @@ def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6, by_marker):
     }
     judged = []
     for _ in range(12):
-        q = within(sino6, rng, n)
+        q = postures(sino6, rng, n)
         points = (
             model.predict(q + rng.normal(size=q.shape) * noise, marker)
             + rng.normal(size=(n, 3)) * 1e-5
@@ -168,9 +163,6 @@ def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6, by_marker):
         judged.append(calibrate(sino6, data, "zero-offsets", **setup).fit.chi2_stated)
     total, dof = np.sum(judged, axis=0)
     assert abs(total - dof) < 3.5 * np.sqrt(2 * dof)
-
-
-# --- the zero-offset paper
 
 
 # --- the estimate and its uncertainty
@@ -279,7 +271,7 @@ def test_scatter_found_from_afar_is_that_of_the_records(wrong):
 @pytest.mark.parametrize("plan", ["seats", "unknown seats", "bars"])
 def test_seats_and_bars(sino6, rng, plan):
     q = np.zeros((1, 6))
-    errors = rng.normal(size=24) * np.array([p.u for p in sino6.parameters])
+    errors = drawn(sino6, rng)
     steps = {p.name: e for p, e in zip(sino6.parameters, errors, strict=True)}
     real = Arm.from_file(moved_file(sino6, steps))
     assert np.abs(real.positions(q) - sino6.positions(q)).max() > 1e-6
@@ -345,7 +337,7 @@ def test_what_is_known_in_combination_only_has_no_u_by_itself(sino6, rng):
 def test_parallel_axes_are_known_together(rng):
     rows = [(0, 127.3, 90, 0), (-612, 0, 0, 0), (-572.3, 0, 0, 0), (0, 163.9, 90, 0)]
     arm = by_table("parallel", [*rows, (0, 115.7, -90, 0), (0, 92.2, 0, 0)], 170.0)
-    q = within(arm, rng, 150)
+    q = postures(arm, rng, 150)
     data = Measurements.of(q, arm.positions(q) + rng.normal(size=(150, 3)) * 1e-5)
     result = calibrate(arm, data, reference_noise=1e-5, hold_out=False)
     together = [
@@ -392,33 +384,7 @@ def test_a_tenth_of_gross_errors(sino6, rng, size):
     assert np.abs((result.fit.point.x - clean.fit.point.x) / u).max() < 1.0
 
 
-# --- causes, and the calibrated arm
-
-CAUSES: list[Effect] = [
-    EncoderEccentricity(3, values=(1e-4, -5e-5)),
-    JointCompliance(2, values=(2e-5,)),
-    ThermalExpansion(values=(2e-5,)),
-    EncoderSlip(4, 3000.0, values=(2e-4,)),
-]
-
-
-@pytest.mark.parametrize("cause", CAUSES, ids=lambda e: e.label)
-def test_a_cause_is_recovered(sino6, rng, cause):
-    n = 300
-    q = within(sino6, rng, n)
-    conditions = Conditions(
-        n,
-        time=np.linspace(0, 7200, n),
-        temperature=20 + 3 * np.sin(np.linspace(0, 9, n)),
-        approach=rng.choice([-1.0, 1.0], (n, 6)),
-    )
-    tips = ErrorModel(sino6, (cause,)).predict(q, conditions)
-    noisy = q + rng.normal(size=q.shape) * READING
-    data = Measurements.of(noisy, tips + rng.normal(size=(n, 3)) * REFERENCE, conditions=conditions)
-    result = quick(sino6, data, ["geometry", cause.at(())])
-    (found,) = result.model.effects
-    assert np.all(np.abs(np.array(found.values) - cause.values) < 4.5 * np.array(found.u))
-    assert np.all(np.array(found.u) < np.linalg.norm(cause.values))
+# --- the calibrated arm
 
 
 def test_the_calibrated_arm_is_saved_and_calibrated_again(sino6, rng, tmp_path):
@@ -426,7 +392,7 @@ def test_the_calibrated_arm_is_saved_and_calibrated_again(sino6, rng, tmp_path):
     result = quick(sino6, data, ["geometry", EncoderEccentricity(3)])
     result.model.save(tmp_path / "cal.toml")
     loaded = ErrorModel.load(tmp_path / "cal.toml")
-    q = within(sino6, rng, 50)
+    q = postures(sino6, rng, 50)
     close(loaded.predict(q), result.model.predict(q), 1e-12)
     close(loaded.predict(data.q), result.fit.point.prediction.tips, 1e-9)
     by_name = {p.name: i for i, p in enumerate(loaded.parameters)}
@@ -762,7 +728,7 @@ def test_coordinates_of_seats_of_unstated_uncertainty(sino6):
         found = calibrate(sino6, data, prior=False, hold_out=False)
         seats.append(found.fit.noise.scatters.seat)
         assert found.fit.scatter == pytest.approx(1.5e-5, rel=0.15)
-        q = within(sino6, rng, 40)
+        q = postures(sino6, rng, 40)
         model = found.model
         sensitivity = model.sensitivity(q)
         u = np.sqrt(

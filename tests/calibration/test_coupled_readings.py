@@ -4,8 +4,6 @@ couplings written out.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pinocchio as pin
@@ -74,7 +72,7 @@ class Plant:
 
 
 @pytest.fixture
-def crane(tmp_path: Path) -> Arm:
+def crane(tmp_path) -> Arm:
     path = tmp_path / "crane.urdf"
     path.write_text(URDF, encoding="utf-8")
     arm = Arm.from_urdf(path, "tip", translation_half_width=SHIFT, rotation_half_width=TURN)
@@ -105,7 +103,7 @@ def test_a_stated_ratio_that_the_encoder_does_not_have_is_named(crane, rng):
         (1.0, (SUM, GEAR), r"joint = 3, of = 2\D* -1 \D* 1\b"),
         (-1.0, (SUM, (5, 5, 2.0)), r"joint = 5, of = 5\D* 2 \D* 0\.5"),
     ):
-        records = Plant(rng, truth).records(rng, 60)
+        records = Plant(rng, truth).records(rng, 40)
         with pytest.raises(MistakenFileError, match=said):
             calibrate(crane.with_couplings(*couplings), records, hold_out=False)
 

@@ -46,7 +46,7 @@ def by_tracker(
 
 
 @pytest.mark.parametrize("half_width", [None, 5e-4])
-def test_u_of_the_tip_has_what_a_marker_does_not_determine(robot_file, rng, half_width):
+def test_u_of_the_tip_has_what_a_marker_does_not_determine(rng, half_width):
     """Beyond the last joint the flange may be anywhere within its stated half-width, or that of an
     assembled arm.
     """
@@ -55,7 +55,7 @@ def test_u_of_the_tip_has_what_a_marker_does_not_determine(robot_file, rng, half
         if half_width is None
         else {"translation_half_width": half_width, "rotation_half_width": 1e-3}
     )
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", **stated)
+    arm = Arm.from_urdf("ur5", **stated)
     result, true = by_tracker(arm, rng, marker=True)
     q = random_postures(arm, 100, rng)
     off = np.linalg.norm(result.model.predict(q) - true.predict(q), axis=1)
@@ -69,11 +69,11 @@ def test_u_of_the_tip_has_what_a_marker_does_not_determine(robot_file, rng, half
     assert bool(data_of(result.notes, "tip_undetermined")) is (half_width is None)
 
 
-def test_what_describes_the_same_arm_otherwise_moves_nothing(robot_file, rng):
+def test_what_describes_the_same_arm_otherwise_moves_nothing(rng):
     """A target that becomes the tip: how its place is shared out between joint and target does not
     matter there.
     """
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    arm = Arm.from_urdf("ur5")
     undetermined = by_tracker(arm, rng, marker=False)[0].fit.undetermined
     assert undetermined.directions.shape[1] >= 10
     assert undetermined.tip_spread.size == undetermined.target_directions.size == 0

@@ -107,7 +107,7 @@ MISTAKES = {
 
 
 @pytest.fixture(scope="module", params=["sino6", "ur5", again("zero6")])
-def arm(request: pytest.FixtureRequest) -> Arm:
+def arm(request) -> Arm:
     if request.param != "ur5":
         return Arm.load(request.param)
     (urdf,) = (

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
@@ -36,7 +35,7 @@ STEP = 1e-4
 
 
 @pytest.fixture
-def problem(sino6: Arm, rng: np.random.Generator) -> Problem:
+def problem(sino6, rng) -> Problem:
     q = rng.uniform(*sino6.limits.T, (20, 6))
     records = Measurements.of(q, sino6.poses(q).position)
     return problem_of(

@@ -77,12 +77,11 @@ def test_parameters_known_together_are_drawn_together(sino6):
     assert np.std(d3 + d5) < 0.1 * np.std(d3)
 
 
-def test_placements_of_a_urdf_are_drawn_within_their_half_widths(robot_file, rng):
+def test_placements_of_a_urdf_are_drawn_within_their_half_widths(rng):
     """By Pinocchio's own placements: shifts and turns against those of the file, as logarithms."""
     half_widths = np.repeat([1e-4, 3e-4], 3)
     arm = Arm.from_urdf(
-        robot_file("ur5_robot.urdf"),
-        "tool0",
+        "ur5",
         translation_half_width=half_widths[0],
         rotation_half_width=half_widths[-1],
     )

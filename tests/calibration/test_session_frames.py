@@ -14,7 +14,9 @@ from aacmm_pin.calibration import Calibration, base_placements
 from aacmm_pin.effects import ReferenceFrame
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
+from tests.calibration.contacts import drawn
 from tests.cli import shell
+from tests.few_causes import NO_WAVES
 
 READING, REFERENCE = 8e-6, 12e-6
 FAR = (Rotation.from_euler("xyz", [3, -2, 130], degrees=True), np.array([1.5, -0.8, 0.3]))
@@ -24,7 +26,7 @@ SAME = (Rotation.identity(), np.zeros(3))
 
 def measured(arm: Arm, rng: np.random.Generator, *frames: tuple[Rotation, np.ndarray]):
     """A table of 60 records for each frame, and the errors of the arm."""
-    errors = rng.normal(size=len(arm.parameters)) * np.array([p.u for p in arm.parameters])
+    errors = drawn(arm, rng)
     tables = []
     for k, (turn, shift) in enumerate((FAR, *frames)):
         q = rng.uniform(-1.2, 1.2, (60, 6))
@@ -86,6 +88,7 @@ def test_the_displacement_of_a_frame_has_its_u(sino6):
     assert 0.001 < chi2.sf(total, 72) < 0.999
 
 
+@NO_WAVES
 def test_a_cause_is_found_over_sessions(sino6, rng):
     table, _ = measured(sino6, rng, FAR, NEAR)
     q = np.radians(table["theta3_deg"])

@@ -36,7 +36,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.measurements.orientation import quaternions
-from tests.oracle import close
+from tests.oracle import close, postures
 
 pytestmark = pytest.mark.fast
 
@@ -46,7 +46,7 @@ FRAME = Frame(Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix(), np.array([1.0,
 
 def external(arm: Arm, rng: np.random.Generator, off: float = 0.0, n: int = 12) -> Problem:
     """Records in a frame that is turned."""
-    q = np.column_stack([rng.uniform(low, high, n) for low, high in arm.limits])
+    q = postures(arm, rng, n)
     points = FRAME.apply(arm.positions(q)) + rng.normal(scale=max(off, 1e-12), size=(n, 3))
     setup = Setup.of(arm, reference_frame="external", encoder_noise=NOISE, reference_noise=2e-6)
     return problem_of(ErrorModel(arm), Measurements.of(q, points), "geometry", setup)
@@ -73,7 +73,7 @@ def test_noise_of_readings_acts_on_the_target(sino6, rng):
     orientation too.
     """
     n, step = 8, 1e-6
-    q = np.column_stack([rng.uniform(low, high, n) for low, high in sino6.limits])
+    q = postures(sino6, rng, n)
     model = ErrorModel(sino6, (StylusOffset("far", values=(0.05, -0.1, 0.3)),))
     marker = Conditions(n, marker=np.full(n, "far", dtype=object))
     orientation = quaternions(model.state(q, marker).rotation[-1])
@@ -260,7 +260,7 @@ def test_columns_of_all_effects_are_those_of_each(n, sino6, rng):
     In a single record thermal expansion too is a parameter with constant twists, at several places
     at once.
     """
-    q = np.column_stack([rng.uniform(low, high, n) for low, high in sino6.limits])
+    q = postures(sino6, rng, n)
     seat = np.array(["A", "", "B", "A"] * 2, dtype=object)[:n]
     known = Conditions(n, temperature=rng.uniform(15.0, 30.0, n), seat=seat)
     effects = [

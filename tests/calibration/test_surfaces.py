@@ -10,8 +10,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from aacmm_pin import calibrate, diagnose
-from aacmm_pin.arm import Arm
-from aacmm_pin.calibration import Calibration
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
 from tests.calibration.contacts import (
@@ -22,22 +20,19 @@ from tests.calibration.contacts import (
     SPHERES,
     Machine,
     Values,
+    calibrated,
     drawn,
     file_of,
     planes_of,
 )
-
-
-def calibrated(arm: Arm, q: Array, sphere: Array) -> Calibration:
-    records = Measurements.from_frame(file_of(q, sphere))
-    return calibrate(arm, records, encoder_noise=READING, probe_noise=CONTACT, hold_out=False)
+from tests.few_causes import NO_WAVES
 
 
 def test_an_independent_least_squares_with_the_centres_agrees(sino6, rng):
     machine = Machine(sino6, drawn(sino6, rng))
     q, sphere = machine.touching(rng)
     q += READING * rng.normal(size=q.shape)
-    result = calibrated(sino6, q, sphere)
+    result = calibrated(sino6, Measurements.from_frame(file_of(q, sphere)))
     values = Values(sino6, result, q)
 
     def residual(x: Array) -> Array:
@@ -55,27 +50,21 @@ def test_the_scale_of_a_sphere_is_that_of_its_diameter(sino6, rng):
     """All tips 1e-3 too far away make spheres of unknown centre larger by 1e-3, and nothing else:
     14 µm of a radius.
     """
-    q, sphere = Machine(sino6, np.zeros(len(sino6.parameters))).touching(rng, noise=0.0)
+    q, sphere = Machine(sino6).touching(rng, noise=0.0)
     table = file_of(q, sphere)
     for scale, least, most in ((1.0, 0.0, 1e-6), (1.001, 12e-6, 15e-6)):
         larger = table.assign(
             feature_diameter_mm=(SPHERE * scale + PROBE * (scale - 1)) * 1e3,
         )
         records = Measurements.from_frame(larger)
-        result = calibrate(
-            sino6,
-            records,
-            ["zero-offsets"],
-            prior=True,
-            encoder_noise=READING,
-            probe_noise=2e-5,  # so much that nobody looks for a mistake
-            hold_out=False,
-        )
+        # So much noise that nobody looks for a mistake.
+        result = calibrated(sino6, records, parameters="zero-offsets", probe_noise=2e-5)
         assert least <= result.rms_before <= most
 
 
+@NO_WAVES
 def test_an_eccentric_encoder_is_found_by_spheres_alone(sino6, rng):
-    q, sphere = Machine(sino6, np.zeros(len(sino6.parameters))).touching(rng)
+    q, sphere = Machine(sino6).touching(rng)
     read = q - 2e-4 * np.cos(q - 0.7) * (np.arange(6) == 2)
     read += READING * rng.normal(size=q.shape)
     records = Measurements.from_frame(file_of(read, sphere))
@@ -88,7 +77,7 @@ def test_an_eccentric_encoder_is_found_by_spheres_alone(sino6, rng):
 
 
 def test_stated_centres_place_the_arm(sino6, rng):
-    machine = Machine(sino6, np.zeros(len(sino6.parameters)))
+    machine = Machine(sino6)
     q, sphere = machine.touching(rng, noise=0.0)
     table = file_of(q, sphere)
     radius = 0.5 * (SPHERE + PROBE)
@@ -106,38 +95,34 @@ def test_stated_centres_place_the_arm(sino6, rng):
     assert not records.known.any()
     again = Measurements.from_frame(records.to_frame())
     np.testing.assert_allclose(again.contact_radius, radius)
-    result = calibrate(
-        sino6,
-        records,
-        "zero-offsets",
-        reference_frame="base",
-        encoder_noise=READING,
-        probe_noise=CONTACT,
-        hold_out=False,
-    )
+    result = calibrated(sino6, records, parameters="zero-offsets", reference_frame="base")
     np.testing.assert_allclose(result.fit.point.seats, centres, atol=3e-6)
     assert result.rms < 3e-6
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("file", "change", "said"),
     [
-        ({"probe_diameter_mm": [""] + [3.0] * 95}, "probe_diameter_mm"),
-        ({"feature_diameter_mm": [25.4] * 95 + [25.5]}, "one value"),
-        ({"feature": [f"S{k // 3}" for k in range(96)]}, "4 or more"),
-        ({"seat": "A"}, "one of the two labels"),
+        (file_of, {"probe_diameter_mm": [""] + [3.0] * 95}, "probe_diameter_mm"),
+        (file_of, {"feature_diameter_mm": [25.4] * 95 + [25.5]}, "one value"),
+        (file_of, {"feature": [f"S{k // 3}" for k in range(96)]}, "4 or more"),
+        (file_of, {"seat": "A"}, "one of the two labels"),
+        (planes_of, {"feature_kind": "cone"}, "expected plane"),
+        (planes_of, {"x_mm": 1.0, "y_mm": 1.0, "z_mm": 1.0}, "with coordinates"),
+        (planes_of, {"feature": [f"E{k // 3}" for k in range(96)]}, "4 or more"),
+        (planes_of, {"feature_kind": ["plane"] * 95 + [""]}, "of the plane"),
     ],
 )
-def test_spheres_that_cannot_be_used_are_named(sino6, change, said):
+def test_surfaces_that_cannot_be_used_are_named(file, change, said):
     q = np.random.default_rng(1).uniform(-1, 1, (96, 6))
-    table = file_of(q, np.repeat(np.arange(6), 16)).assign(**change)
+    table = file(q, np.repeat(np.arange(6), 16)).assign(**change)
     with pytest.raises(MeasurementFileError, match=said):
         Measurements.from_frame(table)
 
 
 @pytest.mark.long
 def test_a_wrong_diameter_or_joint_is_named(sino6, rng):
-    q, sphere = Machine(sino6, np.zeros(len(sino6.parameters))).touching(rng)
+    q, sphere = Machine(sino6).touching(rng)
     table = file_of(q, sphere)
     result = calibrate(
         sino6, Measurements.from_frame(table.assign(probe_diameter_mm=6.0)), hold_out=False
@@ -154,7 +139,7 @@ def test_planes_count_as_an_independent_least_squares_says(sino6, rng):
     q, plane = machine.on_planes(rng)
     q += READING * rng.normal(size=q.shape)
     records = Measurements.from_frame(planes_of(q, plane))
-    result = calibrate(sino6, records, encoder_noise=READING, probe_noise=CONTACT, hold_out=False)
+    result = calibrated(sino6, records)
     assert chi2.sf(*result.fit.chi2_stated) > 1e-3
     values = Values(sino6, result, q)
     at = values.tips(np.zeros(values.count))
@@ -175,8 +160,9 @@ def test_planes_count_as_an_independent_least_squares_says(sino6, rng):
     values.agree(found, within=0.03)
 
 
+@NO_WAVES
 def test_a_cause_is_found_by_planes_and_held_out_planes_are_predicted(sino6, rng):
-    machine = Machine(sino6, np.zeros(len(sino6.parameters)))
+    machine = Machine(sino6)
     q, plane = machine.on_planes(rng)
     read = q - 3e-4 * np.cos(q - 0.7) * (np.arange(6) == 2) + READING * rng.normal(size=q.shape)
     result = diagnose(
@@ -188,22 +174,6 @@ def test_a_cause_is_found_by_planes_and_held_out_planes_are_predicted(sino6, rng
     )
     assert "encoder_eccentricity:3" in [finding.label for finding in result.findings]
     assert result.held_out is not None
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"feature_kind": "cone"}, "expected plane"),
-        ({"x_mm": 1.0, "y_mm": 1.0, "z_mm": 1.0}, "with coordinates"),
-        ({"feature": [f"E{k // 3}" for k in range(24)]}, "4 or more"),
-        ({"feature_kind": ["plane"] * 23 + [""]}, "of the plane"),
-    ],
-)
-def test_planes_that_cannot_be_used_are_named(change, said):
-    q = np.random.default_rng(1).uniform(-1, 1, (24, 6))
-    table = planes_of(q, np.repeat(np.arange(3), 8)).assign(**change)
-    with pytest.raises(MeasurementFileError, match=said):
-        Measurements.from_frame(table)
 
 
 @pytest.mark.long
