@@ -30,7 +30,7 @@ class Counting(Executor):
 
 
 @pytest.fixture(scope="module", params=["processes", "threads", again("dask")])
-def executor(request: pytest.FixtureRequest) -> Iterator[Counting | int]:
+def executor(request) -> Iterator[Counting | int]:
     if request.param == "processes":
         yield 2
         return

@@ -41,7 +41,7 @@ U = (2e-5, 4e-5, 3e-5, 6e-5, 2e-5)
 
 
 @pytest.fixture(scope="session")
-def extended(sino6: Arm) -> ErrorModel:
+def extended(sino6) -> ErrorModel:
     return ErrorModel(sino6, EFFECTS)
 
 
@@ -60,7 +60,7 @@ def random_correlation(p: int, rng: np.random.Generator) -> Array:
 
 
 @pytest.fixture
-def calibrated(rng: np.random.Generator) -> ErrorModel:
+def calibrated(rng) -> ErrorModel:
     return with_covariance(TOGETHER, U, random_correlation(len(U), rng))
 
 

@@ -5,9 +5,7 @@ independent numbers.
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,7 +48,7 @@ ELLIPSOID = [(3.5, 5.5), (4.5, 6.1), (4.7, 6.4), (5.3, 6.5), (5.4, 6.5), (5.8, 6
 
 
 @pytest.fixture(scope="session")
-def ur5(robot_file: Callable[[str], Path]) -> Arm:
+def ur5(robot_file) -> Arm:
     return Arm.from_urdf(
         robot_file("ur5_robot.urdf"),
         "ee_link",
@@ -60,7 +58,7 @@ def ur5(robot_file: Callable[[str], Path]) -> Arm:
 
 
 @pytest.fixture(params=["sino6", "ur5"])
-def arm(request: pytest.FixtureRequest) -> Arm:
+def arm(request) -> Arm:
     chosen: Arm = request.getfixturevalue(request.param)
     return chosen
 

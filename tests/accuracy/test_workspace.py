@@ -35,7 +35,7 @@ CELLS, SECTORS = (4, 6), 12
 
 
 @pytest.fixture(scope="session")
-def small(sino6: Arm) -> WorkspaceMap:
+def small(sino6) -> WorkspaceMap:
     return map_workspace(sino6, CELLS, SECTORS)
 
 
@@ -44,7 +44,7 @@ def cell_point(data: xr.Dataset, i: int, k: int) -> Array:
 
 
 @pytest.fixture(scope="session")
-def circles(sino6: Arm, small: WorkspaceMap) -> dict[tuple[int, int], ConfigurationCircle]:
+def circles(sino6, small) -> dict[tuple[int, int], ConfigurationCircle]:
     return {
         (i, k): configuration_circle(sino6, cell_point(small.data, i, k), count=480)
         for i in range(CELLS[0])
@@ -64,20 +64,33 @@ def test_cells_are_centres_of_the_default_extent(small):
     close(small.data["sector_deg"], np.arange(12) * 30, 1e-12)
 
 
-@pytest.mark.parametrize("change", [{"d_mm": 1310.0}, again({}), again({"d_mm": -400.0})], ids=str)
-def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(change):
+@pytest.mark.parametrize(
+    ("row", "change", "at"),
+    [
+        (1, {"d_mm": 1310.0}, "frame5"),
+        again(1, {}, "frame5"),
+        again(1, {"d_mm": -400.0}, "frame5"),
+        (6, {}, "tip"),
+        (6, {"d_mm": 400.0}, "tip"),
+    ],
+)
+def test_no_place_that_is_reached_is_outside_the_default_box(row, change, at):
     """A tall base carries the shoulder up, and all that is reached with it; what is empty of the
-    box is its margin.
+    box of the wrist is its margin.
     """
-    arm = changed("sino6", {1: change})
+    arm, wrist = changed("sino6", {row: change}), at == "frame5"
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (200_000, 6))
-    q[:, 4:] = 0.0
-    x, y, z = arm.positions(q, "frame5").T * 1e3
-    extent = map_workspace(arm, (1, 1), 1).data.attrs["extent_mm"]
+    q[:, 4:] *= not wrist
+    x, y, z = arm.positions(q, at).T * 1e3
+    along = {} if wrist else {"axis": [0.0, 0.0, -1.0]}
+    extent, most = (
+        map_workspace(arm, (1, 1), 1, **along).data.attrs["extent_mm"],
+        25 if wrist else 1e9,
+    )
     assert extent[0] == 0.0
-    assert extent[1] - 25 < np.hypot(x, y).max() < extent[1]
-    assert extent[2] < z.min() < extent[2] + 25
-    assert extent[3] - 25 < z.max() < extent[3]
+    assert extent[1] - most < np.hypot(x, y).max() < extent[1]
+    assert extent[2] < z.min() < extent[2] + most
+    assert extent[3] - most < z.max() < extent[3]
 
 
 def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6):
@@ -97,33 +110,6 @@ def test_a_first_axis_beside_that_of_the_base_is_told(sino6):
     aside = changed("sino6", {1: {"a_mm": 200.0}}, convention="modified-dh")
     assert data_of(map_caveats(aside), "first_axis_off_z")
     assert not data_of(map_caveats(sino6), "first_axis_off_z")
-
-
-def test_flexibility_is_that_of_the_circle(small, circles):
-    reached = 0
-    for (i, k), circle in circles.items():
-        cell = small.data.isel(x_mm=i, z_mm=k)
-        assert bool(cell["reachable"]) == bool(len(circle))
-        if not len(circle):
-            assert not cell["sector_works"].any()
-            for name in (
-                "flexibility",
-                "arc_fraction",
-                "comprehensive_mm3",
-                "best_mm3",
-                "largest_u_mm",
-            ):
-                assert np.isnan(cell[name])
-            continue
-        reached += 1
-        expected = circle.flexibility(SECTORS)
-        assert tuple(bool(w) for w in cell["sector_works"].values) == expected.sectors
-        assert float(cell["flexibility"]) == pytest.approx(expected.zeta)
-        assert int(cell["working_sectors"]) == sum(expected.sectors)
-        assert float(cell["arc_fraction"]) == pytest.approx(expected.arc_fraction, abs=2e-3)
-    assert 10 < reached < 24
-    assert small.unreachable == 24 - reached
-    assert sum(small.working_sectors().values()) == reached
 
 
 def at_centres(circle: ConfigurationCircle, sectors: int) -> tuple[Array, Array]:
@@ -146,24 +132,50 @@ def at_centres(circle: ConfigurationCircle, sectors: int) -> tuple[Array, Array]
     return np.concatenate(found), np.concatenate(numbers)
 
 
-def test_accuracies_are_those_of_the_circle(sino6, small, circles):
+def at_circle(
+    cell: xr.Dataset, circle: ConfigurationCircle, arm: Arm, within: float
+) -> tuple[Array, Array, Array]:
+    """Configurations at the centres of sectors, the numbers of these, and volumes [mm³]: the cell
+    has their sectors and their extremes.
+    """
+    expected = circle.flexibility(SECTORS)
+    assert tuple(bool(w) for w in cell["sector_works"].values) == expected.sectors
+    assert float(cell["flexibility"]) == pytest.approx(expected.zeta)
+    assert int(cell["working_sectors"]) == sum(expected.sectors)
+    assert float(cell["arc_fraction"]) == pytest.approx(expected.arc_fraction, abs=2e-3)
+    q, sector = at_centres(circle, SECTORS)
+    accuracy = accuracy_volume(arm, q, at=circle.at)
+    volume, u = 1e9 * accuracy.volume, 1e3 * accuracy.u
+    found = [float(cell[name]) for name in ("best_mm3", "worst_mm3", *U)]
+    ends = [volume.min(), volume.max(), u.min(), u.max()]
+    assert found == pytest.approx(ends, rel=within)
+    return q, sector, volume
+
+
+U = ("smallest_u_mm", "largest_u_mm")
+
+
+def test_cells_are_those_of_the_circle(sino6, small, circles):
+    reached = 0
     for (i, k), circle in circles.items():
-        if not len(circle):
-            continue
         cell = small.data.isel(x_mm=i, z_mm=k)
-        q, sector = at_centres(circle, SECTORS)
-        accuracy = accuracy_volume(sino6, q, at="frame5")
-        volume = accuracy.volume * 1e9
-        assert float(cell["best_mm3"]) == pytest.approx(volume.min(), rel=2e-3)
-        assert float(cell["worst_mm3"]) == pytest.approx(volume.max(), rel=2e-3)
-        assert float(cell["smallest_u_mm"]) == pytest.approx(1e3 * accuracy.u.min(), rel=2e-3)
-        assert float(cell["largest_u_mm"]) == pytest.approx(1e3 * accuracy.u.max(), rel=2e-3)
+        assert bool(cell["reachable"]) == bool(len(circle))
+        if not len(circle):
+            assert not cell["sector_works"].any()
+            for name in ("flexibility", "arc_fraction", "comprehensive_mm3", "best_mm3", *U):
+                assert np.isnan(cell[name])
+            continue
+        reached += 1
+        q, sector, volume = at_circle(cell, circle, sino6, 2e-3)
         pick = np.array(
             [np.flatnonzero(sector == s)[volume[sector == s].argmin()] for s in np.unique(sector)]
         )
         weights = configuration_weights(q[pick, 2], circle.point)
         assert float(cell["comprehensive_mm3"]) == pytest.approx(weights @ volume[pick], rel=1e-2)
         assert volume.min() * 0.99 < float(cell["comprehensive_mm3"]) < volume.max() * 1.01
+    assert 10 < reached < 24
+    assert small.unreachable == 24 - reached
+    assert sum(small.working_sectors().values()) == reached
 
 
 # --- maps of the tip
@@ -177,21 +189,12 @@ def test_a_map_of_the_tip_is_the_circle_of_every_cell(sino6):
     close(found.data.attrs["stylus_axis"], axis / np.linalg.norm(axis), 1e-12)
     reached = 0
     for i, k in np.ndindex(2, 3):
-        cell = found.data.isel(x_mm=i, z_mm=k)
-        point = cell_point(found.data, i, k)
+        cell, point = found.data.isel(x_mm=i, z_mm=k), cell_point(found.data, i, k)
         circle = configuration_circle(sino6, point, tip=True, axis=axis, count=480)
         assert bool(cell["reachable"]) == bool(len(circle))
-        if not len(circle):
-            continue
-        reached += 1
-        expected = circle.flexibility(SECTORS)
-        assert tuple(bool(w) for w in cell["sector_works"].values) == expected.sectors
-        assert float(cell["arc_fraction"]) == pytest.approx(expected.arc_fraction, abs=2e-3)
-        q, _ = at_centres(circle, SECTORS)
-        accuracy = accuracy_volume(sino6, q)
-        assert float(cell["best_mm3"]) == pytest.approx(1e9 * accuracy.volume.min(), rel=5e-3)
-        assert float(cell["smallest_u_mm"]) == pytest.approx(1e3 * accuracy.u.min(), rel=5e-3)
-        assert float(cell["largest_u_mm"]) == pytest.approx(1e3 * accuracy.u.max(), rel=5e-3)
+        if len(circle):
+            reached += 1
+            at_circle(cell, circle, sino6, 5e-3)
     assert reached > 2
 
 
@@ -214,23 +217,11 @@ def rotation_about_z(angle: float) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("change", [{}, {"d_mm": 400.0}], ids=str)
-def test_no_place_that_the_tip_reaches_is_outside_the_default_box(change):
-    arm = changed("sino6", {6: change})
-    data = map_workspace(arm, (1, 1), 1, axis=[0.0, 0.0, -1.0]).data
-    low_x, high_x, low_z, high_z = np.array(data.attrs["extent_mm"]) * 1e-3
-    tip = arm.positions(np.random.default_rng(1).uniform(-np.pi, np.pi, (20_000, 6)))
-    assert low_x == 0.0
-    assert np.hypot(tip[:, 0], tip[:, 1]).max() <= high_x
-    assert low_z <= tip[:, 2].min()
-    assert tip[:, 2].max() <= high_z
-
-
 # --- extended models
 
 
 @pytest.fixture(scope="session")
-def extended(sino6: Arm) -> ErrorModel:
+def extended(sino6) -> ErrorModel:
     return ErrorModel(
         sino6,
         (

@@ -1,7 +1,8 @@
 """Configuration circles against brute force: nothing missed, nothing twice, every one exact.
 
-The kinematics and the Newton iterations of this file are its own: products of 4 × 4 matrices, and
-minimum-norm steps from random angles, that know nothing of closed forms, continuation or limits.
+The Newton iterations are this file's own: minimum-norm steps from random angles, by positions and
+Jacobians that tests/arm holds to Pinocchio's. They know nothing of closed forms, continuation or
+limits.
 """
 
 from __future__ import annotations
@@ -17,8 +18,7 @@ from scipy.spatial import cKDTree
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
-from aacmm_pin.arm import Arm, ArmFile, load_arm_file
-from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm import Arm, ArmFile, axis, load_arm_file
 from aacmm_pin.arm.limits import into_limits, outside_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import (
@@ -57,66 +57,35 @@ ARMS: dict[str, Callable[[], ArmFile]] = {
 
 
 @pytest.fixture(scope="session", params=["sino6", "craig", again("zero6"), again("nominal")])
-def arm(request: pytest.FixtureRequest) -> Arm:
+def arm(request) -> Arm:
     return Arm.from_file(ARMS[request.param]())
 
 
-# --- kinematics, Newton and the test "is it on that curve?" of this file's own
+# --- Newton and the test "is it on that curve?" of this file's own
 
 
-def frames(dh: DHTable, q: Array, rows: int) -> tuple[Array, list[tuple[Array, Array]]]:
-    """Placement of frame ``rows`` (n, 4, 4), and (direction, point) of every joint axis
-    before it.
-    """
-    placement = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    axes, joint = [], 0
-    for i in range(rows):
-        tilt = np.eye(4)
-        tilt[0, 3] = dh.a[i]
-        tilt[1:3, 1:3] = [
-            [np.cos(dh.alpha[i]), -np.sin(dh.alpha[i])],
-            [np.sin(dh.alpha[i]), np.cos(dh.alpha[i])],
-        ]
-        angle = np.full(len(q), dh.theta_offset[i])
-        if not dh.standard:
-            placement = placement @ tilt
-        if dh.moving[i]:
-            angle = angle + q[:, joint]
-            joint += 1
-            axes.append((placement[:, :3, 2], placement[:, :3, 3]))
-        turn = np.zeros((len(q), 4, 4))
-        turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
-        turn[:, 1, 0] = np.sin(angle)
-        turn[:, 0, 1] = -turn[:, 1, 0]
-        turn[:, 2, 2] = turn[:, 3, 3] = 1.0
-        turn[:, 2, 3] = dh.d[i]
-        placement = placement @ turn @ (tilt if dh.standard else np.eye(4))
-    return placement, axes
+def at_wrist(arm: Arm, points: Array) -> System:
+    """The last joints held at 0."""
 
-
-def at_wrist(dh: DHTable, points: Array, theta5: float = 0.0) -> System:
     def system(q: Array, which: Index) -> tuple[Array, Array]:
-        placement, axes = frames(dh, np.column_stack([q, np.full(len(q), theta5)]), 5)
-        place = placement[:, :3, 3]
-        z, o = (np.stack(each, axis=1) for each in zip(*axes[:4], strict=True))  # (n, joints, 3)
-        return place - points[which], np.cross(z, place[:, None] - o).transpose(0, 2, 1)
+        whole = np.pad(wrapped(q), ((0, 0), (0, arm.nq - 4)))
+        off = arm.positions(whole, "frame5") - points[which]
+        return off, arm.jacobian(whole, "frame5")[:, :, :4]
 
     return system
 
 
-def at_tip(dh: DHTable, point: Array, stylus: Array, axis: Array) -> System:
+def at_tip(arm: Arm, point: Array, axis: Array) -> System:
     """Place, and the whole direction of the stylus: six equations of rank five, so that the
     opposite one is no solution.
     """
 
     def system(q: Array, which: Index) -> tuple[Array, Array]:
-        placement, axes = frames(dh, q, dh.rows)
-        place, direction = placement[:, :3, 3], placement[:, :3, :3] @ stylus
-        z, o = (np.stack(each, axis=1) for each in zip(*axes, strict=True))  # (n, joints, 3)
-        moved = np.concatenate(
-            [np.cross(z, place[:, None] - o), np.cross(z, direction[:, None])], axis=2
-        )
-        return np.hstack([place - point, direction - axis]), moved.transpose(0, 2, 1)
+        poses = arm.poses(wrapped(q))
+        direction = poses.placement[:, :3, :3] @ arm.stylus_axis
+        turned = np.cross(poses.jacobian[:, 3:], direction[:, :, None], axis=1)
+        off = np.hstack([poses.position - point, direction - axis])
+        return off, np.concatenate([poses.jacobian[:, :3], turned], axis=1)
 
     return system
 
@@ -248,7 +217,7 @@ def clouds_of(arm: Arm, rng: np.random.Generator, n: int) -> dict[str, Array]:
 
 
 @pytest.fixture(scope="session")
-def clouds(arm: Arm) -> dict[str, Cloud]:
+def clouds(arm) -> dict[str, Cloud]:
     rng = np.random.default_rng(71)
     n = 10 if arm.name == "SINO6" and arm.require_dh("").standard else 4
     grid = np.array(list(product(np.linspace(-np.pi, np.pi, 4)[:-1] + 0.2, repeat=4)))
@@ -258,7 +227,7 @@ def clouds(arm: Arm) -> dict[str, Cloud]:
             [np.vstack([grid, rng.uniform(-np.pi, np.pi, (59, 4))]) for _ in points]
         )
         which = np.repeat(np.arange(n), len(grid) + 59)
-        q, which = solve(at_wrist(arm.require_dh(""), points), starts, which)
+        q, which = solve(at_wrist(arm, points), starts, which)
         result[kind] = Cloud(points, q, which)
     return result
 
@@ -267,7 +236,7 @@ def clouds(arm: Arm) -> dict[str, Cloud]:
 def test_brute_force_finds_nothing_that_the_circles_miss(arm, clouds, per_turn):
     wrist = Wrist.of(arm.require_dh(""), np.zeros(arm.nq - 4))
     for kind, cloud in clouds.items():
-        system = at_wrist(arm.require_dh(""), cloud.points)
+        system = at_wrist(arm, cloud.points)
         curves = wrist_curves(wrist, cloud.points, per_turn).curves
         assert {c.problem for c in curves} >= set(cloud.which.tolist()), kind
         assert all(c.closed for c in curves), kind
@@ -290,7 +259,7 @@ def test_brute_force_finds_nothing_that_the_circles_miss(arm, clouds, per_turn):
 
 
 @pytest.fixture(scope="session")
-def circles(arm: Arm) -> list[ConfigurationCircle]:
+def circles(arm) -> list[ConfigurationCircle]:
     shoulder = Swivel(arm.require_dh(""), arm.up).shoulder
     points = shoulder + np.array(
         [
@@ -313,15 +282,11 @@ def test_components_are_ordered_closed_and_even(arm, circles):
         )
         np.testing.assert_allclose(circle.q[:, 4:], 0.0, atol=1e-15)
         assert list(np.unique(circle.component)) == list(range(1, len(circle) // 120 + 1))
-        assert (
-            twice(at_wrist(arm.require_dh(""), circle.point[None]), circle.components.curves) == 0
-        )
+        assert twice(at_wrist(arm, circle.point[None]), circle.components.curves) == 0
         for number in np.unique(circle.component):
             q = circle.q[circle.component == number]
             assert len(q) == 120
-            elbow = frames(arm.require_dh(""), q, 3 if arm.require_dh("").standard else 4)[0][
-                :, :3, 3
-            ]
+            elbow = arm.positions(q, "frame3" if arm.require_dh("").standard else "frame4")
             steps = np.linalg.norm(np.roll(elbow, -1, axis=0) - elbow, axis=1)
             turns = np.abs(wrapped(np.roll(q, -1, axis=0) - q)).max(axis=1)
             # Near the base axis joint 1 turns fast while the elbow hardly moves.
@@ -408,18 +373,18 @@ def test_circle_says_which_limits_are_broken(arm, circles):
 
 
 def test_branch_signs_are_those_of_the_geometry(arm, circles):
-    dh = arm.require_dh("")
-    shoulder = Swivel(dh, arm.up).shoulder
+    shoulder = Swivel(arm.require_dh(""), arm.up).shoulder
     for circle in circles:
         step = np.array([[0.0, 0.0, 0.0, 1e-6, 0.0, 0.0]])
         grown, shrunk = (
-            np.linalg.norm(frames(dh, circle.q + s * step, 5)[0][:, :3, 3] - shoulder, axis=1)
+            np.linalg.norm(arm.positions(circle.q + s * step, "frame5") - shoulder, axis=1)
             for s in (1.0, -1.0)
         )
         clear = np.abs(grown - shrunk) > 1e-9
         np.testing.assert_array_equal(circle.branch[clear, 1], np.sign(grown - shrunk)[clear])
-        _, axes = frames(dh, circle.q, 5)
-        side = np.cross(axes[0][0], axes[1][0]) @ (circle.point - shoulder)
+        rotation, _ = arm.chain.walk(circle.q)
+        first, second = (rotation[axis(joint)][:, :, 2] for joint in (1, 2))
+        side = np.cross(first, second) @ (circle.point - shoulder)
         clear = np.abs(side) > 1e-9
         np.testing.assert_array_equal(circle.branch[clear, 0], np.sign(side)[clear])
         assert ((circle.theta3 >= -np.pi) & (circle.theta3 < np.pi)).all()
@@ -451,7 +416,7 @@ def test_reach_is_what_brute_force_reaches(arm):
     near, far = reach_of_wrist(Wrist.of(dh, np.zeros(arm.nq - 4)), shoulder)
     q = np.random.default_rng(8).uniform(-np.pi, np.pi, (100_000, arm.nq))
     q[:, 4:] = 0.0
-    distance = np.linalg.norm(frames(dh, q, 5)[0][:, :3, 3] - shoulder, axis=1)
+    distance = np.linalg.norm(arm.positions(q, "frame5") - shoulder, axis=1)
     assert near <= distance.min() < near + 6e-3
     assert far - 6e-3 < distance.max() <= far
 
@@ -539,7 +504,7 @@ TIPS = [
 @pytest.mark.parametrize(("name", "point", "axis"), TIPS)
 def test_tip_circles_are_exact_and_complete(name, point, axis):
     arm = Arm.from_file(ARMS[name]())
-    dh, place = arm.require_dh(""), np.array(point)
+    place = np.array(point)
     direction = np.array(axis) / np.linalg.norm(axis)
     circle = configuration_circle(arm, place, tip=True, axis=axis, count=40)
     assert circle.at == "tip"
@@ -550,7 +515,7 @@ def test_tip_circles_are_exact_and_complete(name, point, axis):
     np.testing.assert_allclose(placement[:, :3, :3] @ arm.stylus_axis - direction, 0.0, atol=2e-12)
 
     starts = np.random.default_rng(12).uniform(-np.pi, np.pi, (350, 6))
-    system = at_tip(dh, place, arm.stylus_axis, direction)
+    system = at_tip(arm, place, direction)
     q, which = solve(system, starts, np.zeros(350, dtype=np.intp), iterations=80)
     assert len(q) > 50
     lost = missed(system, circle.components.curves, q, which)
@@ -575,9 +540,6 @@ def test_circles_of_many_points_are_those_of_each(sino6, more):
         assert circle.reason == alone.reason
     assert [bool(len(circle)) for circle in together] == [True, False, True]
     assert configuration_circles(sino6, np.empty((0, 3)), **more) == []
-
-
-# --- (i, j) as a table
 
 
 # --- (k) flexibility

@@ -35,12 +35,12 @@ SAME = 1e-6  # rad
 
 
 @pytest.fixture(scope="module")
-def file(robot_file: Callable[[str], Path]) -> Path:
+def file(robot_file) -> Path:
     return robot_file("ur5_robot.urdf")
 
 
 @pytest.fixture(scope="module")
-def ur5(file: Path) -> Arm:
+def ur5(file) -> Arm:
     return Arm.from_urdf(file, "tool0")
 
 
@@ -109,7 +109,7 @@ class ByHand:
 
 
 @pytest.fixture(scope="module")
-def by_hand(file: Path) -> ByHand:
+def by_hand(file) -> ByHand:
     return ByHand(file)
 
 
@@ -241,7 +241,7 @@ SYSTEMS: list[System] = []
 
 
 @pytest.fixture
-def in_python(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def in_python(monkeypatch) -> Iterator[None]:
     """The loops as Python runs them, with the equations of :data:`SYSTEMS` in place of an arm's."""
 
     def linearise(links: Array, row: int, count: int, space: Array) -> float:

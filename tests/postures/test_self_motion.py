@@ -4,15 +4,11 @@ configuration circle.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from aacmm_pin import ReachingPostures, configuration_circle
-from aacmm_pin._support.angles import wrapped
+from aacmm_pin import ReachingPostures
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.postures.general_ik import reaching_postures
@@ -22,18 +18,18 @@ TURN = 2 * np.pi
 
 
 @pytest.fixture(scope="module")
-def panda(robot_file: Callable[[str], Path]) -> Arm:
+def panda(robot_file) -> Arm:
     return Arm.from_urdf(robot_file("panda.urdf"), "panda_hand_tcp")
 
 
 @pytest.fixture(scope="module")
-def poses(panda: Arm) -> Array:
+def poses(panda) -> Array:
     q = np.random.default_rng(5).uniform(*panda.limits.T, (2, 7))
     return panda.poses(q).placement
 
 
 @pytest.fixture(scope="module")
-def motions(panda: Arm, poses: Array) -> list[ReachingPostures]:
+def motions(panda, poses) -> list[ReachingPostures]:
     return [
         reaching_postures(panda, pose[:3, 3], rotation=pose[:3, :3], count=720) for pose in poses
     ]
@@ -91,36 +87,9 @@ def test_limits_are_flags(panda, motions):
         assert 0 <= motion.arc_fraction < 1
 
 
-def partner_of(q: Array, motion: ReachingPostures) -> int:
-    """The one component of ``motion`` on which all ``q`` (n, nq) lie."""
-    numbers = np.unique(motion.component)
-    there = [
-        n
-        for n in numbers
-        if off_polylines(q, motion.component[mine := motion.component == n], motion.q[mine]).max()
-        < 5e-3
-    ]
-    assert len(there) == 1
-    return int(there[0])
-
-
-@pytest.mark.long
-def test_sino6_agrees_with_the_configuration_circle(sino6, rng):
-    """Seeds from closed forms there, spread starts here."""
-    pose = sino6.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
-    axis = pose[:3, :3] @ sino6.stylus_axis
-    circle = configuration_circle(sino6, pose[:3, 3], tip=True, axis=axis, count=24)
-    motion = reaching_postures(sino6, pose[:3, 3], axis=axis, tool=sino6.stylus_axis, count=720)
-    numbers = np.unique(circle.component)
-    partners = {partner_of(circle.q[circle.component == n], motion) for n in numbers}
-    assert len(partners) == motion.component.max() == len(numbers)
-    nearest = np.linalg.norm(gaps(circle.q, motion.q), axis=2).argmin(axis=1)
-    assert np.median(np.abs(wrapped(motion.swivel[nearest] - circle.swivel))) < 0.02
-
-
-def test_a_last_axis_along_the_tool_turns_by_itself(robot_file, rng):
+def test_a_last_axis_along_the_tool_turns_by_itself(rng):
     """UR5 with the axis of its last joint held: nothing but that joint moves, all the way round."""
-    ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    ur5 = Arm.from_urdf("ur5")
     pose = ur5.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
     motion = reaching_postures(ur5, pose[:3, 3], axis=pose[:3, 2], count=90)
     single = reaching_postures(ur5, pose[:3, 3], rotation=pose[:3, :3])
@@ -131,11 +100,11 @@ def test_a_last_axis_along_the_tool_turns_by_itself(robot_file, rng):
         assert np.diff(np.sort(q[:, 5])) == pytest.approx(TURN / 90)
 
 
-def test_curves_that_cross_are_followed_straight_on(robot_file, rng):
+def test_curves_that_cross_are_followed_straight_on(rng):
     """With the tool upright UR5's last axis is level, at times parallel to axes 2 to 4: there J
     loses rank, curves cross.
     """
-    ur5, tool = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0"), (1.0, 0.0, 0.0)
+    ur5, tool = Arm.from_urdf("ur5"), (1.0, 0.0, 0.0)
     motion = reaching_postures(ur5, [0.4, 0.1, 0.3], axis=[0, 0, -1], tool=tool, count=360)
     assert not motion.notes
     assert motion.component.max() == 16
