@@ -44,7 +44,7 @@ ONE_JOINT = """\
 
 
 @pytest.fixture
-def one_joint(tmp_path: Path) -> Callable[..., Path]:
+def one_joint(tmp_path) -> Callable[..., Path]:
     def write(kind: str = "revolute", joint: str = "hinge") -> Path:
         path = tmp_path / "one.urdf"
         path.write_text(ONE_JOINT.format(kind=kind, joint=joint), encoding="utf-8")
@@ -54,7 +54,7 @@ def one_joint(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="module")
-def robots(robot_file: Callable[[str], Path]) -> list[Arm]:
+def robots(robot_file) -> list[Arm]:
     """Arms that come as URDF alone; Panda's fingers lie beyond its hand."""
     files = [("ur5_robot.urdf", "ee_link"), ("panda.urdf", "panda_hand")]
     widths = {"translation_half_width": 1e-4, "rotation_half_width": 2e-4}

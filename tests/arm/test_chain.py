@@ -4,9 +4,7 @@ matrix exponential.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -32,7 +30,7 @@ ROBOTS = [  # file, frame, number of joints that slide
 
 
 @pytest.fixture(scope="module")
-def robots(robot_file: Callable[[str], Path]) -> list[Arm]:
+def robots(robot_file) -> list[Arm]:
     arms = [Arm.from_urdf(robot_file(file), frame) for file, frame, _ in ROBOTS]
     assert [arm.chain.prismatic.sum() for arm in arms] == [sliding for *_, sliding in ROBOTS]
     return arms

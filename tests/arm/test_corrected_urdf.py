@@ -40,7 +40,7 @@ SMALL = """<?xml version='1.0'?>
 
 
 @pytest.fixture
-def small(tmp_path: Path) -> Arm:
+def small(tmp_path) -> Arm:
     path = tmp_path / "small.urdf"
     path.write_text(SMALL, encoding="utf-8")
     return Arm.from_urdf(path, "tip")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pinocchio as pin
@@ -57,7 +55,7 @@ def urdf(joints=JOINTS) -> str:
 
 
 @pytest.fixture
-def crane(tmp_path: Path) -> Arm:
+def crane(tmp_path) -> Arm:
     path = tmp_path / "crane.urdf"
     path.write_text(urdf(), encoding="utf-8")
     arm = Arm.from_urdf(path, "tip", translation_half_width=3e-4, rotation_half_width=3e-4)

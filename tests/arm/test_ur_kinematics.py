@@ -17,6 +17,7 @@ from aacmm_pin.arm import UR_ROBOTS, Arm, Covariance, UrKinematics, axis
 from aacmm_pin.effects import ErrorModel, JointPeriodicError, StylusOffset
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 from tests.cli import shell
+from tests.oracle import close, dh_frames
 
 # A calibrated UR5, of which d runs away along the parallel axes.
 UR5 = {
@@ -73,19 +74,9 @@ def controller(tmp_path):
     return path
 
 
-def tool(q: Array) -> Array:
-    """The tool of the calibrated UR5 (4, 4)."""
-    place = np.eye(4)
-    for angle, theta, a, d, alpha in zip(q, *(UR5[key] for key in UR5), strict=True):
-        c, s = np.cos(angle + theta), np.sin(angle + theta)
-        ca, sa = np.cos(alpha), np.sin(alpha)
-        place = place @ [
-            [c, -s * ca, s * sa, a * c],
-            [s, c * ca, -c * sa, a * s],
-            [0.0, sa, ca, d],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    return np.asarray(place)
+def tools(q: Array) -> Array:
+    """The tool of the calibrated UR5 (n, 4, 4)."""
+    return dh_frames(np.transpose([UR5[key] for key in ("a", "d", "alpha", "theta")]), q)
 
 
 def test_the_tool_is_where_the_controller_has_it(controller, tmp_path):
@@ -93,14 +84,14 @@ def test_the_tool_is_where_the_controller_has_it(controller, tmp_path):
     path.write_text(UrKinematics.read(controller, "ur5").urdf())
     arm = Arm.from_urdf(path, "tool0")
     postures = np.random.default_rng(1).uniform(-np.pi, np.pi, (50, 6))
-    wanted = np.array([tool(q) for q in postures])
-    np.testing.assert_allclose(arm.positions(postures), wanted[:, :3, 3], rtol=0, atol=1e-11)
+    wanted = tools(postures)
+    close(arm.positions(postures), wanted[:, :3, 3], 1e-11)
     model = pin.buildModelFromUrdf(str(path))
     data = model.createData()
     for q, place in zip(postures, wanted, strict=True):
         pin.framesForwardKinematics(model, data, q)
         placement = data.oMf[model.getFrameId("tool0")]
-        np.testing.assert_allclose(placement.homogeneous, place, rtol=0, atol=1e-11)
+        close(placement.homogeneous, place, 1e-11)
     assert max(np.abs(p.translation).max() for p in arm.model.jointPlacements) < 1.0
 
 
@@ -122,7 +113,7 @@ def test_a_kinematics_file_there_and_back(controller, tmp_path):
     (tmp_path / "b.urdf").write_text(UrKinematics.read(tmp_path / "b.yaml").urdf())
     back = Arm.from_urdf(tmp_path / "b.urdf", "tool0")
     q = np.random.default_rng(2).uniform(-np.pi, np.pi, (9, 6))
-    np.testing.assert_allclose(back.positions(q), arm.positions(q), rtol=0, atol=1e-12)
+    close(back.positions(q), arm.positions(q))
     assert yaml.safe_load(UrKinematics.of(back).text())["kinematics"]["hash"] == "calib_12345"
 
 
@@ -171,7 +162,7 @@ def test_the_base_of_the_ros_description_is_turned(controller, tmp_path):
     text = text.replace('"base"', '"base_link_inertia"').replace("</robot>", f"{turned}</robot>")
     (tmp_path / "ros.urdf").write_text(text)
     found = UrKinematics.of(Arm.from_urdf(tmp_path / "ros.urdf", "tool0"))
-    np.testing.assert_allclose(found.placements, alone.placements, rtol=0, atol=1e-12)
+    close(found.placements, alone.placements)
 
 
 def test_what_cannot_be_written_is_refused_or_stated(controller, tmp_path):
@@ -198,8 +189,7 @@ def test_a_file_of_the_maker_becomes_a_dh_table(controller, tmp_path):
         table = tmp_path / f"{number}.toml"
         shell.done(f"urdf {words} --to-dh -o {table}")
         poses = Arm.load(table).poses(postures).placement
-        by_matrices = np.array([tool(q) for q in postures])
-        np.testing.assert_allclose(poses, by_matrices, rtol=0, atol=1e-11)
+        close(poses, tools(postures), 1e-11)
     for words in (
         f"accuracy {kinematics} --point 400 100 300",
         f"accuracy --urdf {kinematics} --frame tool0 --point 400 100 300",

@@ -31,7 +31,7 @@ def configurations(arm: ArmFile, rng: np.random.Generator, n: int) -> Array:
 
 
 @pytest.fixture
-def parsed(arm_file: ArmFile, tmp_path: Path) -> yourdfpy.URDF:
+def parsed(arm_file, tmp_path) -> yourdfpy.URDF:
     path = tmp_path / "arm.urdf"
     path.write_text(urdf_text(arm_file), encoding="utf-8")
     return yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=True)

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -65,9 +64,9 @@ def test_all_comes_back_to_the_last_bit(name, robot_file, tmp_path, rng):
     assert again.text() == model.text()
 
 
-def test_corrections_are_joined(robot_file, rng):
+def test_corrections_are_joined(rng):
     """One after the other as Pinocchio's placements have them, which a file holds as one twist."""
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    arm = Arm.from_urdf("ur5")
     first, second = rng.normal(scale=0.1, size=(2, 6, 6))
     both = arm.with_placements(first, None).with_placements(second, None)
     for number in range(1, 7):
@@ -111,7 +110,7 @@ def test_what_is_refused(old, new, said, calibrated_ur5, robot_file, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def calibrated_ur5(robot_file: Callable[[str], Path]) -> str:
+def calibrated_ur5(robot_file) -> str:
     """As it is saved beside its URDF."""
     return calibrated(robot_file("ur5_robot.urdf"), "tool0", np.random.default_rng(1)).text()
 

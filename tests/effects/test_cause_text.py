@@ -12,7 +12,6 @@ from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     EncoderGain,
-    EncoderSlip,
     JointCompliance,
     JointErrorCurve,
     JointPeriodicError,
@@ -26,7 +25,6 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.labels import (
     cause_in_words,
-    in_words,
     name_in_words,
     several_in_words,
     values_in_words,
@@ -122,14 +120,7 @@ def test_every_cause_has_words_places_and_units(sino6):
     assert len({effect.label for effect in tried}) == len(tried)
 
 
-def test_effects_in_words():
-    for effect, words in {
-        ThermalExpansion(): "thermal expansion of the arm",
-        SeatError("P9"): "error of the stated coordinates of seat P9",
-        JointPeriodicError(5, 31.57): "periodic error of joint 5 (31.57 periods per turn)",
-        EncoderSlip(1, 3000.0): "encoder slip of joint 1 (at 50.0 min)",
-    }.items():
-        assert in_words(effect) == words
+def test_causes_of_several_joints_are_named_together():
     curves = [JointErrorCurve(joint, 0.0, 1.0, 8) for joint in (2, 1, 4)]
     several = several_in_words([*curves, EncoderEccentricity(3)])
     assert several == "error curve of joints 1, 2 and 4 and encoder eccentricity of joint 3"

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import date
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -159,7 +158,7 @@ def refusal(effect: Effect, arm_name: str) -> str | None:
 
 
 @pytest.fixture(scope="module")
-def arms(robot_file: Callable[[str], Path]) -> dict[str, Arm]:
+def arms(robot_file) -> dict[str, Arm]:
     # A lump at the very end of a tube would be on a kink of the share that is spread over it.
     inside = {0: {"com_mm": (0.0, 0.0, 10.0)}}
     tables = {
@@ -414,7 +413,7 @@ class Bodies:
 
 
 @pytest.fixture
-def q(sino6: Arm, rng: np.random.Generator) -> Array:
+def q(sino6, rng) -> Array:
     return postures(sino6, rng, 30)
 
 

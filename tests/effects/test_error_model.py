@@ -119,8 +119,8 @@ def test_sensitivity_of_the_displaced_arm(arm_name, rng):
     assert np.abs(numeric - arm.sensitivity(q)).max() > 0.05
 
 
-def test_sensitivity_of_a_displaced_robot(robot_file, rng):
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+def test_sensitivity_of_a_displaced_robot(rng):
+    arm = Arm.from_urdf("ur5")
     q, target = postures(arm, rng, 5), StylusOffset(values=(0.1, -0.05, 0.02))
 
     def moved(errors: Array) -> Array:

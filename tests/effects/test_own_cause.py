@@ -59,7 +59,7 @@ SIZE = 2e-4
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     """With the page's file and nothing else."""
     folder = tmp_path_factory.mktemp("own")
     (folder / "hose.py").write_text(HOSE, encoding="utf-8")
@@ -67,7 +67,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def hose(folder: Path) -> Iterator[Any]:
+def hose(folder) -> Iterator[Any]:
     """The class, as a program has it that imports the file; known as long as this file's
     tests run.
     """
@@ -78,13 +78,13 @@ def hose(folder: Path) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def hidden(hose: Any) -> Measurements:
+def hidden(hose) -> Measurements:
     truth = ErrorModel(Arm.load("sino6"), (hose(2, values=(SIZE,)),))
     return simulate_measurements(truth, "free", 200, rng=np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
-def found(hidden: Measurements) -> Diagnosis:
+def found(hidden) -> Diagnosis:
     return diagnose(Arm.load("sino6"), hidden, encoder_noise=NOISE)
 
 

@@ -23,7 +23,7 @@ openpyxl = pytest.importorskip("openpyxl", reason="needs the extra aacmm-pin[exc
 
 
 @pytest.fixture(scope="module")
-def table(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+def table(tmp_path_factory) -> pd.DataFrame:
     """Records at seats, with empty cells, labels that are numbers, and all kinds of numbers."""
     path = tmp_path_factory.mktemp("excel") / "data.csv"
     records = simulate_measurements("sino6", "seats", 40, rng=np.random.default_rng(1))

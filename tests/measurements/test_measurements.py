@@ -42,7 +42,7 @@ theta1_deg,theta2_deg,x_mm,y_mm,z_mm
 
 
 @pytest.fixture
-def full(tmp_path: Path) -> Measurements:
+def full(tmp_path) -> Measurements:
     return Measurements.read(write(tmp_path, FULL))
 
 

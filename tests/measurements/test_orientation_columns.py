@@ -25,7 +25,7 @@ FORMS = {
 
 
 @pytest.fixture(scope="module")
-def table(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+def table(tmp_path_factory) -> pd.DataFrame:
     """Records with orientations, three without."""
     path = tmp_path_factory.mktemp("oriented") / "data.csv"
     words = "simulate sino6 --scheme free --records 40 --orientation-noise 50urad --seed 3"

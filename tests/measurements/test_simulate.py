@@ -4,8 +4,6 @@ by reading them back.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,9 +58,9 @@ def simulated(
 
 
 @pytest.fixture(params=ARMS)
-def arm(request: pytest.FixtureRequest, robot_file: Callable[[str], Path]) -> Arm:
+def arm(request, robot_file) -> Arm:
     if request.param == "ur5":
-        return Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+        return Arm.from_urdf("ur5")
     if request.param == "panda":
         return Arm.from_urdf(robot_file("panda.urdf"), "panda_hand")
     return Arm.load(request.param)
