@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -32,9 +31,7 @@ def verdicts(judged: dict[str, Any]) -> dict[str, set[str]]:
     ("seed", "cause", "joint"),
     [(1, "encoder_eccentricity", 3), (2, "joint_compliance", 2), (6, "joint_hysteresis", 2)],
 )
-def test_failed_arm_is_diagnosed_and_passes(
-    tmp_path: Path, seed: int, cause: str, joint: int
-) -> None:
+def test_failed_arm_is_diagnosed_and_passes(tmp_path, seed, cause, joint):
     first, second, sound = (tmp_path / f"{name}.csv" for name in ("first check", "second", "sound"))
     for twin, target, index in ((False, first, 1), (False, second, 2), (True, sound, 1)):
         plant = draw(seed, cause, joint, twin=twin).plant

@@ -199,11 +199,11 @@ def check(cases: list[Row], right: int) -> None:
 
 
 @pytest.mark.parametrize("group", FIRST)
-def test_nothing_sure_is_wrong_and_the_first_files_are_right(group: str) -> None:
+def test_nothing_sure_is_wrong_and_the_first_files_are_right(group):
     check(CASES[group][: FIRST[group]], FIRST[group])
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("group", CASES)
-def test_nothing_sure_is_wrong_and_enough_is_right(group: str) -> None:
+def test_nothing_sure_is_wrong_and_enough_is_right(group):
     check(CASES[group], RIGHT[group])

@@ -71,7 +71,7 @@ TILT = fault("bearing_tilt:1", "base_compliance", "joint_error_curve:1")
 GAIN, SEAT = fault("encoder_gain:3"), fault("seat_error:P5")
 
 
-def test_what_is_right_of_hidden_causes() -> None:
+def test_what_is_right_of_hidden_causes():
     for said, hidden, alike, wrong in [
         (("bearing_tilt:1",), (TILT,), True, False),
         (("encoder_gain:3", "bearing_tilt:1"), (TILT,), True, True),
@@ -94,7 +94,7 @@ def test_what_is_right_of_hidden_causes() -> None:
             assert outcome(row(said, hidden, verdict))["wrong"] is None
 
 
-def test_nothing_hidden_wants_silence() -> None:
+def test_nothing_hidden_wants_silence():
     for said, verdict, named, right in [
         ((), "", False, True),
         (("encoder_gain:2",), "", True, False),
@@ -108,7 +108,7 @@ def test_nothing_hidden_wants_silence() -> None:
     assert broken["verdict"] == "error"
 
 
-def test_structure_outside_is_to_be_named_and_no_cause_for_it() -> None:
+def test_structure_outside_is_to_be_named_and_no_cause_for_it():
     structure = {
         "kind": "joint_product",
         "covariates": ["joint 2", "joint 4"],
@@ -143,14 +143,14 @@ def test_structure_outside_is_to_be_named_and_no_cause_for_it() -> None:
         assert (found["structure named"], found["false"], found["right"]) == (named, false, right)
 
 
-def test_what_the_oracle_sees_is_to_be_stated_surely() -> None:
+def test_what_the_oracle_sees_is_to_be_stated_surely():
     weak = GAIN | {"power": 0.5}
     for p, hidden, seen, found in [(0.96, GAIN, 1, 1), (0.9, GAIN, 1, 0), (0.96, weak, 0, 0)]:
         made = outcome(row((finding("encoder_gain:3", p),), (hidden,)))
         assert (made["seen"], made["found"]) == (seen, found)
 
 
-def test_counts() -> None:
+def test_counts():
     """Wilson's interval: Brown, Cai, DasGupta 2001, 10 of 10 leaves 0.7225; 90 % said of four
     names, one of them right.
     """
@@ -177,9 +177,7 @@ def test_counts() -> None:
     assert len({line.count("|") for line in table(count(rows)[0]).splitlines()}) == 1
 
 
-def test_a_study_is_taken_up_where_it_was_cut_off(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_study_is_taken_up_where_it_was_cut_off(tmp_path, capsys):
     """Two runs are in the file already, and so are not made; one is of other code, one was
     cut off.
     """
@@ -202,7 +200,7 @@ def test_a_study_is_taken_up_where_it_was_cut_off(
 # --- the page
 
 
-def test_each_family_has_its_table() -> None:
+def test_each_family_has_its_table():
     rows = [
         row(family=family, seed=seed)
         for family in ("nothing", "outside-alone")
@@ -225,13 +223,13 @@ def git(*words: str) -> str:
     ).stdout.strip()
 
 
-def test_the_commit_is_of_this_history() -> None:
+def test_the_commit_is_of_this_history():
     if git("rev-parse", "--is-shallow-repository") != "false":
         pytest.skip("no whole git history")
     assert git("merge-base", stated("commit"), "HEAD") == stated("commit")
 
 
-def test_the_diagnosis_code_is_the_one_measured() -> None:
+def test_the_diagnosis_code_is_the_one_measured():
     """Skipped, and said, where it is not: a change of code need not wait for hours of
     measurement.
     """

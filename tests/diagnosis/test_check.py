@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
 from aacmm_pin.diagnosis import Check, check_measurements
 from aacmm_pin.effects import Conditions
 from aacmm_pin.errors import AacmmError
@@ -16,7 +15,7 @@ from tests.cli import shell
 
 
 @pytest.fixture(scope="module")
-def records(sino6: Arm) -> Measurements:
+def records(sino6) -> Measurements:
     return simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(5))
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.effects import Conditions
 from aacmm_pin.measurements import Measurements
@@ -19,9 +18,7 @@ def names_of(entry: Column) -> list[str]:
     return named(entry.names[0], 6) if entry.is_numbered else [*entry.names]
 
 
-def test_each_known_column_is_a_covariate_or_says_that_it_is_none(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
+def test_each_known_column_is_a_covariate_or_says_that_it_is_none(sino6, rng):
     n = 40
     q, label = rng.uniform(-2.0, 2.0, (n, 6)), np.array(["1", "2"] * (n // 2), dtype=object)
     of_joints = rng.uniform(-1.0, 1.0, (n, 6))

@@ -24,7 +24,7 @@ OPTIONS = "--encoder-noise 8e-6 --u-reference-mm 0.012"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     """Files of an eccentric encoder, of nothing, of another arm, and one that is no table."""
     folder = tmp_path_factory.mktemp("fleet")
     bent = ErrorModel("sino6", ["encoder_eccentricity:3,amplitude_rad=3e-4"])

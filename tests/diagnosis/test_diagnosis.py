@@ -90,19 +90,6 @@ def test_look_alikes_are_said(tmp_path):
     assert "aacmm-pin plan" in found["next_measurements"]
 
 
-@pytest.mark.long
-def test_two_causes_are_both_named(tmp_path):
-    found, drawn = diagnosis(
-        tmp_path, "--no-cross-validation", seed=30004, cause="any", count=2, plan="seats"
-    )
-    told = {
-        *named(found),
-        *((a["cause"], a["joint"]) for f in found["findings"] for a in f["aliases"][:1]),
-    }
-    assert {(h.cause, h.joint) for h in drawn.hidden} <= told
-    assert len(found["findings"]) == 2
-
-
 OUTSIDE = {
     "joint_product": None,
     "humidity": {"humidity_pct"},

@@ -178,12 +178,12 @@ def with_residual(gram: Gram, products: Array, square: float) -> Gram:
 
 
 @pytest.fixture(scope="module", params=PLANS)
-def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
+def case(request, tmp_path_factory) -> Case:
     return away(case_of(tmp_path_factory.mktemp("plans") / "data.csv", 3, None, request.param))
 
 
 @pytest.fixture(scope="module")
-def free_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+def free_case(tmp_path_factory) -> Case:
     return case_of(tmp_path_factory.mktemp("free") / "data.csv", 3, None, "free")
 
 
@@ -309,9 +309,7 @@ def same_products(found: Array, rows: Array) -> None:
 
 
 @pytest.mark.parametrize("left_out", [(0, 3), again(())])
-def test_inner_products(
-    case: Case, left_out: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_inner_products(case, left_out, monkeypatch):
     monkeypatch.setattr(gram_matrix, "ROWS_OF_A_GROUP", 21)  # several streams in every part
     design = case.design
     gram = without(design, case.noise, case.folds, left_out)
@@ -328,7 +326,7 @@ def test_inner_products(
     assert gram.free == len(rows) - design.nuisances
 
 
-def test_without_a_part_the_others_are_left(case: Case) -> None:
+def test_without_a_part_the_others_are_left(case):
     """Where no seat is in two of them."""
     design, noise = case.design, case.noise
     assert not seats_are_divided(case.folds, case.fit)
@@ -341,9 +339,7 @@ def test_without_a_part_the_others_are_left(case: Case) -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.5, 3.0])
-def test_inner_products_with_an_error_that_records_share(
-    case: Case, ratio: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_inner_products_with_an_error_that_records_share(case, ratio, monkeypatch):
     """Groups of one to four records of a seat, all of each in one stream."""
     monkeypatch.setattr(gram_matrix, "ROWS_OF_A_GROUP", 15)
     used = case.fit.used & (np.arange(RECORDS) % 11 != 3)
@@ -366,7 +362,7 @@ def test_inner_products_with_an_error_that_records_share(
 
 
 @pytest.mark.parametrize("ratio", [0.5, 3.0])
-def test_records_that_share_an_error_in_several_parts(free_case: Case, ratio: float) -> None:
+def test_records_that_share_an_error_in_several_parts(free_case, ratio):
     """These parts add up all the same, and what is left without one has no direction below zero."""
     group = np.random.default_rng(6).integers(0, 20, RECORDS)
     group = np.unique(np.where(free_case.fit.used, group, -1), return_inverse=True)[1]
@@ -390,7 +386,7 @@ def test_records_that_share_an_error_in_several_parts(free_case: Case, ratio: fl
 
 
 @pytest.mark.parametrize("excluded", [False, True])
-def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case, excluded: bool) -> None:
+def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case, excluded):
     """Also where records do not count, such as all of a seat in one part."""
     part = np.arange(RECORDS) % 3
     if excluded:
@@ -407,7 +403,7 @@ def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case, excluded:
         assert torn.free == gram.free + gram_of(case.design, case.noise, [part == 2]).free
 
 
-def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
+def test_retained_fraction_and_canonical_correlation(case):
     design = case.design
     left = alone(gram_of(design, case.noise))
     rows = dense(case, np.zeros(RECORDS, dtype=np.intp))
@@ -433,7 +429,7 @@ def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
             assert left.without().canonical(one, other) == pytest.approx(wanted, abs=1e-5)
 
 
-def test_prior_of_the_candidates(free_case: Case) -> None:
+def test_prior_of_the_candidates(free_case):
     """One half to the library, each cause by how usual it is, one half to the covariates alike."""
     design, library = free_case.design, free_case.library
     of_blocks = Candidates.of(design, library)
@@ -465,7 +461,7 @@ def nothing_there(case: Case, draws: int, seed: int) -> tuple[Array, Array]:
     return rows[:, :-1].T @ noise, np.column_stack([rows[:, :-1], noise[:, 0]])
 
 
-def test_the_score_is_chi2_when_nothing_is_there(case: Case) -> None:
+def test_the_score_is_chi2_when_nothing_is_there(case):
     """By noise drawn here; the first draw also by least squares."""
     chosen = some_blocks(case.design)
     case = replace(
@@ -516,7 +512,7 @@ def few(case: Case) -> list[int]:
 
 @SEATS_LONG
 @pytest.mark.parametrize("stated", [True, False])
-def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, stated: bool) -> None:
+def test_the_family_wise_p_value_is_no_smaller_than_chance(case, stated):
     """P(p ≤ α) ≤ α for the best of all candidates in noise, known or not."""
     case = replace(case, folds=np.zeros(RECORDS, dtype=np.intp))
     some = case.choice(only=few(case)).candidates
@@ -546,7 +542,7 @@ def odds_of(rows: Array, block: Block, residual: Array, nuisances: int) -> float
 
 
 @SEATS_LONG
-def test_the_largest_odds_when_nothing_is_there(case: Case) -> None:
+def test_the_largest_odds_when_nothing_is_there(case):
     """p is Markov's bound for odds by explicit rows."""
     case = replace(case, folds=np.zeros(RECORDS, dtype=np.intp))
     some = case.choice(only=few(case)).candidates
@@ -570,7 +566,7 @@ def test_the_largest_odds_when_nothing_is_there(case: Case) -> None:
 # --- groups, and records left out
 
 
-def test_what_one_cause_brings(rng: np.random.Generator) -> None:
+def test_what_one_cause_brings(rng):
     """A ratio of sums over the parts, each distance over its noise, with Student's interval
     (Cochran 1977, 6.4).
     """
@@ -601,7 +597,7 @@ def test_what_one_cause_brings(rng: np.random.Generator) -> None:
     )
 
 
-def test_the_interval_of_the_gain_is_that_of_many_parts(rng: np.random.Generator) -> None:
+def test_the_interval_of_the_gain_is_that_of_many_parts(rng):
     squares = 1.0 + 0.5 * rng.uniform(-1.0, 1.0, 400)
     low, high = gain._interval(np.ones(400), np.sqrt(squares), np.arange(400), rng)
     u = 0.5 * squares.std(ddof=1) / 20.0 / np.sqrt(squares.mean())
@@ -609,7 +605,7 @@ def test_the_interval_of_the_gain_is_that_of_many_parts(rng: np.random.Generator
     assert low < 1.0 - np.sqrt(squares.mean()) < high
 
 
-def test_what_records_are_divided_by() -> None:
+def test_what_records_are_divided_by():
     """Bars before seats, and only where no coordinates are stated; three groups, each with more
     than three records.
     """
@@ -656,9 +652,7 @@ def drawn_choice(case: Case, rng: np.random.Generator, session: float = 1.0) -> 
     return replace(drawn, design=design_of(at, library, ())).choice()
 
 
-def test_p_values_of_groups_are_uniform_when_nothing_is_there(
-    free_case: Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_p_values_of_groups_are_uniform_when_nothing_is_there(free_case, monkeypatch):
     """The first session's p, over draws of noise; Bonferroni's factor taken back, so only what it
     did not cut off.
     """
@@ -675,7 +669,7 @@ def test_p_values_of_groups_are_uniform_when_nothing_is_there(
     assert kstest(cut[cut < 1.0], "uniform").pvalue > 1e-3
 
 
-def test_a_session_with_larger_residuals(free_case: Case) -> None:
+def test_a_session_with_larger_residuals(free_case):
     labels = free_case.records.conditions.session
     assert labels is not None
     choice = drawn_choice(free_case, np.random.default_rng(2), session=3.0)
@@ -687,7 +681,7 @@ def test_a_session_with_larger_residuals(free_case: Case) -> None:
 
 
 @pytest.mark.parametrize("cause", [None, "encoder_eccentricity"])
-def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | None) -> None:
+def test_held_out_prediction_is_that_of_a_refit(tmp_path, cause):
     """Records left out are as far from a calibration of all others as the inner products say."""
     case = case_of(tmp_path / "data.csv", 3, cause, "free")
     blocks = () if cause is None else (case.block(f"{cause}:{draw(3, cause).hidden[0].joint}"),)
@@ -720,7 +714,7 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
             close(fold.by_model["recalibrated"], wanted, 2e-8)
 
 
-def test_estimates_answer_a_curve_that_a_refit_holds(free_case: Case) -> None:
+def test_estimates_answer_a_curve_that_a_refit_holds(free_case):
     """Their derivative by each value of the curve, by refits; the curve has the posterior's u."""
     case = free_case
     curve, other = case.block("joint_error_curve:3"), case.block("encoder_eccentricity:2")

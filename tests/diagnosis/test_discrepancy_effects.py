@@ -17,11 +17,10 @@ from aacmm_pin.arm.file import calibrated
 from aacmm_pin.calibration import base_placements, calibrate
 from aacmm_pin.calibration.calibrated_arm import joined
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.diagnosis.covariates import Carried, covariates
+from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.discrepancy import (
     Described,
     background_effect,
-    coefficients_of_effect,
     covariate_effects,
     lost,
 )
@@ -59,22 +58,12 @@ class Plant:
 
 
 @pytest.fixture
-def plant(sino6: Arm, rng: np.random.Generator) -> Plant:
+def plant(sino6, rng) -> Plant:
     return Plant(sino6, rng)
 
 
 def all_described(arm: Arm, records: Measurements) -> list[Described]:
     return [(each.name, way) for each in covariates(arm, records) for way in each.variants]
-
-
-def coupling(arm: Arm, records: Measurements) -> Carried:
-    """The coupling on the angle of joint 4."""
-    described = all_described(arm, records)
-    return next(way for name, way in described if (name, way.carrier) == (COUPLING, "angle 4"))
-
-
-def size_of(way: Carried) -> int:
-    return way.functions.shape[1] * Carrier(way.carrier).axes
 
 
 def prior(described: list[Described], width: float) -> list[Discrepancy]:
@@ -92,47 +81,6 @@ def with_effect(model: ErrorModel, effect: Discrepancy, covariance: Array) -> Er
     parameters = calibrated(arm.parameters, joint)
     known = replace(arm, parameters=parameters, covariance=joint, file=file)
     return ErrorModel(known, (*model.effects, effect))
-
-
-def least_squares(arm: Arm, records: Measurements, way: Carried) -> tuple[Array, Array]:
-    """Coefficients of functions on the angle of a joint, and their covariance, by columns of the
-    arm's Jacobian alone.
-    """
-    columns = way.functions[:, None] * arm.jacobian(records.q)[:, :, int(way.carrier[-1]) - 1, None]
-    columns, left = (
-        columns.reshape(-1, way.functions.shape[1]),
-        (records.reference - arm.positions(records.q)).ravel(),
-    )
-    inverse = np.linalg.inv(columns.T @ columns)
-    return inverse @ columns.T @ left, NOISE**2 * inverse
-
-
-def test_new_readings_are_corrected_within_u(plant, tmp_path):
-    """Twenty files: what is off at new records is what their covariance says."""
-    squares = []
-    for number in range(20):
-        records = plant.measured(200)
-        way = coupling(plant.arm, records)
-        (effect,), conversion = prior([(COUPLING, way)], 1.0), coefficients_of_effect(way)
-        estimate, covariance = least_squares(plant.arm, records, way)
-        covariance = np.outer(conversion, conversion) * covariance
-        effect = effect.at(conversion * estimate, np.sqrt(np.diag(covariance)))
-        path = tmp_path / f"{number}.toml"
-        with_effect(ErrorModel(plant.arm), effect, covariance).save(path)
-        model = ErrorModel.load(path)
-        q, tip = plant.touched(50)
-        count = size_of(way)
-        columns, covariance = (
-            model.sensitivity(q)[:, :, -count:],
-            model.covariance()[-count:, -count:],
-        )
-        off = np.concatenate(list(model.correct(q) - tip))
-        # In all directions that the coefficients can move these tips.
-        moved = np.concatenate(list(columns)) @ np.linalg.cholesky(covariance)
-        squares.append(np.square(np.linalg.lstsq(moved, off, rcond=None)[0]).sum())
-    assert np.mean(squares) == pytest.approx(count, abs=3.0 * np.sqrt(2.0 * count / 20.0)), (
-        "χ², twenty times"
-    )
 
 
 @NO_WAVES

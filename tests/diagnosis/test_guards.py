@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from aacmm_pin import next_measurements
-from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrated_model
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.diagnosis import Diagnosis, diagnose
@@ -52,13 +51,13 @@ def test_a_curve_that_chases_two_branches_does_not_extend_the_arm(sino6, seed):
 
 
 @pytest.fixture(scope="module")
-def eccentric(sino6: Arm) -> Measurements:
+def eccentric(sino6) -> Measurements:
     truth = ErrorModel(sino6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
     return simulated(truth, 80, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
-def named(sino6: Arm, eccentric: Measurements) -> Diagnosis:
+def named(sino6, eccentric) -> Diagnosis:
     with ECCENTRICITY_ALONE:
         return diagnose(sino6, eccentric, encoder_noise=8e-6)
 

@@ -32,7 +32,7 @@ ALONE, SHARED = 1e-5, 2e-5
 
 
 @pytest.mark.parametrize("stated", [True, again(False)])
-def test_u_counts_an_error_that_records_share(sino6: Arm, stated: bool) -> None:
+def test_u_counts_an_error_that_records_share(sino6, stated):
     """Estimates scatter over files as far as u says: of the geometry and of a cause."""
     rng = np.random.default_rng(21)
     group = np.repeat(np.arange(40), 6)
@@ -80,9 +80,7 @@ def _targets(arm: Arm, rng: np.random.Generator, turned: bool = False) -> Measur
 
 @pytest.mark.parametrize("of_readings", [False, True])
 @pytest.mark.parametrize("turned", [False, True])
-def test_rows_are_whitened_as_by_the_covariance_of_all(
-    sino6: Arm, turned: bool, of_readings: bool
-) -> None:
+def test_rows_are_whitened_as_by_the_covariance_of_all(sino6, turned, of_readings):
     """Of stated readings that targets share, and an error of the noise's shape or one of
     readings.
     """
@@ -123,7 +121,7 @@ def test_rows_are_whitened_as_by_the_covariance_of_all(
 
 @NO_WAVES
 @pytest.mark.parametrize("stated", [False, again(True)])
-def test_targets_share_the_scatter_of_a_reading(sino6: Arm, stated: bool) -> None:
+def test_targets_share_the_scatter_of_a_reading(sino6, stated):
     """Where it is stated, it is noise; elsewhere it is found, and is no cause."""
     records = _targets(sino6, np.random.default_rng(42))
     noise = {"encoder_noise": READING, "reference_noise": ALONE} if stated else {}
@@ -144,7 +142,7 @@ def test_targets_share_the_scatter_of_a_reading(sino6: Arm, stated: bool) -> Non
 
 @pytest.mark.parametrize("of_readings", [True, False])
 @pytest.mark.parametrize("together", [True, False])
-def test_the_shape_of_a_shared_error(of_readings: bool, together: bool) -> None:
+def test_the_shape_of_a_shared_error(of_readings, together):
     """Sizes over files as they were drawn; what scatters from record to record is not shared."""
     rng = np.random.default_rng(43)
     group = np.repeat(np.arange(60), 3)
@@ -208,7 +206,7 @@ def _held(
 
 @NO_WAVES
 @pytest.mark.parametrize("wobble", [2e-3, again(0.0), again(5e-3)])
-def test_a_hand_holds_no_posture_exactly(sino6: Arm, wobble: float) -> None:
+def test_a_hand_holds_no_posture_exactly(sino6, wobble):
     """What near repeats share is no cause, and its size is found."""
     records = _held(ErrorModel(sino6), 40, np.random.default_rng(32), 3.0 * ALONE, wobble)
     found = diagnose(
@@ -221,7 +219,7 @@ def test_a_hand_holds_no_posture_exactly(sino6: Arm, wobble: float) -> None:
 
 @NO_WAVES
 @pytest.mark.parametrize("seed", [3, again(1), again(9), again(12)])
-def test_causes_that_others_imitate_are_no_shared_error(seed: int) -> None:
+def test_causes_that_others_imitate_are_no_shared_error(seed):
     """Few postures leave it open which of the causes acts, but not that one does."""
     ur5, rng = Arm.from_urdf("ur5"), np.random.default_rng(seed)
     causes = JointCompliance(2, values=(4e-6,)), EncoderEccentricity(5, values=(2e-4, 3e-4))

@@ -95,7 +95,7 @@ def moved(places: Array, rng: np.random.Generator) -> Array:
 
 @NO_WAVES
 @pytest.mark.parametrize("seed", [1, again(2)])
-def test_a_stand_that_moved_is_no_encoder_fault(seed: int) -> None:
+def test_a_stand_that_moved_is_no_encoder_fault(seed):
     plant = Plant.of(seed)
     found = plant.diagnosed(moved(plant.places(), plant.rng), time_s=plant.time)
     (finding,) = found.findings
@@ -105,7 +105,7 @@ def test_a_stand_that_moved_is_no_encoder_fault(seed: int) -> None:
 
 @NO_WAVES
 @pytest.mark.parametrize("moves", [True, False])
-def test_a_frame_for_each_session_is_tried(moves: bool) -> None:
+def test_a_frame_for_each_session_is_tried(moves):
     plant = Plant.of(9)
     places = moved(plant.places(), plant.rng) if moves else plant.places()
     session = np.where(np.arange(RECORDS) < AT, "first", "second")
@@ -114,7 +114,7 @@ def test_a_frame_for_each_session_is_tried(moves: bool) -> None:
 
 
 @NO_WAVES
-def test_a_stylus_that_was_mounted_again_is_no_encoder_fault() -> None:
+def test_a_stylus_that_was_mounted_again_is_no_encoder_fault():
     plant = Plant.of(3)
     shift = np.array([0.08, -0.06, 0.07])
     places = plant.places()
@@ -127,7 +127,7 @@ def test_a_stylus_that_was_mounted_again_is_no_encoder_fault() -> None:
 
 @NO_WAVES
 @pytest.mark.parametrize("column", ["time_s", "record"])
-def test_backlash_in_the_order_of_the_rows(column: str) -> None:
+def test_backlash_in_the_order_of_the_rows(column):
     plant = Plant.of(4)
     side = np.sign(np.diff(plant.q[:, 2], prepend=plant.q[0, 2] - 1.0))
     angle = np.zeros(plant.q.shape)
@@ -138,7 +138,7 @@ def test_backlash_in_the_order_of_the_rows(column: str) -> None:
 
 
 @NO_WAVES
-def test_bursts_of_an_encoder_are_in_the_order_of_the_records() -> None:
+def test_bursts_of_an_encoder_are_in_the_order_of_the_records():
     plant = Plant.of(5)
     angle = np.zeros(plant.q.shape)
     for first in (20, 75, 130, 160):
@@ -151,7 +151,7 @@ def test_bursts_of_an_encoder_are_in_the_order_of_the_records() -> None:
 
 @NO_WAVES
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_torques_of_the_load_instead_of_the_drive(sign: float) -> None:
+def test_torques_of_the_load_instead_of_the_drive(sign):
     plant = Plant.of(8)
     load = plant.rng.uniform(-60.0, 60.0, plant.q.shape)
     angle = load * [0.0, 6e-6, 9e-6, 0.0, 0.0, 0.0]
@@ -161,7 +161,7 @@ def test_torques_of_the_load_instead_of_the_drive(sign: float) -> None:
     assert found.reversed_torques == (sign > 0.0)
 
 
-def test_two_waves_of_one_joint() -> None:
+def test_two_waves_of_one_joint():
     """Neither a single wave, nor a dependence on two joints."""
     plant = Plant.of(6)
     angle = np.zeros(plant.q.shape)
@@ -174,7 +174,7 @@ def test_two_waves_of_one_joint() -> None:
 
 
 @NO_WAVES
-def test_the_budget_is_that_of_the_plant() -> None:
+def test_the_budget_is_that_of_the_plant():
     """Of each part, within three standard uncertainties; and it adds up."""
     plant = Plant.of(7)
     angle = np.zeros(plant.q.shape)

@@ -856,19 +856,3 @@ def test_a_cause_that_excluded_records_show_is_not_denied(sino6, seed):
     shown = sum(share for labels, share in found.alternatives.items() if hidden.label in labels)
     assert shown > 0.3
     assert in_words(hidden) in verdict_in_words(found)
-
-
-@pytest.mark.long
-def test_u_of_a_cause_is_what_a_calibration_with_it_says(zero6: Arm) -> None:
-    """Of an arm whose lengths and angles nobody stated, so that some directions are not told."""
-    hidden = ErrorModel(zero6, (EncoderEccentricity(3, values=(1e-4, 0.0)),))
-    data = simulate_measurements(hidden, "seats", 90, rng=np.random.default_rng(1))
-    noise = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 5e-6}
-    found = diagnose(zero6, data, hold_out=False, **noise)
-    wanted = calibrate(
-        zero6, data, ["geometry", EncoderEccentricity(3)], hold_out=False, **noise
-    ).parameters
-    u = wanted.set_index("parameter")["u"].filter(like="eccentricity").to_numpy(dtype=float)
-    (finding,) = found.findings
-    assert finding.label == "encoder_eccentricity:3"
-    assert u.min() * 0.9 < finding.parameters["amplitude_rad"][1] < u.max() * 1.1

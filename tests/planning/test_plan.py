@@ -16,7 +16,6 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.chain import skew
 from aacmm_pin.arm.random_postures import Room, joint_bounds
-from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
@@ -194,78 +193,7 @@ def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6):
         assert (plan.after.one, plan.after.other) == pytest.approx(expected, rel=1e-7)
 
 
-# --- what it is worth: decisions by Bayes, computed densely
-
-
-def log_evidence(arm: Arm, q: np.ndarray, off: np.ndarray, cause: Effect) -> float:
-    """Of deviations (n, 3) with the cause's parameters normal about zero, as wide as its values are
-    large.
-    """
-    n, jacobian = len(q), arm.jacobian(q)
-    covariance = np.zeros((3 * n, 3 * n))
-    for i in range(n):
-        own = slice(3 * i, 3 * i + 3)
-        covariance[own, own] = U_READING**2 * jacobian[i] @ jacobian[i].T + U_REFERENCE**2 * np.eye(
-            3
-        )
-    moved = geometry(arm, q).reshape(3 * n, -1)
-    does = columns(arm, Measurements.of(q), cause).reshape(3 * n, -1) * np.sqrt(
-        np.mean(np.square(cause.values))
-    )
-    root = np.linalg.cholesky(covariance + moved @ moved.T + does @ does.T)
-    white = np.linalg.solve(root, off.ravel())
-    return float(-0.5 * white @ white - np.log(np.diag(root)).sum())
-
-
-def deviations(true: ErrorModel, arm: Arm, q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Measured less predicted coordinates at indications ``q``, by exact physics."""
-    tips = true.predict(q - U_READING * rng.standard_normal(q.shape))
-    return tips + U_REFERENCE * rng.standard_normal(tips.shape) - arm.positions(q)
-
-
-def mimicking(arm: Arm, q: np.ndarray, cause: Effect, other: Effect) -> Effect:
-    """The other cause as large as it must be to look most nearly like the first one in free records
-    at ``q``.
-    """
-    z, (does, could) = dense(arm, [Measurements.of(q)], (cause, other), False, False)
-    unknown = np.hstack([z, could])
-    scale = np.linalg.norm(unknown, axis=0)
-    best = np.linalg.lstsq(unknown / scale, does @ np.array(cause.values), rcond=None)[0] / scale
-    return other.at(tuple(best[z.shape[1] :]))
-
-
-@pytest.mark.long
-def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6):
-    compliance = JointCompliance(3, values=(1e-5,))
-    right: dict[str, list[bool]] = {"before": [], "planned": [], "random": []}
-    stated = []
-    for seed in range(30):
-        rng = np.random.default_rng([seed, 11])
-        old, by_chance = (Room(sino6).postures(n, rng)[0] for n in (20, 40))
-        split = (compliance, mimicking(sino6, old, compliance, EncoderEccentricity(3)))
-        existing = Measurements.of(old, sino6.positions(old), np.full((20, 3), U_REFERENCE))
-        asked = (compliance, "encoder_eccentricity:3")
-        plan = plan_measurements(
-            sino6, asked, 40, existing=existing, as_it_stands=True, postures=400, rng=rng, **NOISE
-        )
-        assert plan.before is not None
-        stated.append((plan.before.probability, plan.after.probability))
-        new = plan.records.filter(like="theta").to_numpy() * DEG
-        for number, cause in enumerate(split):
-            true = perturbed_model(ErrorModel(sino6), rng).with_effects(cause)
-            off = deviations(true, sino6, old, rng)
-            for name, more in (("before", old[:0]), ("planned", new), ("random", by_chance)):
-                q, both = (
-                    np.vstack([old, more]),
-                    np.vstack([off, deviations(true, sino6, more, rng)]),
-                )
-                evidence = [log_evidence(sino6, q, both, candidate) for candidate in split]
-                right[name].append(int(np.argmax(evidence)) == number)
-    shares = {name: float(np.mean(values)) for name, values in right.items()}
-    assert shares["before"] <= 0.75, shares
-    assert shares["planned"] >= 0.92, shares
-    assert shares["planned"] >= shares["random"] + 0.1, shares
-    assert np.mean(stated, axis=0) == pytest.approx([shares["before"], shares["planned"]], abs=0.08)
+# --- what it is worth: decisions by Bayes
 
 
 def test_odds_are_those_of_the_densities_of_drawn_records(rng):

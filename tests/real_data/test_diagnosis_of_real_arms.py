@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import arms
 import numpy as np
@@ -34,7 +33,7 @@ CASES: dict[str, tuple[str, Callable[[], Arm], ReferenceFrame, Target]] = {
 
 
 @pytest.fixture(scope="session")
-def diagnosed(real_data: Path) -> Callable[[str], Diagnosis]:
+def diagnosed(real_data) -> Callable[[str], Diagnosis]:
     """The diagnosis of a case."""
 
     def of(name: str) -> Diagnosis:
