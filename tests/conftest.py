@@ -110,7 +110,7 @@ def zero6() -> Arm:
 
 
 @pytest.fixture(params=VARIANTS, ids=lambda v: "-".join(map(str, (*v[:2], *v[2]))))
-def arm_file(request: pytest.FixtureRequest) -> ArmFile:
+def arm_file(request) -> ArmFile:
     """The bundled arms as they are, read in the other convention, with rows that do not move and
     with prismatic joints.
     """

@@ -65,7 +65,7 @@ def keys(value: Any, at: str = "") -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
+def written(tmp_path_factory) -> dict[str, set[str]]:
     """Keys that commands wrote, by schema; each of several small outputs adds some."""
     folder = tmp_path_factory.mktemp("json")
     data, external, hidden, poses = (

@@ -31,7 +31,7 @@ ECCENTRIC = "encoder_eccentricity:3,amplitude_rad=1e-4"
 
 
 @pytest.fixture(scope="module")
-def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def extended(tmp_path_factory) -> Path:
     """The file of an arm with a cause."""
     path = tmp_path_factory.mktemp("arm") / "extended.toml"
     ErrorModel("sino6", (EncoderEccentricity(3, values=(1e-4, 0.0), u=(1e-6, 1e-6)),)).save(path)
@@ -39,7 +39,7 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def records(tmp_path_factory) -> Path:
     """Records of such an arm."""
     path, rng = tmp_path_factory.mktemp("data") / "records.csv", np.random.default_rng(1)
     aacmm_pin.simulate_measurements(ErrorModel("sino6", [ECCENTRIC]), "free", 60, rng=rng).save(

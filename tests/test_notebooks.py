@@ -71,7 +71,7 @@ plt.plot([1, 2, 3]);
 
 
 @pytest.fixture(scope="module")
-def executed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def executed(tmp_path_factory) -> dict[str, Any]:
     """A notebook that draws with the package, with pyplot, and with the package again, as a kernel
     leaves it.
     """

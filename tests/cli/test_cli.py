@@ -225,7 +225,7 @@ def test_demo_is_asked_for_with_its_options(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "plan"])
-def test_examples_of_the_help_have_options_that_exist(name: str) -> None:
+def test_examples_of_the_help_have_options_that_exist(name):
     group = typer.main.get_command(app)
     module = re.sub("[ -]", "_", name)
     for line in importlib.import_module(f"aacmm_pin.cli.{module}").run.examples:

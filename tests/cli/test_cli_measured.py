@@ -35,7 +35,7 @@ CORRECTED = [f"corrected_{name}" for name in REFERENCE]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     """Data and truth of a virtual SINO6 that differs from its file."""
     folder = tmp_path_factory.mktemp("data")
     words = "simulate sino6 --scheme seats --records 150 --random-geometry --seed 1"
@@ -45,12 +45,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def data(folder: Path) -> Path:
+def data(folder) -> Path:
     return folder / "data.csv"
 
 
 @pytest.fixture(scope="module")
-def extended(folder: Path) -> Path:
+def extended(folder) -> Path:
     """Arm file with an eccentricity and thermal expansion, and readings of that arm in warm.csv."""
     wave = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
     effects = f"--cause {wave} --cause thermal_expansion:expansion_per_k=2e-5"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +27,12 @@ PLACES = ["x_mm", "y_mm", "z_mm"]
 
 
 @pytest.fixture
-def ur5(robot_file: Callable[[str], Path]) -> str:
+def ur5(robot_file) -> str:
     return f"--urdf {robot_file('ur5_robot.urdf')} --frame tool0"
 
 
 @pytest.fixture
-def panda(robot_file: Callable[[str], Path]) -> str:
+def panda(robot_file) -> str:
     return f"--urdf {robot_file('panda.urdf')} --frame panda_hand_tcp"
 
 
@@ -112,9 +111,7 @@ def test_a_robot_without_a_frame_has_its_frames_listed(panda, words):
         again("panda.urdf panda_hand_tcp"),
     ]
 )
-def robot(
-    request: pytest.FixtureRequest, robot_file: Callable[[str], Path], tmp_path: Path
-) -> tuple[Path, Path, Path]:
+def robot(request, robot_file, tmp_path) -> tuple[Path, Path, Path]:
     """An arm file that names a URDF beside it, with moved placements and a cause; records of that
     arm; and the URDF.
     """

@@ -13,12 +13,12 @@ import pandas as pd
 import pytest
 from shell import NOISE, POINT, run
 
-from aacmm_pin.arm import Arm
 from aacmm_pin.effects import CAUSES, EncoderEccentricity, ErrorModel, JointCompliance, example
 from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report import terminal
 from aacmm_pin.report.document import Document, Table
 from aacmm_pin.report.numbers import length
+from tests.few_causes import NO_WAVES
 
 
 def told(*words: object, columns: int | None = 80) -> str:
@@ -34,7 +34,7 @@ def in_one(text: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory, sino6: Arm) -> Path:
+def data(tmp_path_factory, sino6) -> Path:
     path = tmp_path_factory.mktemp("tables") / "data.csv"
     hidden = (EncoderEccentricity(3, values=(1e-4, 0.0)), JointCompliance(2, values=(2e-5,)))
     simulate_measurements(
@@ -53,6 +53,7 @@ def check(text: str, width: int = 80) -> None:
             assert len(line) <= width, line
 
 
+@NO_WAVES
 def test_a_diagnosis_in_readable_units(data, tmp_path):
     """At 200 columns; JSON in a file beside it."""
     target = tmp_path / "d.json"

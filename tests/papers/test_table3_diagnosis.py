@@ -48,7 +48,7 @@ def at_wrist() -> TouchedSeats:
 
 
 @pytest.fixture(scope="module")
-def found(seats: TouchedSeats) -> Table3Diagnosis:
+def found(seats) -> Table3Diagnosis:
     return diagnose_table3(np.random.default_rng(20190427), seats)
 
 

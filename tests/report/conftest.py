@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -18,6 +17,7 @@ from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.measurements import Measurements, simulate_measurements
+from tests.few_causes import NO_WAVES
 
 mpl.use("Agg")
 
@@ -26,7 +26,7 @@ WAVE = EncoderEccentricity(joint=3, values=(2e-4, 0.0))
 
 
 @pytest.fixture(scope="session")
-def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
+def blind(tmp_path_factory) -> Callable[..., Diagnosis]:
     """The diagnosis of a file of the plant."""
 
     @cache
@@ -41,26 +41,21 @@ def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
         draw(seed, cause, plan=plan, records=80, outliers=outliers).write(path)
         probe = 12e-6 if plan != "free" else None
         records = Measurements.read(path)
-        return diagnose(
-            ErrorModel.load("sino6"),
-            records,
-            encoder_noise=READINGS,
-            reference_noise=12e-6,
-            probe_noise=probe,
-            hold_out=hold_out,
-        )
+        noise = {"encoder_noise": READINGS, "reference_noise": 12e-6, "probe_noise": probe}
+        with NO_WAVES:
+            return diagnose(ErrorModel.load("sino6"), records, hold_out=hold_out, **noise)
 
     return of
 
 
 @pytest.fixture(scope="session")
-def sound(blind: Callable[..., Diagnosis]) -> Diagnosis:
+def sound(blind) -> Diagnosis:
     """An arm without any cause beside its stated uncertainties."""
     return blind(None, seed=11)
 
 
 @pytest.fixture(scope="session")
-def eccentric(blind: Callable[..., Diagnosis]) -> Diagnosis:
+def eccentric(blind) -> Diagnosis:
     """An eccentric encoder 1, three records of 80 are outliers."""
     return blind("encoder_eccentricity", 3, outliers=0.04)
 
@@ -89,15 +84,15 @@ def with_wave() -> Calibration:
 
 
 @pytest.fixture(scope="session")
-def circle(sino6: Arm) -> ConfigurationCircle:
+def circle(sino6) -> ConfigurationCircle:
     """The postures of SINO6 at a seat of its paper."""
     return configuration_circle(sino6, [0.0336323, -0.6718702, 0.1829355], count=36)
 
 
 @pytest.fixture(scope="module")
-def of_robot(robot_file: Callable[[str], Path]) -> Calibration:
+def of_robot() -> Calibration:
     """UR5, whose placements have no stated uncertainty, and many of which cannot be determined."""
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    arm = Arm.from_urdf("ur5")
     steps = np.random.default_rng(3).normal(0.0, 2e-4, (6, 6))
     data = simulate_measurements(
         arm.with_placements(steps, None), "free", 80, rng=np.random.default_rng(4)

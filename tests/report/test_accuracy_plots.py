@@ -34,7 +34,7 @@ UNREACHABLE = np.array([5.0, 5.0, 5.0])
 
 
 @pytest.fixture(scope="module")
-def accuracy(circle: ConfigurationCircle) -> AccuracyVolume:
+def accuracy(circle) -> AccuracyVolume:
     return judged(circle)
 
 

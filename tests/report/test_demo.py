@@ -26,7 +26,7 @@ def figures_left_by_demo() -> list[int]:
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory, figures_left_by_demo: list[int]) -> DemoSummary:
+def demo(tmp_path_factory, figures_left_by_demo) -> DemoSummary:
     plt.close("all")
     summary = run_demo(folder=tmp_path_factory.mktemp("demo") / "out", cells=(6, 8), sectors=4)
     figures_left_by_demo += plt.get_fignums()

@@ -51,6 +51,7 @@ from aacmm_pin.verification.acceptance import CharacteristicValue
 from aacmm_pin.verification.characteristics import DEFINITIONS
 from aacmm_pin.verification.evaluators import Evaluated
 from tests.arm_files import changed
+from tests.few_causes import NO_WAVES
 from tests.pages import Page
 
 mpl.use("Agg")
@@ -72,21 +73,20 @@ def hidden() -> tuple[EncoderEccentricity, JointCompliance]:
 
 
 @pytest.fixture(scope="module")
-def calibration(arm: Arm, hidden: Any) -> Calibration:
+def calibration(arm, hidden) -> Calibration:
     data = simulate_measurements(ErrorModel(arm, hidden), "free", 60, rng=np.random.default_rng(1))
     return calibrate(arm, data, ["geometry", EncoderEccentricity(3)], encoder_noise=READINGS)
 
 
 @pytest.fixture(scope="module")
-def found(arm: Arm, hidden: Any) -> Diagnosis:
+def found(arm, hidden) -> Diagnosis:
     data = simulate_measurements(ErrorModel(arm, hidden), "free", 80, rng=np.random.default_rng(1))
-    return diagnose(arm, data, encoder_noise=READINGS)
+    with NO_WAVES:
+        return diagnose(arm, data, encoder_noise=READINGS)
 
 
 @pytest.fixture(scope="module")
-def values(
-    arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, robot_file: Any
-) -> dict[str, Any]:
+def values(arm, calibration, found, hidden) -> dict[str, Any]:
     """One of everything that shows itself, of an arm with a nasty name."""
     circle = configuration_circle(arm, POINT, count=24)
     accuracy = circle_accuracy(circle)
@@ -108,9 +108,7 @@ def values(
     )
     return {
         "Arm": arm,
-        "Arm of a URDF": Arm.from_urdf(
-            robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5
-        ),
+        "Arm of a URDF": Arm.from_urdf("ur5", translation_half_width=5e-5),
         "DHTable": arm.dh,
         "Parameter": arm.parameters[0],
         "Effect": hidden[0],

@@ -213,13 +213,11 @@ def test_the_ellipsoid_holds_95_percent():
     np.testing.assert_allclose(axes, np.sqrt(np.linalg.eigvalsh(expected)), rtol=1e-3)
 
 
-def test_postures_of_an_arm_without_a_dh_table(robot_file):
+def test_postures_of_an_arm_without_a_dh_table():
     """Curves of self-motion have the path of the joint that goes about most; single postures have
     none.
     """
-    arm = Arm.from_urdf(
-        robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5, rotation_half_width=1e-4
-    )
+    arm = Arm.from_urdf("ur5", translation_half_width=5e-5, rotation_half_width=1e-4)
     pose = arm.poses(np.array([[0.3, -1.2, 1.4, -1.6, -1.5, 0.4]])).placement[0]
     found = reaching_postures(arm, pose[:3, 3], axis=pose[:3, 2], count=30)
     scene = scenes.circle_scene(found, circle_accuracy(found))

@@ -54,7 +54,7 @@ def opened(page: Page, where: Path | str, size: tuple[int, int] = DESK) -> None:
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(tmp_path_factory) -> Path:
     target = tmp_path_factory.mktemp("scenes") / "circle.html"
     circle_scene().save(target)
     return target

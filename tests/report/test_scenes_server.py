@@ -97,7 +97,7 @@ def test_the_command_serves_until_it_is_interrupted():
 
 
 @pytest.fixture
-def target(tmp_path: Path) -> Path:
+def target(tmp_path) -> Path:
     """A page to be written."""
     return tmp_path / "scene.html"
 

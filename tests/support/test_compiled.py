@@ -30,7 +30,7 @@ LARGE = 1000
 
 
 @pytest.fixture
-def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def kept(tmp_path, monkeypatch) -> Path:
     """A folder for what is compiled."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
     return tmp_path / "kept"
@@ -69,9 +69,7 @@ def test_volumes_of_zonotopes(rng, monkeypatch):
             np.testing.assert_array_equal(plain, loop)
 
 
-def test_a_large_task_is_done_by_the_loop(
-    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_task_is_done_by_the_loop(kept, tmp_path, monkeypatch):
     loop = loaded(tmp_path)
     assert loop.chosen(LARGE - 1) is None
     assert not kept.exists()
@@ -88,9 +86,7 @@ def test_a_large_task_is_done_by_the_loop(
         loop.chosen(1)
 
 
-def test_what_is_kept_may_be_damaged_or_have_no_folder(
-    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_kept_may_be_damaged_or_have_no_folder(kept, tmp_path, monkeypatch):
     values = np.zeros(3)
     loaded(tmp_path).compiled(values)
     for file in kept.rglob("*.nb?"):

@@ -92,7 +92,7 @@ class Recorder(tqdm):  # type: ignore[type-arg]
 
 
 @pytest.fixture
-def bars(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool, int]]]:
+def bars(monkeypatch) -> Iterator[list[tuple[str, bool, int]]]:
     Recorder.seen = []
     monkeypatch.setattr(progress, "tqdm", Recorder)
     return Recorder.seen

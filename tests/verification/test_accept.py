@@ -132,7 +132,7 @@ def figure(result: AcceptanceResult, name: str) -> CharacteristicValue:
 
 
 @pytest.fixture
-def data(tmp_path: Path) -> Path:
+def data(tmp_path) -> Path:
     path = tmp_path / "touches.csv"
     everything().to_csv(path, index=False)
     return path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from aacmm_pin import Arm, accept
+from aacmm_pin import accept
 from aacmm_pin._support.units import DEG, MM
 from tests.cli import shell
 
@@ -13,7 +13,7 @@ ANGLES = [f"planned_theta{k}_deg" for k in range(1, 7)]
 PLACE = ["x_mm", "y_mm", "z_mm"]
 
 
-def test_an_exact_arm_passes_its_plan(sino6: Arm, tmp_path):
+def test_an_exact_arm_passes_its_plan(sino6, tmp_path):
     path = tmp_path / "plan.csv"
     shell.done(f"plan acceptance sino6 --measuring-range-mm 1000 -o {path}")
     plan = pd.read_csv(path)
