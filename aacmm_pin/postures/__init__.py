@@ -1,6 +1,4 @@
-"""Postures with which an arm reaches a point or a pose: configuration circle, inverse
-kinematics.
-"""
+"""Postures that reach a point or a pose: configuration circle, inverse kinematics."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Postures and places in words: side of the elbow, direction of the stylus, place of a point."""
+"""Postures and places in words."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from aacmm_pin.arm import Arm
 STRAIGHT_ELBOW = 0.05
 """An elbow closer to the line shoulder → tip than this part of its length is on no side."""
 SECOND_WORD_RATIO = 0.6
-"""A second component of a direction so many times the first has a word too."""
+"""A second component with this part of the first has a word too."""
 SIDES = ("up", "right", "down", "left")
 OPPOSITES = (("up", "down"), ("out", "in"), ("left", "right"))
 
@@ -21,7 +21,7 @@ def articulations(arm: Arm, q: Array) -> list[str]:
     """Postures ``q`` (n, nq) in words, such as ``elbow left, stylus down``.
 
     The elbow is the joint axis farthest from the line shoulder (joint 2) → tip. Left and right are
-    those of a person behind the stand who looks along this line; ``out`` is away from the stand.
+    seen from behind the stand along this line; ``out`` is away from the stand.
     """
     rotation, origin = arm.chain.walk(q)
     axes = arm.chain.moving_axes()
@@ -37,7 +37,7 @@ def articulations(arm: Arm, q: Array) -> list[str]:
 
 def places(arm: Arm, points: Array) -> pd.DataFrame:
     """Table of ``points`` (n, 3) [m]: distance from the vertical through the base origin, bearing
-    from the first horizontal axis of the base (counter-clockwise from above), height over the base.
+    from the first horizontal axis of the base (counter-clockwise from above), height.
     """
     level = np.eye(3)[np.argmin(np.abs(arm.up))]
     level = level - arm.up * (level @ arm.up)
@@ -68,7 +68,7 @@ def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
 
 
 def _directions(arm: Arm, tips: Array, direction: Array) -> list[str]:
-    """Directions (n, 3) at ``tips`` by one or two of up, down, out, in, left and right."""
+    """Directions (n, 3) at ``tips`` in one or two words."""
     out = tips - arm.up * (tips @ arm.up)[:, None]
     out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]
     left = np.cross(arm.up, out)

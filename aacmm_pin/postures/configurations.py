@@ -1,9 +1,7 @@
-"""The configuration circle: the postures with which the arm reaches a point (Xu You et al. 2019,
-section 1).
+"""The configuration circle: the postures that reach a point (Xu You et al. 2019, section 1).
 
-The point is the wrist (origin of frame 5) with the joints after joint 4 held, or the tip with the
-stylus along an axis. The enumeration holds for calibrated geometry; the closed forms of the paper
-for nominal geometry.
+The wrist (origin of frame 5) is at the point with the joints after joint 4 held, or the tip with
+the stylus along an axis. Unlike the closed forms of the paper, this holds for calibrated geometry.
 """
 
 from __future__ import annotations
@@ -51,17 +49,16 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 WRIST = "frame5"
-"""Frame of the working point in the source paper."""
+"""Of the working point in the source paper."""
 TIP_JOINTS = WRIST_ROW + 1
-"""Number of joints with which postures with given tip and stylus axis are closed curves."""
+"""Joints with which postures of given tip and stylus axis are closed curves."""
 SEEDS_PER_TURN = 24
-"""Held angles of each of the joints 1 to 4 to find the closed curves."""
+"""Held angles of each of the joints 1 to 4 to find the curves."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationCircle(PosturesAtPoint):
-    """The configuration circle: all postures with the wrist or the tip at one point, in order along
-    closed curves.
+    """All postures with the wrist or the tip at one point, in order along closed curves.
 
     Attributes:
         components: the sampled closed curves.
@@ -78,8 +75,8 @@ class ConfigurationCircle(PosturesAtPoint):
     def branch(self) -> NDArray[np.intp]:
         """The signs of the solution branch, ``(n, 2)``.
 
-        The first sign is the side of the wrist from the plane of joint axes 1 and 2. The second
-        sign is that of d|shoulder → wrist|/dθ4.
+        First the side of the wrist from the plane of joint axes 1 and 2, then the sign of
+        d|shoulder → wrist|/dθ4.
         """
         dh = self.arm.require_dh("a branch")
         rotation, origin = self.arm.chain.walk(self.q)
@@ -95,12 +92,11 @@ class ConfigurationCircle(PosturesAtPoint):
         return np.where(signs >= 0, 1, -1)
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Return the flexibility ζ: the share of the swivel angles that have a posture within the
-        joint limits (eq. 1 of Xu You et al. 2019).
+        """Return the flexibility ζ: the share of swivel angles with a posture within limits (eq. 1
+        of Xu You et al. 2019).
 
         Args:
-            sectors: number of equal sectors of the swivel angle; the posture at the centre decides
-                for the sector.
+            sectors: equal sectors of the swivel angle; the posture at the centre decides.
         """
         return flexibility(self.components, self.arm.limits, sectors)
 
@@ -149,25 +145,24 @@ def configuration_circle(
     Args:
         arm: an arm whose first five DH rows are joints.
         point: position of the wrist or tip ``(3,)`` [m].
-        tip: if False, the wrist (origin of frame 5) is at the point, and the joints after joint 4
-            stay at ``rest``. If True, the tip is at the point with the stylus along ``axis``, and
-            all six joints move.
-        axis: direction of the stylus in the base ``(3,)``, of any length; required with ``tip``,
-            otherwise not permitted.
-        rest: angles of joints 5, 6, … ``(nq - 4,)`` [rad]; default the angles within limits that
-            are nearest to 0. Row 5 of SINO6 has a length of 0.037 mm, so that θ5 slightly changes
-            the circle of the wrist.
-        count: number of postures on each closed curve, evenly spaced along the path of the elbow.
+        tip: if False, the wrist (origin of frame 5) is at the point, and joints after joint 4 stay
+            at ``rest``. If True, the tip is there with the stylus along ``axis``, and all six
+            joints move.
+        axis: direction of the stylus in the base ``(3,)``, of any length; only and always with
+            ``tip``.
+        rest: angles of joints 5, 6, … ``(nq - 4,)`` [rad]; default nearest to 0 within limits. (Row
+            5 of SINO6 is 0.037 mm long, so that θ5 slightly changes the circle.)
+        count: postures on each curve, evenly spaced along the path of the elbow.
 
     Returns:
-        The circle. If the arm cannot reach the point, the circle is empty and has a ``reason``.
+        The circle; out of reach it is empty, and has a ``reason``.
 
     Raises:
         ShapeError: a vector has a wrong shape or is not finite.
-        AacmmError: only one of ``axis`` and ``tip`` is given, the axis has zero length, or the
-            count is below 3.
-        UnsupportedArmError: the arm has no DH table or not the required joints, or joint 5 moves
-            the wrist; see :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
+        AacmmError: ``axis`` without ``tip`` or the reverse, an axis of zero length, or a count
+            below 3.
+        UnsupportedArmError: no DH table with the required joints, or joint 5 moves the wrist; see
+            :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
     """
     points = vector(point, 3, "point", "m")[None, :]
     (circle,) = configuration_circles(arm, points, tip=tip, axis=axis, rest=rest, count=count)
@@ -183,7 +178,7 @@ def configuration_circles(
     rest: ArrayLike | None = None,
     count: int = 360,
 ) -> list[ConfigurationCircle]:
-    """Compute the configuration circles at ``points`` ``(m, 3)`` [m] together, in much less time.
+    """Compute the configuration circles at ``points`` ``(m, 3)`` [m], together in much less time.
 
     See :func:`configuration_circle`.
     """
@@ -227,8 +222,7 @@ def configuration_circles(
 
 
 def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
-    """Unit direction of the stylus in the last frame (3,), and its required direction in the base
-    (3,).
+    """Unit direction of the stylus in the last frame (3,), and ``axis`` as one in the base (3,).
 
     Raises:
         ShapeError, AacmmError: ``axis`` is no direction (3,).
@@ -297,9 +291,9 @@ class Reach(NamedTuple):
 
     Attributes:
         sectors: of the swivel angle at each point.
-        arc_fraction: working over theoretical range of the swivel angle (m,); nan without a range.
-        reachable: points that a posture reaches, without regard to limits (m,).
-        complete: points of which all postures are known (m,).
+        arc_fraction: working over theoretical range of swivel (m,); nan without a range.
+        reachable: reached without regard to limits (m,).
+        complete: all postures are known (m,).
     """
 
     sectors: Sectors
@@ -312,10 +306,10 @@ def reach_of_points(
     arm: Arm, points: Array, sectors: int, purpose: str, axis: ArrayLike | None
 ) -> Reach:
     """Reachability of ``points`` (m, 3) [m] by the wrist, or by the tip with the stylus along
-    ``axis`` (3,), over equal ``sectors`` of the swivel angle; errors name the ``purpose``.
+    ``axis`` (3,), over equal ``sectors`` of swivel; errors name the ``purpose``.
 
     Raises:
-        UnsupportedArmError: the arm has no DH table with the required joints.
+        UnsupportedArmError: no DH table with the required joints.
     """
     dh = arm.require_dh(purpose, revolute=True)
     swivel = Swivel(dh, arm.up)

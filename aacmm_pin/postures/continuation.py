@@ -1,16 +1,15 @@
 """Closed curves of solutions of k equations in k + 1 angles, by predictor and corrector, in numba.
 
 Source: E. Allgower, K. Georg, "Introduction to Numerical Continuation Methods", SIAM 2003. The sign
-of ``det [J; tᵀ]`` is constant along a smooth curve, and changes where a step jumps to another
-branch; such a step is repeated shorter. Where no step is short enough, curves cross, and the trace
-leaps straight over the crossing.
+of ``det [J; tᵀ]`` is constant along a smooth curve. A step that changes it has jumped to another
+branch, and is repeated shorter. Where no step is short enough, curves cross, and the trace leaps
+straight over.
 
-The equations state that the frame of the tip is the frame of the base: origin, z axis, or all axes.
-The first link contains the wanted pose; see :class:`~.pose_equations.Equations`.
+The equations make the frame of the tip that of the base: origin, z axis, or all axes. The first
+link contains the wanted pose; see :class:`~.pose_equations.Equations`.
 
-All compiled functions and constants are here: numba keeps the result until this file changes. They
-work on rows of one array, :func:`working_space`: each further array, slice and level of calls takes
-numba longer to compile.
+All compiled functions are here: numba caches them until this file changes. They work on rows of one
+array, :func:`working_space`: further arrays, slices and levels of calls compile slower.
 """
 
 from __future__ import annotations
@@ -28,9 +27,10 @@ TIP = 0
 AXES = 3
 EQUATIONS = 9
 GOAL = 15
-"""First rows of the working space for the frame of the tip (3 rows), directions and origins of the
-joint axes (6, a column each), the equations (up to 6; the last column but one is their values), and
-the wanted place of the tip."""
+"""First rows of the working space for the tip's frame (3 rows), directions and origins of the joint
+axes (6, a column each), the equations (up to 6; values in the last column but one), and the wanted
+place of the tip.
+"""
 HERE = 16
 STEADY = 19
 AHEAD = 22
@@ -39,26 +39,28 @@ SOUGHT = 26
 IMAGE = 28
 GUESS = 29
 BEST = 30
-"""Rows for angles. The tangent of a curve there is in the next row, and of ``HERE`` and ``STEADY``
-the curvature behind it; of ``IMAGE``, ``GUESS`` and ``BEST`` neither is used."""
+"""Rows for angles, each before the row of the tangent there; ``HERE`` and ``STEADY`` also have the
+curvature behind it. ``IMAGE``, ``GUESS`` and ``BEST`` use neither.
+"""
 COSINES, MATRIX = 31, 33
-"""Rows for cosines and sines of the angles, and the first one for linear equations that are solved:
-n columns and two right sides."""
+"""Rows for cosines and sines, and the first one for linear equations: n columns and two right
+sides.
+"""
 STRAIGHT = 1e-12
-"""Sine of an angle below which a direction has arrived, or points right away from its goal."""
+"""Sine below which a direction has arrived, or points right away from its goal."""
 SERIES = 1e-3
 """Angle below which a series loses fewer digits than the closed form [rad]."""
 CLOSE_ENOUGH = 1e-12
 """Largest residual of a solution [m, rad]."""
 POLISHED = 0.02 * CLOSE_ENOUGH
 CORRECTED_RESIDUAL = 0.2 * CLOSE_ENOUGH
-"""Residuals at which polishing a seed, and correcting a step, end: what is left is rounding."""
+"""Residual at which polishing and correcting end: the rest is rounding."""
 MOST_POLISHES = 39
 MOST_CORRECTIONS = 5
 MOST_MEETINGS = 8
-"""Newton steps after which polishing a seed, correcting a step, and meeting a plane give up."""
+"""Newton steps after which polishing, correcting, and meeting a plane give up."""
 LONGEST_POLISH = 0.5
-"""Of one Newton step from a seed [rad]; longer ones would leave the neighbourhood."""
+"""Newton step from a seed [rad]; longer ones would leave the neighbourhood."""
 DAMPING = 1e-14
 """Part of the trace of ``J Jᵀ`` added to its diagonal: felt only where J is nearly singular."""
 SURE_STEP = 5e-7
@@ -67,45 +69,41 @@ LONGEST_CURVE_STEP = 0.40
 FIRST_STEP = 0.125 * LONGEST_CURVE_STEP
 """Of a predictor along the curve [rad]."""
 SHORTENED = 0.4
-"""A step that failed is tried again at this part of its length."""
+"""Part of a failed step that is tried next."""
 LEAST_CHANGE, MOST_CHANGE = 0.5, 1.8
-"""Of a step's length, over that of the one before, which succeeded."""
+"""Of a step over the one before, which succeeded."""
 SHORTEST_STEP = 1e-5
-"""Closer to a crossing, rounding of the residual hides the direction of the curve; a narrower gap
-is a crossing [rad].
-"""
-LARGEST_TURN = 0.30
-"""Largest angle between the tangents at the two ends of a step [rad]."""
-WANTED_TURN = 0.6 * LARGEST_TURN
-LEAST_TURN = 1e-3
-"""Angle that the length of the next step aims at, and one below which a piece counts as straight
-[rad]."""
-OFF_GUESS = 0.4
-"""Part of a step by which its correction may move it; a farther solution may be on another
-curve.
-"""
-PAST_START, ASIDE_START = 1.0001, 0.3
-"""Parts of a step: so far along it, and so far aside of it, the start is taken for passed."""
-BULGE = 0.1
-"""Part of the chord by which a curve that turns by less than ``LARGEST_TURN`` leaves the chord."""
-STEADY_STEP = 0.01
-"""A vertex after a step of this length has a sure tangent and curvature, even near a crossing
+"""Closer to a crossing, rounding hides the direction of the curve; a narrower gap is a crossing
 [rad].
 """
+LARGEST_TURN = 0.30
+"""Between the tangents at the ends of a step [rad]."""
+WANTED_TURN = 0.6 * LARGEST_TURN
+LEAST_TURN = 1e-3
+"""The next step aims at this angle; a piece with less is straight [rad]."""
+OFF_GUESS = 0.4
+"""Part of a step by which its correction may move it; farther solutions may be on another curve."""
+PAST_START, ASIDE_START = 1.0001, 0.3
+"""Parts of a step along and aside of it within which the start is passed."""
+BULGE = 0.1
+"""Part of the chord by which a curve that turns by less than ``LARGEST_TURN`` leaves it."""
+STEADY_STEP = 0.01
+"""A vertex after such a step has a sure tangent and curvature, even near a crossing [rad]."""
 LEAPS = (0.03, 0.1, 0.01)
-"""Distances beyond a crossing at which the curve is looked for again [rad]."""
+"""Distances beyond a crossing to look for the curve again [rad]."""
 MOST_LEAPS = 100
 MOST_VERTICES = 2000
-"""A curve with more is returned unfinished."""
+"""A curve with more is unfinished."""
 PICKS, MAJORITY = 7, 4
-"""Vertices of a curve that are looked for on the others, and most of them."""
+"""Vertices of a curve that are looked for on others, and most of them."""
 SAME_POINT = 1e-6
-"""Two solutions nearer to each other than this are one [rad]."""
+"""Nearer solutions are one [rad]."""
 
 NO_CURVE = -1
 KNOWN_CURVE = -2
-"""Instead of the number of a curve: the solution is on none, or on one that was found before but
-does not show it, next to a crossing."""
+"""In place of the number of a curve: on none, or on a known one that does not show it next to a
+crossing.
+"""
 
 
 # --- what is called from Python
@@ -125,10 +123,10 @@ def newton(
     Args:
         links: see :meth:`DHTable.links`, (n + 1, 4, 4); the first contains the wanted pose.
         goals: places of the tip, one for each row of ``q``, (m, 3) [m].
-        most: steps at most; 0 only evaluates the equations.
+        most: steps; 0 only evaluates the equations.
         q: angles (m, n) [rad].
-        equations: output (m, k, n + 1): derivatives by the angles, and in the last column values,
-            at the last angles that were tried.
+        equations: output (m, k, n + 1): derivatives by the angles, then values, at the last angles
+            tried.
         arrived: output (m,): residual is at most ``CLOSE_ENOUGH``.
         space: see :func:`working_space`.
     """
@@ -160,18 +158,18 @@ def curves(
     number: Index,
     space: Array,
 ) -> tuple[int, int]:
-    """Follow every curve through one of the ``seeds``, which must be solutions, once.
+    """Follow every curve through the ``seeds``, which are solutions, once.
 
     Args:
         links, space: see :func:`newton`.
         goal: place of the tip (3,) [m].
         seeds: angles (m, n) [rad].
-        is_regular: seeds that may begin a curve (m,); singular ones are only looked up on curves.
-        steps: steps along curves after which the search ends.
-        count: number of known curves.
-        vertices: vertices of all curves in order (any, n) [rad]; extended.
+        is_regular: seeds that may begin a curve (m,); others are only looked up.
+        steps: after which the search ends.
+        count: of known curves.
+        vertices: of all curves in order (any, n) [rad]; extended.
         ends: number after the last vertex of each curve (most curves,); extended.
-        closed: whether each curve returned to its start (most curves,); extended.
+        closed: whether each returned to its start (most curves,); extended.
         number: output (m,): the curve of each seed, ``NO_CURVE`` or ``KNOWN_CURVE``.
 
     Returns:
@@ -216,15 +214,15 @@ def look_up(
     number: Index,
     space: Array,
 ) -> None:
-    """Give the ``seeds`` on a curve the number ``name``, from number ``first`` on."""
+    """Give ``seeds`` on a curve the number ``name``, from number ``first`` on."""
     for seed in range(first, len(seeds)):
         if number[seed] == NO_CURVE and on_curve(links, seeds, seed, curve, vertices, ends, space):
             number[seed] = name
 
 
 def is_known(links: Array, curve: int, vertices: Array, ends: Index, space: Array) -> bool:
-    """Whether most of some vertices of a curve are on an earlier curve, which a seed at a crossing
-    may not show.
+    """Whether most of some vertices are on an earlier curve, which a seed at a crossing may not
+    show.
     """
     begin = ends[curve - 1] if curve > 0 else 0
     last = ends[curve] - 1
@@ -253,8 +251,8 @@ def on_curve(
 ) -> bool:
     """Whether a solution, one ``row`` of several, is on a curve.
 
-    From the vertices nearest to the solution (the nearest may be on another strand), find the point
-    of the curve in the plane through the solution across its tangent: it must be the solution.
+    The curve from the nearest vertices (the nearest may be on another strand) must meet the plane
+    through the solution across its tangent there.
     """
     for j in range(solutions.shape[1]):
         space[SOUGHT, j] = solutions[row, j]
@@ -274,7 +272,7 @@ def on_curve(
 
 
 def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tuple[int, int, int]:
-    """Numbers of the three vertices nearest to the solution ``SOUGHT``, in order."""
+    """The three vertices nearest to ``SOUGHT``, in order."""
     first = begin
     second = begin
     third = begin
@@ -300,8 +298,7 @@ def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tup
 def touches(begin: int, end: int, vertices: Array, space: Array) -> bool:
     """Whether ``SOUGHT`` is as close to the chord between two vertices as their curve is.
 
-    The nearest point of the chord is put into ``GUESS``, the solution in the same turns into
-    ``IMAGE``.
+    Puts the nearest point of the chord into ``GUESS``, the solution in its turns into ``IMAGE``.
     """
     square = 1e-200
     part = 0.0
@@ -320,7 +317,7 @@ def touches(begin: int, end: int, vertices: Array, space: Array) -> bool:
 
 def meets(links: Array, tangent: int, space: Array) -> bool:
     """Whether the curve near ``GUESS``, which moves, cuts the plane through ``IMAGE`` across
-    ``tangent`` in ``IMAGE``.
+    ``tangent`` there.
     """
     n = space.shape[1] - 2
     beyond = 0.0
@@ -345,11 +342,11 @@ def trace(
     Args:
         links, space: see :func:`newton`.
         begin: number of its first vertex.
-        most: steps at most.
-        vertices: output, at most ``most + 1`` rows of n angles [rad].
+        most: steps.
+        vertices: output, up to ``most + 1`` rows of n angles [rad].
 
     Returns:
-        number after its last vertex, number of steps, and whether the curve returned to its start.
+        number after its last vertex, steps, and whether it returned to its start.
     """
     n = vertices.shape[1]
     sign = tangent_at(links, START, space)
@@ -408,8 +405,7 @@ def trace(
 
 
 def follow(links: Array, vertex: int, length: float, widest: float, space: Array) -> float:
-    """Predict a step of this ``length`` from a ``vertex``, and correct it into ``AHEAD`` by less
-    than ``widest``.
+    """Predict a step from a ``vertex``, and correct it into ``AHEAD`` by less than ``widest``.
 
     Returns:
         sign of the determinant there; 0 if the step fails.
@@ -450,11 +446,11 @@ def passes(links: Array, moved: float, space: Array) -> bool:
 
 
 def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tuple[bool, float]:
-    """Move the angles of a ``row`` across the ``tangent`` in another row to a solution, by at most
-    ``most`` steps, and leave the null vector of J after the matrix.
+    """Move a ``row`` across the ``tangent`` in another to a solution in ``most`` steps; leave the
+    null vector of J after the matrix.
 
     Returns:
-        whether it arrived, and the sign of the determinant of J with the tangent below.
+        whether it arrived, and the sign of det [J; tᵀ].
     """
     n = space.shape[1] - 2
     sign = 0.0
@@ -481,8 +477,8 @@ def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tu
 
 
 def tangent_at(links: Array, row: int, space: Array) -> float:
-    """Put the tangent of the curve at the solution in a ``row`` into the next row; return the sign
-    of the determinant. Any border not orthogonal to the tangent works.
+    """Put the tangent at the solution in a ``row`` into the next row; return the sign of the
+    determinant. Any border not orthogonal to the tangent works.
     """
     for j in range(space.shape[1] - 2):
         space[row + 1, j] = math.sqrt(2.0 + j)
@@ -492,7 +488,7 @@ def tangent_at(links: Array, row: int, space: Array) -> float:
 
 
 def take_tangent(row: int, space: Array) -> None:
-    """The unit null vector of J, which :func:`correct` left, into the row after ``row``."""
+    """Put the unit null vector of J, which :func:`correct` left, after the ``row``."""
     n = space.shape[1] - 2
     square = 0.0
     for j in range(n):
@@ -530,8 +526,8 @@ def descend(links: Array, count: int, most: int, space: Array) -> float:
 
 
 def least_norm_step(count: int, space: Array) -> None:
-    """Shortest step that solves the linear equations, damped where J is nearly singular, into
-    column n of the matrix, by Cholesky's factor of ``J Jᵀ``.
+    """Shortest step that solves the linear equations, damped near singular J, into column n of the
+    matrix; by Cholesky's factor of ``J Jᵀ``.
     """
     n = space.shape[1] - 2
     damping = 0.0
@@ -563,7 +559,7 @@ def least_norm_step(count: int, space: Array) -> None:
 
 
 def residual_after(count: int, space: Array) -> float:
-    """Largest residual after the step in the matrix, to first order."""
+    """Largest residual after the step, to first order."""
     n = space.shape[1] - 2
     largest = 0.0
     for i in range(count):
@@ -575,7 +571,7 @@ def residual_after(count: int, space: Array) -> float:
 
 
 def step_length(space: Array) -> float:
-    """Length of the step in column n of the matrix [rad]."""
+    """Of the step in column n of the matrix [rad]."""
     n = space.shape[1] - 2
     square = 0.0
     for j in range(n):
@@ -584,8 +580,7 @@ def step_length(space: Array) -> float:
 
 
 def solve(space: Array) -> float:
-    """Gauss's elimination: the solutions replace their right sides, the last two columns of the
-    matrix.
+    """Gauss's elimination: solutions replace the right sides, the last two columns.
 
     Returns:
         sign of the determinant. The solution of a singular matrix is not finite.
@@ -620,7 +615,7 @@ def solve(space: Array) -> float:
 
 
 def linearise(links: Array, row: int, count: int, space: Array) -> float:
-    """Put the equations at the angles in a ``row`` into the space; return the largest value."""
+    """Put the equations at a ``row`` into the space; return the largest value."""
     n = space.shape[1] - 2
     largest = 0.0
     for j in range(n):
@@ -665,10 +660,9 @@ def linearise(links: Array, row: int, count: int, space: Array) -> float:
 
 
 def point_along_z(space: Array) -> None:
-    """Deviation of the tip's z axis d from the z axis of the base, ``f = (d_x, d_y) θ/sin θ``.
+    """Deviation of the tip's z axis d from that of the base, ``f = (d_x, d_y) θ/sin θ``.
 
-    Unlike the sine, the angle θ has no zero half a turn away: Newton's method from spread starts
-    arrives four times as often.
+    Unlike the sine, θ has no zero half a turn away: spread starts arrive four times as often.
     """
     n = space.shape[1] - 2
     d0 = space[TIP, 2]
@@ -738,12 +732,12 @@ def turn_back(space: Array) -> None:
 
 
 def working_space(n: int) -> Array:
-    """Array for equations in ``n`` angles, whose rows have the names above."""
+    """Array for ``n`` angles, with the rows above."""
     return np.empty((MATRIX + n, n + 2))
 
 
 def distance(a: int, b: int, space: Array) -> float:
-    """Distance of the angles in two rows [rad]."""
+    """Between the angles in two rows [rad]."""
     square = 0.0
     for j in range(space.shape[1] - 2):
         square += (space[a, j] - space[b, j]) ** 2
@@ -759,7 +753,7 @@ def dot(a: int, b: int, space: Array) -> float:
 
 
 def wrap(angle: float) -> float:
-    """The same angle between -π and π."""
+    """In -π to π."""
     turns = math.floor(angle * (0.5 / math.pi) + 0.5)
     return angle - 2 * math.pi * turns
 
@@ -793,8 +787,7 @@ HELPERS = (
     (is_known, INLINED),
     (look_up, INLINED),
 )
-"""What the loops call, and in numba's words the types of what each takes and returns, in an order
-in which each knows those that it calls itself."""
+"""Functions the loops call, with numba's signatures, each after those that it calls itself."""
 NEWTON = Loop(newton, f"void({LINKS}, {ROWS}, i8, {ROWS}, {LINKS}, {FLAGS}, {ROWS})", HELPERS)
 CURVES = Loop(
     curves,

@@ -1,4 +1,4 @@
-"""Samples of closed curves of postures: evenly spaced, at swivel angles, and inside the limits."""
+"""Samples of closed curves: evenly spaced, at swivel angles, and inside the limits."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from aacmm_pin.postures.solution_curves import Curve, following
 from aacmm_pin.postures.wrist_ik import Wrist
 
 FINER = 16
-"""Parts of each piece between vertices to measure a path."""
+"""Parts of each piece to measure a path."""
 STILL = 1e-9
-"""A shorter path along a whole curve is no path [m, rad]."""
+"""A shorter path of a whole curve is none [m, rad]."""
 ARC_BINS = 3600
-"""Resolution of the arc fraction: a tenth of a degree of swivel."""
+"""Resolution of the arc fraction: 0.1° of swivel."""
 SAME_SWIVEL = 1e-10
-"""Tolerance of a wanted swivel angle [rad]."""
+"""Tolerance of a wanted angle [rad]."""
 MOST_TRIALS, NO_LENGTH = 100, 1e-15
-"""Trials after which, and length of a bracket at which, it is met as well as can be [rad]."""
+"""Trials, and length of a bracket, at which it is met as well as can be [rad]."""
 CURVED = 0.02
-"""Largest distance of a curve from the chord between two vertices [rad]."""
+"""Largest distance of a curve from a chord [rad]."""
 OUTWARDS = np.array([-1.0, 1.0])
-"""Outward direction of a lower and an upper limit."""
+"""Of a lower and an upper limit."""
 LIMIT_PARTS = 16
-"""Parts of a piece that may meet a limit."""
+"""Of a piece that may meet a limit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +40,9 @@ class _Segments:
     """Pieces between neighbouring vertices of all curves.
 
     Attributes:
-        start, end: postures on the curves (s, k) [rad], not wrapped.
+        start, end: postures (s, k) [rad], not wrapped.
         swivel: angle at the start (s,) [rad].
-        turn: change of the swivel angle along the piece (s,) [rad], in (-π, π).
+        turn: change of swivel along the piece (s,) [rad], in (-π, π).
         problem: number of the point (s,).
     """
 
@@ -55,7 +55,7 @@ class _Segments:
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Closed curves of postures of one arm that reach one or many points.
+    """Closed curves of postures that reach one or many points.
 
     Attributes:
         equations: of the curves.
@@ -79,14 +79,12 @@ class Components:
         return self.swivel.frames(self.points)
 
     def angle(self, q: Array, problem: Index) -> Array:
-        """Swivel angles (n,) [rad] of postures of the curves (n, k) at points with the numbers
-        (n,).
-        """
+        """Swivel angles (n,) [rad] of ``q`` (n, k) at points with these numbers (n,)."""
         return self.swivel.angle_in(self._frames[problem], self.full(q))
 
     @cached_property
     def segments(self) -> _Segments:
-        """Pieces between neighbouring vertices of all curves."""
+        """All pieces between neighbouring vertices."""
         lengths = [len(c.q) for c in self.curves]
         start = np.concatenate([c.q for c in self.curves])
         problem = np.repeat([c.problem for c in self.curves], lengths)
@@ -110,12 +108,12 @@ class Components:
         return first, last
 
     def outside(self, limits: Array) -> Mask:
-        """Segments that are outside the ``limits`` (nq, 2) [rad] all along: (s,)."""
+        """Segments outside ``limits`` (nq, 2) [rad] all along: (s,)."""
         first, last = self.inside(self.segments, limits + CURVED * OUTWARDS)
         return last <= first
 
     def divided(self, pieces: _Segments, which: Mask) -> _Segments:
-        """The marked pieces, each cut into ``LIMIT_PARTS`` with solutions at the cuts."""
+        """The marked pieces, in ``LIMIT_PARTS`` with solutions at the cuts."""
         cuts = LIMIT_PARTS + 1
         guess = np.linspace(pieces.start[which], pieces.end[which], cuts, axis=1)
         joints = guess.shape[2]
@@ -137,17 +135,13 @@ class Components:
 class Flexibility(Shown):
     """The flexibility ζ at a point (eq. 1 of Xu You et al. 2019).
 
-    ζ is the number of working sectors over the number of theoretical sectors of the swivel angle. A
-    theoretical swivel angle has a posture without regard to limits; a working swivel angle has a
-    posture within limits.
+    ζ is the number of working over theoretical sectors of the swivel angle. A theoretical swivel
+    angle has a posture without regard to limits, a working one within limits.
 
     Attributes:
-        zeta: working over theoretical sectors, decided at their centres; NaN without theoretical
-            sectors.
-        sectors: True for each working sector; sector k, from 0, has its centre at the swivel angle
-            k 360°/count.
-        arc_fraction: working over theoretical range of the swivel angle, with a resolution of 0.1°;
-            NaN without a theoretical range.
+        zeta: decided at the centres; NaN without theoretical sectors.
+        sectors: True for working ones; sector k, from 0, has its centre at k 360°/count.
+        arc_fraction: working over theoretical range, to 0.1°; NaN without a theoretical range.
     """
 
     zeta: float
@@ -169,13 +163,13 @@ def evenly(
     Args:
         equations: of the curves.
         curves: at least one.
-        count: number of solutions of each curve.
-        path: from solutions in order along a curve (m, k) to places (m, any). If they stand still,
-            the angles of the curve count.
+        count: of each curve.
+        path: from solutions along a curve (m, k) to places (m, any). If these stand still, the
+            angles count.
 
     Returns:
-        at most (curves * count, k) [rad], the number of the curve of each, and the number of
-            solutions that were not found (nearly degenerate arm).
+        up to (curves * count, k) [rad], the curve of each, and the number of solutions not found
+            (nearly degenerate arm).
     """
     guesses = []
     for vertices in _finer(equations, curves):
@@ -192,7 +186,7 @@ def evenly(
 
 
 def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
-    """Solutions between the vertices of each curve; the first is repeated at the end if closed."""
+    """Solutions between the vertices of each curve; a closed one ends with its first."""
     finer = []
     for curve in curves:
         q = curve.q
@@ -211,11 +205,10 @@ def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
 
 
 def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
-    """Where the swivel angle passes one of ``angles`` (s,) [rad]; the start of a piece counts, its
-    end not.
+    """Where swivel passes one of ``angles`` (s,) [rad]; the start of a piece counts, its end not.
 
     Returns:
-        numbers of piece and angle (n,), and swivel from the start of the piece (n,) [rad].
+        piece and angle (n,), and swivel from the start of the piece (n,) [rad].
     """
     order = np.argsort(wrapped(angles))
     turns = 2 * np.pi * np.arange(-1, 2)
@@ -238,11 +231,11 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
 def _solutions_at_swivel(
     components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array
 ) -> tuple[Array, Mask]:
-    """The posture on each ``piece`` with the swivel ``wanted``, which is ``ahead`` of its start,
-    and which were found.
+    """Postures on each ``piece`` with swivel ``wanted``, ``ahead`` of its start; and which were
+    found.
 
-    False position, with every trial moved onto the curve. An end that stays counts less from step
-    to step: N. Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
+    False position, every trial moved onto the curve; an end that stays counts less and less: N.
+    Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
     """
     problem = pieces.problem[piece]
     left = np.arange(len(piece))
@@ -279,19 +272,19 @@ def _solutions_at_swivel(
 
 
 def sector_centres(sectors: int) -> Array:
-    """Swivel angles of the centres of equal sectors (sectors,) [rad]; at 0 the elbow is highest."""
+    """Swivel angles of sector centres (sectors,) [rad]; at 0 the elbow is highest."""
     return np.asarray(2 * np.pi / sectors * np.arange(sectors))
 
 
 @dataclass(frozen=True, eq=False)
 class Sectors:
-    """Postures at the centres of equal sectors of the swivel angle, at many points.
+    """Postures at the centres of sectors of the swivel angle, at many points.
 
     Attributes:
-        q: the postures inside the limits (n, nq) [rad].
+        q: those inside the limits (n, nq) [rad].
         sector: of each (n,).
         point: number of the point of each (n,).
-        theoretical: centres with a posture, without regard to limits (points, sectors).
+        theoretical: centres with any posture (points, sectors).
         working: centres with a posture in ``q`` (points, sectors).
     """
 
@@ -303,7 +296,7 @@ class Sectors:
 
     @staticmethod
     def of(components: Components, limits: Array, sectors: int) -> Sectors:
-        """Sectors of the points of ``components`` with ``limits`` (nq, 2) [rad]."""
+        """Sectors of ``components`` with ``limits`` (nq, 2) [rad]."""
         theoretical, working = np.zeros((2, len(components.points), sectors), dtype=bool)
         if not components.curves:
             none = np.empty(0, dtype=np.intp)
@@ -328,15 +321,13 @@ class Sectors:
 
     @property
     def zeta(self) -> Array:
-        """Working over theoretical sectors of each point (points,); nan without theoretical
-        sectors.
-        """
+        """Working over theoretical sectors (points,); nan without any."""
         with np.errstate(invalid="ignore"):
             return np.asarray(self.working.sum(axis=1) / self.theoretical.sum(axis=1))
 
 
 def flexibility(components: Components, limits: Array, sectors: int) -> Flexibility:
-    """Flexibility of the one point of ``components``.
+    """Flexibility of a single point.
 
     Raises:
         AacmmError: ``sectors`` is below 1, or too large.
@@ -348,9 +339,7 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
 
 
 def arc_fractions(components: Components, limits: Array) -> Array:
-    """Working over theoretical range of the swivel angle of each point (m,); nan without a
-    range.
-    """
+    """Working over theoretical range of swivel at each point (m,); nan without a range."""
     m = len(components.points)
     if not components.curves:
         return np.full(m, np.nan)
@@ -370,9 +359,7 @@ def arc_fractions(components: Components, limits: Array) -> Array:
 
 
 def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Index:
-    """Number of the ``ARC_BINS`` of a turn with the centre on an arc from ``start`` over ``turn``:
-    (points,).
-    """
+    """Number of ``ARC_BINS`` with the centre on an arc from ``start`` over ``turn``: (points,)."""
     bins = ARC_BINS
     a_radian = bins / (2 * np.pi)
     low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * a_radian

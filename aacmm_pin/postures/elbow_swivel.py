@@ -1,8 +1,7 @@
 """The swivel angle: the place of the elbow on its circle about the line shoulder → working point.
 
-The angle is 0 if the elbow is highest (against gravity), and grows by the right-hand rule about
-shoulder → point. If this line is vertical, the base axis least along gravity takes the place of
-"up".
+It is 0 if the elbow is highest, and grows by the right-hand rule about shoulder → point. If this
+line is vertical, the base axis least along gravity replaces "up".
 """
 
 from __future__ import annotations
@@ -15,19 +14,19 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import DHTable
 
 UPRIGHT = 1e-9
-"""Sine below which the line shoulder → point counts as vertical."""
+"""Sine below which this line is vertical."""
 
 
 @dataclass(frozen=True)
 class Swivel:
-    """Swivel angles of one arm; ``up`` is the unit vector against gravity (3,)."""
+    """Swivel angles of an arm; ``up`` is the unit vector against gravity (3,)."""
 
     dh: DHTable
     up: Array
 
     @property
     def shoulder(self) -> Array:
-        """The point of joint axis 1 closest to joint axis 2, (3,) [m]; it does not move."""
+        """The fixed point of joint axis 1 closest to joint axis 2, (3,) [m]."""
         rotation, origin = self.dh.chain.at_zero
         frame = self.dh.place(1)
         place = origin[frame]
@@ -41,13 +40,11 @@ class Swivel:
         return self.dh.chain.cut(frame).positions(q)
 
     def angle(self, q: Array, point: Array) -> Array:
-        """Swivel angles at ``q`` (n, nq) with one working point (3,): (n,) [rad] in [-π, π]."""
+        """Swivel at ``q`` (n, nq) with one working point (3,): (n,) [rad] in [-π, π]."""
         return self.angle_in(self.frames(point[None, :]), q)
 
     def frames(self, points: Array) -> Array:
-        """Directions of the swivel angles 0 and π/2 (m, 2, 3), of equal length, at points (m,
-        3).
-        """
+        """Directions of the angles 0 and π/2 (m, 2, 3), of equal length, at points (m, 3)."""
         axis = points - self.shoulder
         length = np.linalg.norm(axis, axis=1, keepdims=True)
         axis = axis / np.maximum(length, 1e-300)
@@ -58,8 +55,8 @@ class Swivel:
         return np.stack([reference, np.cross(axis, reference)], axis=1)
 
     def angle_in(self, frames: Array, q: Array) -> Array:
-        """Swivel angles (n,) [rad] at ``q`` (n, nq) in the :meth:`frames` of their points (n or 1,
-        2, 3).
+        """Swivel (n,) [rad] at ``q`` (n, nq) in the :meth:`frames` of their points (n or 1, 2,
+        3).
         """
         upwards, sideways = np.einsum("nki,ni->kn", frames, self.elbow(q) - self.shoulder)
         return np.asarray(np.arctan2(sideways, upwards))

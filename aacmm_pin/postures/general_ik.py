@@ -1,7 +1,7 @@
-"""Postures of any serial arm of revolute joints with its tip at a point, perhaps oriented.
+"""Postures of any arm of revolute joints with its tip at a point, perhaps oriented.
 
-With as many conditions as joints the postures are single. With one more joint they are closed
-curves, the self-motion. Point: 3 conditions; point and axis: 5; pose: 6.
+With as many conditions as joints postures are single; with one more joint they are closed curves,
+the self-motion. Point: 3 conditions; point and axis: 5; pose: 6.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, Curve, flattest
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
 ELBOW_JOINT = 4
-"""Joint whose axis the elbow of an AACMM is on."""
+"""Its axis has the elbow of an AACMM."""
 ORTHONORMAL = 1e-6
-"""A matrix with a smaller deviation from orthonormal is made a rotation."""
+"""A matrix with a smaller deviation is made a rotation."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReachingPostures(PosturesAtPoint):
-    """The postures of an arm that satisfy conditions on the tip: single postures or closed curves.
+    """Postures that satisfy conditions on the tip: single ones or closed curves.
 
     Each single posture is a component.
 
     Attributes:
-        conditions: required position and direction or orientation of the tip.
+        conditions: position and direction or orientation of the tip.
         curves: sampled closed curves of self-motion; empty for single postures.
         search: data of the search, and whether the search is complete.
     """
@@ -63,13 +63,13 @@ class ReachingPostures(PosturesAtPoint):
 
     @property
     def single(self) -> bool:
-        """True for single postures, False for postures on curves."""
+        """True for single postures, False on curves."""
         return self.conditions.free == 0
 
     @property
     def travel(self) -> Array:
-        """The length of the path in joint space from the first posture of the component, ``(n,)``
-        [rad]; zero for single postures.
+        """Length of the path in joint space from the first posture of the component, ``(n,)``
+        [rad]; zero for single ones.
         """
         way = np.zeros(len(self))
         for number in np.unique(self.component):
@@ -80,9 +80,7 @@ class ReachingPostures(PosturesAtPoint):
 
     @property
     def arc_fraction(self) -> float:
-        """The share of the curves within limits, by length in joint space; NaN for single
-        postures.
-        """
+        """Share of the curves within limits, by length in joint space; NaN for single postures."""
         if self.single or not len(self):
             return float("nan")
         steps = {number: self._steps(number) for number in np.unique(self.component)}
@@ -95,11 +93,11 @@ class ReachingPostures(PosturesAtPoint):
         return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Return a flexibility with ``arc_fraction`` only: arms without elbow have no sectors."""
+        """Flexibility with ``arc_fraction`` only: arms without elbow have no sectors."""
         return Flexibility(float("nan"), (), self.arc_fraction)
 
     def _steps(self, number: int) -> Array:
-        """Steps from each posture of a component to the next, around a closed curve [rad]."""
+        """Steps from each posture of a component to the next, around if closed [rad]."""
         q = self.q[self.component == number]
         is_closed = not self.single and self.curves[number - 1].closed
         return wrapped(np.diff(q, axis=0, append=q[: int(is_closed)]))
@@ -138,28 +136,25 @@ def reaching_postures(
 ) -> ReachingPostures:
     """Find the postures of ``arm`` with the tip at ``point``, also those outside the joint limits.
 
-    ``broken`` of the result marks angles outside the limits. Newton's method starts from evenly
-    spread postures, until 300 successful starts in a row find nothing new. The search then follows
-    each curve once around. The result omits families of singular postures with more dimensions than
-    the arm has free joints. ``notes`` state omitted families; ``reason`` does if the arm has no
-    other posture.
+    ``broken`` marks angles outside the limits. Newton's method starts from evenly spread postures,
+    until 300 arrivals in a row find nothing new; then each curve is followed once around. Families
+    of singular postures with more dimensions than free joints are omitted, and stated in ``notes``,
+    or in ``reason`` if there is no other posture.
 
     Args:
-        arm: serial arm with revolute joints. The number of joints is the number of conditions, or
-            one more.
+        arm: revolute joints, as many as conditions, or one more.
         point: position of the tip in the base ``(3,)`` [m].
-        axis: direction of ``tool`` in the base ``(3,)``, of any length (five conditions for the
-            tip).
-        tool: direction in the tip frame ``(3,)``; default the stylus axis of the arm, otherwise z.
-        rotation: orientation of the tip frame in the base ``(3, 3)`` (six conditions for the tip).
-        count: number of postures on each closed curve, evenly spaced along the path in joint space.
-        most_starts: largest number of starts.
+        axis: direction of ``tool`` in the base ``(3,)``, of any length (five conditions).
+        tool: direction in the tip frame ``(3,)``; default the stylus axis, else z.
+        rotation: orientation of the tip frame in the base ``(3, 3)`` (six conditions).
+        count: postures on each curve, evenly spaced in joint space.
+        most_starts: starts at most.
 
     Raises:
         ShapeError: a vector or matrix has a wrong shape, is not finite, or is not a rotation.
-        AacmmError: ``axis`` and ``rotation`` are both given, a direction has zero length, ``tool``
-            is given without ``axis``, or the count is below 3.
-        UnsupportedArmError: a joint is prismatic, or the number of joints does not match the
+        AacmmError: both ``axis`` and ``rotation``, a direction of zero length, ``tool`` without
+            ``axis``, or a count below 3.
+        UnsupportedArmError: a prismatic joint, or a number of joints that does not match the
             conditions.
     """
     arm = as_arm(arm)

@@ -1,8 +1,8 @@
 """All solutions of the equations of a pose, by Newton's method from many starts.
 
-With as many equations as angles the solutions are single (:class:`Isolated`). With one more angle
-they are at most sixteen closed curves (:class:`SelfMotion`): J. W. Burdick, "On the inverse
-kinematics of redundant manipulators: characterization of the self-motion manifolds", ICRA 1989.
+With as many equations as angles they are single (:class:`Isolated`). With one more angle they are
+up to sixteen closed curves (:class:`SelfMotion`): J. W. Burdick, "On the inverse kinematics of
+redundant manipulators: characterization of the self-motion manifolds", ICRA 1989.
 """
 
 from __future__ import annotations
@@ -29,22 +29,21 @@ ROUND = 256
 ENOUGH = 300
 """Arrivals in a row without a new solution that end a search."""
 STARTS_WITHOUT_ARRIVAL = 1024
-"""Starts without any arrival that end a search."""
 MOST_STARTS = 16384
 STALLED_BELOW = 1e-5
-"""A start that did not arrive, with a smaller residual, stalled next to a solution [m, rad]."""
+"""Residual of a start that stalled next to a solution [m, rad]."""
 MERGE_DISTANCE = 0.02
-"""Closer solutions are one if the equations hold half-way between them too [rad]."""
+"""Closer solutions are one if the equations hold half-way too [rad]."""
 ASIDE = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
 """Distances from a solution, in its flattest direction, to look for neighbours [rad]."""
 ALONG = np.array([0.02, 0.04, 0.08])
 """Steps along a family, each of which must arrive close to its end [rad]."""
 ABOUT_THERE = 0.3
-"""Part of a step along a family by which it may end elsewhere."""
+"""Part of such a step by which it may end elsewhere."""
 MOST_SINGLE = 16
-"""Six revolute joints have at most so many postures for a pose (Primrose 1986)."""
+"""Postures of six revolute joints for a pose (Primrose 1986)."""
 MOST_BESIDE = 8
-"""Finds beside each other to look for; close to a singular pose there is no end of them."""
+"""Finds beside each other; close to a singular pose there is no end of them."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +51,13 @@ class Search:
     """Data of a search.
 
     Attributes:
-        starts: evenly spread starts of Newton's method.
+        starts: of Newton's method.
         arrived: starts that ended in a solution.
-        stalled: starts that stopped close to a nearly singular solution.
+        stalled: starts that stopped near a nearly singular solution.
         hits: arrivals at each find, in the order of the components.
         since_new: arrivals after the last new find.
-        ended: True if the search ended at its limit of work.
-        degenerate: True if the equations are nearly singular everywhere.
+        ended: ended at its limit of work.
+        degenerate: nearly singular everywhere.
     """
 
     starts: int
@@ -71,11 +70,10 @@ class Search:
 
     @property
     def unseen(self) -> float:
-        """Upper limit, 95 %, of the share of arrivals at finds not yet seen: 3/``since_new``, at
-        most 1.
+        """Upper limit (95 %) of the share of arrivals at unseen finds: 3/``since_new``, at most 1.
 
-        The rule of three: n trials without success bound the probability by -ln 0.05/n. Solutions
-        that no start leads to stay unseen.
+        The rule of three: n trials without success bound it by -ln 0.05/n. Solutions that no start
+        leads to stay unseen.
         """
         return min(1.0, 3.0 / self.since_new) if self.since_new else 1.0
 
@@ -93,7 +91,7 @@ class SolutionSet:
 
     Attributes:
         hits: arrivals at each find.
-        family: a singular solution that belongs to no find (k,), or None.
+        family: a singular solution of no find (k,), or None.
         families: number of arrivals at such solutions.
     """
 
@@ -108,7 +106,7 @@ class SolutionSet:
         return False
 
     def add(self, q: Array) -> int:
-        """Add solutions (n, k) [rad]; return the number in ``q`` after the last new one, or 0."""
+        """Add solutions (n, k) [rad]; return the number after the last new one, or 0."""
         raise NotImplementedError
 
     def _count_families(self, q: Array, regular: Mask) -> int:
@@ -125,11 +123,11 @@ class SolutionSet:
 class Isolated(SolutionSet):
     """Single solutions.
 
-    Two solutions that nearly coincide have small basins: from each find, the search looks to both
-    sides in its flattest direction.
+    Two that nearly coincide have small basins: the search looks to both sides of each find in its
+    flattest direction.
 
     Attributes:
-        q: the solutions (m, k) [rad].
+        q: (m, k) [rad].
     """
 
     q: Array = field(kw_only=True)
@@ -170,7 +168,7 @@ class Isolated(SolutionSet):
         return None
 
     def _look_beside(self, q: Array) -> None:
-        """Add neighbours of a find (k,) in its flattest direction, and their neighbours."""
+        """Add neighbours of a find (k,) in its flattest direction, and theirs."""
         left = [q]
         for _ in range(MOST_BESIDE):
             if not left:
@@ -186,7 +184,7 @@ class Isolated(SolutionSet):
                     left.append(other)
 
     def _single(self, q: Array) -> Mask:
-        """Solutions (n, k) that do not continue in one of their two flattest directions: (n,)."""
+        """Which solutions (n, k) do not continue in one of their two flattest directions: (n,)."""
         single = np.ones(len(q), dtype=bool)
         if not len(q):
             return single
@@ -236,9 +234,7 @@ class SelfMotion(SolutionSet):
 
 
 def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> Search:
-    """Fill ``finds`` with the solutions in ``joints`` angles, from at most ``most_starts``
-    starts.
-    """
+    """Fill ``finds`` from at most ``most_starts`` starts in ``joints`` angles."""
     equations = finds.equations
     starts = arrived = stalled = since_new = 0
     spread = spread_angles(most_starts, joints)

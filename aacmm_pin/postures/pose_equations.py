@@ -1,6 +1,4 @@
-"""Equations of a pose: place of the tip, direction of an axis, or orientation; and their
-solution.
-"""
+"""Equations of a pose (place of the tip, direction, orientation), and their solution."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ Z_AXIS = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Equations of problems that differ by the place of the tip alone.
+    """Equations of problems that differ in the place of the tip alone.
 
     Attributes:
         links: constant transforms of ``L_0 Rz(q_1) L_1 … Rz(q_n) L_n``, (n + 1, 4, 4) [m], from the
@@ -34,7 +32,7 @@ class Equations:
 
     @staticmethod
     def of_axis(links: Array, points: Array, tool: Array, axis: Array) -> Equations:
-        """The tip at ``points`` (m, 3) [m], with its unit vector ``tool`` (3,) along ``axis`` (3,).
+        """The tip at ``points`` (m, 3) [m], its unit vector ``tool`` (3,) along ``axis`` (3,).
 
         ``links`` (n + 1, 4, 4) and all vectors but ``tool`` are in the base.
         """
@@ -51,7 +49,7 @@ class Equations:
         return equations[:, :, -1], equations[:, :, :-1]
 
     def polish(self, q: Array, problem: Index | int = 0) -> tuple[Array, Mask]:
-        """Move each row to the nearest solution by damped least-norm Newton steps.
+        """Move each row to the nearest solution by damped Newton steps.
 
         Returns:
             q (n, joints) [rad], and whether each arrived (n,).
@@ -78,7 +76,7 @@ class PoseConditions:
     """Conditions on the tip of a chain of revolute joints.
 
     Attributes:
-        point: place of the tip (3,) [m].
+        point: of the tip (3,) [m].
         tool: unit direction in the tip's frame along ``axis`` (3,), or None.
         axis: unit direction in the base (3,), or None.
         rotation: orientation of the tip's frame in the base (3, 3), or None.
@@ -92,14 +90,14 @@ class PoseConditions:
 
     @property
     def count(self) -> int:
-        """Number of conditions: 3, 5 with an axis, 6 with a rotation."""
+        """3, 5 with an axis, 6 with a rotation."""
         if self.rotation is not None:
             return POSE
         return POINT if self.axis is None else POINT_AND_AXIS
 
     @property
     def free(self) -> int:
-        """Joints beyond the conditions: the dimension of the regular set of postures."""
+        """Joints beyond the conditions: dimension of the regular postures."""
         return self.chain.nq - self.count
 
     def equations(self) -> Equations:
@@ -114,7 +112,7 @@ class PoseConditions:
 
 
 def rotation_between(u: Array, v: Array) -> Array:
-    """A rotation that takes the unit vector u to the unit vector v."""
+    """Takes the unit vector u to the unit vector v."""
     frames = []
     for direction in (u, v):
         other = np.eye(3)[np.argmin(np.abs(direction))]
@@ -125,7 +123,7 @@ def rotation_between(u: Array, v: Array) -> Array:
 
 
 def _in_axes(links: Array, rotation: Array) -> Array:
-    """The links in axes to which ``rotation`` (3, 3) takes vectors of the base."""
+    """The links in axes rotated by ``rotation`` (3, 3)."""
     turned = links.copy()
     turned[0, :3] = rotation @ turned[0, :3]
     return turned

@@ -1,4 +1,4 @@
-"""The base class of all lists of postures that bring a frame to a point."""
+"""Base class of lists of postures that bring a frame to a point."""
 
 from __future__ import annotations
 
@@ -24,20 +24,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PosturesAtPoint(Shown):
-    """The postures that reach a point, in order along their components.
+    """Postures that reach a point, in order along their components.
 
     Attributes:
         point: ``(3,)`` [m].
-        at: name of the frame whose origin is at the point.
-        q: postures ``(n, nq)`` [rad], with each angle within limits if a change by full turns
-            permits.
-        component: number of the component of each posture, from 1, ``(n,)``.
-        swivel: angle of the elbow ``(n,)`` [rad] in [-π, π], 0 if the elbow is highest; NaN
-            for an arm without elbow.
+        at: frame whose origin is at the point.
+        q: postures ``(n, nq)`` [rad], moved by full turns within limits where possible.
+        component: of each posture, from 1, ``(n,)``.
+        swivel: of the elbow ``(n,)`` [rad] in [-π, π], 0 if highest; NaN without elbow.
         broken: True for each joint outside its limits ``(n, nq)``.
-        reason: why the arm has no posture at the point; "" if a posture exists.
-        notes: limits of the list, such as families of singular postures that the list omits.
-        complete: False if there may be more postures; ``notes`` state the reason.
+        reason: why there is no posture, or "".
+        notes: such as omitted families of singular postures.
+        complete: False if there may be more; ``notes`` state why.
     """
 
     arm: Arm
@@ -56,15 +54,15 @@ class PosturesAtPoint(Shown):
 
     @property
     def within_limits(self) -> Mask:
-        """True for postures with all joints within their limits, ``(n,)``."""
+        """Postures with all joints within limits, ``(n,)``."""
         return np.asarray(~self.broken.any(axis=1))
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Return the share of the postures at the point that is within limits."""
+        """Return the share of the postures within limits."""
         raise NotImplementedError
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with one row for each posture and the columns of :meth:`columns`."""
+        """Return a table of postures with the columns of :meth:`columns`."""
         import pandas as pd
 
         return pd.DataFrame(self.columns())
@@ -82,8 +80,8 @@ class PosturesAtPoint(Shown):
         return table
 
     def summary(self) -> pd.DataFrame:
-        """Return a table with one row for each component: number of postures, number within limits,
-        and joints outside their limits.
+        """Return a table of components: number of postures, number within limits, and joints
+        outside their limits.
         """
         import pandas as pd
 
@@ -108,13 +106,13 @@ def _joints(flags: Mask) -> str:
 
 
 def open_curve_notes(curves: Iterable[Curve]) -> list[Note]:
-    """A note on each curve that was not followed all around."""
+    """Notes on curves that were not followed all around."""
     unfinished = [number for number, curve in enumerate(curves, start=1) if not curve.closed]
     return [Note("curve_open", {"component": number}) for number in unfinished]
 
 
 def missing_notes(number: int) -> list[Note]:
-    """A note on ``number`` missing postures of a curve; none if 0."""
+    """A note on ``number`` missing postures of a curve, if any."""
     return [Note("configurations_missing", {"number": number})] if number else []
 
 

@@ -12,29 +12,28 @@ from aacmm_pin.arm import Arm, joint_bounds
 from aacmm_pin.effects import State
 
 StateOf = Callable[[Array, Index], State]
-"""The arm at readings (m, nq) of the records with these numbers (m,)."""
+"""The arm at readings (m, nq) of records with these numbers (m,)."""
 
 TOUCHING = 1e-12
 """Distance at which a tip is at a point [m]."""
 MOST_ROUNDS = 30
-"""Of the search for a posture at a point."""
 LONGEST_STEP = 0.5
-"""Of one round [rad, m]."""
+"""[rad, m]"""
 MIN_MOBILITY_RATIO = 0.01
-"""Least ratio of the mobilities of the tip in its directions; other postures are omitted."""
+"""Least ratio of the tip's mobilities in its directions; other postures are omitted."""
 DIFFERENT = 0.02
 """Distance of :func:`posture_features` from which postures differ, about the same in rad."""
 
 
 def tip_jacobian(state: State) -> Array:
-    """∂tip/∂q (n, 3, nq) [m/rad], with constant displacements of causes."""
+    """∂tip/∂q (n, 3, nq) [m/rad], displacements of causes held."""
     jacobian, _ = state.arm.chain.jacobian(state.rotation, state.origin, state.position)
     return jacobian
 
 
 def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tuple[Array, Mask]:
-    """Postures near ``q`` (n, nq) [rad] with the tips at ``target`` (n, 3) [m], inside ``bounds``
-    (nq, 2).
+    """Postures near ``q`` (n, nq) [rad] with tips at ``target`` (n, 3) [m], inside ``bounds`` (nq,
+    2).
 
     Damped least-norm Newton steps ``Jᵀ (J Jᵀ + λ² I)⁻¹ (target - tip)``, λ² = |target - tip|²/10
     (Nakamura, Hanafusa 1986; the damping is ours).
@@ -67,7 +66,7 @@ def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tup
 
 
 def agile(state: State) -> Mask:
-    """Postures whose tip can move about alike in all possible directions: (n,)."""
+    """Which tips can move about alike in all possible directions: (n,)."""
     easiness = np.linalg.svd(tip_jacobian(state), compute_uv=False)
     most = easiness[:, :1]
     directions = (easiness > 1e-9 * most).any(axis=0)
@@ -76,8 +75,8 @@ def agile(state: State) -> Mask:
 
 
 def posture_features(arm: Arm, q: Array) -> Array:
-    """Numbers whose distance tells how different postures are: a full turn gives 0, a small turn δ
-    gives δ.
+    """Numbers whose distance is the difference of postures: 0 for a full turn, δ for a small turn
+    δ.
     """
     slides = arm.chain.prismatic
     low, high = joint_bounds(arm)[slides].T
@@ -88,7 +87,7 @@ def posture_features(arm: Arm, q: Array) -> Array:
 def spread_out(features: Array, count: int, apart: float) -> Index:
     """Numbers of at most ``count`` rows, each at least ``apart`` from the others.
 
-    Farthest-point order from row 0: each next row is farthest from all before (Gonzalez 1985).
+    Farthest-point order from row 0 (Gonzalez 1985).
     """
     if not len(features):
         return np.empty(0, dtype=np.intp)
@@ -104,5 +103,5 @@ def spread_out(features: Array, count: int, apart: float) -> Index:
 
 
 def different_postures(arm: Arm, q: Array, count: int) -> Array:
-    """At most ``count`` different postures of ``q`` (n, nq), spread out."""
+    """At most ``count`` different postures of ``q`` (n, nq)."""
     return q[spread_out(posture_features(arm, q), count, DIFFERENT)]

@@ -1,4 +1,4 @@
-"""All curves of solutions through seeds, and how nearly singular solutions are."""
+"""All curves through seeds, and how nearly singular solutions are."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from aacmm_pin.postures.continuation import NO_CURVE
 from aacmm_pin.postures.pose_equations import Equations
 
 MOST_STEPS, MOST_CURVES = 3000, 50
-"""Steps and curves of one problem after which a search ends with what it has. Real arms take fewer
-than 800 steps and have up to 16 curves."""
+"""Of one problem, after which a search ends with what it has. Real arms take fewer than 800 steps
+and have up to 16 curves.
+"""
 SINGULAR = 1e-6
-"""Ratio of smallest to largest singular value of the derivative of a singular solution."""
+"""Ratio of smallest to largest singular value of a singular solution."""
 CLEARLY = 10.0
-"""Margin of a bound for the rounding of a determinant, 1e-8 of its root."""
+"""Margin for the rounding of a determinant, 1e-8 of its root."""
 NEARLY_SINGULAR = 1e-4
-"""Ratio of a solution next to a singular one, where rounding decides what is found."""
+"""Ratio next to a singular solution, where rounding decides what is found."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Curve:
 
 @dataclass(eq=False)
 class CurveSearch:
-    """The curves of one problem through seeds so far.
+    """The curves of one problem so far.
 
     Attributes:
         equations: of all problems.
@@ -58,8 +59,8 @@ class CurveSearch:
         self._closed = np.zeros(MOST_CURVES, dtype=np.bool_)
 
     def add(self, seeds: Array, is_regular: Mask) -> Index:
-        """Follow every curve through one of the solutions ``seeds`` (n, k + 1) [rad] once; those
-        that are ``is_regular`` (n,) may begin a curve.
+        """Follow every curve through solutions ``seeds`` (n, k + 1) [rad] once; those
+        ``is_regular`` (n,) may begin one.
 
         Returns:
             number of the curve of each seed (n,), or a constant of :mod:`~.continuation`.
@@ -93,8 +94,7 @@ class Curves:
     Attributes:
         equations: of all problems.
         curves: sorted by the number of their problem.
-        families: by problem, a singular solution on none of its curves, of a family with more
-            dimensions.
+        families: by problem, a singular solution on no curve, of a family with more dimensions.
         unfinished: problems whose search ended at its limit of work.
         degenerate: see :func:`degenerate`.
     """
@@ -107,7 +107,7 @@ class Curves:
 
 
 def following(curves: list[Curve]) -> Index:
-    """For vertices of curves in order, the number of the next vertex around the curve (n,)."""
+    """Of vertices of curves in order, the next one around the curve (n,)."""
     lengths = np.array([len(curve.q) for curve in curves])
     last = np.cumsum(lengths) - 1
     after = np.arange(1, lengths.sum() + 1)
@@ -116,9 +116,7 @@ def following(curves: list[Curve]) -> Index:
 
 
 def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate: bool) -> Curves:
-    """Every curve through one of the solutions ``seeds`` (n, k + 1) [rad] once; ``problem`` numbers
-    (n,).
-    """
+    """Every curve through solutions ``seeds`` (n, k + 1) [rad] of ``problem`` (n,), once."""
     regular = _regular(equations, seeds, problem)
     curves = list[Curve]()
     families = dict[int, Array]()
@@ -138,8 +136,8 @@ def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate
 
 
 def degenerate(equations: Equations, spread: Array) -> bool:
-    """Whether the equations are nearly singular at all of some spread angles (n, k), as for arms
-    with parallel or concurrent axes: solutions are then easily missed.
+    """Whether the equations are nearly singular at all ``spread`` angles (n, k), as with parallel
+    axes: solutions are then easily missed.
     """
     ratio, _ = flattest(equations, spread)
     return bool(ratio.max(initial=0.0) < NEARLY_SINGULAR)
@@ -149,7 +147,7 @@ def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[
     """Distance of solutions (n, k) from singular, and directions that change the equations least.
 
     Returns:
-        smallest over largest singular value of the derivative (n,), 0 if all are 0; and unit right
+        smallest over largest singular value (n,), 0 if all are 0; and right
         singular vectors (n, k, k), the flattest last.
     """
     _, sizes, vectors = np.linalg.svd(equations(q, problem)[1])
@@ -161,8 +159,8 @@ def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[
 def _regular(equations: Equations, q: Array, problem: Index) -> Mask:
     """Solutions (n, k + 1) that are not singular: (n,).
 
-    ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, bounds the smallest ratio. Only
-    if it is small, the ratios are computed.
+    ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, bounds the smallest; only if it
+    is small, they are computed.
     """
     jacobian = equations(q, problem)[1]
     gram = jacobian @ jacobian.transpose(0, 2, 1)

@@ -1,11 +1,11 @@
-"""All positions of a chain of three revolute joints that bring a point to a place, in closed form.
+"""All positions of three revolute joints that bring a point to a place, in closed form.
 
 ``p = B0 Rz(φ1) B1 Rz(φ2) B2 Rz(φ3) c`` with constant transforms B. With ``u = B2 Rz(φ3) c`` and ``w
 = B0⁻¹ p``, a rotation about the first axis keeps |w|² and w_z. Both conditions are linear in the
 in-plane part g of ``Rz(φ2) u``: ``N g = h``, and |g|² = u_x² + u_y². Elimination of φ2 gives
-``|adj(N) h|² = det(N)² (u_x² + u_y²)``, a quadratic form in (1, cos φ3, sin φ3). There is no
-division by the offset of the first two axes, which may be tiny: if they intersect, the roots pair
-up. Derivation: own, after D. L. Pieper's reduction of the three-joint regional structure (Stanford,
+``|adj(N) h|² = det(N)² (u_x² + u_y²)``, a quadratic form in (1, cos φ3, sin φ3). Nothing is divided
+by the offset of the first two axes, which may be tiny: if they intersect, roots pair up.
+Derivation: own, after D. L. Pieper's reduction of the three-joint regional structure (Stanford,
 1968).
 """
 
@@ -16,22 +16,21 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index
 
 MAX_MISS = 0.1
-"""Candidates that miss the place by more solve only one of the two equations [m]."""
+"""Candidates that miss by more solve one equation only [m]."""
 WORSE, ROUNDING = 1e3, 1e-6
-"""So do those that miss it by so many times more than the other candidate with their φ3, and by
-more than rounding [m].
+"""So do those that miss by so many times the other candidate with their φ3, and by more than
+rounding [m].
 """
 NEARLY = 0.25
-"""Pairs of roots with a smaller imaginary part stay candidates: rounding separates double roots
+"""Pairs of roots with a smaller imaginary part are candidates: rounding separates double roots
 [rad].
 """
 GRID, STEPS = 48, 6
-"""Angles round the circle between two of which there are at most two roots, and steps to each root.
-"""
+"""Angles between two of which there are at most two roots, and steps to each."""
 
 
 def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Array, Index]:
-    """Candidates for the three angles: every solution is close to one, but not the reverse.
+    """Candidates for the three angles: every solution is close to one.
 
     Args:
         b0, b1, b2: constant transforms (n, 4, 4) [m].
@@ -39,7 +38,7 @@ def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Arr
         p: its wanted place (n, 3) [m].
 
     Returns:
-        angles (m, 3) [rad] to be polished by Newton's method, and the row of each (m,).
+        angles (m, 3) [rad] for Newton's method, and the row of each (m,).
     """
     w = np.einsum("nji,nj->ni", b0[:, :3, :3], p - b0[:, :3, 3])
     # R1ᵀ t1, R1ᵀ e_z.
@@ -113,8 +112,8 @@ def _roots(form: Array) -> tuple[Array, Index]:
     """Angles φ with (1, cos φ, sin φ) form (…)ᵀ ≈ 0, and the row of each.
 
     Between grid angles the form, a wave of first and second order, has one root at a change of
-    sign, and up to two where its curvature allows. Each step goes to the root of the osculating
-    parabola with the right slope, or to its vertex.
+    sign, and up to two where its curvature allows. Steps go to the osculating parabola's root with
+    the right slope, or its vertex.
     """
     size = np.abs(form).max(axis=(1, 2), keepdims=True)
     # Of an arm without lengths there is nothing left.
@@ -165,9 +164,7 @@ def _roots(form: Array) -> tuple[Array, Index]:
 
 
 def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
-    """Angles φ2 from the better conditioned linear equation: a line meets a circle in two
-    points.
-    """
+    """φ2 from the better conditioned linear equation: a line meets a circle in two points."""
     length = np.linalg.norm(rows, axis=2)
     in_plane = np.linalg.norm(rows[:, :, :2], axis=2) / np.maximum(length, 1e-300)
     in_plane[:, 0] *= 0.999  # the z equation where both are as good

@@ -1,7 +1,7 @@
 """All postures with the tip at a place and the stylus along an axis, as closed curves.
 
-Five conditions for six joints. Seeds come from wrist curves (:mod:`aacmm_pin.postures.wrist_ik`)
-for many turns of the body about the stylus, and from spread starts.
+Five conditions for six joints. Seeds are from wrist curves (:mod:`aacmm_pin.postures.wrist_ik`) for
+many turns of the body about the stylus, and spread.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
     """Curves of six joints with the tip at one of ``points`` (m, 3) [m] and the stylus along
     ``axis``.
 
-    For each turn of the last body about the stylus, the place of the wrist is known. A seed is
-    where joint axes 5 and 6 have the angle of row 5. Many points together take much less time.
+    For each turn of the last body about the stylus the place of the wrist is known. A seed is where
+    joint axes 5 and 6 have the angle of row 5. Many points together are much faster.
 
     Args:
         dh: table with exactly six joints, the first six rows.
@@ -41,7 +41,7 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
 
 
 def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:
-    """Angles (n, 6) [rad] close to solutions, and the number of their point (n,)."""
+    """Angles (n, 6) [rad] close to solutions, and their points (n,)."""
     links = dh.chain.links()
     to_tip = links[6]
     angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
@@ -68,8 +68,8 @@ def _wrist_angles(q: Array, after: Index, body: Array, links: Array) -> tuple[Ar
     """Angles (m, 6) [rad] at vertices of wrist curves where joint 6 can carry ``body`` (n, 3, 3),
     and their numbers.
 
-    In the axes of joint 5 the axis of joint 6 is ``Rz(θ5) L5 e_z``. Its z component does not depend
-    on θ5: a condition on joints 1 to 4. ``after`` is the next vertex of each on its curve (n,).
+    In the axes of joint 5 that of joint 6 is ``Rz(θ5) L5 e_z``. Its z component does not depend on
+    θ5: a condition on joints 1 to 4. ``after`` is the next vertex on the curve (n,).
     """
     before = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
     for joint in range(POSITIONING):

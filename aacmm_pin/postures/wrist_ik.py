@@ -1,8 +1,8 @@
 """All postures with the wrist at given places, as closed curves, without regard to limits.
 
-Seeds come from :mod:`aacmm_pin.postures.three_revolutes` with each of the joints 1 to 4 held in
-turn: near the base axis the curves run at almost constant θ3, and on it θ1 is free. Newton's method
-moves each candidate to a solution, and continuation follows each curve once around.
+Seeds are from :mod:`aacmm_pin.postures.three_revolutes`, each of joints 1 to 4 held in turn: near
+the base axis curves run at almost constant θ3, and on it θ1 is free. Newton's method moves
+candidates to solutions; continuation follows each curve once around.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate
 from aacmm_pin.postures.three_revolutes import candidates
 
 POSITIONING = 4
-"""Number of joints that place the wrist."""
+"""Joints that place the wrist."""
 WRIST_ROW = 5
 """The wrist is the origin of this frame."""
 SEEN_LEVER = 1e-4
-"""A note states a larger distance of the wrist from joint 5; of SINO6 0.037 mm [m]."""
+"""A note states a larger distance of the wrist from joint 5 (SINO6: 0.037 mm) [m]."""
 MOST_LEVER = 0.01
-"""A larger distance is by design; the largest residue in the table of SINO6 is 0.7 mm [m]."""
+"""A larger distance is by design; the largest residue of SINO6 is 0.7 mm [m]."""
 GRID = 16
-"""Angles of each of the joints 1 to 4 in the grid of the search for the reach."""
+"""Angles of each of joints 1 to 4 to search for the reach."""
 STARTS = 4
 """Starts of a local search: 25 random arms all had the reach that 16 starts find."""
 FEW_PER_TURN = 3
-"""Held angles of each joint with many curves; with spread seeds they find all that 24 find."""
+"""Held angles of each joint with many curves; with spread seeds they find all that 24 do."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,12 @@ class Wrist:
 
     @staticmethod
     def of_arm(arm: Arm, purpose: str, rest: ArrayLike | None = None) -> Wrist:
-        """The wrist of an arm between its limits; errors name the ``purpose``.
+        """The wrist of an arm within limits; errors name the ``purpose``.
 
         Raises:
             ShapeError: see :meth:`of`.
-            UnsupportedArmError: no DH table whose first five rows are joints; or joint 5, without
-                stated angle, moves the wrist by more than :data:`MOST_LEVER`.
+            UnsupportedArmError: no DH table that begins with five joints; or joint 5, not stated,
+                moves the wrist by more than :data:`MOST_LEVER`.
         """
         wrist = Wrist.of(arm.require_dh(purpose, WRIST_ROW, revolute=True), rest, arm.limits)
         if rest is None and wrist.lever > MOST_LEVER:
@@ -98,7 +98,7 @@ class Wrist:
 
     @property
     def lever(self) -> float:
-        """Distance of the wrist from the axis of joint 5 [m]."""
+        """From the axis of joint 5 to the wrist [m]."""
         if not self.table.standard:
             return 0.0
         return abs(float(self.table.a[-1]))
@@ -124,9 +124,7 @@ class Wrist:
 
 
 def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
-    """Least and largest distance of the wrist from ``shoulder`` (3,), without regard to limits
-    [m].
-    """
+    """Least and largest distance of the wrist from ``shoulder`` (3,) [m], without limits."""
 
     def square(place: Array) -> tuple[Array, Array]:
         from_shoulder = place - shoulder
@@ -157,8 +155,8 @@ def box_of_wrist(wrist: Wrist) -> Array:
 def _extremes(
     wrist: Wrist, of_place: Callable[[Array], tuple[Array, Array]]
 ) -> tuple[float, float]:
-    """Extremes of ``of_place``, a function of places (…, 3) [m] with gradient, over all postures: a
-    grid, then local searches.
+    """Extremes of ``of_place`` of places (…, 3) [m], with gradient, over all postures: a grid, then
+    local searches.
     """
     angles = np.linspace(-np.pi, np.pi, GRID, endpoint=False)
     axes = np.meshgrid(*[angles] * POSITIONING, indexing="ij")
@@ -182,8 +180,8 @@ def _extremes(
 
 
 def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
-    """Curves of joints 1 to 4 with the wrist at ``points`` (m, 3) [m]; ``per_turn`` held angles of
-    each joint.
+    """Curves of joints 1 to 4 with the wrist at ``points`` (m, 3) [m]; each joint held at
+    ``per_turn`` angles.
     """
     links = wrist.table.chain.links()
     equations = Equations(links, points, POINT)
@@ -199,7 +197,7 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
 
 
 def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:
-    """Seeds (n, joints) [rad] and their problems (n,), plus ``count`` spread seeds for each
+    """Seeds (n, joints) [rad] and their problems (n,), plus ``count`` spread ones for each
     problem.
     """
     spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
@@ -208,8 +206,8 @@ def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tupl
 
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
-    """Seeds (n, 4) [rad], and the index of their point (n,): each joint is held at some angles in
-    turn, and the other three follow in closed form.
+    """Seeds (n, 4) [rad] and their points (n,): each joint held at some angles in turn, the other
+    three in closed form.
     """
     # Off the symmetric angles 0 and ±π.
     angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
