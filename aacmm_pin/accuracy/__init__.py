@@ -1,5 +1,5 @@
-"""Uncertainty of the tip from the uncertainties of parameters and readings: in postures, over
-lengths, over the workspace.
+"""Uncertainty of the tip from those of parameters and readings: in postures, over lengths, over the
+workspace.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Weights of postures, and comprehensive accuracy of a point (eq. 15 of Xu You et al. 2019)."""
+"""Weights of postures, and comprehensive accuracy (eq. 15 of Xu You et al. 2019)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from aacmm_pin._support.checks import Array, Index
 
 def preferred_theta3(point: Array) -> Array:
     """Angle of joint 3 that the paper prefers, ``atan(Z/ρ) + π/2`` [rad], at points (3,) or (n, 3)
-    [m] in the DH base.
+    [m].
 
-    The paper draws Z downward, Z = -z of the DH base; with this sign its planar posture has θ3 = 0.
+    Z = -z of the DH base: with this sign the planar posture of the paper has θ3 = 0.
     """
     x, y, z = point.T
     elevation = np.arctan2(-z, np.hypot(x, y))
@@ -22,16 +22,15 @@ def preferred_theta3(point: Array) -> Array:
 def configuration_weights(theta3: Array, point: Array, group: Index | None = None) -> Array:
     """Return the weight c_i of each posture at a point, ``(n,)`` [1], with the sum 1.
 
-    A posture has a larger weight if the angle of joint 3 is nearer to :func:`preferred_theta3`:
-    ``c_i = (1 - x_i/Σx)/(n - 1)`` with ``x_i = ||θ3_i| - θ3k|`` (eq. 15 of Xu You et al. 2019). The
-    printed equation has an extra factor 1/2, with which the sum is not 1. The weights differ
-    little: for n = 12 by a factor of about 1.2 at most.
+    A posture weighs more if the angle of joint 3 is nearer to :func:`preferred_theta3`: ``c_i = (1
+    - x_i/Σx)/(n - 1)`` with ``x_i = ||θ3_i| - θ3k|`` (eq. 15 of Xu You et al. 2019). The printed
+    factor 1/2 would make the sum not 1. Weights differ little: for n = 12 by a factor of at most
+    about 1.2.
 
     Args:
-        theta3: angle of joint 3 in each posture ``(n,)`` [rad]; full turns have no effect.
-        point: ``(3,)`` [m] in the DH base, or one point for each posture ``(n, 3)``.
-        group: number of the point of each posture ``(n,)``, if there are several points. The
-            weights of each point sum to 1.
+        theta3: ``(n,)`` [rad]; full turns have no effect.
+        point: ``(3,)`` [m] in the DH base, or one for each posture ``(n, 3)``.
+        group: number of the point of each posture ``(n,)``; the weights of each point sum to 1.
     """
     group = np.zeros(len(theta3), dtype=np.intp) if group is None else group
     count = np.bincount(group)[group]
@@ -42,10 +41,9 @@ def configuration_weights(theta3: Array, point: Array, group: Index | None = Non
 
 
 def comprehensive_accuracy(volumes: Array, theta3: Array, point: Array) -> float:
-    """Return the comprehensive accuracy ``σ = Σ c_i V_i`` of a point, in the unit of ``volumes``;
-    NaN without posture.
+    """Return ``σ = Σ c_i V_i`` of a point, in the unit of ``volumes``; NaN without posture.
 
-    Source: eq. 15 of Xu You et al. 2019, with the weights c_i of :func:`configuration_weights`.
+    Source: eq. 15 of Xu You et al. 2019, with c_i of :func:`configuration_weights`.
     """
     if len(volumes) == 0:
         return float("nan")

@@ -1,11 +1,11 @@
-"""Uncertainty of the distance between two points that the arm touches.
+"""Uncertainty of the distance between two touched points.
 
-With the unit vector e between the points, the sensitivities S and N (to the readings) at both ends,
-the covariance Σ of the parameters, and u_j of a reading of joint j (JCGM 100:2008, 5.2.2):
+With the unit vector e between the points, sensitivities S and N (to the readings) at both ends,
+covariance Σ of the parameters, and u_j of reading j (JCGM 100:2008, 5.2.2):
 
     u² = s Σ sᵀ + sum over j of u_j² [(e N_a)_j² + (e N_b)_j²],   s = e (S_b - S_a)
 
-A parameter has the same error at both ends, and only the difference of its effects counts.
+A parameter has the same error at both ends: only the difference of its effects counts.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ if TYPE_CHECKING:
     from aacmm_pin.postures import PosturesAtPoint
 
 SHORTEST = 1e-9
-"""Points closer than this have no direction between them [m]."""
+"""Closer points have no direction between them [m]."""
 MOST_PAIRS = 20_000_000
-"""Pairs of postures; so many take 0.5 GB."""
+"""Of postures; so many take 0.5 GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class LengthUncertainty(Shown):
-    """The uncertainty of a distance between two points, for all pairs of postures at its ends.
+    """The uncertainty of a distance, for all pairs of postures at its ends.
 
     Attributes:
-        sources: parameters with an uncertainty, and their sensitivities.
-        q_a, q_b: postures at the two ends ``(n, nq)`` and ``(m, nq)`` [rad].
+        sources: parameters with an uncertainty.
+        q_a, q_b: postures at the ends ``(n, nq)`` and ``(m, nq)`` [rad].
         length: the distance [m].
-        contributions: change of the length at each end for one standard uncertainty of each
-            parameter, ``(n, p)`` and ``(m, p)`` [m].
+        contributions: change at each end for one u of each parameter, ``(n, p)`` and ``(m, p)``
+            [m].
     """
 
     sources: ErrorSources
@@ -56,7 +56,7 @@ class LengthUncertainty(Shown):
 
     @cached_property
     def u(self) -> Array:
-        """The standard uncertainty of the length for each pair of postures, ``(n, m)`` [m]."""
+        """The standard uncertainty for each pair of postures, ``(n, m)`` [m]."""
         a, b = (_on_principal_axes(self.sources, end) for end in self.contributions)
         shared = _shared(self.sources)
         variance_a = np.square(a).sum(axis=1)
@@ -65,14 +65,14 @@ class LengthUncertainty(Shown):
         return np.asarray(np.sqrt(np.maximum(separate - shared_covariance, 0.0)))
 
     def pair(self, number: int) -> tuple[int, int]:
-        """Return the two indices of a pair from its index in the flattened ``u``, such as
+        """Return the indices of a pair from its index in the flattened ``u``, such as
         ``u.argmin()``.
         """
         a, b = np.unravel_index(number, self.u.shape)
         return int(a), int(b)
 
     def budget(self, by: str = "parameter") -> pd.DataFrame:
-        """Return the shares in the mean variance over all pairs, as
+        """Return shares in the mean variance over all pairs, as
         :meth:`AccuracyVolume.budget`.
         """
         a, b = self.contributions
@@ -104,17 +104,16 @@ def length_uncertainty(
 ) -> Array:
     """Compute the standard uncertainty of distances, ``(n,)`` [m].
 
-    Each distance is from the point of one row of ``qa`` to that of the same row of ``qb``.
+    Each is from the point of a row of ``qa`` to that of the same row of ``qb``.
 
     Args:
-        model: the arm, or the arm with causes of error. The function ignores causes that depend on
-            conditions.
-        qa, qb: postures at the two ends ``(n, nq)`` [rad].
+        model: arm, perhaps with causes of error; those that depend on conditions are ignored.
+        qa, qb: ``(n, nq)`` [rad].
         at, encoder_noise: see :func:`accuracy_volume`.
 
     Raises:
-        ShapeError: ``qa`` and ``qb`` are not finite arrays of the same shape ``(n, nq)``.
-        AacmmError: nothing has an uncertainty, the noise is negative, or two points coincide.
+        ShapeError: not finite arrays of one shape ``(n, nq)``.
+        AacmmError: no uncertainty, negative noise, or coinciding points.
     """
     model = loaded(model)
     arm = ErrorModel.arm_of(model)
@@ -138,10 +137,10 @@ def length_uncertainty_between(
     model: GivenModel,
     encoder_noise: ArrayLike | None = None,
 ) -> LengthUncertainty:
-    """The uncertainty of the distance of two points, for every pair of postures within limits.
+    """The uncertainty of the distance for every pair of postures within limits.
 
     Raises:
-        AacmmError: the points coincide, or there is no pair, or too many pairs.
+        AacmmError: the points coincide, or no pair, or too many.
     """
     q_a = a.q[a.within_limits]
     q_b = b.q[b.within_limits]
@@ -174,21 +173,17 @@ def _directions(difference: Array) -> tuple[Array, Array]:
 
 
 def _contributions(sources: ErrorSources, q: Array, direction: Array) -> Array:
-    """Effect of one standard uncertainty of each source along ``direction`` (n or 1, 3): (n, p)
-    [m].
-    """
+    """Effect of one u of each source along ``direction`` (n or 1, 3): (n, p) [m]."""
     sensitivity = sources.sensitivity(q)
     along = direction[:, None, :] @ sensitivity
     return along[:, 0] * sources.u
 
 
 def _on_principal_axes(sources: ErrorSources, contributions: Array) -> Array:
-    """Contributions (n, p) [m] of the independent principal axes in place of correlated sources."""
+    """Contributions (n, p) [m] of independent principal axes for correlated sources."""
     return contributions if sources.axes is None else contributions @ sources.axes
 
 
 def _shared(sources: ErrorSources) -> Mask:
-    """Sources with the same error at both ends (p,); the others, new in each record, are
-    uncorrelated.
-    """
+    """Sources with one error at both ends (p,); those new in each record are uncorrelated."""
     return np.array([p.scope != "record" for p in sources.parameters])

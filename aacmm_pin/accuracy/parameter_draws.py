@@ -1,4 +1,4 @@
-"""Random errors of the parameters of an arm, and their exact effect on the tip."""
+"""Random errors of parameters, and their exact effect on the tip."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from aacmm_pin.effects import (
 )
 
 FEWEST_DRAWS = 100
-"""A volume or an interval needs so many draws."""
+"""For a volume or an interval."""
 FLAT = 1e-13
-"""Part of their coordinates by which rounding moves points off a plane."""
+"""Part of coordinates by which rounding moves points off a plane."""
 
 
 def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) -> Array:
-    """Random errors of all parameters of a model, (count, p) [their units].
+    """Random errors of all parameters, (count, p) [their units].
 
-    Parameters in the covariance of the arm file are jointly normal (JCGM 101:2008, 6.4.8). Other
-    parameters with bounds are rectangular (6.4.2), and the rest are independent and normal (6.4.7).
+    Those in the covariance of the arm file are jointly normal (JCGM 101:2008, 6.4.8), others with
+    bounds rectangular (6.4.2), the rest normal (6.4.7).
     """
     parameters = model.parameters
     covariance_of_file = model.arm.covariance
@@ -54,9 +54,7 @@ def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) ->
 
 
 def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
-    """The parameters of the arm and of its effects as causes with errors (n, p), one row a
-    record.
-    """
+    """All parameters as causes with errors (n, p), one row a record."""
     causes = [*of_geometry(model.arm), *model.effects]
     ends = np.cumsum([len(cause.terms) for cause in causes])
     drawn: list[Effect] = []
@@ -71,8 +69,8 @@ def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Drawn(Effect):
-    """A cause with other values in every record ``drawn`` (n, p); its one parameter is their share
-    that acts, 1.
+    """A cause with other values in every record ``drawn`` (n, p); its parameter is their share that
+    acts, 1.
     """
 
     of: Effect
@@ -118,16 +116,15 @@ def exact_volume(
     draws: int,
     piece: tuple[Array, Conditions | None, list[np.random.Generator]],
 ) -> tuple[Array, Array, Array]:
-    """Accuracy volume, covariance and sampling error of some postures.
+    """Volume, covariance and sampling error of some postures.
 
     Args:
         sources: parameters with an uncertainty.
-        draws: for the volume of each posture, and again for the covariance.
-        piece: postures (n, nq) [rad], their conditions, and a generator for each.
+        draws: for each volume, and again for each covariance.
+        piece: postures (n, nq) [rad], conditions, a generator for each.
 
     Returns:
-        volume (n,) [m³], covariance (n, 3, 3) [m²], and change of the volume by half of the draws
-            (n,) [m³].
+        (n,) [m³], (n, 3, 3) [m²], and change of the volume by half of the draws (n,) [m³].
     """
     q, conditions, generators = piece
     volume = np.empty(len(q))
@@ -147,7 +144,7 @@ def exact_volume(
 
 
 def _hull_volume(points: Array) -> float:
-    """Of points (m, 3) [m³]; 0 for points in a plane."""
+    """Of points (m, 3) [m³]; 0 in a plane."""
     centred = points - points.mean(axis=0)
     across = centred @ np.linalg.svd(centred, full_matrices=False)[2][-1]
     if np.ptp(across) <= FLAT * np.abs(points).max():
@@ -156,10 +153,9 @@ def _hull_volume(points: Array) -> float:
 
 
 def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator, m: int) -> Array:
-    """Errors (m, p) at the corners of the box that are farthest along random directions.
+    """Errors (m, p) at the corners farthest along random directions.
 
-    The hull of corners never exceeds the true set; random interior errors would leave most of it
-    empty.
+    Their hull never exceeds the true set; interior errors would leave most of it empty.
     """
     pick = list(sources.bounded)
     signs = np.sign(rng.normal(size=(m, 3)) @ generators)
@@ -171,8 +167,8 @@ def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator,
 
 
 def source_errors(sources: ErrorSources, rng: np.random.Generator, m: int) -> Array:
-    """Random errors (m, p) of all sources: rectangular between bounds half-width/√3 = u, else
-    normal; jointly normal if correlated (JCGM 101:2008, 6.4).
+    """Random errors (m, p): rectangular between bounds half-width/√3 = u, else normal; jointly
+    normal if correlated (JCGM 101:2008, 6.4).
     """
     normal = rng.normal(size=(m, len(sources.parameters)))
     errors = (normal if sources.axes is None else normal @ sources.axes.T) * sources.u
@@ -185,10 +181,9 @@ def source_errors(sources: ErrorSources, rng: np.random.Generator, m: int) -> Ar
 def exact_positions(
     sources: ErrorSources, q: Array, conditions: Conditions | None, errors: Array
 ) -> Array:
-    """Positions (m, 3) [m] of the exact model at ``q`` (1, nq) [rad] with ``errors`` (m, p) [SI].
+    """Exact positions (m, 3) [m] at ``q`` (1, nq) [rad] with ``errors`` (m, p) [SI].
 
-    With effects, the lengths that bend and expand stay nominal: this neglects a few parts in ten
-    thousand of the error of a length.
+    Lengths that bend and expand stay nominal: this neglects some 1e-4 of the error of a length.
     """
     arm = sources.arm
     count = len(sources.model.parameters)

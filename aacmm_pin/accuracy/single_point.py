@@ -15,16 +15,15 @@ from aacmm_pin.errors import ShapeError
 
 @dataclass(frozen=True)
 class SinglePoint(Shown):
-    """The spread of repeated measurements of one point (eqs. 16 to 19 of Xu You et al. 2019).
+    """Spread of repeated measurements of one point (eqs. 16 to 19 of Xu You et al. 2019).
 
     Attributes:
         n: number of records.
-        sigma: experimental standard deviation of the position, with the divisor n - 1 (eqs. 16, 17)
-            [m].
-        part: root mean square distance between the records of the high-accuracy part and the mean
-            of *all* records (eqs. 18, 19) [m]; NaN without a high-accuracy part.
-        rest: root mean square distance of the other records from the mean of all records [m].
-        part_n: number of records in the part.
+        sigma: experimental standard deviation of the position, divisor n - 1 (eqs. 16, 17) [m].
+        part: RMS distance of the high-accuracy part from the mean of *all* records (eqs. 18, 19)
+            [m]; NaN without such a part.
+        rest: the same of the other records [m].
+        part_n: its number of records.
     """
 
     n: int
@@ -47,14 +46,12 @@ def single_point_statistics(indications: ArrayLike, part: ArrayLike | None = Non
     """Compute the spread of repeated measurements of one point about their mean.
 
     Args:
-        indications: measured or simulated coordinates of the point ``(n, 3)`` [m].
-        part: True for records in the part with the predicted high accuracy, ``(n,)`` bool. Select
-            the part before you measure: a selection by measured deviations makes every arm look
-            accurate.
+        indications: measured coordinates ``(n, 3)`` [m].
+        part: True for records with predicted high accuracy, ``(n,)`` bool. Select them before you
+            measure: a selection by deviations makes every arm look accurate.
 
     Raises:
-        ShapeError: there are fewer than two records, a shape is wrong, a number is not finite, or a
-            flag is not a boolean.
+        ShapeError: fewer than two records, a wrong shape, not finite, or flags not boolean.
     """
     points = batch(indications, 3, "indications", "m")
     if len(points) < 2:

@@ -1,9 +1,9 @@
-"""Sources of error of an arm, and their effect on the position: sensitivity, covariance, bounds.
+"""Sources of error, and their effect on the position: sensitivity, covariance, bounds.
 
-Correlated sources are replaced by their principal axes where independent ones are needed. With D =
-diag(u) and the correlation matrix R = V λ Vᵀ, the columns of ``D V √λ`` are independent sources
-with the covariance ``D R D``. If eigenvalues coincide, the axes are not unique. Then the accuracy
-volume jumps with the slightest correlation, but the covariance does not.
+Where independent sources are needed, principal axes replace correlated ones. With D = diag(u) and
+the correlation matrix R = V λ Vᵀ, the columns of ``D V √λ`` are independent, with the covariance
+``D R D``. If eigenvalues coincide, the axes are not unique: then the volume jumps with the
+slightest correlation, unlike the covariance.
 """
 
 from __future__ import annotations
@@ -43,18 +43,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources(Shown):
-    """Parameters of an arm and its effects, and the noise of the encoders, with their
-    uncertainties.
+    """Uncertain parameters of an arm and its effects, and the noise of the encoders.
 
     Attributes:
         model: the arm and its effects.
         left_out: effects that depend on missing conditions.
         at: frame whose origin is the point.
-        parameters: the sources with an uncertainty; those of effects have the bounds ± k u, k = 2.
-        columns: numbers of the sources among the parameters of the model, then the noise of each
-            joint.
-        correlation: of the sources (p, p); None if all are independent.
-        not_included: labels of the causes that are left out, also by an arm without its effects.
+        parameters: those with an uncertainty; of effects with bounds ± k u, k = 2.
+        columns: their numbers among the parameters of the model, then the noise of each joint.
+        correlation: (p, p); None if independent.
+        not_included: labels of causes left out, also by an arm without its effects.
     """
 
     model: ErrorModel
@@ -76,8 +74,8 @@ class ErrorSources(Shown):
         """The sources of ``model`` at ``q`` (n, nq) [rad].
 
         Raises:
-            AacmmError: no source has an uncertainty, or the arm came without the effects with which
-                its parameters are correlated.
+            AacmmError: no uncertainty, or the arm came without effects that its parameters are
+                correlated with.
         """
         model, not_passed = _with_effects(model)
         extra_effects = chain.from_iterable(map(extra_uncertainty_effects, model.effects))
@@ -118,30 +116,30 @@ class ErrorSources(Shown):
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects of the arm whose conditions are given."""
+        """Effects whose conditions are given."""
         of_arm = (e for e in self.model.effects if not e.of_reference)
         return tuple(e for e in of_arm if e not in self.left_out)
 
     @property
     def u(self) -> Array:
-        """Standard uncertainties (p,) [SI]."""
+        """(p,) [SI]."""
         return np.array([p.u for p in self.parameters])
 
     @property
     def bounded(self) -> tuple[int, ...]:
-        """Numbers of the parameters with stated bounds."""
+        """Parameters with stated bounds."""
         stated = [p.half_width is not None for p in self.parameters]
         return tuple(np.flatnonzero(stated).tolist())
 
     @property
     def half_widths(self) -> Array:
-        """Bounds of the bounded parameters (b,) [SI]."""
+        """Bounds (b,) [SI]."""
         half_widths = [p.half_width for p in self.parameters]
         return np.array([bound for bound in half_widths if bound is not None])
 
     @property
     def taken_as_exact(self) -> tuple[str, ...]:
-        """Names of the parameters of the arm and its effects without stated uncertainty."""
+        """Parameters without stated uncertainty."""
         names = [p.name for p in self.model.parameters]
         variance = dict(zip(names, np.diag(self.model.covariance()), strict=True))
         of_effects = [p.name for effect in self.effects for p in effect.parameters()]
@@ -150,13 +148,13 @@ class ErrorSources(Shown):
 
     @property
     def caveats(self) -> tuple[Note, ...]:
-        """Notes on what the uncertainties do not include."""
+        """Notes on what uncertainties do not include."""
         return caveats(self.arm, self.taken_as_exact)
 
     @cached_property
     def axes(self) -> Array | None:
-        """Principal axes ``V √λ`` of the sources as columns (p, p); None if all are independent.
-        ``axes @ axes.T`` is the correlation.
+        """``V √λ`` as columns (p, p), whose product with its transpose is the correlation; None if
+        independent.
         """
         if self.correlation is None:
             return None
@@ -173,7 +171,7 @@ class ErrorSources(Shown):
         return axes
 
     def positions(self, q: Array) -> Array:
-        """The origin of frame :attr:`at` of the arm with its effects: (n, 3) [m]."""
+        """Origin of frame :attr:`at`, with effects: (n, 3) [m]."""
         if not self.effects:
             return self.arm.positions(q, self.at)
         place = self.arm.place(self.at)
@@ -183,7 +181,7 @@ class ErrorSources(Shown):
         """∂position/∂source at ``q`` (n, nq): (n, 3, p) [m/unit].
 
         Raises:
-            MissingConditionError: an effect needs a missing condition.
+            MissingConditionError: a condition is missing.
         """
         arm = self.arm
         columns = np.array(self.columns)
@@ -211,9 +209,9 @@ class ErrorSources(Shown):
         return np.concatenate(blocks, axis=2)
 
     def generators(self, sensitivity: Array) -> Array:
-        """Effect of each bounded source at its bound, half-width times sensitivity: (n, 3, b) [m].
+        """Half-width times sensitivity of each bounded source: (n, 3, b) [m].
 
-        Correlated sources give the principal axes ``k D V √λ``, k = 2 or half-width/u.
+        Correlated sources give ``k D V √λ``, k = 2 or half-width/u.
 
         Raises:
             AacmmError: no parameter has bounds.
@@ -230,16 +228,14 @@ class ErrorSources(Shown):
         return generators
 
     def covariance_of(self, sensitivity: Array) -> Array:
-        """Covariance of the position, S Σ Sᵀ (JCGM 102:2011, 6.2): (n, 3, 3) [m²]."""
+        """S Σ Sᵀ of the position (JCGM 102:2011, 6.2): (n, 3, 3) [m²]."""
         scaled = sensitivity * self.u
         if self.axes is not None:
             scaled = scaled @ self.axes
         return scaled @ scaled.transpose(0, 2, 1)
 
     def shared_variance(self, sensitivity: Array) -> Array:
-        """Parts ``S_k Σ_kl S_l`` of the variance, summed over coordinates and postures: (p, p)
-        [m²].
-        """
+        """``S_k Σ_kl S_l``, summed over coordinates and postures: (p, p) [m²]."""
         scaled = sensitivity * self.u
         if self.correlation is None:
             return np.diag(np.square(scaled).sum(axis=(0, 1)))
@@ -247,7 +243,7 @@ class ErrorSources(Shown):
         return np.asarray(products.sum(axis=0) * self.correlation)
 
     def budget(self, together: Array, by: str = "parameter") -> pd.DataFrame:
-        """The table of :meth:`AccuracyVolume.budget` from parts of a variance (p, p) [m²]."""
+        """Table of :meth:`AccuracyVolume.budget` from parts of a variance (p, p) [m²]."""
         import pandas as pd
 
         table = pd.DataFrame(
@@ -278,7 +274,7 @@ def _noise(arm: Arm, encoder_noise: ArrayLike) -> Array:
 
 
 def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
-    """The model, and labels of the effects in the file of an arm that came without them."""
+    """The model, and labels of effects in the file of an arm without them."""
     if isinstance(model, ErrorModel):
         return model, []
     try:
@@ -306,7 +302,7 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
 
 
 def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tuple[Effect, ...]:
-    """Effects of the arm that need a missing condition."""
+    """Effects that need a missing condition."""
     effects = [effect for effect in model.effects if not effect.of_reference]
     if not effects or not len(q):
         return ()
@@ -322,7 +318,7 @@ def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tupl
 
 
 def _correlation(covariance: Array, columns: Index) -> Array | None:
-    """Correlation of the sources in ``columns``; the noise of encoders is independent."""
+    """Of the sources in ``columns``; the noise of encoders is independent."""
     correlation = np.eye(len(columns))
     inside = np.flatnonzero(columns < len(covariance))
     block = covariance[np.ix_(columns[inside], columns[inside])]
@@ -335,12 +331,12 @@ def _correlation(covariance: Array, columns: Index) -> Array | None:
 
 
 def omission(labels: Sequence[str]) -> str:
-    """End of a sentence on uncertainties that do not include causes with these ``labels``."""
+    """End of a sentence on uncertainties without causes of these ``labels``."""
     return f"; this does not include {', '.join(labels)}" if labels else ""
 
 
 def caveats(arm: Arm, exact: Sequence[str]) -> tuple[Note, ...]:
-    """Notes on parameters that count as exact, and on unexplained structure."""
+    """Notes on exact parameters, and on unexplained structure."""
     notes = [Note("taken_as_exact", {"parameters": ", ".join(exact)})] if exact else []
     if arm.unexplained:
         notes.append(

@@ -1,4 +1,4 @@
-"""Accuracy of an arm in given postures: covariance, accuracy volume, worst-case deviation, budget.
+"""Accuracy in given postures: covariance, accuracy volume, worst-case deviation, budget.
 
 To first order ``p(κ + δ) ≈ p(κ) + S δ`` with the sensitivity S; the Monte Carlo method uses the
 exact model.
@@ -36,13 +36,13 @@ METHODS: tuple[Method, ...] = get_args(Method)
 COVERED = (0.954, 0.993)
 """Coverage of U = 2 u of a position, for normal errors in one direction, and isotropic ones."""
 ELLIPSOID_COVERAGE_FACTOR = 2.7954834829151074
-"""Of the 95 % ellipsoid of a normal distribution in three dimensions (JCGM 102:2011, table 1)."""
+"""Of the 95 % ellipsoid in three dimensions (JCGM 102:2011, table 1)."""
 POSTURES_AT_ONCE = 16_384
-"""Postures of one task, enough for both compiled loops. With 2048, 200 000 postures of SINO6 take
-1.0 s in place of 0.3 s.
+"""In one task, for both compiled loops. With 2048, 200 000 postures of SINO6 take 1.0 s, not
+0.3 s.
 """
 DRAWN_AT_ONCE = 4
-"""Postures of one task of ``monte-carlo``."""
+"""In one task of ``monte-carlo``."""
 MANY = 50_000
 """More postures show a progress bar."""
 
@@ -52,16 +52,14 @@ class AccuracyVolume(Shown):
     """The accuracy of an arm in many postures.
 
     Attributes:
-        sources: parameters with an uncertainty, and their sensitivities.
+        sources: parameters with an uncertainty.
         q: postures ``(n, nq)`` [rad].
         method: of ``volume``.
         volume: accuracy volume ``(n,)`` [m³].
-        covariance: of the position by all parameters ``(n, 3, 3)`` [m²]; for
-            ``monte-carlo`` the covariance of the draws.
-        sampling_error: change of the volume if half of the draws are used ``(n,)`` [m³]; only for
+        covariance: of the position ``(n, 3, 3)`` [m²]; for ``monte-carlo`` of the draws.
+        sampling_error: change of the volume with half of the draws ``(n,)`` [m³]; only for
             ``monte-carlo``.
-        conditions: of the n postures, or of one record for all postures; None if not
-            stated.
+        conditions: of the n postures, or one record for all; None if not stated.
     """
 
     sources: ErrorSources
@@ -81,12 +79,10 @@ class AccuracyVolume(Shown):
 
     @cached_property
     def u_aligned(self) -> Array:
-        """The standard uncertainty of the position if the base is aligned to all postures, ``(n,)``
-        [m].
+        """The standard uncertainty if the base is aligned to all postures, ``(n,)`` [m].
 
-        The alignment removes the best rigid motion of the base from the effect of each parameter
-        (least squares). The noise of readings stays. With only one or two postures, the other
-        parameters have nearly no effect.
+        The alignment removes the best rigid motion of the base (least squares) from the effect of
+        each parameter. Noise of readings stays; with one or two postures, nearly nothing else.
         """
         positions = self.sources.arm.positions(self.q, self.sources.at)
         of_base = rigid_motions(positions)
@@ -100,13 +96,13 @@ class AccuracyVolume(Shown):
 
     @property
     def not_included(self) -> tuple[str, ...]:
-        """The labels of the causes of error that the accuracy does not include."""
+        """Labels of causes that the accuracy does not include."""
         return self.sources.not_included
 
     @cached_property
     def largest_deviation(self) -> Array:
         """The worst-case deviation ``(n,)`` [m]: the largest distance that all bounded parameters
-        together can cause, to first order.
+        together cause, to first order.
         """
         from aacmm_pin.accuracy import zonotope
 
@@ -117,19 +113,18 @@ class AccuracyVolume(Shown):
         return np.concatenate(deviations)
 
     def budget(self, by: Literal["parameter", "joint", "kind"] = "parameter") -> pd.DataFrame:
-        """Return the uncertainty budget: the share of each parameter in the mean variance over the
-        postures.
+        """Return the uncertainty budget: shares in the mean variance over the postures.
 
         Source: JCGM 100:2008, 5.1. The share of a parameter is ``tr(S_k (Σ Sᵀ)_k) / tr(S Σ Sᵀ)``.
-        Two correlated parameters share their common variance equally, and a share may be negative.
+        Correlated parameters share their common variance equally; a share may be negative.
 
         Args:
-            by: whether a row of the table is a parameter, a joint or a kind of parameter.
+            by: what a row of the table is.
 
         Returns:
-            A table, largest share first. The first column names the parameter, joint or kind
-                (``<NA>`` for the joint of a cause of the whole arm). ``u_mm`` is the root mean
-                square contribution of the row alone. The values of ``share`` sum to 1.
+            A table, largest share first. The first column names the row (``<NA>`` for the joint of
+                a cause of the whole arm), ``u_mm`` is its RMS contribution alone, ``share`` sums to
+                1.
         """
         together = np.zeros((len(self.sources.parameters),) * 2)
         for q, conditions in _parts(self.q, self.conditions):
@@ -137,8 +132,8 @@ class AccuracyVolume(Shown):
         return self.sources.budget(together / max(len(self.q), 1), by)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with one row for each posture: ``theta1_deg`` …, ``volume_mm3``, ``u_mm``,
-        and ``largest_deviation_mm`` if a parameter is bounded.
+        """Return a table of postures: ``theta1_deg`` …, ``volume_mm3``, ``u_mm``, and
+        ``largest_deviation_mm`` if a parameter is bounded.
         """
         import pandas as pd
 
@@ -154,7 +149,7 @@ class AccuracyVolume(Shown):
         most: int = 12,
         ax: Axes | None = None,
     ) -> Axes:
-        """Plot the uncertainty budget as bars; see :func:`aacmm_pin.report.plots.plot_budget`."""
+        """Plot the budget as bars; see :func:`aacmm_pin.report.plots.plot_budget`."""
         return cast("Axes", report().plots.plot_budget(self, by, ax, most))
 
     def __str__(self) -> str:
@@ -174,13 +169,13 @@ def _u(covariance: Array) -> Array:
 
 
 def expanded(u: Array) -> str:
-    """The smallest and largest of some uncertainties [m], expanded, as text."""
+    """The least and largest of uncertainties [m], expanded, as text."""
     mm = COVERAGE_FACTOR * u / MM
     return f"U (k = {COVERAGE_FACTOR:g}) = {mm.min():.4f} to {mm.max():.4f} mm"
 
 
 def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
-    """Numbers of the postures of ``accuracy`` in the circle, (n,).
+    """Numbers in the circle of the postures of ``accuracy``, (n,).
 
     Raises:
         ShapeError: ``accuracy`` has other postures.
@@ -198,16 +193,16 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
 def circle_accuracy(
     circle: PosturesAtPoint, model: GivenModel | None = None, **options: Any
 ) -> AccuracyVolume:
-    """Compute the accuracy of all postures within limits of a configuration circle, at its frame.
+    """Compute the accuracy of a circle's postures within limits, at its frame.
 
     Args:
-        circle: the configuration circle.
-        model: arm with or without causes of error; default the arm of the circle.
-        options: arguments of :func:`accuracy_volume` except ``at``. ``conditions`` has one record,
-            or one record for each posture within limits.
+        circle: from :func:`configuration_circle`.
+        model: arm, perhaps with causes of error; default the circle's.
+        options: of :func:`accuracy_volume` except ``at``; ``conditions`` of one record, or of each
+            posture within limits.
 
     Raises:
-        AacmmError: no posture is within limits; see :func:`accuracy_volume` for other errors.
+        AacmmError: no posture within limits; see :func:`accuracy_volume` for others.
     """
     q = circle.q[circle.within_limits]
     if not len(q):
@@ -233,39 +228,34 @@ def accuracy_volume(
 
     - ``zonotope``: volume of all displacements that the bounded parameters together can cause,
       exact to first order.
-    - ``jointwise``: sum of the zonotopes of the DH rows (eq. 14 of Xu You et al. 2019). Causes of
-      the whole arm count as one more row. The sum is much smaller than the zonotope, which combines
-      the rows.
-    - ``ellipsoid``: 95 % coverage ellipsoid of the covariance. Only this volume includes unbounded
-      noise.
+    - ``jointwise``: sum of the zonotopes of the DH rows (eq. 14 of Xu You et al. 2019); causes of
+      the whole arm count as one more row. It is much smaller than the zonotope, which combines
+      rows.
+    - ``ellipsoid``: 95 % coverage ellipsoid of the covariance; only it includes unbounded noise.
     - ``monte-carlo``: convex hull of the exact positions at corners of the parameter box; the
       covariance is from random draws.
 
-    Parameters of causes, and parameters from a calibration, count as bounded by ± k u with k = 2.
-    Correlated parameters (``[covariance]`` of the arm file) enter the covariance as S Σ Sᵀ, and the
-    volumes by the principal axes of their correlation. Causes of errors of the references do not
-    count.
+    Parameters of causes, and of a calibration, count as bounded by ± k u with k = 2. Correlated
+    ones (``[covariance]`` of the arm file) enter the covariance as S Σ Sᵀ, and the volumes by the
+    principal axes of their correlation. Errors of references do not count.
 
     Args:
-        model: the arm, or the arm with causes of error.
+        model: arm, perhaps with causes of error.
         q: postures ``(n, nq)`` [rad].
-        conditions: of n records, or of one record for all postures. ``not_included``
-            lists causes that the function ignores because their condition is missing.
-        at: name of the frame (its origin is the point); default the tip; ``frame5`` is the wrist.
+        conditions: of n records, or one for all postures. ``not_included`` lists causes ignored for
+            want of a condition.
+        at: frame whose origin is the point; default the tip; ``frame5`` is the wrist.
         encoder_noise: standard uncertainty of one reading, ``(nq,)`` or one number [rad]; default
-            from the arm file.
-        rng: random generator; required for ``monte-carlo``.
-        draws: number of draws for each posture; only for ``monte-carlo``.
-        workers: number of processes, or a ``concurrent.futures.Executor``; the results do not
-            depend on the number.
+            of the arm file.
+        rng: required for ``monte-carlo``.
+        draws: for each posture; only for ``monte-carlo``.
+        workers: processes, or a ``concurrent.futures.Executor``; results do not depend on it.
 
     Raises:
-        ShapeError: ``q`` is not a finite ``(n, nq)`` array, or ``conditions`` has another number of
-            records.
-        UnknownNameError: the method or the frame is unknown.
-        UnsupportedArmError: the method is ``jointwise`` and parameters of different rows are
-            correlated.
-        AacmmError: nothing has an uncertainty, the noise is negative, or ``rng`` is missing.
+        ShapeError: no finite ``(n, nq)`` array, or another number of ``conditions``.
+        UnknownNameError: of method or frame.
+        UnsupportedArmError: correlations of different rows with ``jointwise``.
+        AacmmError: no uncertainty, negative noise, or no ``rng``.
     """
     if method not in METHODS:
         raise UnknownNameError("method", method, list(METHODS))

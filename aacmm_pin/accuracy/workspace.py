@@ -1,6 +1,4 @@
-"""Maps of flexibility and accuracy over the half-plane y = 0, x ≥ 0, which joint 1 rotates
-about z.
-"""
+"""Maps of flexibility and accuracy over the half-plane y = 0, x ≥ 0, rotated by joint 1."""
 
 from __future__ import annotations
 
@@ -64,18 +62,18 @@ Quantity = Literal[
     "arc_fraction",
     "working_sectors",
 ]
-"""Names of :data:`VARIABLES` to plot."""
+"""Of :data:`VARIABLES`, to plot."""
 MARGIN = 1e-3
-"""Margin of the default box beyond the reach, in parts of its size."""
+"""Of the default box beyond the reach, in parts of its size."""
 
 MAP_AXES = {"x_mm": "distance from joint axis 1, x", "z_mm": "z of the base"}
-"""Axes of the cells of a map, with their long names."""
+"""Axes of cells, with long names."""
 NEGLIGIBLE_SHIFT = 1e-6
 """Shorter distances do not count [m]."""
 OUTWARDS_OF_BOX = np.array([-1.0, 1.0, -1.0, 1.0])
-"""Outward direction of the least and largest x and z."""
+"""Of the least and largest x and z."""
 MOST_BYTES_OF_MAP = 4_000_000_000
-"""Size of a file; a map of a million cells has a tenth of it."""
+"""Of a file; a million cells have a tenth of it."""
 
 
 class Variable(NamedTuple):
@@ -83,7 +81,7 @@ class Variable(NamedTuple):
 
     Attributes:
         name: in the file.
-        source: key of the results of a cell.
+        source: key in the results of a cell.
         unit: key of :data:`UNITS`.
         text: long name.
         kind: type of its numbers.
@@ -136,16 +134,16 @@ VARIABLES = (
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceMap(Shown):
-    """A map of flexibility and accuracy over the half-plane through joint axis 1.
+    """A map of flexibility and accuracy over a half-plane through joint axis 1.
 
     Attributes:
         data: arrays over the cell centres ``x_mm`` and ``z_mm``: ``reachable``,
             ``working_sectors``, ``flexibility``, ``arc_fraction``, ``comprehensive_mm3``,
-            ``best_mm3``, ``worst_mm3``, ``best_theta_deg``, ``worst_theta_deg`` (by accuracy
-            volume), ``smallest_u_mm``, ``largest_u_mm``, ``smallest_u_theta_deg`` (by standard
-            uncertainty), ``sector_works``. Cells that the arm cannot reach have NaN or 0. Volume
-            and standard uncertainty may rank the postures differently.
-        seconds: time of the computation [s].
+            ``best_mm3``, ``worst_mm3``, ``best_theta_deg``, ``worst_theta_deg`` (by volume),
+            ``smallest_u_mm``, ``largest_u_mm``, ``smallest_u_theta_deg`` (by standard uncertainty),
+            ``sector_works``. Cells out of reach have NaN or 0. Volume and uncertainty may rank
+            postures differently.
+        seconds: of the computation [s].
     """
 
     data: xr.Dataset
@@ -153,23 +151,23 @@ class WorkspaceMap(Shown):
 
     @property
     def axes(self) -> tuple[xr.DataArray, ...]:
-        """The cell centres along each axis of the map, x and z [mm]."""
+        """Cell centres along x and z [mm]."""
         return tuple(self.data[name] for name in MAP_AXES)
 
     @property
     def sectors(self) -> int:
-        """The number of sectors of the swivel angle."""
+        """Number of sectors of the swivel angle."""
         return int(self.data.sizes["sector"])
 
     @property
     def caveats(self) -> tuple[Note, ...]:
-        """A note that counts reachable cells without sectors, if there are any."""
+        """A note on reachable cells without sectors, if any."""
         no_sectors = np.isnan(self.data["flexibility"].values)
         without = int(np.sum(self._reachable & no_sectors))
         return (Note("cells_without_sectors", {"cells": without}),) if without else ()
 
     def working_sectors(self) -> dict[int, int]:
-        """Return the number of reachable cells for each number of working sectors."""
+        """Return the number of reachable cells by number of working sectors."""
         working = self.data["working_sectors"].values[self._reachable]
         counts = np.bincount(working, minlength=self.sectors + 1)
         return dict(enumerate(counts.tolist()))
@@ -180,23 +178,23 @@ class WorkspaceMap(Shown):
 
     @property
     def unreachable(self) -> int:
-        """The number of cells that the arm cannot reach, even without joint limits."""
+        """Number of cells out of reach, even without joint limits."""
         return int(np.sum(~self._reachable))
 
     @property
     def incomplete(self) -> int:
-        """The number of cells for which the search did not find all postures."""
+        """Number of cells whose search did not find all postures."""
         return int((self.data["complete"] == 0).sum()) if "complete" in self.data else 0
 
     @property
     def not_included(self) -> tuple[str, ...]:
-        """The labels of the causes of error that the accuracies do not include."""
+        """Labels of causes that the accuracies do not include."""
         labels = str(self.data.attrs.get("not_included", ""))
         return tuple(labels.split("; ")) if labels else ()
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Save the map, whole or not at all, as a netCDF file (classic format, 64-bit offsets) for
-        xarray, MATLAB, R and ncdump.
+        """Save as netCDF (classic, 64-bit offsets), whole or not at all, for xarray, MATLAB, R,
+        ncdump.
 
         Raises:
             OutputError: ``path`` exists and ``force`` is False, or the file cannot be written.
@@ -209,7 +207,7 @@ class WorkspaceMap(Shown):
         """Load a map that :meth:`save` wrote.
 
         Raises:
-            AacmmError: the file is not a map of :meth:`save`, or is incomplete.
+            AacmmError: it is no such map, or incomplete.
         """
         import xarray as xr  # loaded where a map is made or read: commands without one start sooner
 
@@ -225,7 +223,7 @@ class WorkspaceMap(Shown):
             ) from None
 
     def plot(self, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
-        """Plot one quantity of the map; see :func:`aacmm_pin.report.plots.plot_map`.
+        """Plot one quantity; see :func:`aacmm_pin.report.plots.plot_map`.
 
         Raises:
             UnknownNameError: the quantity is unknown.
@@ -260,37 +258,30 @@ def map_workspace(
     progress: bool = True,
     axis: ArrayLike | None = None,
 ) -> WorkspaceMap:
-    """Compute a map of flexibility, comprehensive accuracy, and best and worst posture over the
-    half-plane.
+    """Compute flexibility, comprehensive accuracy, and best and worst posture over the half-plane.
 
-    The map is for the wrist, or with ``axis`` for the tip. For the wrist, the joints after joint 4
-    stay at 0, or at the angle within limits that is nearest to 0.
+    The map is for the wrist, with joints after joint 4 as near to 0 as limits permit, or with
+    ``axis`` for the tip.
 
     Args:
-        model: arm with or without causes of error. The first five rows of the DH table must be
-            joints.
-        cells: number of cells along x and z.
-        sectors: number of sectors of the swivel angle. The posture at the centre represents the
-            sector. If several postures within limits have this swivel angle, the map uses the most
-            accurate posture.
-        extent: minimum and maximum of x, then of z, ``(4,)`` [m]; default all points within reach
-            without joint limits.
-        conditions: of one record for the whole map; see :func:`accuracy_volume`.
-        method: of the accuracy volumes; not ``monte-carlo``.
-        workers: number of processes, or a ``concurrent.futures.Executor``. One task has several
-            hundred cells.
-        progress: True for a progress bar in a notebook or on stderr.
-        axis: direction of the stylus in the half-plane y = 0 of the base ``(3,)``, of any length.
-            In other half-planes, the direction is rotated about z. With ``axis`` the tip is at the
-            cell centres; the arm must have six joints and a stylus axis.
+        model: arm, perhaps with causes of error; its first five DH rows are joints.
+        cells: along x and z.
+        sectors: of the swivel angle, each represented by its centre. If several postures within
+            limits have this swivel angle, the most accurate counts.
+        extent: minimum and maximum of x, then of z, ``(4,)`` [m]; default the reach without joint
+            limits.
+        conditions: one record for the map; see :func:`accuracy_volume`.
+        method: of the volumes; not ``monte-carlo``.
+        workers: processes, or a ``concurrent.futures.Executor``.
+        progress: show a bar in a notebook or on stderr.
+        axis: direction of the stylus in the half-plane y = 0 of the base ``(3,)``, of any length;
+            rotated about z in others. The arm must have six joints and a stylus axis.
 
     Raises:
-        AacmmError: a size is below 1, ``extent`` has a wrong order or a negative x, or nothing has
-            an uncertainty.
-        ShapeError: ``conditions`` has more than one record.
-        UnknownNameError: the method is not available for a map.
-        UnsupportedArmError: the arm has no DH table or not the required joints; see
-            :func:`accuracy_volume`.
+        AacmmError: a size below 1, ``extent`` in wrong order or with negative x, or no uncertainty.
+        ShapeError: more than one record of ``conditions``.
+        UnknownNameError: no method of a map.
+        UnsupportedArmError: no DH table with the required joints; see :func:`accuracy_volume`.
     """
     started = time.perf_counter()
     if min(cells) < 1:
@@ -395,7 +386,7 @@ def _smallest(groups: Index, values: Array) -> Index:
 
 
 def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Array:
-    """The stated box, or a box around the reach (4,) [m]."""
+    """The stated box, or one around the reach (4,) [m]."""
     wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP, revolute=True))
     if extent is None:
         around = box_of_wrist(wrist)
@@ -422,7 +413,7 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
 def _probe(
     model: Arm | ErrorModel, conditions: Conditions | None, method: Method, axis: Array | None
 ) -> AccuracyVolume:
-    """The accuracy of a few postures; refuses before the work what the first cell would refuse."""
+    """Accuracy of a few postures; refuses early what the first cell would refuse."""
     methods: list[str] = [name for name in METHODS if name != "monte-carlo"]
     if method not in methods:
         raise UnknownNameError("method of a map", method, methods)
@@ -436,8 +427,8 @@ def _probe(
 def map_caveats(
     arm: Arm, extent: ArrayLike | None = None, axis: ArrayLike | None = None
 ) -> tuple[Note, ...]:
-    """Notes on why the half-plane does not represent the whole workspace of this arm, and on what
-    the uncertainties do not include.
+    """Notes on why the half-plane is not the whole workspace, and on what uncertainties do not
+    include.
 
     Args:
         extent, axis: as in :func:`map_workspace`.

@@ -11,11 +11,11 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.accuracy.zonotope_loop import VOLUME_LOOP
 
 CHUNK = 256
-"""Zonotopes at once: the pair normals of 24 generators then fit in the cache."""
+"""At once: the pair normals of 24 generators then fit in the cache."""
 MOST = 4_000_000
-"""Signs of generators in corners at once: 32 MB, and some copies."""
+"""Signs of generators at once: 32 MB, and some copies."""
 FLAT = 1e-13
-"""A unit generator that sticks out of a face by less lies in the face."""
+"""A unit generator that sticks out of a face by less lies in it."""
 
 
 def volume(generators: Array) -> Array:
@@ -69,12 +69,12 @@ def largest_deviation(generators: Array) -> Array:
 
 
 def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:
-    """Points (n, pairs, 3), in two parts, that include one of each two opposite vertices.
+    """Points (n, pairs, 3), in two parts, with one of each two opposite vertices.
 
-    A vertex is ``Σ_k s_k g_k`` and bounds an edge along some g_i of a face of g_i and g_j with the
-    normal n = g_i × g_j. Its signs are those of ``n·g_k``; where this is zero (in the face), of
-    ``±(n × g_i)·g_k``; where this is zero too (parallel to g_i), of ``±g_i·g_k``. One sign of n ×
-    g_i suffices: the edge with the least i at a vertex lies between two faces.
+    A vertex ``Σ_k s_k g_k`` bounds an edge along some g_i of a face of g_i and g_j with the normal
+    n = g_i × g_j. Its signs are those of ``n·g_k``; where this is zero, of ``±(n × g_i)·g_k``;
+    where this is zero too, of ``±g_i·g_k``. One sign of n × g_i suffices: the edge with the least i
+    at a vertex lies between two faces.
     """
     g = generators.transpose(0, 2, 1)  # (n, p, 3)
     length = np.linalg.norm(g, axis=2)

@@ -10,11 +10,11 @@ from aacmm_pin._support.compiled import Loop
 LARGE_VOLUME = 200_000
 """Generator elements from which the loop is used: NumPy takes 15 ms, the loop 2 ms."""
 VOLUME_LANES = 32
-"""Zonotopes side by side in wide registers; 24 generators of so many fit in the first cache."""
+"""Zonotopes side by side in wide registers; with 24 generators they fit in the first cache."""
 
 
 def sum_of_determinants(generators: Array, total: Array) -> None:
-    """The sums of :func:`aacmm_pin.accuracy.zonotope.sum_of_determinants`, in the same order."""
+    """Sums of :func:`aacmm_pin.accuracy.zonotope.sum_of_determinants`, in the same order."""
     n, _, count = generators.shape
     g = np.empty((count, 3, VOLUME_LANES))
     normal = np.empty((3, VOLUME_LANES))
