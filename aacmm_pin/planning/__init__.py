@@ -1,4 +1,4 @@
-"""Plans of measurements: records that distinguish causes of error, or determine the geometry."""
+"""Plans of records that distinguish causes of error, or determine the geometry."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Records that determine the geometry of an arm best."""
+"""Records that determine the geometry best."""
 
 from __future__ import annotations
 
@@ -32,25 +32,24 @@ from aacmm_pin.planning.plan import POOL_SIZE, PlannedScheme, prepared
 
 CALIBRATION_PLAN_SCHEMA = "aacmm-pin/calibration-plan/1"
 RANDOM = 20
-"""Number of random plans for comparison."""
+"""Plans with random records, for comparison."""
 EXCHANGE_ROUNDS = 10
-"""Rounds of exchanges, at most; three or four suffice."""
+"""Three or four suffice."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CalibrationPlan(PlanOfRecords):
-    """Planned records for a calibration, with their observability index and u.
+    """Planned records for a calibration, with observability index and u.
 
     Attributes:
-        records: the plan as a measurement file for you to complete.
-        expected: approximate positions of the tip in the frame of the references ``(n, 3)`` [m].
-        measurements: the planned records as measurements.
-        o1: observability index O1 (Borm, Menq 1991) of existing and planned records.
-        o1_random: O1 of plans with random records, ``(RANDOM,)``; see :data:`RANDOM`.
-        u: standard uncertainty of the tip of the calibrated arm, root mean square over all
-            available postures [m].
-        u_random: ``u`` of plans with random records ``(RANDOM,)`` [m].
-        existing: number of existing records.
+        records: the measurement file to complete.
+        expected: approximate tips in the frame of the references ``(n, 3)`` [m].
+        measurements: the planned records.
+        o1: observability index O1 (Borm, Menq 1991) with the existing records.
+        o1_random: the same of random records, ``(RANDOM,)``.
+        u: standard uncertainty of the tip after calibration, RMS over all available postures [m].
+        u_random: the same of random records ``(RANDOM,)`` [m].
+        existing: number of these.
         seed: of the random generator, or None.
     """
 
@@ -61,14 +60,14 @@ class CalibrationPlan(PlanOfRecords):
 
     @property
     def ratio(self) -> float:
-        """The ratio of O1 of the plan and the median O1 of random plans."""
+        """O1 of the plan over the median of random plans."""
         return self.o1 / float(np.median(self.o1_random))
 
     def __str__(self) -> str:
         return str(report().plan_page.calibration_plan_line(self))
 
     def summary(self) -> dict[str, Any]:
-        """Return the content of the JSON file with the schema ``aacmm-pin/calibration-plan/1``."""
+        """Return the JSON content of schema ``aacmm-pin/calibration-plan/1``."""
         return {
             "schema": CALIBRATION_PLAN_SCHEMA,
             "o1": self.o1,
@@ -100,24 +99,21 @@ def plan_calibration(
 ) -> CalibrationPlan:
     """Plan the records that determine the geometry best.
 
-    The plan maximises the log determinant of the information from the stated uncertainties of the
-    arm, the existing records and the planned records (Bayesian D-optimality: Chaloner, Verdinelli
-    1995, Statistical Science 10). The noise of the records whitens the information. The algorithm
-    adds records one by one, then exchanges records until no exchange improves the plan (Fedorov
-    1972).
+    The plan maximises the log determinant of the information of the arm's stated uncertainties, the
+    existing and the planned records, whitened by their noise (Bayesian D-optimality: Chaloner,
+    Verdinelli 1995, Statistical Science 10). It adds records one by one, then exchanges them until
+    nothing improves (Fedorov 1972).
 
     Args:
-        model: the arm, or the arm with causes of error; the causes keep their values.
-        records: number of records to plan.
-        existing: records that you already have and that also count.
-        scheme, reference_frame, target, prior: see :func:`plan_measurements`, also for all other
-            arguments.
+        model: arm, perhaps with causes of error, which keep their values.
+        records: to plan.
+        existing: records that also count.
+        scheme, reference_frame, target, prior: as all others: see :func:`plan_measurements`.
 
     Raises:
-        UnknownNameError: the scheme or the frame is unknown.
-        MissingConditionError: the existing records lack a condition that a cause of the arm needs.
-        AacmmError: too few records or postures; existing records of another arm; only exact values
-            in the arm; or records without noise.
+        UnknownNameError: of scheme or frame.
+        MissingConditionError: existing records lack a condition that a cause needs.
+        AacmmError: too few records or postures, records of another arm, an exact arm, or no noise.
     """
     model = ErrorModel.of(model).restricted_to_known_range()
     rng = rng or np.random.default_rng(1)
@@ -175,12 +171,12 @@ def plan_calibration(
 
 
 def _worth(situation: Situation, chosen: list[int], tips: Array) -> tuple[float, float]:
-    """O1 of existing and chosen records, and root mean square u of the tip after them [m].
+    """O1 of existing and chosen records, and RMS u of the tip after them [m].
 
     Args:
-        situation, chosen: the pool, and the numbers of the chosen records.
-        tips: displacements of the tips by one unit of each parameter (n, 3, p) [m]. The parameters
-            have the first columns of the rows; frame and seats follow.
+        situation, chosen: the pool, and the chosen numbers.
+        tips: displacements by one unit of each parameter (n, 3, p) [m]. Parameters have the first
+            columns of the rows, before frame and seats.
     """
     width = situation.nuisances
     beside = width - tips.shape[2]

@@ -1,4 +1,4 @@
-"""One set-up with its pool of records, and the information of chosen and existing records."""
+"""One set-up with its pool, and the information of chosen and existing records."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from aacmm_pin.planning.task import Task
 class Situation:
     """A set-up and its pool, as rows linear in the unknowns.
 
-    The columns are the parameters of every fit, then three for each seat, then the causes.
+    Columns: parameters of every fit, three for each seat, causes.
 
     Attributes:
         pool: records that could be taken.
-        scales: unit of each parameter of every fit, its prior u.
-        nuisances: number of columns that are not of causes.
-        blocks: columns of each cause, counted from the first cause.
-        known: rows of priors, stated seats and existing records (m, width).
-        rows: whitened rows of each record of the pool (n, 3, width).
-        before: number of existing records among the known rows.
+        scales: unit of each parameter, its prior u.
+        nuisances: columns before those of causes.
+        blocks: columns of each cause, from the first cause on.
+        known: priors, stated seats and existing records (m, width).
+        rows: whitened, of the pool (n, 3, width).
+        before: existing records among the known rows.
     """
 
     set_up: MeasurementConditions
@@ -54,7 +54,7 @@ class Situation:
     def of(
         task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
     ) -> Situation:
-        """If the set-up changes the arm file, existing records do not count."""
+        """Existing records do not count if the set-up changes the arm file."""
         existing = None if set_up.changes_arm else task.existing
         pool = candidates(task, set_up, postures, rng)
         old = () if existing is None else observations_of(existing, task.setup).labels
@@ -100,7 +100,7 @@ class Situation:
         return Separation.of(self.triangle(chosen), self.blocks, sizes)
 
     def triangle(self, chosen: list[int] | None, times: float = 1.0) -> Array:
-        """R of the information ``S = RᵀR`` about the causes, with all other parameters refitted.
+        """R of the information ``S = RᵀR`` about the causes, all else refitted.
 
         The chosen records (None: the whole pool) are each taken ``times``.
         """
@@ -112,13 +112,13 @@ class Situation:
 def rows_of(
     problem: Problem, scales: Array, seats: list[str], frame: Frame, stated: tuple[str, ...] = ()
 ) -> tuple[Array, Array]:
-    """Whitened derivatives of the records of a problem, and of stated seats and relations.
+    """Whitened derivatives of records, and of stated seats and relations.
 
     Args:
-        problem, scales: the records, and the unit of each parameter.
+        problem, scales: records, and unit of each parameter.
         seats: labels whose columns are the last.
         frame: base in the frame of the references.
-        stated: seats whose coordinates are stated elsewhere, and have no row here.
+        stated: seats stated elsewhere, without row here.
 
     Returns:
         (n, 3, width), zero for a record without target; and (t, width).

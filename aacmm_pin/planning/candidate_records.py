@@ -1,4 +1,4 @@
-"""Records that could be taken: postures, free or at seats, with the conditions of a set-up."""
+"""Records that could be taken: postures, free or at seats, with conditions."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.task import Task
 
 TIME_STEP = 30.0
-"""From one record to the next [s]."""
+"""Between records [s]."""
 ANGLE_STEP = 0.1 * DEG
-"""Step of free postures, for readable angles [rad]."""
+"""Of free postures, for readable angles [rad]."""
 NEW_SEATS = 8
 EACH = 40
-"""Postures at each seat from which a plan chooses, at most."""
+"""Postures at each seat from which a plan chooses."""
 
 
 def free_postures(
     arm: Arm, count: int, above: float | None, rng: np.random.Generator
 ) -> Measurements:
-    """Random postures with the tip beside the stand and over the table, rounded for reading."""
+    """Random postures with the tip in the room, rounded for reading."""
     q, _ = Room(arm, above).postures(count, rng)
     steps = np.where(arm.chain.prismatic, 1e-4, ANGLE_STEP)
     rounded = np.round(q / steps) * steps
@@ -39,7 +39,7 @@ def free_postures(
 def postures_at_seats(
     task: Task, count: int, above: float | None, rng: np.random.Generator
 ) -> Measurements:
-    """Postures at the seats of the existing records, else at new seats with planned coordinates.
+    """Postures at the existing seats, else at new ones with planned coordinates.
 
     Raises:
         AacmmError: the tip reaches none of the seats.
@@ -78,7 +78,7 @@ def postures_at_seats(
 def candidates(
     task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
 ) -> Measurements:
-    """The records that could be taken in a set-up, with expected coordinates and random free
+    """Records that could be taken in a set-up, with expected coordinates and random free
     conditions.
     """
     conditions = _conditions(task, set_up, postures, rng)
@@ -91,7 +91,7 @@ def candidates(
 def _conditions(
     task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
 ) -> Conditions:
-    """The conditions that the causes or the existing records need; free ones are random."""
+    """Conditions that causes or existing records need; free ones are random."""
     arm = set_up.model.arm
     n = postures.n
     known = task.conditions

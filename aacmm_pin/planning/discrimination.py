@@ -1,4 +1,4 @@
-"""A plan that distinguishes causes: the set-up with the least effort, and its records."""
+"""A plan that distinguishes causes: set-up of least effort, and its records."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from aacmm_pin.planning.task import Task
 LOOSE = 1e-6
 """Prior information of an unknown cause: a thousand typical magnitudes wide."""
 THOROUGH = 1000
-"""With a pool of this size or larger, every chosen record is exchanged once."""
+"""From this size of the pool, every chosen record is exchanged once."""
 MORE = (1.5, 2.0, 2.5, 3.0)
-"""If so many times the records suffice, no load and no other mount is planned."""
+"""If so many times the records suffice, load and mount stay."""
 PAIR = (0, 1)
 BETTER = 0.1
-"""A set-up with more effort that does not suffice must raise the probability by this much."""
+"""Probability that a set-up of more effort that does not suffice must gain."""
 HOPELESS = 1.0
-"""A pair whose T with random records would be smaller gets no record of its own."""
+"""A pair with a smaller T of random records gets none of its own."""
 LEAST_T = 10.8
-"""T from which two causes of known values are distinguished with probability 0.95: ``Φ(√T/2)``."""
+"""T from which causes of known values are distinguished with probability 0.95: ``Φ(√T/2)``."""
 
 
 def for_two(
@@ -45,14 +45,14 @@ def for_two(
     rng: np.random.Generator,
     steps: Iterable[int],
 ) -> MeasurementPlan:
-    """The plan with the least effort that distinguishes two causes, or else the best plan.
+    """The plan of least effort that distinguishes two causes, else the best.
 
     Args:
-        split: two causes; all-zero values stand for the typical magnitude.
+        split: two causes; zero values stand for the typical magnitude.
         postures: to choose from.
         as_it_stands: exclude a load and another mount.
-        rng: for the conditions of the records.
-        steps: counts the records, perhaps wrapped to show progress.
+        rng: for conditions.
+        steps: counts records, perhaps wrapped to show progress.
     """
     tried: list[Tried] = []
     best: tuple[Situation, list[int], Power] | None = None
@@ -105,9 +105,8 @@ def for_all(
 ) -> MeasurementPlan:
     """The plan for every pair of causes of typical magnitude; load and mount stay.
 
-    The arguments are like those of :func:`for_two`. ``pairs`` lists all detectable pairs, worst
-    first: ``told`` if T suffices, and ``why_not``: ``the same`` effect in every posture, ``too
-    small`` for so many records, or "".
+    Arguments as of :func:`for_two`. ``pairs`` lists all detectable pairs, worst first: ``told`` if
+    T suffices; ``why_not``: ``the same`` effect in every posture, ``too small``, or "".
 
     Raises:
         AacmmError: fewer than two causes are detectable.
@@ -175,7 +174,7 @@ def _chosen(
 
 
 def _enough(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> int | None:
-    """Approximate number of records like the chosen ones that suffice; None beyond :data:`MORE`."""
+    """Approximate number of like records that suffice; None beyond :data:`MORE`."""
     for times in MORE:
         if situation.power(chosen, PAIR, sizes, times).probability >= DECIDED:
             return int(np.ceil(times * len(chosen)))
@@ -183,8 +182,8 @@ def _enough(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> 
 
 
 def _matched(situation: Situation, split: tuple[Effect, Effect], sizes: list[Array]) -> list[Array]:
-    """Sizes with new ones of a cause without values, if the other has values: the effects of both
-    in existing records are then most similar.
+    """Sizes, with a new one of the only cause without values: the effects of both in existing
+    records are then most similar.
     """
     stated = [any(effect.values) for effect in split]
     if stated[0] == stated[1]:
@@ -212,7 +211,7 @@ def _sizes_in_words(split: tuple[Effect, Effect], before: Power | None) -> Itera
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
-    """Why no posture distinguishes two causes, in words; "" if some do."""
+    """Why no posture distinguishes two causes, or ""."""
     undetectable = np.array(power.alone) <= UNDETECTABLE
     if undetectable.any():
         labels = compress((effect.label for effect in split), undetectable)
@@ -228,7 +227,7 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
 def _never_told(
     labels: list[str], of_pool: Separation, others: dict[str, Separation]
 ) -> Iterator[Note]:
-    """Notes on causes that no posture of the pool detects or distinguishes, and on the ``others``
+    """Notes on causes that no posture of the pool detects or distinguishes, and on ``others``
     (set-ups by their words) that would.
     """
     for k in np.flatnonzero(of_pool.alone <= UNDETECTABLE):

@@ -1,4 +1,4 @@
-"""Conditions to change besides postures: side of approach, temperature, load, mount."""
+"""Conditions beside postures: side of approach, temperature, load, mount."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from aacmm_pin.arm import Arm, ArmFile, axis, end
 from aacmm_pin.effects import Effect, ErrorModel, TimeConstant
 
 ROOM_WARMING = 4.0
-"""A room can be warmed by this much [K]."""
+"""By heating a room [K]."""
 LOAD = 1.0
-"""Mass that is hung on an arm [kg]."""
+"""Hung on an arm [kg]."""
 WARM_UP_CONSTANTS = 3.0
-"""A warm-up is watched for so many of its time constants."""
+"""Time constants over which a warm-up is watched."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeasurementConditions:
-    """Set-up and use of the arm during the planned measurements.
+    """Set-up and use of the arm during planned measurements.
 
     Attributes:
         words: changes to make.
-        sides: joints (from 1) that approach their postures from either side.
-        warmer: temperature rise of part of the records [K].
-        warm_up: duration of the warm-up of the arm during the records [s].
-        changes_arm: the set-up needs another arm file; diagnose old and new records separately.
+        sides: joints (from 1) that approach from either side.
+        warmer: rise in part of the records [K].
+        warm_up: duration during the records [s].
+        changes_arm: needs another arm file; old and new records are diagnosed separately.
     """
 
     words: tuple[str, ...]
@@ -55,7 +55,7 @@ def set_up_in_words(changes: tuple[str, ...]) -> str:
 def possible_conditions(
     model: ErrorModel, causes: tuple[Effect, ...], reference_temperature: float
 ) -> Iterator[MeasurementConditions]:
-    """Set-ups that may distinguish the causes, from the least effort to the most."""
+    """Set-ups that may distinguish the causes, by effort."""
     changes = list(_changes(model.arm, causes, reference_temperature))
     for count in range(len(changes) + 1):
         for some in combinations(changes, count):

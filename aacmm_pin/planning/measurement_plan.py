@@ -22,7 +22,7 @@ from aacmm_pin.planning.separability import Power
 
 PLAN_SCHEMA = "aacmm-pin/plan/1"
 DECIDED = 0.95
-"""Probability of the right decision at which causes count as distinguished."""
+"""Probability of the right decision at which causes are distinguished."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,8 @@ class Tried(Shown):
 
     Attributes:
         words: changes to make.
-        power: with a plan in this set-up; with its whole pool if no records can distinguish the
-            causes.
-        why_not: why no posture distinguishes the causes; "" if some do.
+        power: with a plan in it; with its whole pool if nothing distinguishes the causes.
+        why_not: why no posture distinguishes them, or "".
     """
 
     words: str
@@ -43,7 +42,7 @@ class Tried(Shown):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlanOfRecords(Shown):
-    """What every plan of records has; see :class:`MeasurementPlan`."""
+    """What all plans have; see :class:`MeasurementPlan`."""
 
     model: ErrorModel
     records: pd.DataFrame
@@ -54,11 +53,11 @@ class PlanOfRecords(Shown):
     notes: tuple[Note, ...] = ()
 
     def csv(self) -> str:
-        """Return the plan as the text of a measurement file."""
+        """Return the text of the measurement file."""
         return csv_text(self.records)
 
     def summary_of_records(self) -> dict[str, Any]:
-        """The entries that the JSON file of every plan has."""
+        """The entries of every plan in JSON."""
         return {
             "arm": self.model.arm.name,
             "records": len(self.records),
@@ -71,29 +70,24 @@ class PlanOfRecords(Shown):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeasurementPlan(PlanOfRecords):
-    """A plan of measurements that distinguish causes, with the probability of success.
+    """A plan to distinguish causes, with the probability of success.
 
     Attributes:
-        model: the arm during the planned measurements; if ``changes_arm`` is True, another arm than
-            before.
-        split: the two causes to distinguish; without a request, the pair that is most difficult to
-            distinguish.
-        records: the plan as a measurement file for you to complete, with angles, conditions and
-            empty references.
-        expected: approximate positions of the tip in the frame of the references ``(n, 3)`` [m].
-        set_up: changes of the set-up, in words; () if the set-up stays.
-        changes_arm: True if the plan requires another arm file; existing records then do not count
-            in the power.
-        before: power of the existing records, or None.
-        after: power of the existing and planned records.
-        tried: the set-ups that the plan considered, in the order of effort.
+        model: the arm during the measurements; if ``changes_arm``, another than before.
+        split: the two causes; without a request the most difficult pair.
+        records: the measurement file to complete: angles, conditions, empty references.
+        expected: approximate tips in the frame of the references ``(n, 3)`` [m].
+        set_up: its changes in words; () if it stays.
+        changes_arm: requires another arm file; existing records then do not count.
+        before: power of existing records, or None.
+        after: with the planned records.
+        tried: considered set-ups, by effort.
         existing: number of existing records that count.
-        notes: assumptions, and causes that the plan cannot distinguish.
-        measurements: the planned records as measurements.
-        pairs: all pairs of causes with their T, most difficult first, if no split was requested;
-            otherwise None.
-        enough: approximate number of similar records that would distinguish the causes, if the plan
-            does not; None if even several times as many records do not suffice.
+        notes: assumptions, and causes not distinguished.
+        measurements: the planned records.
+        pairs: all pairs with their T, most difficult first; None for a requested split.
+        enough: approximate number of similar records that would suffice, if the plan does not; None
+            if several times as many do not.
         seed: of the random generator, or None.
     """
 
@@ -108,7 +102,7 @@ class MeasurementPlan(PlanOfRecords):
 
     @property
     def asked(self) -> bool:
-        """True if the caller requested the split."""
+        """True for a requested split."""
         return self.pairs is None
 
     @property
@@ -118,18 +112,18 @@ class MeasurementPlan(PlanOfRecords):
 
     @property
     def needed(self) -> bool:
-        """True if the existing records alone do not distinguish the causes."""
+        """True if the existing records do not distinguish them."""
         if self.before is None or self.before.same:
             return True
         return self.before.probability < DECIDED
 
     @property
     def setup(self) -> str:
-        """The changes of the set-up as text."""
+        """Changes of the set-up as text."""
         return set_up_in_words(self.set_up)
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Save the plan as a measurement file (CSV) with empty references for you to complete.
+        """Save the measurement file (CSV) to complete.
 
         Raises:
             OutputError: see :func:`aacmm_pin._support.output_files.whole_file`.
@@ -138,7 +132,7 @@ class MeasurementPlan(PlanOfRecords):
             temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def summary(self) -> dict[str, Any]:
-        """Return the content of the JSON file with the schema ``aacmm-pin/plan/1``."""
+        """Return the JSON content of schema ``aacmm-pin/plan/1``."""
         pairs: dict[str, Any] | None = None
         if self.pairs is not None:
             told = self.pairs["told"]

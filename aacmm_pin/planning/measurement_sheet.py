@@ -1,4 +1,4 @@
-"""From chosen records to the plan: their order, and the file to complete."""
+"""From chosen records to the plan: order, and file to complete."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHEET_DECIMALS = 6
 
 
 def planned_records(task: Task, situation: Situation, chosen: list[int]) -> dict[str, Any]:
-    """Fields of :class:`PlanOfRecords`: the chosen records in order, and the file to complete."""
+    """Fields of :class:`PlanOfRecords`: chosen records in order, and the file to complete."""
     records = situation.pool.take(np.array(chosen))
     conditions = records.conditions
     # Early before late, cold before warm, seat by seat, then by joint 1: the arm swings round once.
@@ -49,8 +49,8 @@ def planned_records(task: Task, situation: Situation, chosen: list[int]) -> dict
 def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame:
     """The file to complete, with the columns of the existing records.
 
-    Cells to measure are empty, such as conditions for which neither the plan nor the existing
-    records have a value. Coordinates of known seats and constant u stay.
+    Cells to measure are empty, also conditions without planned or existing value. Coordinates of
+    known seats and constant u stay.
     """
     stated = records.conditions.seat is not None and existing is not None
     has_u = stated and np.isfinite(records.reference_u).all()

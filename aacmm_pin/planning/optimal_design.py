@@ -1,4 +1,4 @@
-"""Records chosen one by one from a pool, then exchanged, and criteria of the choice."""
+"""Records chosen one by one, then exchanged, and criteria of the choice."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.planning.separability import Pair, Separation
 
 OTHER_DISTANCE_WEIGHT = 1e-3
-"""Weight of the better determined direction, which decides only among equals in the worse one."""
+"""Weight of the better determined direction: it decides among equals."""
 
 Score = Callable[[Array], Array]
-"""Value of each record of the pool as the next one (n,), from the present information (p, p)."""
+"""Value of each record as the next one (n,), from the present information (p, p)."""
 
 
 def chosen_records(
@@ -21,8 +21,8 @@ def chosen_records(
 ) -> list[int]:
     """Numbers of the records ``rows`` (n, 3, p) that are best beside ``information`` (p, p).
 
-    Each of the ``steps`` adds one record. Then each record is exchanged for the best one, for at
-    most so many ``rounds``, until nothing changes (Fedorov 1972).
+    Each of the ``steps`` adds one. Then each is exchanged for the best one, up to ``rounds`` times,
+    until nothing changes (Fedorov 1972).
     """
     taken: list[int] = []
 
@@ -57,9 +57,9 @@ def d_optimality(rows: Array) -> Score:
 def t_optimality(
     rows: Array, blocks: Sequence[slice], sizes: Sequence[Array], pairs: Sequence[Pair]
 ) -> Score:
-    """The smaller distance of the worst distinguished pair of causes, if only these two act.
+    """The smaller distance of the worst distinguished pair, if only these two act.
 
-    The ``blocks`` are the last columns of the rows, each cause with its block and size.
+    The ``blocks`` are the last columns of the rows, one for each cause.
     """
     nuisances = rows.shape[2] - blocks[-1].stop
     columns = np.arange(rows.shape[2])

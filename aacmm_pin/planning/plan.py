@@ -1,4 +1,4 @@
-"""Plan records that distinguish causes with similar effects."""
+"""Plan records that distinguish similar causes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from aacmm_pin.planning.task import Task, require_separable, usual_causes
 
 PlannedScheme = Literal["free", "seats"]
 POOL_SIZE = 2000
-"""Postures from which a plan chooses."""
+"""Postures to choose from."""
 
 
 def plan_measurements(
@@ -54,42 +54,39 @@ def plan_measurements(
 ) -> MeasurementPlan:
     """Plan records that distinguish two causes, or all possible causes of the arm.
 
-    For two causes k and l the plan maximises the smaller of ``T_kl`` and ``T_lk``. The definition
-    is ``T_kl = min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` (T-optimality: Atkinson, Fedorov
-    1975, Biometrika 62). The noise of the records whitens all terms. Z is the sensitivity to the
-    parameters that every fit estimates: geometry within its stated uncertainties, an unknown frame,
-    and the seats. The vector β_k has the values of the cause. If the values are zero, β_k has the
-    typical magnitude in any direction. The algorithm adds records one by one, then exchanges each
-    record once. The plan first tries postures only. If postures do not suffice, the plan adds
-    conditions of the causes (approach, temperature, warm-up), then a load, then another mount.
+    For two causes k and l the plan maximises the smaller of ``T_kl`` and ``T_lk``, with ``T_kl =
+    min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` (T-optimality: Atkinson, Fedorov 1975,
+    Biometrika 62), whitened by the noise. Z is the sensitivity to what every fit estimates:
+    geometry within its stated uncertainties, an unknown frame, and seats. β_k has the values of the
+    cause or, if zero, the typical magnitude in any direction. Records are added one by one, then
+    each is exchanged once. If postures do not suffice, the plan adds conditions of the causes
+    (approach, temperature, warm-up), then a load, then another mount.
 
-    Without ``split``, each record is the best for the pair of causes that the records so far
-    distinguish worst. The plan then exchanges no record.
+    Without ``split``, each record is the best for the pair distinguished worst so far; none is
+    exchanged.
 
     Args:
-        model: the arm, or the arm with causes of error; the causes keep their values.
-        split: two causes, or labels such as ``joint_compliance:2``; None for all causes.
-        records: number of records to plan.
-        existing: records that you will evaluate together with the new records.
-        scheme: ``free`` if you add the coordinates of each record later (laser tracker); ``seats``
-            for the seats of the existing records, or for new seats.
+        model: arm, perhaps with causes of error, which keep their values.
+        split: two causes, or labels such as ``joint_compliance:2``; None for all.
+        records: to plan.
+        existing: records to evaluate together with the new ones.
+        scheme: ``free`` if each record gets coordinates (laser tracker); ``seats`` for existing or
+            new seats.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
-            see :func:`aacmm_pin.calibration.calibrate`. For noise without a stated value, the plan
-            assumes a typical value, and a note states the assumption.
-        above: height of a table above the base origin, against gravity [m]; the tip stays above the
-            table.
+            see :func:`aacmm_pin.calibration.calibrate`. A note states an assumed noise.
+        above: height of a table over the base origin, against gravity [m], above which the tip
+            stays.
         as_it_stands: exclude a load and another mount.
-        postures: number of available postures; fewer postures need less time.
-        rng: random generator; default seed 1.
-        progress: True for a progress bar in a notebook or on stderr, or a function such as
-            ``tqdm``.
+        postures: available; fewer need less time.
+        rng: default seed 1.
+        progress: show a bar in a notebook or on stderr; or a function such as ``tqdm``.
 
     Raises:
-        UnknownNameError: a cause, field, scheme or frame is unknown.
-        MissingConditionError: the existing records lack a condition that a cause of the arm needs.
-        UnsupportedArmError: the arm lacks a property that a cause needs, such as masses.
-        AacmmError: no plan can distinguish the causes, there are too few records or postures, or
-            the existing records are of another arm.
+        UnknownNameError: of a cause, field, scheme or frame.
+        MissingConditionError: existing records lack a condition that a cause needs.
+        UnsupportedArmError: it lacks what a cause needs, such as masses.
+        AacmmError: no plan can distinguish them, too few records or postures, or records of another
+            arm.
     """
     model = ErrorModel.of(model).restricted_to_known_range()
     existing = None if existing is None else as_measurements(existing, model.arm)
@@ -139,10 +136,10 @@ def prepared(
     above: float | None,
     rng: np.random.Generator,
 ) -> tuple[Task, Measurements, tuple[Note, ...]]:
-    """The task with complete noise, the postures to choose from, and notes on assumptions.
+    """The task with complete noise, postures to choose from, and notes on assumptions.
 
     Raises:
-        UnknownNameError: the scheme is unknown.
+        UnknownNameError: of the scheme.
         AacmmError: too few records or postures, or existing records of another arm.
     """
     arm = model.arm
@@ -189,10 +186,10 @@ def prepared(
 def _usable(
     causes: tuple[Effect, ...], existing: Measurements | None, named: bool
 ) -> tuple[tuple[Effect, ...], Measurements | None, tuple[Note, ...]]:
-    """The causes and the existing records that can be used together, and notes on the others.
+    """Causes and existing records that can be used together, and notes on others.
 
-    If records lack a condition of a cause, the records do not count if the causes were ``named``;
-    else the cause does not count.
+    If records lack a condition of a cause, a ``named`` cause counts and the records do not, else
+    the reverse.
     """
     if existing is None:
         return causes, None, ()

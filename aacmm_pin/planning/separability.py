@@ -1,4 +1,4 @@
-"""Distances of the effects of causes, and the probability of the right decision."""
+"""Distances of effects, and the probability of the right decision."""
 
 from __future__ import annotations
 
@@ -16,25 +16,23 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin.effects import Effect
 
 SAME_FRACTION = 1e-4
-"""Below this part of the squared effect of one cause, another has the same effect."""
+"""Below this part of the squared effect of a cause, another has the same effect."""
 UNDETECTABLE = 1e-6
-"""Squared effect, in units of the noise, below which a cause is not detectable."""
+"""Squared effect over the noise, below which a cause is not detectable."""
 FREQUENCIES = 0.15 * (np.arange(200) + 0.5)
-"""Abscissas of a characteristic function, over the standard deviation: right to 1e-4."""
+"""Of a characteristic function, over the standard deviation: right to 1e-4."""
 RANDOM_DIRECTIONS = 150
-"""Random directions of a cause with three or more parameters: right to 0.02."""
+"""For a cause with three or more parameters: right to 0.02."""
 CERTAIN = 12.0
-"""A difference with a mean of so many standard deviations is positive for certain."""
+"""A mean of so many standard deviations is positive for certain."""
 
 Pair = tuple[int, int]
 
 
 def size_of(effect: Effect) -> Array:
-    """Size of a cause as F (q, m) in units of its typical magnitudes: its parameters are F times a
-    vector of unit variance.
+    """Size F (q, m) in typical magnitudes: parameters are F times a vector of unit variance.
 
-    F has the values of the effect, their magnitude in any direction, or the typical magnitude if
-    all values are zero.
+    F has the values, their magnitude in any direction, or the typical magnitude if all are zero.
     """
     scaled = np.array(effect.values) / [term.typical for term in effect.terms]
     if not scaled.any():
@@ -49,10 +47,9 @@ class Power(Shown):
     """How well two causes are distinguished.
 
     Attributes:
-        one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²`` if the first cause is true, and the
-            second.
-        alone: ``min ‖G_k β_k - Z η‖²``, the detectable effect of each cause.
-        probability: of the right decision between the causes by their evidence.
+        one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²`` if the first cause is true; the second.
+        alone: ``min ‖G_k β_k - Z η‖²`` of each, the detectable effect.
+        probability: of the right decision by evidence.
     """
 
     one: float
@@ -62,19 +59,19 @@ class Power(Shown):
 
     @property
     def least(self) -> float:
-        """The smaller of the two distances, which decides."""
+        """The smaller T, which decides."""
         return min(self.one, self.other)
 
     @property
     def open(self) -> tuple[bool, bool]:
-        """Whether each has an effect that the other cannot have."""
+        """Whether each has effects that the other cannot have."""
         distances = np.array([self.one, self.other])
         one, other = _is_open(distances, np.array(self.alone)).tolist()
         return one, other
 
     @property
     def same(self) -> bool:
-        """One cause has the same effect as the other in these records, or none."""
+        """Whether one has the same effect as the other here, or none."""
         return not all(self.open)
 
 
@@ -82,8 +79,8 @@ class Separation(NamedTuple):
     """Distances of the effects of causes.
 
     Attributes:
-        distances: ``min over β_l of ‖R_k F_k - R_l β_l‖²`` of each cause k from each other l
-            (causes, causes); F from :func:`size_of`.
+        distances: ``min over β_l of ‖R_k F_k - R_l β_l‖²`` of cause k from l (causes, causes); F
+            from :func:`size_of`.
         alone: ``‖R_k F_k‖²``, the detectable effect of each cause (causes,).
     """
 
@@ -92,9 +89,7 @@ class Separation(NamedTuple):
 
     @staticmethod
     def of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Separation:
-        """From records with the triangle ``r`` (``S = RᵀR``), with a block of columns of each
-        cause.
-        """
+        """From the triangle ``r`` (``S = RᵀR``), with a block of columns of each cause."""
         effects = np.hstack([r[:, block] @ size for block, size in zip(blocks, sizes, strict=True)])
         first = np.cumsum([0, *(size.shape[1] for size in sizes[:-1])])
         distances = []
@@ -107,12 +102,12 @@ class Separation(NamedTuple):
 
     @property
     def detectable_pairs(self) -> list[Pair]:
-        """Pairs of causes with a detectable effect."""
+        """Pairs of detectable causes."""
         detectable = np.flatnonzero(self.alone > UNDETECTABLE)
         return [*combinations(detectable.tolist(), 2)]
 
     def same(self, pair: Pair) -> bool:
-        """Whether one cause of a pair can have every effect of the other, or is not detectable."""
+        """Whether one can have every effect of the other, or is not detectable."""
         open_ = _is_open(self.distances, self.alone[:, None])
         return not (open_[pair] and open_[pair[::-1]])
 
@@ -126,14 +121,14 @@ class Separation(NamedTuple):
 
 
 def _is_open(distances: Array, alone: Array) -> Mask:
-    """Causes with detectable effects that others cannot have."""
+    """Detectable causes with effects that others cannot have."""
     return (alone > UNDETECTABLE) & (distances > SAME_FRACTION * alone)
 
 
 def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power:
-    """How well records with the triangle ``r`` distinguish two blocks of its columns.
+    """How well records of triangle ``r`` distinguish two blocks of columns.
 
-    The probability is that the true cause has the larger evidence, if both are as likely.
+    The probability is that the true cause has the larger evidence, both as likely.
     """
     distances, (first, second) = Separation.of(r, blocks, sizes)
     one, other = (r[:, block] for block in blocks)
@@ -144,11 +139,11 @@ def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power
 
 
 def _right_decision(mine: Array, its: Array, size: Array, shows: float) -> float:
-    """Probability that the true cause, with columns ``mine`` (p, q), has the larger evidence,
-    averaged over the directions of β.
+    """Probability that the true cause, ``mine`` (p, q), has the larger evidence, averaged over
+    directions of β.
 
-    The prior variance of either cause lets it show as much as the true one does, so that size does
-    not decide. The difference of the evidences of ``y = R β + noise`` is a quadratic form.
+    Either prior variance lets a cause show as much as the true one, so that size does not decide.
+    The difference of evidences of ``y = R β + noise`` is a quadratic form.
     """
     (gain, complexity), (other_gain, other_complexity) = (
         _evidence(block, shows) for block in (mine, its)
@@ -162,7 +157,7 @@ def _right_decision(mine: Array, its: Array, size: Array, shows: float) -> float
 
 def _exceeds(threshold: float, weights: Array, noncentrality: Array) -> float:
     """Probability that ``Σ λ (z + δ)²`` exceeds a threshold: z standard normal, λ weights, δ²
-    noncentralities (p,).
+    noncentrality (p,).
 
     By its characteristic function (Gil-Pelaez 1951, Biometrika 38; Imhof 1961, Biometrika 48).
     """
@@ -183,8 +178,7 @@ def _exceeds(threshold: float, weights: Array, noncentrality: Array) -> float:
 
 
 def _evidence(r: Array, shows: float) -> tuple[Array, float]:
-    """G (p, p) and c of twice the log evidence ``yᵀ G y - c`` of records y (p,), relative to no
-    cause.
+    """G (p, p) and c of twice the log evidence ``yᵀ G y - c`` of y (p,), relative to no cause.
 
     With a normal prior of variance w², ``w² tr S = shows``: ``G = R (S + I/w²)⁻¹ Rᵀ``, ``c = log
     det(I + w² S)``.
@@ -200,9 +194,7 @@ def _evidence(r: Array, shows: float) -> tuple[Array, float]:
 
 
 def _directions(count: int) -> Array:
-    """Vectors of length ``√count`` (count, m): even over half a circle, or random in more
-    dimensions.
-    """
+    """Of length ``√count`` (count, m): even over half a circle, or random in more dimensions."""
     if count == 1:
         return np.ones((1, 1))
     if count == 2:

@@ -1,4 +1,4 @@
-"""The task of a plan: the arm, causes to distinguish, existing records, and set-up."""
+"""The task: arm, causes to distinguish, existing records, set-up."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Task:
     """The task of a plan.
 
     Attributes:
-        causes: to distinguish, all parameters zero.
-        existing: records to evaluate together with the new ones.
-        setup: how records are taken, with the noise of readings, references and contacts.
+        causes: to distinguish, values zero.
+        existing: evaluated with the new records.
+        setup: how records are taken, with all noise.
     """
 
     model: ErrorModel
@@ -31,24 +31,24 @@ class Task:
 
     @property
     def conditions(self) -> Conditions:
-        """Conditions of the existing records."""
+        """Of the existing records."""
         return Conditions(0) if self.existing is None else self.existing.conditions
 
     @property
     def temperature(self) -> float:
-        """Mean temperature so far, else the reference temperature of the arm [°C]."""
+        """Mean so far, else the reference temperature of the arm [°C]."""
         for values in (self.conditions.temperature, self.conditions.link_temperature):
             if values is not None:
                 return float(np.round(values.mean(), 1))
         return self.model.arm.reference_temperature
 
     def problem(self, model: ErrorModel, records: Measurements) -> Problem:
-        """Geometry and the causes unknown; other effects of the model stay."""
+        """Geometry and causes unknown; other effects of the model stay."""
         return problem_of(model, records, ["geometry", *self.causes], self.setup)
 
     @cached_property
     def frame(self) -> Frame:
-        """Where the base is in the frame of the references, as existing records determine it."""
+        """The base in the frame of the references, by existing records."""
         if not self.setup.external or self.existing is None or self.existing.known.sum() < 3:
             return Frame.identity()
         placed = self.existing.take(self.existing.known)
@@ -59,7 +59,7 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
     """Refuse causes that no plan can distinguish.
 
     Raises:
-        AacmmError: a cause that every fit estimates, on a row that the arm lacks, or stated twice.
+        AacmmError: one that every fit estimates, on a row that the arm lacks, or twice.
     """
     for effect in effects:
         # The tip is refitted only where the target is unknown.
@@ -79,7 +79,7 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
 
 
 def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:
-    """Every further possible cause of typical magnitude, without causes with an order or time of
+    """Every further possible cause of typical magnitude, but for those with an order or time of
     their own.
     """
     present = {effect.identity for effect in model.effects}
