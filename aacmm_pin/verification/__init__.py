@@ -1,4 +1,4 @@
-"""Acceptance tests: plans, test values and verdicts by public descriptions of two standards."""
+"""Acceptance tests by public descriptions of two standards: plans, test values, verdicts."""
 
 from aacmm_pin.verification.acceptance import (
     GUARD_BAND_FACTOR,

@@ -1,4 +1,4 @@
-"""Acceptance of an arm: the test value and the verdict of each characteristic of a file."""
+"""Test value and verdict of each characteristic of a file."""
 
 from __future__ import annotations
 
@@ -32,35 +32,35 @@ from aacmm_pin.verification.places import PointsInFile
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 GUARD_BAND_FACTOR = 2.0
-"""Coverage factor of the guard band U = 2 u (ISO 14253-1:1998 and 2013). By default ISO
-14253-1:2017 has 1.65 u (95 % at one limit): U makes more verdicts inconclusive.
+"""Of the guard band U = 2 u (ISO 14253-1:1998 and 2013). ISO 14253-1:2017 has 1.65 u by default (95
+% at one limit): U makes more verdicts inconclusive.
 """
 FAR_BELOW = 100.0
-"""An MPE above 1 mm that is this many times the test value may be in another unit."""
+"""An MPE above 1 mm and so many test values may be in another unit."""
 LONGEST_PART = 0.66
-"""Least part of the measuring range that the longest length has (ISO 10360-12:2016, by public
+"""Least part of the measuring range of the longest length (ISO 10360-12:2016, by public
 descriptions).
 """
 
 IN_RANGE = ("length-uni", "length-bi")
-"""Tests to which :data:`LONGEST_PART` applies."""
+"""Where :data:`LONGEST_PART` applies."""
 MOST_LACKING = 3
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
 SHOWN_AS: dict[str, str] = {"non-conformity": "nonconformity", "neither": "inconclusive"}
-"""Verdicts of files in the words of ISO 14253-1."""
+"""Verdicts in the words of ISO 14253-1."""
 WORST_FIRST: tuple[Verdict, ...] = ("non-conformity", "neither", "conformity")
 
 
 @dataclass(frozen=True)
 class CharacteristicValue:
-    """The test value of one characteristic, from one set of coordinates.
+    """Test value of a characteristic, from one set of coordinates.
 
     Attributes:
-        source: the coordinates: those of the file, or of the arm of this name from its readings.
+        source: coordinates: of the file, or of the arm of this name.
         evaluated: test value and standard uncertainty [m], and missing points.
-        mpe: maximum permissible error [m]; nan if not given.
-        places: the probed points of each error of which the test value is the largest.
+        mpe: maximum permissible error [m], or nan.
+        places: probed points of each error, of which the value is the largest.
     """
 
     source: str
@@ -71,7 +71,7 @@ class CharacteristicValue:
 
     @property
     def where(self) -> PointsInFile | None:
-        """The probed points of the largest error; None if all points determine the test value."""
+        """Probed points of the largest error; None if all determine the value."""
         if not self.places:
             return None
         sizes = np.abs(self.evaluated.errors[:, 0])
@@ -79,17 +79,17 @@ class CharacteristicValue:
 
     @property
     def verdict(self) -> Verdict | None:
-        """Verdict by ISO 14253-1:2013 with the guard band U = 2u; None without a value or an MPE. A
-        u not stated is zero.
+        """By ISO 14253-1:2013 with the guard band U = 2u; None without value or MPE. A u not stated
+        is zero.
 
-        Each error has its own U: the largest conforms if every error does.
+        Each error has its own U: the value conforms if every error does.
         """
         if math.isnan(self.evaluated.value) or math.isnan(self.mpe):
             return None
         return _verdict(*self._sizes, self.mpe)
 
     def row(self) -> dict[str, Any]:
-        """A row of a table, lengths in mm, nan for missing numbers."""
+        """Row of a table, lengths in mm, nan if missing."""
         definition = self.definition
         evaluated = self.evaluated
         return {
@@ -109,7 +109,7 @@ class CharacteristicValue:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """The row for JSON, None for nan, with the labels and rows of the largest error."""
+        """The row for JSON, None for nan, with labels and rows of the largest error."""
         row = {key: None if pd.isna(value) else value for key, value in self.row().items()}
         place = self.where
         where = None if place is None else {**place.labels, "rows": [*place.rows]}
@@ -129,7 +129,7 @@ class CharacteristicValue:
 
     @property
     def decided_by(self) -> tuple[float, float, int] | None:
-        """Magnitude, U [m] and index of a smaller error whose U alone forbids a better verdict, or
+        """Magnitude, U [m] and index of a smaller error whose U forbids a better verdict, or
         None.
         """
         size, guard = self._sizes
@@ -145,7 +145,7 @@ class CharacteristicValue:
 
     @property
     def missing(self) -> str:
-        """What is missing, in words; "" if nothing."""
+        """In words; "" if nothing."""
         number = self.evaluated.missing
         lacking = self.evaluated.lacking
         text = count(number, self.definition.counted) if number else self.evaluated.why_incomplete
@@ -156,7 +156,7 @@ class CharacteristicValue:
 
 
 def shown_verdict(verdict: str | None) -> str:
-    """A verdict in the words of readers."""
+    """In the words of readers."""
     return SHOWN_AS.get(verdict or "", verdict or "")
 
 
@@ -169,7 +169,7 @@ def _verdict(size: Array, guard: Array, mpe: float) -> Verdict:
 def _worst(
     figures: Sequence[CharacteristicValue],
 ) -> tuple[Verdict | None, tuple[CharacteristicValue, ...]]:
-    """The worst verdict, and its characteristics; one without value counts as neither."""
+    """The worst verdict, and its characteristics; without value it is neither."""
     for verdict in WORST_FIRST:
         having = tuple(figure for figure in figures if (figure.verdict or "neither") == verdict)
         if having:
@@ -183,13 +183,11 @@ class AcceptanceResult(Shown):
 
     Attributes:
         path: file of probed points.
-        figures: test value of each characteristic, grouped by set of coordinates.
+        figures: test values, grouped by set of coordinates.
         notes: assumptions.
-        stated: different numbers or labels in columns that describe the whole test, such as
-            ``temperature_c``.
-        measuring_range: measuring range of the arm [m]; None if not given.
-        longest: calibrated length in each test that :func:`accept` compared with 66 % of the range
-            [m].
+        stated: different entries in columns of the whole test, such as ``temperature_c``.
+        measuring_range: of the arm [m], or None.
+        longest: length of each test that :func:`accept` compared with 66 % of the range [m].
         data: content of the file.
     """
 
@@ -203,20 +201,20 @@ class AcceptanceResult(Shown):
 
     @property
     def failed(self) -> tuple[CharacteristicValue, ...]:
-        """The characteristics with the verdict ``non-conformity``."""
+        """Characteristics with the verdict ``non-conformity``."""
         return tuple(figure for figure in self.figures if figure.verdict == "non-conformity")
 
     @property
     def verdict(self) -> Verdict | None:
-        """The worst verdict of all sets of coordinates; None if no MPE was given."""
+        """Worst verdict of all coordinates; None without MPE."""
         return _worst([figure for figure in self.figures if not math.isnan(figure.mpe)])[0]
 
     @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
-        """For each set of coordinates, the worst verdict and the characteristics with this verdict.
+        """For each set of coordinates, the worst verdict and its characteristics.
 
-        Only characteristics with an MPE count; without an MPE the verdict is None. A characteristic
-        with an MPE but without a test value counts as ``neither`` (inconclusive).
+        Characteristics with an MPE count; without any the verdict is None. One without test value
+        is ``neither`` (inconclusive).
         """
         sources = dict.fromkeys(figure.source for figure in self.figures)
         return {source: _worst(self._with_mpe(source)) for source in sources}
@@ -242,13 +240,11 @@ class AcceptanceResult(Shown):
         return f"{shown_verdict(verdict)}, decided by {', '.join(names)}. {given}"
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with one row for each characteristic, lengths in mm; NaN for missing
-        numbers.
-        """
+        """Return a table of characteristics, lengths in mm; NaN if missing."""
         return pd.DataFrame([figure.row() for figure in self.figures])
 
     def summary(self) -> dict[str, Any]:
-        """Return the content of the JSON file with the schema ``aacmm-pin/acceptance/1``."""
+        """Return the JSON content of schema ``aacmm-pin/acceptance/1``."""
         overall = []
         for source, (verdict, by) in self.overall.items():
             names = [figure.definition.name for figure in by]
@@ -273,28 +269,26 @@ def accept(
     standard: str | None = None,
     measuring_range: float | None = None,
 ) -> AcceptanceResult:
-    """Determine the characteristics of ISO 10360-12:2016 and ASME B89.4.22-2004 from probed points,
-    and compare each with its limit.
+    """Determine characteristics of ISO 10360-12:2016 and ASME B89.4.22-2004 from probed points, and
+    compare them with limits.
 
-    The definitions follow public descriptions; no comparison with the texts of the standards was
-    made.
+    Definitions follow public descriptions; nobody compared them with the standards.
 
     Args:
-        path: CSV file of probed points; see the acceptance columns in the documentation.
-            Coordinates are those of the probe centre.
-        arms: arms that compute coordinates from the readings of the file, by their names in the
-            result.
-        mpe: maximum permissible errors by the name of the characteristic [m].
-        standard: ``iso10360-12`` or ``asme-b89.4.22``; the result then has all characteristics of
-            this standard alone, even without probed points.
-        measuring_range: diameter of the working volume of the arm [m]. E_Uni and E_Bi then have a
-            test value only if the longest length is at least 66 % of the range.
+        path: CSV file of probed points (acceptance columns of the documentation), with coordinates
+            of the probe centre.
+        arms: compute coordinates from readings; by their names in the result.
+        mpe: maximum permissible errors by characteristic [m].
+        standard: ``iso10360-12`` or ``asme-b89.4.22``: the result has all its characteristics
+            alone, even without probed points.
+        measuring_range: diameter of the working volume [m]. E_Uni and E_Bi then have a value only
+            if the longest length is at least 66 % of it.
 
     Raises:
-        MeasurementFileError: the file cannot be used.
-        UnknownNameError: a characteristic or a standard is unknown.
-        AacmmError: an MPE or the range is not a positive number, an arm does not fit the file, or
-            all lengths have another unit.
+        MeasurementFileError: it cannot be used.
+        UnknownNameError: of a characteristic or standard.
+        AacmmError: an MPE or range is not positive, an arm does not fit the file, or all lengths
+            have another unit.
     """
     limits = checked_limits(mpe)
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
@@ -347,10 +341,10 @@ def accept(
 
 
 def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
-    """The maximum permissible errors [m].
+    """Maximum permissible errors [m].
 
     Raises:
-        UnknownNameError: a characteristic is unknown.
+        UnknownNameError: of a characteristic.
         AacmmError: a limit is outside ``plausible.MPE``.
     """
     mpe = mpe or {}
@@ -368,7 +362,7 @@ def _in_range(
     probed_points: pd.DataFrame,
     measuring_range: float | None,
 ) -> Evaluated:
-    """A length error, without its value if the lengths are too short for the range."""
+    """A length error, without value if the lengths are too short."""
     longest = probed_points["length"].max()
     if definition.test not in IN_RANGE or measuring_range is None or evaluated.missing:
         return evaluated

@@ -1,4 +1,4 @@
-"""The probed points of an acceptance file, by its coordinates and by each arm."""
+"""Probed points of an acceptance file, by its coordinates and by each arm."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ CHECK_COLUMNS = (
     "feature_diameter_mm",
     "length_mm",
 )
-"""Columns that describe the whole check."""
+"""Columns of the whole check."""
 AS_GIVEN = "coordinates of the file"
-"""Name of the coordinates that the software of the arm computed."""
+"""Coordinates that the software of the arm computed."""
 OF_TEST = tuple(name for column in PROBED_POINT_COLUMNS for name in column.names)
 
 
@@ -46,11 +46,11 @@ class ProbedPoints(NamedTuple):
     """The content of a file.
 
     Attributes:
-        sets: tables of the points by the coordinates of the file and by each arm, with the fields
-            of :func:`aacmm_pin.measurements.read_probed_points`, and the centre of the probe ``x``,
-            ``y``, ``z`` [m].
-        notes: how the file was read.
-        stated: the different values of the columns :data:`CHECK_COLUMNS`.
+        sets: points by the coordinates of the file and by each arm: the fields of
+            :func:`aacmm_pin.measurements.read_probed_points`, and probe centre ``x``, ``y``, ``z``
+            [m].
+        notes: on reading.
+        stated: different values of :data:`CHECK_COLUMNS`.
     """
 
     sets: dict[str, pd.DataFrame]
@@ -59,7 +59,7 @@ class ProbedPoints(NamedTuple):
 
 
 def brief(source: str, most: int) -> str:
-    """The name of a set of coordinates, in at most so many characters."""
+    """A name in at most ``most`` characters."""
     if source == AS_GIVEN:
         return "file"
     return source if len(source) <= most else f"…{source[1 - most :]}"
@@ -69,8 +69,8 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
     """The probed points of a file, by its coordinates and by each arm.
 
     Raises:
-        MeasurementFileError: a column is missing, a cell is invalid, or there are no coordinates.
-        AacmmError: the readings are outside the range of an effect of an arm.
+        MeasurementFileError: a missing column, an invalid cell, or no coordinates.
+        AacmmError: readings outside the range of an effect.
     """
     table, lines, read_as, _ = read_table(path, content)
     problems = Problems(path, lines)
@@ -127,7 +127,7 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
 def _by_arms(
     table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel], unfilled: list[str]
 ) -> tuple[dict[str, Array], list[Note]]:
-    """The tip by each arm with its effects (n, 3) [m], and notes on the readings.
+    """The tip by each arm (n, 3) [m], and notes on readings.
 
     ``unfilled`` columns are empty in every row.
     """

@@ -1,6 +1,6 @@
-"""The characteristics of ISO 10360-12 and ASME B89.4.22, by public descriptions.
+"""Characteristics of ISO 10360-12 and ASME B89.4.22, by public descriptions.
 
-Nobody compared the definitions with the texts of the standards; every verdict states this.
+Nobody compared them with the standards; every verdict states this.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ ISO = "ISO 10360-12"
 ASME = "ASME B89.4.22"
 PAPER = "Xu You et al. 2019"
 EDITIONS = {ISO: "ISO 10360-12:2016", ASME: "ASME B89.4.22-2004"}
-"""Editions of the public descriptions."""
+"""Of the public descriptions."""
 RULE_OF = "ISO 14253-1:2013"
-"""Edition of the decision rule."""
+"""Of the decision rule."""
 StandardName = Literal["iso10360-12", "asme-b89.4.22"]
 STANDARDS: dict[str, str] = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
 
@@ -53,11 +53,11 @@ class Definition:
 
     Attributes:
         standard: without edition, see :data:`EDITIONS`.
-        test_name: name of the test in the standard.
-        test: name of the test in acceptance files.
-        evaluate: function of the probed points of the test.
+        test_name: in the standard.
+        test: in acceptance files.
+        evaluate: function of the test's points.
         counted: ``probed point`` or ``length``.
-        column: the characteristic is omitted if this column is empty in all rows of the test.
+        column: without cells in it, the characteristic is omitted.
     """
 
     name: str
@@ -70,12 +70,12 @@ class Definition:
 
     @property
     def text(self) -> str:
-        """The characteristic in words."""
+        """In words."""
         return str(Note(self.name))
 
 
 UNCALIBRATED = ("P_Form", "L_Dia", "SPAT", "SinglePoint")
-"""Beginnings of names of characteristics without calibrated value."""
+"""Beginnings of names without calibrated value."""
 TWO_SPHERES = Needed(((SPHERE, 2),), 25)
 FIVE_REPEATS = Needed(((SPHERE, 1), (("repeat",), 5)), 5)
 THREE_REPEATS = Needed((((*SPHERE, "repeat"), 3),), 9)
@@ -145,10 +145,10 @@ DEFINITIONS = (
 
 
 def definitions(standard: str | None) -> list[Definition]:
-    """The characteristics of a standard, or all.
+    """Characteristics of a standard, or all.
 
     Raises:
-        UnknownNameError: the standard is unknown.
+        UnknownNameError: of the standard.
     """
     if standard is not None and standard not in STANDARDS:
         raise UnknownNameError("standard", standard, [*STANDARDS])

@@ -1,6 +1,4 @@
-"""Mistakes that probed points show: copies, other units, outliers of spheres, wrong probe
-diameters.
-"""
+"""Mistakes that probed points show: copies, units, outliers of spheres, probe diameters."""
 
 from __future__ import annotations
 
@@ -21,27 +19,27 @@ from aacmm_pin.verification.spheres import FEWEST_POINTS, FittedSphere, fitted_s
 COPY_TOLERANCE = 5e-7
 """Nearer coordinates are a copy rounded to a micrometre or finer [m]."""
 PART_OF_RANGE = 0.1
-"""Positions of a test extend over more than this part of the measuring range."""
+"""Positions of a test extend over more of the measuring range."""
 CLOSE = 3e-3
 """A smaller extent of a test may be in another unit [m]."""
 IMPLAUSIBLE_LENGTH_FACTOR = 2.0
-"""No arm measures a length too long or too short by this factor."""
+"""No arm measures lengths wrong by this factor."""
 UNIT_FACTOR_TOLERANCE = 0.02
-"""Lengths whose factors agree up to this part are in another unit."""
+"""Lengths whose factors agree to this part are in another unit."""
 WRONG_SIZE = 1e-3
-"""No arm measures a diameter with an error as large as this [m]."""
+"""No arm measures a diameter so wrong [m]."""
 LEAST_DISTANCE_FROM_SPHERE = 5e-5
-"""Shorter distances of a probed point from its sphere give no note [m]."""
+"""Shorter distances of a point from its sphere give no note [m]."""
 TIMES_SMALLER = 50.0
-"""Points of a position that scatter so much less than the others may be in another unit."""
+"""Points that scatter so much less than others may be in another unit."""
 CHANCE = 1e-4
-"""Probability of a distance from the sphere below which a note names a probed point."""
+"""Probability of a distance from the sphere that gives a note."""
 TIMES_ITS_LIKE = 10.0
-"""Spheres of few points give a note if their form is so many medians of the others."""
+"""Spheres of few points give a note from so many median forms of the others."""
 
 
 def check_unit(probed_points: pd.DataFrame) -> None:
-    """Check that the lengths of each test are in the unit of the coordinates.
+    """Check that lengths are in the unit of the coordinates.
 
     Raises:
         AacmmError: all lengths are wrong by one factor.
@@ -64,7 +62,7 @@ def check_unit(probed_points: pd.DataFrame) -> None:
 
 
 def doubts(probed_points: pd.DataFrame, measuring_range: float | None) -> Iterator[Note]:
-    """Notes on the probed points of one set of coordinates; ``measuring_range`` in m."""
+    """Notes on the points of one set of coordinates; range in m."""
     at = coordinates_of(probed_points)
     tree = scipy.spatial.KDTree(at)
     distances, _ = tree.query(at, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)
@@ -93,7 +91,7 @@ def doubts(probed_points: pd.DataFrame, measuring_range: float | None) -> Iterat
 
 def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
     """Notes on outliers, on spheres of five or six points with a large form, and on diameters with
-    implausible errors, or errors near the probe diameter.
+    implausible errors, or near the probe diameter.
     """
     by = ["feature", "position"]
     if of_test["test"].iloc[0] != "sphere":
@@ -127,7 +125,7 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
 
 
 def _outlier(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
-    """The point farther from the sphere of the others than chance explains, and its distance."""
+    """The point farther from the sphere of the others than by chance, and its distance."""
     points = coordinates_of(group)
     free = np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
     studentised = np.zeros(len(free))

@@ -1,6 +1,4 @@
-"""Test values from probed points: :class:`OfPoints` of spheres and single points,
-:class:`OfLengths` of calibrated lengths.
-"""
+"""Test values from probed points: spheres and single points, or calibrated lengths."""
 
 from __future__ import annotations
 
@@ -28,8 +26,8 @@ LENGTH_KEY = ("length_id", "position", "repeat")
 """Labels of a measured length."""
 SPHERE = ("feature", "position")
 MOST_DIAMETER_FACTOR = 4.0
-"""Largest ratio of the standard uncertainties of diameter and points. With more, 25 points are
-within about 45° of their middle, nine within 60°.
+"""Largest u of a diameter over that of points. With more, 25 points are within about 45° of their
+middle, nine within 60°.
 """
 REPEATS, POSITIONS = 3, 7
 """Of each length of ISO 10360-12."""
@@ -39,15 +37,15 @@ VOLUMETRIC_LENGTHS, VOLUMETRIC_POSITIONS = 2, 20
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A test value and its standard uncertainty [m].
+    """Test value and its standard uncertainty [m].
 
     Attributes:
         value: nan if points are missing.
         u: nan if not stated.
-        had, missing: numbers of points or lengths.
-        errors: all errors of which the value is the largest, each with its u (n, 2) [m].
-        rows: lines of the points of each error.
-        lacking: names of what was begun, or is present elsewhere, and is missing here.
+        had, missing: of points or lengths.
+        errors: all errors with their u (n, 2) [m], of which the value is the largest.
+        rows: lines of the points of each.
+        lacking: names of what was begun, or is elsewhere, and missing here.
     """
 
     value: float
@@ -61,7 +59,7 @@ class Evaluated:
 
 
 class Error(NamedTuple):
-    """An error, its standard uncertainty [m], and the lines of its points."""
+    """An error, its u [m], and the lines of its points."""
 
     value: float
     u: float = np.nan
@@ -69,7 +67,7 @@ class Error(NamedTuple):
 
 
 def without_value(had: int, missing: int, lacking: Iterable[str] = (), why: str = "") -> Evaluated:
-    """A missing test value."""
+    """No test value."""
     lacked = tuple(lacking)
     return Evaluated(np.nan, np.nan, had, missing, why, lacking=lacked)
 
@@ -83,7 +81,7 @@ def _largest(errors: Sequence[Error], had: int) -> Evaluated:
 
 
 def groups_of(points: pd.DataFrame, by: Sequence[str]) -> list[pd.DataFrame]:
-    """Groups of points with the same labels, in the order of their first rows."""
+    """Points with the same labels, in the order of appearance."""
     return [group for _, group in points.groupby(list(by), sort=False)]
 
 
@@ -91,19 +89,18 @@ def groups_of(points: pd.DataFrame, by: Sequence[str]) -> list[pd.DataFrame]:
 
 
 class Needed(NamedTuple):
-    """Nested groups that a test value needs, such as positions of lengths.
+    """Nested groups that a value needs, such as positions of lengths.
 
     Attributes:
-        levels: labels that distinguish the groups, and their number in each group of the level
-            above.
-        each: rows in each of the innermost groups.
+        levels: labels of groups, and their number in each group above.
+        each: rows in each innermost group.
     """
 
     levels: tuple[tuple[tuple[str, ...], int], ...]
     each: int
 
     def missing(self, table: pd.DataFrame) -> int:
-        """Number of missing rows, of all groups and of every incomplete one."""
+        """Missing rows, of all groups and of every incomplete one."""
         if not self.levels:
             return max(self.each - len(table), 0)
         (by, count), *inner = self.levels
@@ -115,7 +112,7 @@ class Needed(NamedTuple):
         return missing
 
     def begun(self, table: pd.DataFrame) -> Iterator[str]:
-        """Names of the incomplete innermost groups."""
+        """Incomplete innermost groups."""
         labels = [name for by, _ in self.levels for name in by]
         for group in groups_of(table, labels):
             if len(group) < self.each:
@@ -130,8 +127,8 @@ class OfPoints:
     """The largest error of groups of probed points.
 
     Attributes:
-        needed: the outermost labels distinguish the groups.
-        errors: of a group; nan if its points are on a small cap of their sphere.
+        needed: its outermost labels distinguish them.
+        errors: of a group; nan on a small cap of a sphere.
         has_enough: further requirement of a group, or None.
     """
 
@@ -140,7 +137,7 @@ class OfPoints:
     has_enough: Callable[[pd.DataFrame], bool] | None = None
 
     def __call__(self, points: pd.DataFrame) -> Evaluated:
-        """Evaluate the probed points of a test.
+        """Evaluate the points of a test.
 
         Raises:
             AacmmError: the points of a sphere lie in a plane.
@@ -158,13 +155,13 @@ class OfPoints:
 
 
 def size_error(points: pd.DataFrame, sphere: FittedSphere) -> float:
-    """Diameter of the fitted sphere minus calibrated diameter and probe diameter [m]."""
+    """Fitted minus calibrated and probe diameter [m]."""
     stated = points[["feature_diameter", "probe_diameter"]].iloc[0]
     return float(sphere.diameter - stated.iloc[0] - stated.iloc[1])
 
 
 def size_of_sphere(points: pd.DataFrame) -> Iterator[Error]:
-    """Diameter of the least-squares sphere minus the calibrated diameter."""
+    """Least-squares diameter minus the calibrated one."""
     sphere = _sphere(points)
     u = points["u_length"].iloc[0]
     value = np.nan if sphere.diameter_factor > MOST_DIAMETER_FACTOR else size_error(points, sphere)
@@ -172,14 +169,14 @@ def size_of_sphere(points: pd.DataFrame) -> Iterator[Error]:
 
 
 def form_of_sphere(points: pd.DataFrame) -> Iterator[Error]:
-    """Range of the radial distances from the least-squares sphere."""
+    """Range of radial distances from the least-squares sphere."""
     sphere = _sphere(points)
     value = np.nan if sphere.diameter_factor > MOST_DIAMETER_FACTOR else sphere.form
     yield Error(value, rows=rows_of(points))
 
 
 def spread_of_centres(points: pd.DataFrame) -> Iterator[Error]:
-    """Diameter of the smallest sphere around the centres of all repeats."""
+    """Diameter of the smallest sphere around all centres."""
     centres = [_sphere(repeat).center for repeat in groups_of(points, ["repeat"])]
     _, diameter = minimum_circumscribed_sphere(np.array(centres))
     yield Error(diameter, rows=rows_of(points))
@@ -194,15 +191,13 @@ def distances_from_mean(points: pd.DataFrame) -> Iterator[Error]:
 
 
 def standard_deviation(points: pd.DataFrame, times: float = 1.0) -> Iterator[Error]:
-    """Standard deviation of the position of one point, so many times."""
+    """Of the position of one point, so many times."""
     sigma = single_point_statistics(coordinates_of(points)).sigma
     yield Error(times * sigma, rows=rows_of(points))
 
 
 def deviation_of_part(points: pd.DataFrame, accurate: bool) -> Iterator[Error]:
-    """RMS distance from the mean of all points, of the points in postures predicted to be accurate,
-    or of the others.
-    """
+    """RMS distance from the mean of all points, of those in accurate postures or of the others."""
     chosen = _is_in_part(points, accurate)
     statistics = single_point_statistics(coordinates_of(points), chosen)
     yield Error(statistics.part, rows=rows_of(points[chosen]))
@@ -231,13 +226,13 @@ def _sphere(points: pd.DataFrame) -> FittedSphere:
 
 @dataclass(frozen=True)
 class OfLengths:
-    """The largest error of calibrated lengths, or a function of all errors.
+    """The largest error of calibrated lengths, or a function of all.
 
     Attributes:
-        missing: number of missing lengths, from the table of measured lengths.
-        lacking: their names, from the probed points and this table.
-        both_sides: whether the ends are probed from opposite sides, which adds the probe diameter.
-        errors: of the table of measured lengths.
+        missing: number of missing lengths in the table of :func:`measured_lengths`.
+        lacking: their names, from probed points and this table.
+        both_sides: probed from opposite sides, which adds the probe diameter.
+        errors: of this table.
     """
 
     missing: Callable[[pd.DataFrame], int]
@@ -246,10 +241,10 @@ class OfLengths:
     errors: Callable[[pd.DataFrame], Iterable[Error]]
 
     def __call__(self, points: pd.DataFrame) -> Evaluated:
-        """Evaluate the probed points of a test.
+        """Evaluate the points of a test.
 
         Raises:
-            AacmmError: the points at an end lie in a plane, or a length has one end.
+            AacmmError: points of an end in a plane, or a length with one end.
         """
         lengths = measured_lengths(points, self.both_sides)
         if missing := self.missing(lengths):
@@ -263,10 +258,10 @@ class OfLengths:
 
 
 def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
-    """Lengths with both ends probed: labels, calibrated length, its u, error [m], and rows.
+    """Lengths with both ends: labels, calibrated length, its u, error [m], and rows.
 
     Raises:
-        AacmmError: a length has not two features of one point each, or of enough for a sphere.
+        AacmmError: not two features of one point each, or enough for a sphere.
     """
     labels = [*LENGTH_KEY]
     at = ["x", "y", "z"]
@@ -309,14 +304,14 @@ def _with_one_end(points: pd.DataFrame) -> Iterator[PointsInFile]:
 
 
 def errors_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
-    """The error of each length."""
+    """One for each length."""
     yield from map(Error, lengths["error"], lengths["u"], lengths["rows"])
 
 
 def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
     """Twice the RMS error of all lengths [m].
 
-    Its u is at most twice the largest u of a length, if the calibrated lengths share an error.
+    Its u is at most twice the largest of a length, if lengths share an error.
     """
     errors = lengths["error"].to_numpy()
     rms = np.sqrt(np.mean(errors**2))
@@ -325,7 +320,7 @@ def twice_rms_of_lengths(lengths: pd.DataFrame) -> Iterator[Error]:
 
 
 def missing_places(lengths: pd.DataFrame) -> int:
-    """Number of missing positions of 20, with two different lengths."""
+    """Missing positions of 20, each with two lengths."""
     places = len(lengths[["length_id", "position"]].drop_duplicates())
     different = lengths["length_id"].nunique()
     return max(VOLUMETRIC_POSITIONS - places, VOLUMETRIC_LENGTHS - different, 0)
@@ -338,7 +333,7 @@ def lengths_with_one_end(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterato
 
 
 def lengths_not_measured(points: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
-    """Names of missing repeats and positions, from labels elsewhere in the file."""
+    """Missing repeats and positions, by labels elsewhere in the file."""
     measured = {*zip(*(lengths[name] for name in LENGTH_KEY), strict=True)}
     positions = points["position"].unique()
     repeats = points["repeat"].unique()

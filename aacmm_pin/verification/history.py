@@ -1,7 +1,7 @@
-"""The test values of acceptance checks over time, and their control limits.
+"""Test values of acceptance checks over time, and control limits.
 
-An individuals chart (Shewhart; ISO 7870-2:2013): the mean of the earlier values ± 2.66 mean moving
-ranges. Values that did not conform, or were outside their own limits, do not count.
+An individuals chart (Shewhart; ISO 7870-2:2013): mean of earlier values ± 2.66 mean moving ranges.
+Values that did not conform, or were outside their own limits, do not count.
 """
 
 from __future__ import annotations
@@ -41,28 +41,28 @@ HISTORY_COLUMNS = (
     "version",
 )
 LEAST_CHECKS = 8
-"""Earlier checks that limits need. A test value of an unchanged arm is then outside in 3.1 % of
-checks, with 20 earlier checks in 1.9 % (200 000 series each).
+"""Earlier checks for limits: the value of an unchanged arm is then outside in 3.1 % of checks, with
+20 in 1.9 % (200 000 series each).
 """
 PER_MOVING_RANGE = 2.66
-"""Half-width of the limits in mean moving ranges: three standard deviations, 3 / 1.128."""
+"""Three standard deviations in mean moving ranges, 3 / 1.128."""
 HALF = {"SinglePoint.Sigma": "SPAT.2s"}
-"""A characteristic that is half of another, and has no chart of its own beside it."""
+"""Half of another, without a chart beside it."""
 VALUE_TOLERANCE = 1e-9
-"""Values within this tolerance are the same [mm]."""
+"""Of equal values [mm]."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControlChart:
-    """The test values of one characteristic by one arm.
+    """Test values of one characteristic by one arm.
 
     Attributes:
-        arm: the coordinates, as ``source`` in :class:`CharacteristicValue`.
+        arm: ``source`` in :class:`CharacteristicValue`.
         figure: name of the characteristic.
         times: of the checks (n,), ascending.
-        values: magnitudes (n,) [m], the latest check last; signs of largest errors vary.
-        mpe: maximum permissible error of the latest check [m]; nan if not given.
-        failed: nonconforming values (n,).
+        values: magnitudes (n,) [m]; signs of largest errors vary.
+        mpe: of the latest check [m], or nan.
+        failed: nonconforming (n,).
     """
 
     arm: str
@@ -74,7 +74,7 @@ class ControlChart:
 
     @cached_property
     def counted(self) -> Mask:
-        """Earlier values (n - 1,) that conform and were within their own limits."""
+        """Earlier values (n - 1,) that conform, within their own limits."""
         counted = np.zeros(len(self.values) - 1, dtype=bool)
         for k, value in enumerate(self.values[:-1]):
             counted[k] = not self.failed[k] and not _outside(
@@ -84,30 +84,28 @@ class ControlChart:
 
     @property
     def usual(self) -> Array:
-        """The earlier values that count [m]."""
+        """Those values [m]."""
         return self.values[:-1][self.counted]
 
     @property
     def centre(self) -> float:
-        """Mean of the earlier values that count [m]; nan if there are none."""
+        """Their mean [m], or nan."""
         if not len(self.usual):
             return math.nan
         return float(self.usual.mean())
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Control limits [m]; nan with fewer than :data:`LEAST_CHECKS` counted values, or below
-        zero.
-        """
+        """Control limits [m]; nan with fewer than :data:`LEAST_CHECKS` of them, or below zero."""
         return _limits(self.usual)
 
     @property
     def left_range(self) -> bool:
-        """Whether the latest value lies outside the limits."""
+        """Whether the latest value is outside."""
         return _outside(self.values[-1], self.limits)
 
     def to_dict(self) -> dict[str, Any]:
-        """The numbers for JSON, lengths in mm, None for nan."""
+        """For JSON, lengths in mm, None for nan."""
         lower, upper = self.limits
         summary = {
             "coordinates": self.arm,
@@ -140,12 +138,11 @@ class History(Shown):
     """Checks of arms.
 
     Attributes:
-        checks: table with the columns of the file, one row for each characteristic and check;
-            ``time`` is a datetime in UTC.
+        checks: table as in the file, a row for each characteristic and check; ``time`` in UTC.
         time: of the latest check, or None.
         instrument: its arm.
-        appended: whether this check was appended; False if it was there before.
-        from_file: whether a file was read, which may be replaced.
+        appended: False if this check was there before.
+        from_file: a file was read, and may be replaced.
     """
 
     checks: pd.DataFrame = field(
@@ -158,7 +155,7 @@ class History(Shown):
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """The history in a file; empty if there is no file.
+        """The history in a file; empty without file.
 
         Raises:
             MeasurementFileError: the file is damaged.
@@ -226,15 +223,15 @@ class History(Shown):
         return cls(checks, from_file=True)
 
     def with_check(self, result: AcceptanceResult, time: datetime, instrument: str = "") -> History:
-        """Add the test values of ``result``, unless some check has the same values.
+        """Add the values of ``result``, unless a check has the same.
 
         Args:
             result: of :func:`accept`.
-            time: of the check; UTC if it has no zone.
-            instrument: name or serial number of the arm; case does not matter.
+            time: UTC if it has no zone.
+            instrument: name or serial number; case does not matter.
 
         Raises:
-            AacmmError: the history has other values of this arm at this time.
+            AacmmError: other values of this arm at this time.
         """
         if not instrument.isprintable():
             raise AacmmError(f"instrument is {instrument!r}; expected one line of text")
@@ -276,9 +273,7 @@ class History(Shown):
         return self.checks[names == instrument.strip().casefold()]
 
     def charts(self) -> tuple[ControlChart, ...]:
-        """A chart for each characteristic of the latest check; those of :data:`HALF` have none
-        beside their double.
-        """
+        """Of each characteristic of the latest check, but for :data:`HALF` beside its double."""
         if self.time is None:
             return ()
         checks = self._of(self.instrument)
@@ -304,20 +299,20 @@ class History(Shown):
         return text + (f"; outside the control limits: {', '.join(left)}" if left else "")
 
     def summary(self) -> list[dict[str, Any]]:
-        """The charts as numbers, for JSON."""
+        """The charts for JSON."""
         return [chart.to_dict() for chart in self.charts()]
 
     def write(self, files: OutputFiles, path: str | Path) -> None:
-        """Write the file together with others, in place of the file that was read."""
+        """Write with other files, in place of the file that was read."""
         table = self.checks.assign(time=[time.isoformat() for time in self.checks["time"]])
         target = files.file(path, update=self.from_file)
         target.write_text(csv_text(table), encoding="utf-8", newline="")
 
     def save(self, path: str | Path) -> None:
-        """Write the file; only a history that was read replaces a file.
+        """Write; only a history that was read replaces a file.
 
         Raises:
-            OutputError: the file cannot be written.
+            OutputError: it cannot be written.
         """
         with OutputFiles() as files:
             self.write(files, path)
@@ -331,7 +326,7 @@ def in_utc(text: str) -> datetime:
     """A time in ISO 8601; UTC if it states no zone.
 
     Raises:
-        ValueError: the text is no such time.
+        ValueError: no such time.
     """
     time = datetime.fromisoformat(text)
     try:

@@ -1,4 +1,4 @@
-"""Places of probed points in a test: their common labels, and their lines in the file."""
+"""Probed points by common labels and lines in the file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class PointsInFile:
 
     @classmethod
     def of(cls, points: pd.DataFrame) -> PointsInFile:
-        """The place of these points."""
+        """Those of a table."""
         shared = {}
         for name in LABELS_OF_PLACES:
             label = points[name].iloc[0]
@@ -36,7 +36,7 @@ class PointsInFile:
 
 
 def named(labels: Mapping[str, str]) -> str:
-    """Labels with the names of their columns."""
+    """Labels with their columns."""
     names = [f"{name.removesuffix('_id')} {label}" for name, label in labels.items()]
     return ", ".join(names)
 

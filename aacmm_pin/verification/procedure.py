@@ -1,6 +1,4 @@
-"""Plan an acceptance test: places of spheres, seats and bars, and points with postures, in
-order.
-"""
+"""Plan an acceptance test: places of artefacts, and points with postures, in order."""
 
 from __future__ import annotations
 
@@ -38,45 +36,44 @@ from aacmm_pin.postures import articulations, brought_to, spread_out
 from aacmm_pin.verification.characteristics import STANDARDS, definitions
 
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
-"""Ranges of the spheres in parts of the reach from joint 2; chosen here."""
+"""In parts of the reach from joint 2; chosen here."""
 SEAT_ZONES = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
-"""Ranges of the single points in parts of the reach: inside the zones of ASME B89.4.22."""
+"""In parts of the reach: inside the zones of ASME B89.4.22."""
 LENGTHS = 5
 PLACES = 7
 REPEATS = 3
-"""Of the tests of lengths."""
+"""Of lengths."""
 BALL_BARS = {"short": 1, "long": 3}
-"""Number of lengths of each ball bar if a test of lengths has all lengths."""
+"""Lengths of each ball bar if a test has all lengths."""
 SPHERE_DIAMETER_MM = 25.0
-"""Diameter of the test sphere where none is stated [mm]."""
+"""Assumed test sphere [mm]."""
 PROBE_DIAMETER_MM = 6.0
-"""Diameter of the stylus tip where none is stated [mm]."""
+"""Assumed stylus tip [mm]."""
 LENGTH_STEP = 10.0
-"""Step of planned lengths [mm]."""
+"""Of planned lengths [mm]."""
 LEVEL = 0.25
-"""Largest height of spheres and seats from joint 2, as part of the reach."""
+"""Largest height from joint 2, in parts of the reach."""
 LEAST_SEPARATION = 0.2
-"""Distance of spheres and seats, as part of the reach."""
+"""Of artefacts, in parts of the reach."""
 CANDIDATES, TRIED = 4000, 30
-"""Places that are looked at, and directions of a bar that are tried beside the wanted one."""
+"""Places looked at, and directions of a bar tried beside the wanted one."""
 RIM = 0.1
-"""Part of the radius by which points on a half sphere stay above its rim."""
+"""Part of the radius over the rim of a half sphere for points."""
 LEAST_UPRIGHT_COSINE = 0.7
-"""Cosine of the largest angle of joint axis 1 to gravity of a standing arm."""
+"""Of joint axis 1 to gravity, if the arm stands."""
 LIMIT_MARGIN = 0.02
-"""Part of the range of a joint by which postures avoid its limits, for probing around a sphere."""
+"""Part of the range of a joint left free, for probing around a sphere."""
 
 
 @dataclass(frozen=True, eq=False)
 class Procedure(Shown):
-    """The points of an acceptance test in the order of probing.
+    """Points of an acceptance test in the order of probing.
 
     Attributes:
-        probed_points: table with one row for each point and the columns of an acceptance file,
-            lengths in mm.
+        probed_points: rows of an acceptance file, lengths in mm.
         q: postures ``(n, nq)`` [rad].
         points: centres of the probe ``(n, 3)`` [m].
-        seed: of the random generator; None if the file does not state it.
+        seed: of the random generator, or None.
     """
 
     arm: Arm
@@ -86,9 +83,9 @@ class Procedure(Shown):
     seed: int | None = None
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the acceptance file for you to complete, as a table.
+        """Return the acceptance file to complete as a table.
 
-        Coordinates and readings are empty; further columns have the planned values.
+        Coordinates and readings are empty; further columns are planned values.
         """
         names = [f"theta{k}_deg" for k in range(1, self.arm.nq + 1)]
         empty = pd.DataFrame("", self.probed_points.index, [*REFERENCE, *names])
@@ -99,12 +96,12 @@ class Procedure(Shown):
         return pd.concat([self.probed_points, empty, *planned], axis=1)
 
     def csv(self) -> str:
-        """Return the text of the acceptance file for you to complete."""
+        """Return the text of the acceptance file to complete."""
         return csv_text(self.to_frame())
 
     def filled(self, records: GivenRecords, software: GivenModel) -> pd.DataFrame:
-        """Return the completed acceptance file: readings and conditions from ``records``,
-        coordinates from the arm ``software``.
+        """Return the completed file: readings and conditions of ``records``, coordinates by the arm
+        ``software``.
         """
         records = as_measurements(records, self.arm)
         software = ErrorModel.of(software)
@@ -125,10 +122,10 @@ class Procedure(Shown):
 
     @staticmethod
     def read(path: str | Path, arm: GivenArm) -> Procedure:
-        """Read a procedure from a file that :meth:`csv` made, empty or completed.
+        """Read a file of :meth:`csv`, empty or completed.
 
         Raises:
-            MeasurementFileError: a planned column is missing or has a cell without a number.
+            MeasurementFileError: a planned column is missing, or a cell without number.
         """
         arm = as_arm(arm)
         table, lines, *_ = read_table(str(path))
@@ -171,30 +168,25 @@ def acceptance_procedure(
     above: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Procedure:
-    """Plan the probed points for all characteristics of a standard, at places that the arm reaches.
+    """Plan probed points for all characteristics of a standard, within reach.
 
-    The plan has two spheres (near and far) and one point at three distances. A bar with five
-    lengths has seven places, along the axes of the base and the diagonals within reach. Ball bars
-    of two lengths have twenty places. Each repeat on a bar has another posture. Each sphere has
-    five postures; each point uses the posture with the most favourable direction of the stylus.
+    There are two spheres (near and far), points at three distances, a bar of five lengths in seven
+    places along axes of the base and diagonals, and ball bars of two lengths in twenty places. Each
+    repeat on a bar has another posture. Each sphere has five; each point uses the one with the best
+    direction of the stylus.
 
     Args:
-        standard: ``iso10360-12`` or ``asme-b89.4.22``; the plan then has the points for this
-            standard alone.
-        measuring_range: diameter of the working volume [m]; default twice the distance that the tip
-            reaches from joint 2.
-        lengths: five calibrated lengths [m], or two for ASME B89.4.22 alone; default equal parts of
-            two thirds of the range.
-        sphere_diameter, probe_diameter: diameters of the sphere and of the ball of the probe [m].
-        above: height of a table above the base origin, against gravity [m]; the tip stays above the
-            table. The default is the height of the base if the arm stands on a table and the test
-            is then possible, else no table.
-        rng: random generator; default seed 1.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``, for its points alone.
+        measuring_range: diameter of the working volume [m]; default twice the reach from joint 2.
+        lengths: five [m], or two for ASME B89.4.22 alone; default parts of two thirds of the range.
+        sphere_diameter, probe_diameter: [m].
+        above: height of a table over the base origin, against gravity [m], above which the tip
+            stays; default that of the base if the arm stands and the test is possible, else none.
+        rng: default seed 1.
 
     Raises:
-        UnknownNameError: the standard is unknown.
-        AacmmError: the number of lengths is wrong, a length is not above 0, or the arm does not
-            reach the required places.
+        UnknownNameError: of the standard.
+        AacmmError: a wrong number of lengths, one not above 0, or places out of reach.
     """
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)
@@ -214,7 +206,7 @@ def acceptance_procedure(
 
 
 def _stands(arm: Arm) -> bool:
-    """Whether joint axis 1 is upright, and joint 2 not below the base."""
+    """Joint axis 1 is upright, and joint 2 not below the base."""
     rotation, _ = arm.chain.at_zero
     first = arm.chain.moving_axes()[0]
     cosine = abs(float(rotation[first, :, 2] @ arm.up))
@@ -222,7 +214,7 @@ def _stands(arm: Arm) -> bool:
 
 
 def _shoulder(arm: Arm) -> Array:
-    """Origin of joint axis 2 (3,), or of the only joint axis."""
+    """Origin of joint axis 2 (3,), or of the only one."""
     _, origin = arm.chain.at_zero
     *_, second = arm.chain.moving_axes()[:2]
     return np.asarray(origin[second])
@@ -230,7 +222,7 @@ def _shoulder(arm: Arm) -> Array:
 
 @dataclass(eq=False)
 class _Layout:
-    """The points so far: cells, point (3,) and posture (nq,) of each."""
+    """Points so far: cells, point (3,) and posture (nq,) of each."""
 
     pool: Pool
     sphere_diameter: float
@@ -284,7 +276,7 @@ class _Layout:
 
     def place(self, low: float, high: float, each: int) -> tuple[Array, Array]:
         """A point (3,) between these parts of the reach, about as high as joint 2, and ``each``
-        postures that reach it.
+        postures there.
         """
         tips = self.pool.tips
         inside = (self.distance >= low * self.reach) & (self.distance < high * self.reach)
@@ -307,7 +299,7 @@ class _Layout:
         return found.points[0], found.postures[0]
 
     def spheres(self, wanted: set[str]) -> None:
-        """Near and far, for all tests that need one."""
+        """For all tests that need one."""
         diameters = {
             "feature_diameter_mm": self.sphere_diameter / MM,
             "probe_diameter_mm": self.probe_diameter / MM,
@@ -327,7 +319,7 @@ class _Layout:
                     self._round(center, postures, 9, repeat=repeat, **cells)
 
     def _round(self, center: Array, postures: Array, count: int, **cells: Any) -> None:
-        """Add ``count`` points over the half of a sphere from which the stylus comes."""
+        """Add points over the half of a sphere from which the stylus comes."""
         stylus = self.pool.arm.stylus_axis
         if stylus is None:
             normals = _half_sphere(count, self.pool.arm.up)
@@ -350,7 +342,7 @@ class _Layout:
                 self.probe_point(point, q, test="single-point", feature="seat", position=name)
 
     def length_bar(self, lengths: Sequence[float], wanted: set[str]) -> None:
-        """Add a bar with one point at 0 and at each length, in seven places."""
+        """Add a bar with a point at 0 and at each length, in seven places."""
         for place, (start, direction) in enumerate(self._bar_places(np.array(lengths)), start=1):
             ends = start + np.array([0.0, *lengths])[:, None] * direction
             postures = self.pool.touched(ends, REPEATS)
@@ -367,7 +359,7 @@ class _Layout:
         aside: Array,
         cells: dict[str, Any],
     ) -> None:
-        """Add all lengths of a bar in every repeat, probed ``aside`` (3,) of its ends."""
+        """Add all lengths of a bar in every repeat, probed ``aside`` (3,)."""
         for repeat in range(REPEATS):
             for number, length in enumerate(lengths, start=1):
                 row = cells | {"repeat": repeat + 1, "length_id": f"L{number}"}
@@ -377,7 +369,7 @@ class _Layout:
                     self.probe_point(ends[end] + sign * aside, q, feature=feature, **row)
 
     def _bar_places(self, lengths: Array) -> list[tuple[Array, Array]]:
-        """Start and direction of the bar, in seven places far from each other."""
+        """Start and direction of the bar, in seven distant places."""
         up = self.pool.arm.up
         level = np.linalg.svd(up[None])[2][1:]
         signs = np.array([*product((-1, 1), repeat=2)])
@@ -407,8 +399,8 @@ class _Layout:
         return placed
 
     def _bar_starts(self, direction: Array, lengths: Array, reached: float) -> Array:
-        """Tips (n, 3) [m] where a bar in this direction may begin. All of its points are in the
-        room, and closer than ``reached`` to the tips of many postures.
+        """Tips (n, 3) [m] where a bar may begin: all points in the room, and closer than
+        ``reached`` to tips of many postures.
         """
         pool = self.pool
         starts = pool.tips[self.rng.permutation(len(pool.tips))[:CANDIDATES]]
@@ -446,7 +438,7 @@ class _Layout:
 
 
 def _half_sphere(count: int, pole: Array) -> Array:
-    """``count`` even directions over the half about ``pole`` (n, 3): spiral of Saff, Kuijlaars."""
+    """Even directions over the half about ``pole`` (n, 3): spiral of Saff, Kuijlaars."""
     number = np.arange(count)
     height = 1 - number / max(count - 1, 1) * (1 - RIM)
     turn = number * np.pi * (3 - np.sqrt(5))

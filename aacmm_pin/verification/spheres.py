@@ -13,18 +13,18 @@ from aacmm_pin.errors import AacmmError, ShapeError
 from aacmm_pin.measurements import best_sphere
 
 FEWEST_POINTS = 4
-"""Points that a sphere of unknown centre and diameter needs."""
+"""For a sphere of unknown centre and diameter."""
 PLANE_TOLERANCE = 1e-6
-"""Ratio of smallest to largest extent below which points lie in a plane, and fit no sphere."""
+"""Smallest over largest extent of points in a plane, which fit no sphere."""
 INSIDE = 1e-10
-"""Part of the radius by which a point may be outside a sphere and still count as on it."""
+"""Part of the radius outside which a point still counts as on it."""
 
 
 class FittedSphere(NamedTuple):
-    """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances [m].
+    """Centre (3,), diameter, and form, the range of radial distances [m], by least squares.
 
-    ``diameter_factor`` is the ratio of the standard uncertainties of diameter and points,
-    ``residuals`` are radial, outwards (n,) [m]; ``leverages`` (n,).
+    ``diameter_factor`` is u of the diameter over u of points, ``residuals`` are radial, outwards
+    (n,) [m]; ``leverages`` (n,).
     """
 
     center: Array
@@ -36,11 +36,11 @@ class FittedSphere(NamedTuple):
 
 
 def fitted_sphere(points: ArrayLike) -> FittedSphere:
-    """The sphere with the smallest sum of squared radial distances of ``points`` (n, 3) [m].
+    """The sphere with the least sum of squared radial distances of ``points`` (n, 3) [m].
 
     Raises:
-        ShapeError: fewer than four points, a wrong shape, or numbers that are not finite.
-        AacmmError: the points lie in one plane.
+        ShapeError: fewer than four points, a wrong shape, or not finite.
+        AacmmError: points in one plane.
     """
     p = batch(points, 3, "points", "m")
     if len(p) < FEWEST_POINTS:
@@ -80,7 +80,7 @@ def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
     """Centre (3,) and diameter [m] of the smallest sphere around ``points`` (n, 3) (Welzl 1991).
 
     Raises:
-        ShapeError: no point, a wrong shape, or numbers that are not finite.
+        ShapeError: no point, a wrong shape, or not finite.
     """
     p = batch(points, 3, "points", "m")
     if not len(p):
@@ -91,7 +91,7 @@ def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
 
 
 def _welzl(points: list[Array], on: list[Array]) -> tuple[Array, float]:
-    """The smallest sphere around ``points`` through up to four points ``on``."""
+    """The same through up to four points ``on``."""
     center, radius = np.zeros(3), -1.0  # contains no point
     if on:
         edges = np.array(on[1:]).reshape(-1, 3) - on[0]
