@@ -1,1 +1,1 @@
-"""Plumbing that no user needs: checked arrays, units, files written whole, progress, threads."""
+"""Checked arrays, units, files written whole, progress, threads: no user needs them."""

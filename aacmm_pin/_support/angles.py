@@ -8,14 +8,13 @@ from aacmm_pin._support.checks import Array
 
 
 def wrapped(angles: Array) -> Array:
-    """The same directions as angles in [-π, π) [rad]."""
+    """The same directions in [-π, π) [rad]."""
     within_turn = (angles + np.pi) % (2 * np.pi)
     return within_turn - np.pi
 
 
 def spread_angles(count: int, joints: int) -> Array:
-    """Evenly spread configurations (count, joints), each angle in [-π, π) [rad], without
-    randomness.
+    """Evenly spread angles (count, joints) in [-π, π) [rad], without randomness.
 
     Additive recurrence with the powers of the root of x^(d+1) = x + 1 (M. Roberts, 2018).
     """

@@ -1,4 +1,4 @@
-"""Long batches in parts, and products of vectors with the batch on the last axis."""
+"""Long batches in parts, and products of vectors with the batch last."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 
 ROWS_PER_BATCH = 2048
-"""Rows at once, whose results fit the processor's cache."""
+"""Their results fit the processor's cache."""
 
 
 def chunks(n: int, size: int = ROWS_PER_BATCH) -> list[slice]:
-    """Slices that cover ``range(n)`` in parts of ``size``."""
+    """Slices that cover ``range(n)``."""
     return [slice(start, min(start + size, n)) for start in range(0, n, size)]
 
 
 def cross(u: Array, v: Array) -> Array:
-    """u × v of components along the last axis but one (..., 3, n); numpy.cross copies, and is
-    several times slower.
+    """u × v along the last axis but one (..., 3, n); numpy.cross copies, and is several times
+    slower.
     """
     product = np.empty(np.broadcast_shapes(u.shape, v.shape))
     for i in range(3):

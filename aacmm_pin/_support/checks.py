@@ -1,4 +1,4 @@
-"""Checks of the shape and the numbers of arrays."""
+"""Checks of shape and numbers of arrays."""
 
 from __future__ import annotations
 
@@ -21,18 +21,16 @@ RANGES = {
     "°C": plausible.TEMPERATURE,
     "N·m": plausible.TORQUE,
 }
-"""Possible numbers of each unit."""
+"""Of each unit."""
 MOST_LENGTH_ERROR = 2e-3
-"""Largest error of the length of a unit vector or quaternion: four numbers with three decimals give
-1e-3 at most.
-"""
+"""Of a unit vector or quaternion: four numbers with three decimals give at most 1e-3."""
 
 
 def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
-    """The ``values`` as a float array of shape (n, columns).
+    """The ``values`` as floats (n, columns).
 
     Raises:
-        ShapeError: another shape, not numbers, not finite, or too large.
+        ShapeError: wrong shape, not numbers, not finite, or too large.
     """
     array = _floats(values, name)
     if array.ndim == 1 and array.size == columns:
@@ -47,10 +45,10 @@ def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
 
 
 def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
-    """The ``values`` as a float array of shape (length,).
+    """The ``values`` as floats (length,).
 
     Raises:
-        ShapeError: another shape, not numbers, not finite, or too large.
+        ShapeError: see :func:`batch`.
     """
     array = _floats(values, name)
     if array.shape != (length,):
@@ -60,7 +58,7 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
 
 
 def width_of(values: ArrayLike) -> int:
-    """Number of columns of any ``values``."""
+    """Number of columns."""
     shape = (
         values.shape if isinstance(values, np.ndarray) else np.asarray(values, dtype=object).shape
     )
@@ -68,10 +66,10 @@ def width_of(values: ArrayLike) -> int:
 
 
 def unit_vector(values: ArrayLike, name: str) -> Array:
-    """The ``values`` (3,) as a direction of length 1.
+    """The ``values`` (3,) at length 1.
 
     Raises:
-        ShapeError: another shape, not numbers, or not finite.
+        ShapeError: see :func:`batch`.
         AacmmError: of length zero.
     """
     direction = vector(values, 3, name, "1")
@@ -83,7 +81,7 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
 
 
 def is_no_unit(length: Array) -> Mask:
-    """Which lengths differ from 1 by more than rounding; NaN does not."""
+    """Lengths that differ from 1 by more than rounding; not NaN."""
     return np.asarray(np.abs(length - 1.0) > MOST_LENGTH_ERROR)
 
 
@@ -91,8 +89,8 @@ def whole(value: object, least: int, name: str) -> int:
     """Return ``value`` as an int.
 
     Raises:
-        AacmmError: no whole number, below ``least``, or above :data:`plausible.LARGEST_COUNTS` of
-            this name.
+        AacmmError: not whole, below ``least``, or above :data:`plausible.LARGEST_COUNTS` of this
+            name.
     """
     argument = name.partition(" ")[0]
     try:
@@ -109,7 +107,7 @@ def whole(value: object, least: int, name: str) -> int:
 
 
 def _floats(values: ArrayLike, name: str) -> Array:
-    """A copy; text, booleans, complex numbers and masks are refused."""
+    """A copy; refuses text, booleans, complex numbers, masks."""
     try:
         array = np.array(values)
     except ValueError as error:

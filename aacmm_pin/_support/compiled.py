@@ -1,7 +1,7 @@
-"""Loops that numba compiles, and the choice between such a loop and the same in NumPy.
+"""Loops that numba compiles, and the choice between them and NumPy.
 
-Loading numba and a compiled loop takes half a second, the first compilation one to five more. So a
-large task chooses the loop, which gives the same numbers to the last bit.
+Loading numba and a loop takes half a second, the first compilation one to five more. So only large
+tasks choose the loop, with the same numbers to the last bit.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from aacmm_pin.errors import UnknownNameError
 
 VARIABLE, ALWAYS, NEVER, BY_SIZE = "AACMM_PIN_COMPILED", "always", "never", "auto"
 INLINED = ""
-"""Signature of a helper with one caller, which numba compiles with it in half the time."""
+"""Signature of a helper with one caller, compiled with it in half the time."""
 Helpers = tuple[tuple[Callable[..., Any], str], ...]
 
 
@@ -26,10 +26,10 @@ class Loop:
     """A function of arrays for numba.
 
     Attributes:
-        signature: numba's types of result and arguments.
-        helpers: called functions of the module with their signatures, each after those that it
-            calls itself; without signatures numba compiles a helper for each constant argument.
-        least: least size of a task for the loop.
+        signature: numba's types.
+        helpers: called functions of the module with signatures (without, numba compiles one for
+            each constant argument), each after those that it calls.
+        least: least size of a task.
     """
 
     loop: Callable[..., Any]
@@ -38,10 +38,10 @@ class Loop:
     least: int = 0
 
     def chosen(self, size: int) -> Callable[..., Any] | None:
-        """The compiled loop if the task is large, else None; the environment variable overrules.
+        """The compiled loop for a large task, else None; the environment variable overrules.
 
         Raises:
-            UnknownNameError: the variable is none of ``always``, ``never`` and ``auto``.
+            UnknownNameError: expected ``always``, ``never`` or ``auto``.
         """
         wanted = os.environ.get(VARIABLE, BY_SIZE)
         if wanted not in (ALWAYS, NEVER, BY_SIZE):
@@ -53,7 +53,7 @@ class Loop:
 
     @cached_property
     def compiled(self) -> Any:
-        """The compiled loop, cached beside its source if that is writable."""
+        """The loop, cached beside its source if that is writable."""
         if not self.helpers:
             return _compiled(self.loop, self.signature)
         return _compiled(FunctionType(self.loop.__code__, _names(self.helpers)), self.signature)
@@ -71,7 +71,7 @@ def _compiled(function: Callable[..., Any], signature: str, **options: bool) -> 
 
 @cache
 def _names(helpers: Helpers) -> dict[str, Any]:
-    """The names of the helpers' module, with the helpers compiled once for all loops."""
+    """Names of the helpers' module, helpers compiled once for all loops."""
     import numba
 
     names = dict(helpers[0][0].__globals__)

@@ -1,7 +1,7 @@
-"""The display and plots of results, although :mod:`aacmm_pin.report` is a later room.
+"""Display and plots of results, although :mod:`aacmm_pin.report` is a later room.
 
-The package itself, which may import every room, names the modules of the report; they are loaded
-when first needed, so that ``import aacmm_pin`` loads no matplotlib.
+The package itself, which may import every room, names the modules of the report; they load when
+first needed, so that ``import aacmm_pin`` loads no matplotlib.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from importlib import import_module
 from typing import Any
 
 CONSOLE_LETTERS = 1000
-"""Longest line in a console; a dataclass would print all its arrays."""
+"""Of a line; a dataclass would print all its arrays."""
 _modules: dict[str, str] = {}
 
 
 def reported_by(results: str, messages: str) -> None:
-    """Name the module with ``plots`` and ``html_of``, and the module with ``sentence``, which loads
-    nothing that draws.
+    """Name the modules of ``plots`` and ``html_of``, and of ``sentence``, which loads nothing that
+    draws.
     """
     _modules.update(results=results, messages=messages)
 
@@ -27,12 +27,12 @@ def report() -> Any:
 
 
 def sentence_of(note: object) -> str:
-    """The sentence of a :class:`aacmm_pin._support.notes.Note`."""
+    """The sentence of a note."""
     return str(import_module(_modules["messages"]).sentence(note))
 
 
 class Shown:
-    """A value that Jupyter shows as HTML and IPython as one line."""
+    """Jupyter shows it as HTML, IPython as one line."""
 
     def __init_subclass__(cls, **named: Any) -> None:
         super().__init_subclass__(**named)
@@ -49,5 +49,5 @@ class Shown:
 
 
 def two_digits(value: float) -> str:
-    """A number with two significant digits without exponent: ``1.6``, ``37``, ``110``."""
+    """Two significant digits without exponent: ``1.6``, ``37``, ``110``."""
     return f"{float(f'{value:.2g}'):.15g}"

@@ -1,4 +1,4 @@
-"""χ², F and beta by scipy.special: importing scipy.stats takes as long as all the rest."""
+"""χ², F and beta by scipy.special: importing scipy.stats takes as long as all else."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from aacmm_pin._support.checks import Array
 
 
 def chi2_cdf(value: ArrayLike, dof: ArrayLike) -> Array:
-    """Probability that χ² with ``dof`` degrees of freedom is at most ``value``."""
+    """Probability that χ² is at most ``value``."""
     return np.asarray(chdtr(dof, value))
 
 
@@ -25,14 +25,12 @@ def chi2_isf(probability: ArrayLike, dof: ArrayLike) -> Array:
 
 
 def beta_sf(share: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
-    """Probability that a beta distributed share with these shape parameters is larger."""
+    """Probability that a beta distributed share is larger."""
     return np.asarray(betainc(second, first, 1.0 - np.asarray(share)))
 
 
 def f_sf(value: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:
-    """Probability that F, the ratio of mean squares with these degrees of freedom, exceeds
-    ``value``.
-    """
+    """Probability that F, a ratio of mean squares, exceeds ``value``."""
     d, o = np.asarray(dof), np.asarray(other)
     part = o / (o + d * np.asarray(value))
     return np.asarray(betainc(o / 2, d / 2, part))

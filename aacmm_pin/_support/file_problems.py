@@ -1,4 +1,4 @@
-"""Mistakes in a table, collected for one message."""
+"""Mistakes in a table, in one message."""
 
 from __future__ import annotations
 
@@ -14,17 +14,15 @@ from aacmm_pin._support.checks import Index, Mask
 from aacmm_pin.errors import MeasurementFileError
 
 MOST_PROBLEMS = 10
-"""Problems in a message."""
 MOST_ROWS_LISTED = 6
-"""Rows, or runs of rows, in a message."""
+"""Rows, or runs of rows."""
 MOST_NAMES = 8
-"""Names in a message."""
 LONGEST_NAME = 100
 """Characters of a name or cell in a message."""
 
 
 def rows_in_words(rows: Sequence[int] | Index) -> str:
-    """Ascending rows of a file as text: ``row 7``, ``rows 3, 5 to 9, 12, …``."""
+    """Ascending rows as text: ``row 7``, ``rows 3, 5 to 9, 12, …``."""
     numbers = np.unique(rows)
     breaks = np.flatnonzero(np.diff(numbers) != 1) + 1
     runs = [
@@ -37,18 +35,18 @@ def rows_in_words(rows: Sequence[int] | Index) -> str:
 
 @dataclass
 class Problems:
-    """Mistakes in a table from ``source``, whose rows have the numbers ``lines`` (n,)."""
+    """Mistakes in the table ``source``, whose rows have the numbers ``lines`` (n,)."""
 
     source: str
     lines: Index
     found: list[tuple[int | None, str, str]] = field(default_factory=list)
 
     def add(self, column: str, message: str) -> None:
-        """Add a problem of a column, or of the table if ``column`` is ""."""
+        """Add a problem of a column; "" for the table."""
         self.found.append((None, shortened(column), message))
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
-        """Add a problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first."""
+        """Add one of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first."""
         where = np.flatnonzero(bad)
         if not where.size:
             return
@@ -66,9 +64,9 @@ class Problems:
         by: pd.Series,
         of: str,
     ) -> Index:
-        """The first row of each row's group ``by`` that states a value (n,), or -1.
+        """First row of each row's group ``by`` that states a value (n,), or -1.
 
-        Add a problem of the rows with another value than their group, which is one ``of``.
+        Add a problem of rows with another value than their group, one ``of``.
         """
         rows = pd.Series(np.arange(len(values))).where(stated)
         first = rows.groupby(by).transform("first").fillna(-1).to_numpy(dtype=np.intp)
@@ -78,7 +76,7 @@ class Problems:
         return first
 
     def stop(self) -> None:
-        """Raise MeasurementFileError with the first problems, one a line, if any."""
+        """Raise MeasurementFileError with the first problems, if any."""
         if not self.found:
             return
         row, column, message = self.found[0]
@@ -90,12 +88,12 @@ class Problems:
 
 
 def first_few(items: Iterable[object], most: int = MOST_NAMES) -> str:
-    """The first items as text: ``a, b, …``."""
+    """As text: ``a, b, …``."""
     texts = [*map(str, items)]
     return ", ".join(texts[:most]) + (", …" if len(texts) > most else "")
 
 
 def shortened(name: str) -> str:
-    """A name or cell for messages; of a very long one the two ends."""
+    """For messages; of a very long name or cell the two ends."""
     half = LONGEST_NAME // 2
     return name if len(name) <= LONGEST_NAME else f"{name[:half]}…{name[-half:]}"

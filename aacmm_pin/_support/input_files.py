@@ -15,7 +15,7 @@ _OUTPUTS: ContextVar[tuple[Path, ...]] = ContextVar("outputs", default=())
 
 @contextmanager
 def outputs_refused(outputs: tuple[Path, ...]) -> Iterator[None]:
-    """Meanwhile refuse to read any of ``outputs``: a command replaces no file that it reads."""
+    """Meanwhile refuse to read ``outputs``: a command replaces no file that it reads."""
     token = _OUTPUTS.set(outputs)
     try:
         yield
@@ -24,7 +24,7 @@ def outputs_refused(outputs: tuple[Path, ...]) -> Iterator[None]:
 
 
 def are_same(path: str | Path, other: str | Path) -> bool:
-    """Whether both name one existing file."""
+    """Whether both are one existing file."""
     try:
         return os.path.samefile(path, other)
     except OSError:
@@ -32,7 +32,7 @@ def are_same(path: str | Path, other: str | Path) -> bool:
 
 
 def is_input(path: str | Path) -> OutputError:
-    """The refusal to write an input file."""
+    """Refusal to write an input file."""
     return OutputError(
         f"{path}: this command reads this file and does not overwrite it; expected another name "
         "for the output"
@@ -42,12 +42,11 @@ def is_input(path: str | Path) -> OutputError:
 def content_of(
     path: str | Path, most: int, expected: str, refused: Callable[[str], AacmmError]
 ) -> bytes:
-    """The content of a file of at most ``most`` bytes; ``expected`` describes it.
+    """The content, of at most ``most`` bytes; ``expected`` describes it.
 
     Raises:
-        AacmmError: it is missing, a folder, too large or unreadable; ``refused`` makes it of the
-            message.
-        OutputError: it is an output of the command.
+        AacmmError: missing, a folder, too large or unreadable; made by ``refused``.
+        OutputError: an output of the command.
     """
     if "\0" in str(path):
         raise refused("the name contains the character NUL; expected a name without this character")

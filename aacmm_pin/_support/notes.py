@@ -1,4 +1,4 @@
-"""Notes of results: a code with data. :mod:`aacmm_pin.report.messages` makes the sentence."""
+"""Notes of results: codes with data. :mod:`aacmm_pin.report.messages` makes sentences."""
 
 from __future__ import annotations
 
@@ -11,19 +11,18 @@ from aacmm_pin._support.display import sentence_of
 
 @dataclass(frozen=True, repr=False)
 class Note:
-    """An assumption or a finding beside the result; ``str(note)`` is its sentence.
+    """An assumption or finding beside the result; ``str(note)`` is its sentence.
 
     Attributes:
-        code: kind of note, which JSON lists in ``note_codes``.
-        data: contents of the sentence by name: SI units, names, rows of the file; ``place`` is put
-            in front of the sentence.
+        code: kind, in JSON ``note_codes``.
+        data: of the sentence, by name, in SI; ``place`` is put in front of it.
     """
 
     code: str
     data: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def with_place(self, place: str) -> Note:
-        """The same note of a file, an arm or a position."""
+        """The note on a file, arm or position."""
         outer = self.data.get("place")
         return replace(self, data={**self.data, "place": f"{place}: {outer}" if outer else place})
 
@@ -35,6 +34,6 @@ class Note:
 
 
 def notes_in_json(notes: Iterable[Note]) -> dict[str, list[str]]:
-    """Notes in JSON: their sentences and codes."""
+    """In JSON: sentences and codes."""
     listed = [*notes]
     return {"notes": [str(note) for note in listed], "note_codes": [note.code for note in listed]}

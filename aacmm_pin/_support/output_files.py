@@ -1,7 +1,7 @@
 """Output files, written whole and put in place together.
 
-Files are written into a hidden folder beside their places, and renamed when all are complete. If a
-rename fails, the former files are restored.
+They are written into hidden folders beside their places, and renamed when all are complete. If one
+fails, former files are restored.
 """
 
 from __future__ import annotations
@@ -22,24 +22,23 @@ from aacmm_pin._support.text_escaping import encodable, stdout
 from aacmm_pin.errors import OutputError
 
 HIDDEN = ".aacmm-pin-"
-"""Start of the names of hidden folders."""
+"""Begins names of hidden folders."""
 STDOUT = ("-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 
 
 def json_text(content: dict[str, Any]) -> str:
-    """Strict JSON of a result."""
     return encodable(json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n")
 
 
 class OutputFiles:
-    """A context for the output files of one task, which are put in place at its end.
+    """A context for the files of one task, put in place at its end.
 
-    Symbolic links are followed, and a replaced file keeps its mode. Output for a pipe, a terminal
-    or ``-`` (standard output) is copied there when all files are in place.
+    Links are followed; a replaced file keeps its mode. Output for a pipe, a terminal or ``-``
+    (standard output) is copied when all files are in place.
 
     Args:
-        force: replace existing files.
-        inputs: files that the task reads, which are never replaced.
+        force: replace files.
+        inputs: read by the task, never replaced.
     """
 
     def __init__(self, force: bool = False, inputs: Iterable[str | Path] = ()) -> None:
@@ -51,14 +50,14 @@ class OutputFiles:
         self._updated: set[Path] = set()  # places whose file the work has read and extends
         self._current: Path | None = None
         self.written: list[str] = []
-        """The regular files, as they were named."""
+        """Regular files, as named."""
 
     def check(self, *paths: str | Path) -> None:
-        """Check before long work that the files can be written.
+        """Check before long work.
 
         Raises:
-            OutputError: one exists without ``force``, is an input, is neither a regular file nor a
-                pipe, has no writable folder, or two are the same.
+            OutputError: one exists without ``force``, is an input, no regular file or pipe, in no
+                writable folder, or twice.
         """
         places = [self._place(Path(path)) for path in paths]
         for path, place in zip(paths, places, strict=True):
@@ -66,10 +65,10 @@ class OutputFiles:
                 raise _named_twice(path)
 
     def file(self, path: str | Path, update: bool = False) -> Path:
-        """The temporary file for ``path``; with ``update`` it replaces an input.
+        """Temporary file for ``path``; with ``update`` it replaces an input.
 
         Raises:
-            OutputError: see :meth:`check`; or ``path`` was given before.
+            OutputError: see :meth:`check`; or repeated.
         """
         path = Path(path)
         if path.parent.name.startswith(HIDDEN):  # temporary already
@@ -87,10 +86,10 @@ class OutputFiles:
         return self._files[place]
 
     def folder(self, path: str | Path) -> Path:
-        """The temporary folder for files of the folder ``path``, whose other files stay.
+        """Temporary folder for files of the folder ``path``; others stay.
 
         Raises:
-            OutputError: it is a file, is not empty without ``force``, or is not writable.
+            OutputError: a file, not empty without ``force``, or not writable.
         """
         path = Path(path)
         with _as_output_errors(path):
@@ -125,7 +124,7 @@ class OutputFiles:
                     raise _write_error(self._current, error) from None
 
     def _place(self, path: Path, update: bool = False) -> Path:
-        """The regular file behind links; a pipe or device as named."""
+        """The file behind links; a pipe or device as named."""
         with _as_output_errors(path):
             if _is_stream(path):
                 return path
@@ -152,14 +151,14 @@ class OutputFiles:
             )
 
     def _hidden_in(self, folder: Path | None, path: Path) -> Path:
-        """A hidden folder for ``path``, in ``folder``, default that of the system."""
+        """For ``path``, in ``folder``, or in that of the system."""
         self._current = path
         with _as_output_errors(path):
             hidden = tempfile.TemporaryDirectory(prefix=HIDDEN, dir=folder)
             return Path(self._stack.enter_context(hidden))
 
     def _put_in_place(self) -> None:
-        """Rename every file, then copy the streams; a failure restores everything."""
+        """Rename every file, then copy the streams, or restore everything."""
         with ExitStack() as undo:
             for place, folder in self._folders.items():
                 if not place.is_dir():
@@ -192,7 +191,7 @@ class OutputFiles:
 
 @contextmanager
 def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """The temporary file for a single ``path``, see :class:`OutputFiles`."""
+    """Temporary file for a single ``path``, see :class:`OutputFiles`."""
     with OutputFiles(force) as files:
         yield files.file(path)
 
@@ -208,8 +207,8 @@ def _write_error(path: Path, error: OSError) -> OutputError:
 
 @contextmanager
 def _as_output_errors(path: Path) -> Iterator[None]:
-    """Raise system errors as :class:`OutputError`; if the reader of standard output ends, raise
-    that.
+    """System errors as :class:`OutputError`, but that of an ended reader of standard output as it
+    is.
     """
     try:
         yield
@@ -220,7 +219,7 @@ def _as_output_errors(path: Path) -> Iterator[None]:
 
 
 def _is_stream(path: Path) -> bool:
-    """Whether it is standard output, a pipe or a terminal, which are never replaced."""
+    """Standard output, a pipe or a terminal: never replaced."""
     if str(path) in STDOUT:
         return True
     mode = path.stat().st_mode if path.exists() else 0

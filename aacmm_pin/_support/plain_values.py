@@ -11,8 +11,8 @@ import pandas as pd
 
 
 def plain(value: Any) -> Any:
-    """Dictionaries and lists of numbers and words, row by row of a table; None for infinite numbers
-    and NaN.
+    """Dictionaries and lists of numbers and words, tables row by row; None for infinite numbers and
+    NaN.
     """
     match value:
         case Mapping():
@@ -29,5 +29,5 @@ def plain(value: Any) -> Any:
 
 
 def of_models(sizes: Mapping[str, float]) -> dict[str, float]:
-    """Sizes by the name of the model; the nominal arm also has its name before 0.3."""
+    """Sizes by model; the nominal arm also has its name before 0.3."""
     return {**sizes, "simulation": sizes["nominal"]}

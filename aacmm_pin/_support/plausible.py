@@ -1,6 +1,6 @@
-"""Plausible numbers of each quantity, for files, options and Python.
+"""Plausible numbers for files, options and Python.
 
-A number beyond these limits is in another unit, or of no arm; within them nothing overflows.
+Beyond them a number is in another unit, or of no arm; within them nothing overflows.
 """
 
 from __future__ import annotations
@@ -17,43 +17,43 @@ from aacmm_pin._support.units import MM, count
 from aacmm_pin.errors import AacmmError
 
 LONGEST_LENGTH = 100.0
-"""Largest magnitude of a length [m]."""
+"""[m]"""
 FARTHEST_PLACE = 1e6
-"""Largest magnitude of a place along an axis [m], because the common normal of nearly parallel axes
-is far away. At this distance rounding moves the tip by 0.1 nm.
+"""Along an axis [m]: the common normal of nearly parallel axes is far away. There rounding moves
+the tip by 0.1 nm.
 """
 REACH_POSTURES = 32
-"""Number of spread postures to estimate the reach."""
+"""Spread postures to estimate the reach."""
 SMALLEST_ARM = 1e-6
-"""Smallest sum of the lengths of an arm [m]."""
+"""Sum of its lengths [m]."""
 LARGEST_ANGLE = 1e4 * 2.0 * math.pi
-"""Largest magnitude of an angle [rad]; a wide limit stands for none."""
+"""[rad]; a wide limit stands for none."""
 MOST_TURNS = 5
-"""Limits and readings beyond so many turns are taken for degrees."""
+"""Limits and readings beyond it are taken for degrees."""
 LARGEST_DEGREES = 720.0
-"""Largest number of an angle that may be degrees; wider limits in a URDF stand for none."""
+"""Angles beyond it are no degrees; wider limits in a URDF stand for none."""
 MOST_TYPICAL = 1e3
-"""Largest parameter of a cause over the usual value on a measuring arm."""
+"""Largest parameter over the usual value on a measuring arm."""
 LARGEST_U_RATIO = 1e5
-"""Largest standard uncertainty over the usual value."""
+"""Over the usual value."""
 LATEST = 1e12
-"""Largest magnitude of a time [s]; since 1970 it is the year 33 000."""
+"""[s]; since 1970 it is the year 33 000."""
 COLDEST, HOTTEST = -100.0, 200.0
-"""Temperatures [°C]."""
+"""[°C]"""
 MOST_ROWS = 200
-"""Rows of an arm, joints and rigid parts."""
+"""Joints and rigid parts."""
 MOST_JOINTS = 64
-"""Joints that move the tip."""
+"""Of joints that move the tip."""
 MOST_COUPLINGS = 200
-"""Couplings of an arm; a joint has a few."""
+"""A joint has a few."""
 MOST_RATIO = 1e4
-"""Largest magnitude of joint angle per reading; gears have a hundredth."""
+"""Of joint angle per reading; gears have a hundredth."""
 MOST_UNKNOWN = 100
-"""Unknown columns of a measurement file; `diagnose` takes a twentieth of a second for each."""
+"""Columns; `diagnose` takes a twentieth of a second for each."""
 
 
 class Range(NamedTuple):
-    """Possible values of a quantity in ``unit``; ``perhaps`` names the unit of other numbers."""
+    """Possible values in ``unit``; ``perhaps`` names the unit of others."""
 
     least: float
     most: float
@@ -61,27 +61,27 @@ class Range(NamedTuple):
     perhaps: str = ""
 
     def outside(self, values: ArrayLike) -> NDArray[np.bool_]:
-        """Which values are impossible; NaN, unknown, is possible."""
+        """Which values are impossible; NaN is possible."""
         array = np.asarray(values, dtype=np.float64)
         return (array < self.least) | (array > self.most)
 
     def of_unit(self, unit: str, factor: float) -> Range:
-        """The range in another unit of the size ``factor``."""
+        """In another unit of size ``factor``."""
         least, most = self.least / factor, self.most / factor
         return Range(least, most, unit, self.perhaps)
 
     @property
     def expected(self) -> str:
-        """The range as text of an error."""
+        """As text of an error."""
         values = f"{self.least:.6g} to {self.most:.6g} {self.unit}"
         perhaps = f" (perhaps {self.perhaps})" if self.perhaps else ""
         return f"expected {values}; check the unit{perhaps}"
 
     def check(self, values: ArrayLike, name: str, error: type[AacmmError] = AacmmError) -> None:
-        """Check that no value is outside or NaN.
+        """Refuse values outside, and NaN.
 
         Raises:
-            AacmmError: of the class ``error``, with the first such value.
+            AacmmError: of class ``error``, with the first value.
         """
         array: NDArray[Any] = np.asarray(values, dtype=np.float64)
         if array.size and self.least <= array.min() and array.max() <= self.most:  # NaN is neither
@@ -96,29 +96,29 @@ READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad")
 COORDINATE = Range(-LONGEST_LENGTH, LONGEST_LENGTH, "m")
 BAR_LENGTH = Range(0.01, LONGEST_LENGTH, "m", "metres")
 DIAMETER = Range(1e-3, 1.0, "m")
-"""Diameter of a sphere."""
+"""Of a sphere."""
 PROBE_DIAMETER = Range(0.0, 0.1, "m")
 MPE = Range(1e-9, 1.0, "m")
-"""Maximum permissible error of a length or a position."""
+"""Of a length or a position."""
 TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "kelvin or Fahrenheit")
 CLOCK = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
 ENCODER_NOISE = Range(0.0, 5e-3, "rad")
-"""Standard uncertainty of one reading [rad; m for prismatic joints]."""
+"""Standard uncertainty of a reading [rad; m for prismatic joints]."""
 SHIFT_HALF_WIDTH = Range(0.0, 1.0, "m")
 TURN_HALF_WIDTH = Range(0.0, math.pi, "rad")
-"""Bounds of the placement of a joint; half a turn if unknown."""
+"""Of the placement of a joint; half a turn if unknown."""
 WIDEST_HALF_WIDTHS = {"m": 0.012, "rad": 0.12}
-"""Wider half-widths of geometry may be in another unit [m, rad]; U of unstated geometry is 11.5 mm
-and 0.115 rad.
+"""Wider ones of geometry may be in another unit; U of unstated geometry is 11.5 mm and 0.115
+rad.
 """
 LENGTH_NOISE = Range(0.0, 0.01, "m")
-"""Standard uncertainty of a reference, a contact, or a length of a bar."""
+"""Standard uncertainty of a reference, contact, or length of a bar."""
 
 TURN_NOISE = Range(0.0, 0.1, "rad")
-"""Standard uncertainty of an orientation about each axis: laser tracker 5e-5, camera 1e-3."""
+"""Standard uncertainty about each axis: laser tracker 5e-5, camera 1e-3."""
 USUAL_TURN_NOISE = 5e-3
-"""From here on a note asks whether it is in degrees [rad]."""
+"""A note asks from here whether it is in degrees [rad]."""
 
 LARGEST_COUNTS = {
     "cells": (4_000_000, "4 GB of memory"),
@@ -133,7 +133,7 @@ LARGEST_COUNTS = {
     "sectors": (2_500, "4 GB of memory"),
     "workers": (256, "40 GB of memory"),
 }
-"""Largest number of each thing, and the memory or time for so many, measured with SINO6."""
+"""With the memory or time for so many, measured with SINO6."""
 
 
 def without_nul(value: str) -> str:
@@ -146,7 +146,7 @@ def without_nul(value: str) -> str:
 
 
 def in_one_line(value: str) -> str:
-    """Refuse a line end, which would forge a line of output."""
+    """Refuse a line end, which would forge output."""
     if value.splitlines() != [value]:
         raise ValueError(f"{value!r}; expected one line of text")
     return value
@@ -165,11 +165,11 @@ EXPECTED = {
     "greater_than_equal": "{ge:g} or more",
     "less_than_equal": "{le:g} or less",
 }
-"""Expected values by pydantic's code of the problem."""
+"""By pydantic's code of the problem."""
 
 
 def expected_words(problem: Any) -> str:
-    """What was expected in place of a value that pydantic refused."""
+    """In place of a value that pydantic refused."""
     words = EXPECTED.get(problem["type"])
     if words is None:
         return re.sub(r"^\w+ should (be|have) ", "", problem["msg"])
@@ -180,7 +180,7 @@ NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
 
 
 def out_of_reach(tips: ArrayLike) -> str:
-    """A sentence if one of ``tips`` (n, 3) [m] is farther away than any arm reaches, else ""."""
+    """A sentence if ``tips`` (n, 3) [m] are farther than any arm reaches, else ""."""
     distance = float(np.linalg.norm(tips, axis=1).max())
     if distance <= LONGEST_LENGTH:
         return ""
@@ -191,7 +191,7 @@ def out_of_reach(tips: ArrayLike) -> str:
 
 
 def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
-    """A sentence if a number in radians must be degrees, beyond so many turns, else ""."""
+    """A sentence if [rad] beyond so many turns must be degrees, else ""."""
     if abs(angle) <= turns * 2 * math.pi + 1e-9:
         return ""
     return (
@@ -201,8 +201,8 @@ def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
 
 
 def mostly_like_degrees(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of ``angles`` (n, joints) [rad] are beyond :data:`MOST_TURNS`; none if only few joints
-    are, because an endless joint may count many turns.
+    """Which of ``angles`` (n, joints) [rad] exceed :data:`MOST_TURNS`; none if few joints do: an
+    endless joint may count turns.
     """
     beyond = np.abs(angles) > MOST_TURNS * 2 * math.pi + 1e-9
     joints = np.count_nonzero(angles.any(axis=0))
@@ -210,25 +210,24 @@ def mostly_like_degrees(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 LengthMm = Annotated[FiniteFloat, Field(ge=-LONGEST_LENGTH / MM, le=LONGEST_LENGTH / MM)]
-"""A length [mm]."""
 PlaceMm = Annotated[FiniteFloat, Field(ge=-FARTHEST_PLACE / MM, le=FARTHEST_PLACE / MM)]
-"""A place along an axis [mm]."""
+"""Along an axis [mm]."""
 Angle = Annotated[FiniteFloat, Field(ge=-LARGEST_ANGLE, le=LARGEST_ANGLE)]
 """[rad]."""
 AngleHalfWidth = Annotated[FiniteFloat, Field(ge=0.0, le=TURN_HALF_WIDTH.most)]
-"""Bound of the error of an angle [rad]; half a turn if unknown."""
+"""[rad]; half a turn if unknown."""
 EncoderNoise = Annotated[FiniteFloat, Field(ge=ENCODER_NOISE.least, le=ENCODER_NOISE.most)]
-"""Standard uncertainty of one reading [rad; m for prismatic joints]."""
+"""[rad; m for prismatic joints]."""
 EncoderNoiseMm = Annotated[
     FiniteFloat, Field(ge=ENCODER_NOISE.least / MM, le=ENCODER_NOISE.most / MM)
 ]
-"""Standard uncertainty of one reading of a prismatic joint [mm]."""
+"""Of a prismatic joint [mm]."""
 StandardUncertainty = Annotated[FiniteFloat, Field(ge=0.0, le=1e100)]
-"""Standard uncertainty in SI; its square must be a number, large for a poor fit."""
+"""In SI; its square must be a number, large for a poor fit."""
 Mass = Annotated[FiniteFloat, Field(ge=0.0, le=1e5)]
 """[kg]."""
 Acceleration = Annotated[FiniteFloat, Field(ge=-100.0, le=100.0)]
-"""A component of the acceleration of gravity [m/s²]."""
+"""Component of gravity [m/s²]."""
 TemperatureC = Annotated[FiniteFloat, Field(ge=COLDEST, le=HOTTEST)]
 """[°C]."""
 Name = Annotated[
@@ -237,6 +236,6 @@ Name = Annotated[
     AfterValidator(without_nul),
     AfterValidator(in_one_line),
 ]
-"""Name of an arm, a seat, a target or a cause."""
+"""Of an arm, a seat, a target or a cause."""
 Text = Annotated[str, Field(max_length=10_000), AfterValidator(without_nul)]
-"""Text in a file for people."""
+"""For people."""

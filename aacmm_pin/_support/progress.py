@@ -1,4 +1,4 @@
-"""Progress bars of long work: a widget in a notebook, a line on stderr of a terminal, else none."""
+"""Progress bars: a widget in a notebook, a line on stderr of a terminal, else none."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ with warnings.catch_warnings():
 
 T = TypeVar("T")
 Progress = bool | Callable[[Iterable[Any]], Iterable[Any]] | None
-"""Whether to show bars; or a function such as ``tqdm`` around the steps of the longest part."""
+"""Show bars or not; or a function such as ``tqdm`` around the longest part."""
 
 DELAY = 0.5
 """Shorter work shows no bar [s]."""
@@ -24,7 +24,7 @@ IN_NOTEBOOK = any(kind.__module__ == "tqdm.notebook" for kind in tqdm.__mro__)
 
 
 def bar(progress: Progress, what: str, unit: str, **named: Any) -> Any:
-    """A context with a bar of tqdm, which disappears before an error is printed."""
+    """A context with tqdm's bar, which disappears before an error is printed."""
     # A notebook's stderr is no terminal, and has a widget all the same.
     hidden = (False if IN_NOTEBOOK else None) if progress else True
     return tqdm(desc=what, unit=unit, leave=False, disable=hidden, delay=DELAY, **named)
@@ -32,8 +32,8 @@ def bar(progress: Progress, what: str, unit: str, **named: Any) -> Any:
 
 @contextmanager
 def watched(steps: Iterable[T], progress: Progress, what: str, unit: str) -> Iterator[Iterable[T]]:
-    """A context with the steps, whose bar moves as they are taken; ``what`` is the task in a word
-    or two, and ``unit`` the name of a step.
+    """A context with the steps, whose bar moves with them; ``what`` is the task in a word or two,
+    ``unit`` a step.
     """
     if callable(progress):
         yield progress(steps)

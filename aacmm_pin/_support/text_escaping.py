@@ -1,4 +1,4 @@
-"""Text from files, so that no terminal acts on it and no spreadsheet computes it."""
+"""Text on which no terminal acts, and with which no spreadsheet computes."""
 
 from __future__ import annotations
 
@@ -15,18 +15,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
-"""Start of a cell that a spreadsheet would compute, perhaps already quoted."""
+"""Start of a cell that a spreadsheet would compute, perhaps quoted."""
 _SEPARATED, _SEPARATED_QUOTED = (re.compile(rf"([;\t]){quote}(?='*[=+\-@])") for quote in ("", "'"))
-"""The same within a cell."""
+"""Within a cell."""
 
 _NOTHING = ("nan", "None", "<NA>", "NaT")
-"""Missing values of NumPy and pandas."""
+"""Missing in NumPy and pandas."""
 
 
 def printable(text: str) -> str:
-    """The text with control and shapeless characters as escapes, but for line ends and
-    tabulators.
-    """
+    """Control and shapeless characters as escapes, but for line ends and tabulators."""
     if text.isprintable():
         return text
     shown = ""
@@ -39,7 +37,7 @@ def printable(text: str) -> str:
 
 
 def encodable(text: str) -> str:
-    """The text with surrogates, from names that are not UTF-8, as escapes."""
+    """Surrogates, from names that are not UTF-8, as escapes."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -53,7 +51,7 @@ def stdout() -> TextIO:
 
 @contextmanager
 def results_alone_on_stdout() -> Iterator[None]:
-    """Meanwhile send all other output, such as of a user's cause, to stderr."""
+    """Meanwhile send other output, such as of a user's cause, to stderr."""
     _of_results.append(sys.stdout)
     try:
         with redirect_stdout(sys.stderr):
@@ -63,7 +61,7 @@ def results_alone_on_stdout() -> Iterator[None]:
 
 
 def say(text: str) -> None:
-    """Print a result on stdout."""
+    """Print a result."""
     print(printable(text), file=stdout(), flush=True)
 
 
@@ -101,8 +99,8 @@ def without_notes() -> Iterator[None]:
 
 
 def csv_quoted(text: str) -> str:
-    """The text for a cell of a CSV file: with an apostrophe in front of what a spreadsheet would
-    compute, also behind a semicolon or tab, which some programs separate.
+    """For CSV: an apostrophe before what a spreadsheet would compute, also behind a semicolon or
+    tab, which some programs separate.
     """
     text = _SEPARATED.sub(r"\1'", text)
     return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
@@ -119,7 +117,7 @@ def csv_text(
     quoting: Literal[0, 2] = csv.QUOTE_MINIMAL,
     separator: str = ",",
 ) -> str:
-    """A data frame, or columns by their names, as CSV, with empty cells for missing values."""
+    """A table, or columns by name, as CSV; missing values are empty."""
     columns = [
         column.tolist() if hasattr(column, "tolist") else column for _, column in table.items()
     ]

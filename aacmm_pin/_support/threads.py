@@ -1,6 +1,4 @@
-"""One thread of linear algebra: on small matrices several threads take up to forty times the
-work.
-"""
+"""One thread of linear algebra: on small matrices several take up to forty times the work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units of files and people: multiply on input, divide on output. Inside everything is SI."""
+"""Units of files and people: multiply on input, divide on output. Inside all is SI."""
 
 from __future__ import annotations
 
@@ -6,17 +6,12 @@ import math
 import re
 
 MM = 1e-3
-"""One millimetre in metres."""
 UM = 1e-6
-"""One micrometre in metres."""
 LARGE_IN_MICRO = 1e4
-"""From so many µm or µrad, changes and errors are in mm or mrad."""
+"""So many µm or µrad are shown in mm or mrad."""
 MM3 = MM**3
-"""One cubic millimetre in cubic metres."""
 DEG = math.pi / 180.0
-"""One degree in radians."""
 ARCSEC = DEG / 3600.0
-"""One second of arc in radians."""
 
 ANGLES = {
     "rad": 1.0,
@@ -28,7 +23,7 @@ ANGLES = {
     "arcmin": DEG / 60.0,
     "arcsec": ARCSEC,
 }
-"""Units of typed angles, in radians."""
+"""Of typed angles, in radians."""
 PREFIXES = {
     "k": (1e3, "·10³"),
     "": (1.0, ""),
@@ -36,11 +31,11 @@ PREFIXES = {
     "µ": (1e-6, "ppm"),
     "n": (1e-9, "·10⁻⁹"),
 }
-"""SI prefixes that people read, largest first; and in their stead, for units that take none."""
+"""Largest first; and in their stead, for units that take none."""
 
 
 def in_radians(text: str) -> float:
-    """A typed angle: ``8e-6``, ``8urad``, ``1.65arcsec``, ``0.5mdeg``.
+    """Typed as ``8e-6``, ``8urad``, ``1.65arcsec``, ``0.5mdeg``.
 
     Raises:
         ValueError: it is none.
@@ -62,7 +57,7 @@ def number(text: str) -> float:
 
 
 def prefixed(unit: str, size: float) -> tuple[str, float]:
-    """The prefixed unit in which ``size`` is 1 to 1000, and its size in SI: ``rad/m``, 1e-4 ->
+    """Prefixed unit in which ``size`` is 1 to 1000, and its size in SI: ``rad/m``, 1e-4 ->
     ``µrad/m``, 1e-6.
     """
     prefix = next((p for p, (factor, _) in PREFIXES.items() if 0.999 * factor <= abs(size)), "n")
@@ -74,7 +69,7 @@ def prefixed(unit: str, size: float) -> tuple[str, float]:
 
 
 def plain_mm(length: float) -> str:
-    """A length [m] in mm to 0.1 µm, for a test report: ``1200.027``."""
+    """[m] in mm to 0.1 µm, for a test report: ``1200.027``."""
     return f"{length / MM:z.4f}".rstrip("0").rstrip(".")
 
 

@@ -1,4 +1,4 @@
-"""Independent jobs in this process, in worker processes, or by an executor of the user."""
+"""Independent jobs here, in worker processes, or by an executor of the user."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from aacmm_pin.errors import AacmmError
 J = TypeVar("J")
 R = TypeVar("R")
 Workers = int | Executor
-"""Number of processes, or a ``concurrent.futures.Executor``, which is not shut down."""
+"""Processes, or a ``concurrent.futures.Executor``, which is not shut down."""
 TERMINAL_SIGNALS = (signal.SIGINT, signal.SIGHUP)
-"""Signals of a terminal to all processes, which the parent answers."""
+"""To all processes of a terminal; the parent answers."""
 
 
 @contextmanager
 def results(
     work: Callable[[J], R], jobs: Iterable[J], workers: Workers
 ) -> Iterator[Iterator[tuple[int, R]]]:
-    """Numbers and results of all jobs, as they are done. The end of the context cancels waiting
-    jobs; an error or interrupt in it ends worker processes at once.
+    """Numbers and results of jobs, as they are done. The end of the context cancels waiting jobs;
+    an error or interrupt ends worker processes at once.
 
     Args:
         work: a function of a module, which is sent by name.
@@ -43,7 +43,7 @@ def results(
         workers: 1 is this process.
 
     Raises:
-        AacmmError: a worker process was killed, or the number of processes is out of range.
+        AacmmError: a worker was killed, or their number is out of range.
     """
     futures: dict[Future[R], int] = {}
     pool: ProcessPoolExecutor | None = None
@@ -82,7 +82,7 @@ def _submitted(
     jobs: Iterable[J],
     futures: dict[Future[R], int],
 ) -> Iterator[tuple[int, R]]:
-    """Submit all jobs, and list them in ``futures``; numbers and results as they are done."""
+    """Submit all jobs into ``futures``; numbers and results as they are done."""
     for number, job in enumerate(jobs):
         futures[executor.submit(work, job)] = number
     return ((futures.pop(future), future.result()) for future in as_completed([*futures]))
@@ -90,7 +90,7 @@ def _submitted(
 
 @contextmanager
 def _blocked_signals() -> Iterator[None]:
-    """Meanwhile block the signals of the terminal, also in processes that start."""
+    """Meanwhile block signals of the terminal, also in processes that start."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
     try:
         # Its start unblocks those that the tracker ignores, which SIGHUP is not.
@@ -102,7 +102,7 @@ def _blocked_signals() -> Iterator[None]:
 
 
 def _begin(stop: Event) -> None:
-    """Begin a worker process, which ends with its parent or when ``stop`` is set."""
+    """Begin a worker process; it ends with its parent, or at ``stop``."""
 
     def exit_after(wait_for_end: Callable[[], object]) -> None:
         wait_for_end()
