@@ -1,1 +1,1 @@
-"""The command ``aacmm-pin``: one module for each subcommand, imported when it runs."""
+"""``aacmm-pin``: one module for each subcommand, imported when it runs."""

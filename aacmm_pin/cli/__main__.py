@@ -11,7 +11,7 @@ import sys
 import warnings
 
 LEAST_MEMORY = 600_000_000
-"""Address space that loading takes [bytes]; with less, OpenBLAS asks for its buffers for ever."""
+"""To load [bytes]; with less, OpenBLAS asks for its buffers for ever."""
 
 
 def main() -> None:

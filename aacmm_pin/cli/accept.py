@@ -30,8 +30,9 @@ from aacmm_pin.verification import History, StandardName, accept, in_utc
 
 CONFORMITY, NONCONFORMITY, INCONCLUSIVE = 0, 3, 4
 EXIT_STATUS = {"conformity": CONFORMITY, "non-conformity": NONCONFORMITY}
-"""Of ``--exit-status``, by verdict; others are inconclusive, for a script would take 0 for
-conformity."""
+"""Of ``--exit-status``; other verdicts are inconclusive, for a script would take 0 for
+conformity.
+"""
 
 Standard = Annotated[
     StandardName | None, typer.Option(help="Use this standard only. Default: both standards.")
@@ -162,7 +163,7 @@ def run(
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
-    """MPEs by name of the characteristic [m]."""
+    """By name of the characteristic [m]."""
     limits: dict[str, float] = {}
     for text in texts:
         for name, stated in _stated_limits(text).items():
@@ -222,7 +223,7 @@ def _when(time: str | None, path: str) -> datetime:
 
 
 def _next_step(arm: list[str], path: str) -> str:
-    """How to find the cause from the same points, or why this is impossible."""
+    """How to find the cause from these points, or why this is impossible."""
     try:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:

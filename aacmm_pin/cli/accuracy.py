@@ -1,4 +1,4 @@
-"""Predict the uncertainty at a point in each posture, or of a length, with its budget."""
+"""Predict the uncertainty at a point in each posture, or of a length."""
 
 from __future__ import annotations
 

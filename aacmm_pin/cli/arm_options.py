@@ -1,4 +1,4 @@
-"""Options that commands share: which arm, how it is measured, and how noisy."""
+"""Options that commands share: the arm, and how it is measured."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from aacmm_pin.measurements import Measurements
 
 NAMES_LISTED = 20
-"""Frames of a URDF that are listed, at most."""
+"""Frames of a URDF in a message."""
 BUNDLED = ", ".join(bundled_arms())
 ROBOTS = ", ".join(EXAMPLE_ROBOTS)
 
@@ -64,19 +64,19 @@ class UrdfArm:
 
     @property
     def urdf_words(self) -> list[str]:
-        """The options as typed; [] without ``--urdf``."""
+        """Options as typed; [] without ``--urdf``."""
         return [] if self.urdf is None else ["--urdf", self.urdf, "--frame", str(self.frame)]
 
     @property
     def half_widths(self) -> dict[str, float]:
-        """Arguments of :meth:`Arm.from_urdf` [m, rad]."""
+        """For :meth:`Arm.from_urdf` [m, rad]."""
         return {}
 
     def of_urdf(self) -> ErrorModel | None:
         """The arm; None without ``--urdf``.
 
         Raises:
-            AacmmError: the arm cannot be used.
+            AacmmError: it cannot be used.
         """
         if self.urdf is None:
             if self.frame is not None:
@@ -102,7 +102,7 @@ class UrdfArm:
 
 @dataclass(frozen=True)
 class AnyArm(UrdfArm):
-    """An arm by its name or file, or by its URDF."""
+    """An arm by name or file, or by its URDF."""
 
     arm: Annotated[
         str | None,
@@ -122,7 +122,7 @@ class AnyArm(UrdfArm):
         """The arm with its effects.
 
         Raises:
-            AacmmError: the arm cannot be used.
+            AacmmError: it cannot be used.
         """
         if (self.arm is None) == (self.urdf is None):
             raise typer.BadParameter("state ARM, or --urdf FILE and --frame NAME")
@@ -141,7 +141,7 @@ class AnyArm(UrdfArm):
 
 @dataclass(frozen=True)
 class UncertainArm(AnyArm):
-    """An arm whose uncertainty matters; options state that of a URDF."""
+    """An arm with uncertainty; options state that of a URDF."""
 
     translation_half_width: Annotated[
         float | None,
@@ -173,7 +173,7 @@ class UncertainArm(AnyArm):
 
 @dataclass(frozen=True)
 class ArmAndData(UncertainArm):
-    """An arm and a file of measurements; with ``--urdf`` the file is the only argument."""
+    """An arm and a file; with ``--urdf`` the file is the only argument."""
 
     data: Annotated[
         str | None,
@@ -202,7 +202,7 @@ class ArmAndData(UncertainArm):
         """The arm, and the path of the file.
 
         Raises:
-            AacmmError: the arm cannot be used.
+            AacmmError: it cannot be used.
         """
         if self.data is not None:
             return self.model(), self.data
@@ -224,7 +224,7 @@ class ArmAndData(UncertainArm):
         return self.with_approach(records.with_joint_angles(model.arm))
 
     def with_approach(self, records: Measurements) -> Measurements:
-        """The records, if asked with directions of approach from the order of the rows.
+        """The records, perhaps with directions from the order of the rows.
 
         Raises:
             AacmmError: they state directions.
@@ -234,7 +234,7 @@ class ArmAndData(UncertainArm):
 
 @dataclass(frozen=True)
 class EncoderNoise:
-    """Standard uncertainties as stated with a command."""
+    """As stated with a command."""
 
     encoder_noise: Annotated[
         float | None,
@@ -248,7 +248,7 @@ class EncoderNoise:
 
 @dataclass(frozen=True)
 class ContactNoise(EncoderNoise):
-    """Standard uncertainties of contacts and references too."""
+    """Of contacts and references too."""
 
     probe_noise: Annotated[
         float | None,
@@ -268,7 +268,7 @@ class ContactNoise(EncoderNoise):
     ] = None
 
     def simulated(self, arm: Arm) -> Noise:
-        """Noise of virtual measurements: as stated, else of the arm, else typical, with a note."""
+        """As stated, else of the arm, else typical, with a note."""
         encoder = arm.encoder_noise if self.encoder_noise is None else self.encoder_noise
         if encoder is None:
             note(str(Note("encoder_noise_assumed", {"noise": ENCODER})))
@@ -282,7 +282,7 @@ class ContactNoise(EncoderNoise):
 
 
 def restrict_to_known_range(model: ErrorModel) -> ErrorModel:
-    """Limit the joints to where the effects are known, with a note on each limited joint."""
+    """Limit joints to where effects are known, with notes."""
     within = model.restricted_to_known_range()
     for j in np.flatnonzero((within.arm.limits != model.arm.limits).any(axis=1)):
         unit, size = (" mm", MM) if model.arm.chain.prismatic[j] else ("°", DEG)

@@ -1,4 +1,4 @@
-"""A subcommand from its function, and groups of options from dataclasses."""
+"""A subcommand from its function, and options from dataclasses."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ Quiet = Annotated[
 
 
 def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorate the function of a subcommand; a parameter whose type is a dataclass stands for the
-    fields of the dataclass.
+    """Decorate the function of a subcommand; a parameter that is a dataclass stands for its
+    fields.
     """
 
     def with_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -47,7 +47,7 @@ def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., Non
 
 
 def _options(taker: Callable[..., Any]) -> Iterator[inspect.Parameter]:
-    """The parameters of a function or dataclass, groups by their fields."""
+    """Parameters, with groups replaced by their fields."""
     types = get_type_hints(taker, include_extras=True)
     for name, parameter in inspect.signature(taker).parameters.items():
         if is_dataclass(types[name]):

@@ -1,4 +1,4 @@
-"""What the subcommands share: types of their arguments, and their output."""
+"""What subcommands share: types of arguments, and output."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
 
 def angle_option(help_: str, range_: Range) -> Any:
-    """An option for an angle within ``range_``: in radians, or with its unit behind it."""
+    """An angle within ``range_``: in radians, or with its unit behind it."""
 
     def angle(text: str) -> float:
         try:
@@ -43,13 +43,13 @@ def angle_option(help_: str, range_: Range) -> Any:
 
 
 def length_option(name: str, help_: str, range_: Range, metavar: str = "MM") -> Any:
-    """An option for lengths that are typed in millimetres, and come in metres, as ``range_``."""
+    """Lengths typed in millimetres, that come in metres, as ``range_``."""
     callback = _within(range_.of_unit("mm", MM), MM)
     return typer.Option(name, metavar=metavar, callback=callback, help=help_)
 
 
 def _within(range_: Range, unit: float = 1.0) -> Callable[..., Any]:
-    """A callback that refuses numbers outside a range in ``unit``, and gives the others in SI."""
+    """A callback that refuses numbers outside a range in ``unit``, and gives others in SI."""
 
     def checked(parameter: typer.CallbackParam, value: Any) -> Any:
         if value is None:
@@ -118,14 +118,14 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that exist."
 
 @dataclass(frozen=True)
 class Replacing:
-    """Options of a command that writes only files."""
+    """Of a command that writes only files."""
 
     force: Force = False
 
 
 @dataclass(frozen=True)
 class JsonFile:
-    """Options of a command with JSON."""
+    """Of a command with JSON."""
 
     json_: Json = None
     force: Force = False
@@ -133,7 +133,7 @@ class JsonFile:
 
 @dataclass(frozen=True)
 class PlotAndJson:
-    """Options of a command with JSON and a picture."""
+    """Of a command with JSON and a picture."""
 
     plot: Plot = None
     json_: Json = None
@@ -141,21 +141,21 @@ class PlotAndJson:
 
 
 class FileOptions(Protocol):
-    """Options of a command that writes files, perhaps ``plot`` and ``json_`` too."""
+    """Of a command that writes files, perhaps with ``plot`` and ``json_``."""
 
     @property
     def force(self) -> bool:
-        """Whether files that exist are replaced."""
+        """Replace files that exist."""
 
 
 class Results(OutputFiles):
-    """The files and the printed results of one command: all of them in the end, or nothing.
+    """Files and printed results of one command: all in the end, or nothing.
 
-    The command cannot write a file that it reads, or a file of a plugin.
+    It cannot write a file that it reads, or one of a plugin.
     """
 
     plugins: ClassVar[tuple[str, ...]] = ()
-    """Files of ``--plugin`` and of all that it imports, which every command reads."""
+    """Files of ``--plugin`` and its imports, which every command reads."""
 
     def __init__(
         self,
@@ -169,11 +169,10 @@ class Results(OutputFiles):
         Args:
             options: options of the command.
             paths, page: files and a document to write.
-            inputs: files that other processes read.
+            inputs: read by other processes.
 
         Raises:
-            AacmmError: a file cannot be written, exists, is read by the command, or is stated
-                twice.
+            AacmmError: one cannot be written, exists, is read, or stated twice.
         """
         super().__init__(options.force, (*self.plugins, *inputs))
         self._plot: Path | None = getattr(options, "plot", None)
@@ -195,18 +194,18 @@ class Results(OutputFiles):
         return super().__enter__()
 
     def __exit__(self, kind: type[BaseException] | None, *raised: Any) -> None:
-        """Put the files in their places, and list them on stderr."""
+        """Put the files in place, and list them on stderr."""
         super().__exit__(kind, *raised)
         if kind is None and self.written:
             status(f"written: {', '.join(self.written)}")
 
     def text(self, text: str, path: Path | str | None) -> None:
-        """Write ``text`` to a file, or print it where ``path`` is None."""
+        """To a file, or printed if ``path`` is None."""
         file = self.file(path or "-")
         file.write_text(encodable(text), encoding="utf-8", newline="")
 
     def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
-        """Write the arm file of a model, with a note if an estimate is too large to be read."""
+        """Write an arm file, with a note if an estimate is too large to be read."""
         from aacmm_pin.effects import require_plausible  # the list of commands needs none
 
         for effect in model.effects:
@@ -217,19 +216,19 @@ class Results(OutputFiles):
         self.text(model.text(comment, path), path)
 
     def document(self, document: Document, path: Path | None) -> None:
-        """Write a document in the format of the suffix, if there is a path."""
+        """Write in the format of the suffix, if there is a path."""
         if path is not None:
             from aacmm_pin.report import content  # the list of commands needs none
 
             self.file(path).write_bytes(content(document, path))
 
     def json(self, content: dict[str, Any]) -> None:
-        """Write one JSON object to the file of ``--json``; ``-`` is stdout."""
+        """To the file of ``--json``; ``-`` is stdout."""
         if self._json is not None:
             self.text(json_text(content), self._json)
 
     def picture(self, drawn: Callable[[], Any]) -> None:
-        """Write the matplotlib figure that ``drawn`` returns to the file of ``--plot``."""
+        """The matplotlib figure of ``drawn``, to the file of ``--plot``."""
         if self._plot is not None:
             from aacmm_pin.report import without_latex
 
@@ -243,7 +242,7 @@ class Results(OutputFiles):
         return self._json == "-"
 
     def show(self, document: Document) -> None:
-        """Show a document at the terminal; beside JSON on stdout, only its notes."""
+        """At the terminal; beside JSON on stdout, only its notes."""
         from aacmm_pin.report import terminal  # the list of commands needs none
 
         terminal.show(document, self.json_on_stdout)

@@ -1,4 +1,4 @@
-"""Tip coordinates of readings by the calibrated arm with its effects."""
+"""Tip coordinates of readings by the calibrated arm."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ from aacmm_pin.measurements import (
 from aacmm_pin.report import comparison_in_words, comparison_warning
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
-"""The columns that ``correct`` adds; then :data:`CORRECTED_ORIENTATION`, with orientations."""
+"""Added columns; then :data:`CORRECTED_ORIENTATION`, with orientations."""
 CORRECTED_ORIENTATION = tuple(f"corrected_{name}" for name in ORIENTATION)
 OF_ORIENTATION = (*chain(*ORIENTATIONS), ORIENTATION_U)
 OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *OF_ORIENTATION)
-"""Columns of reference data, which do not change where the readings put the tip."""
+"""Columns that do not change where the readings put the tip."""
 
 DECIMALS_OF_UNIT = {"mm": 6, "deg": 8, "rad": 9}
-"""Decimals of computed numbers by the unit of the column; 9 of quaternions. Rounded angles move the
-tip of SINO6 by 1.4 nm at most (20 000 postures), a thousandth of the noise.
+"""Of computed numbers by unit of the column; 9 of quaternions. Rounding moves the tip of SINO6 by
+1.4 nm at most (20 000 postures), a thousandth of the noise.
 """
 FEWEST_ALIGNED = 3
-"""Fewer positions than this do not determine an alignment."""
+"""Fewer positions do not determine an alignment."""
 LARGE_CHANGE = 0.05
-"""A command that changes by more is close to a singular posture [rad]."""
+"""A command that changes by more is near a singular posture [rad]."""
 
 
 @command(
@@ -155,7 +155,7 @@ def run(
 
 
 def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
-    """The arm of ``--nominal``; default the arm of the URDF that ``model`` names."""
+    """That of ``--nominal``; default that of the URDF of ``model``."""
     if name is None:
         return None if model.arm.nominal is None else ErrorModel(model.arm.uncorrected)
     try:
@@ -174,7 +174,7 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
 
 
 def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> Array:
-    """Corrected commands (n, nq) [rad]; nan, with a warning, if the tip does not arrive."""
+    """Corrected (n, nq) [rad]; nan, with a warning, if the tip does not arrive."""
     commands, arrived = joint_commands(model, nominal, records.q, records.conditions)
     _warn_of_large_changes(model, commands - records.q, records, arrived)
     if np.array_equal(commands, records.q):
@@ -232,9 +232,7 @@ def _note_comparisons(
     u: float,
     path: str,
 ) -> None:
-    """State the distance of the tips (n, 3) [m], with standard uncertainty ``u`` [m], from the
-    references.
-    """
+    """State the distance of tips (n, 3) [m], of standard uncertainty ``u`` [m], from references."""
     if not table.columns.isin([*REFERENCE, BAR[0], "seat"]).any() or not len(rows):
         return
     try:
@@ -271,7 +269,7 @@ def _note_comparisons(
 
 
 def _rows_in_range(model: ErrorModel, readings: Measurements) -> Index:
-    """Rows in the known range of all causes of the model; warn of the others."""
+    """Rows in the known range of all causes; warn of others."""
     in_range = model.known_at(readings.q)
     for effect, inside in zip(model.effects, in_range.T, strict=True):
         if not inside.all():
@@ -296,8 +294,8 @@ def _u_of_commands(
     records: Measurements,
     encoder_noise: float | None,
 ) -> Array:
-    """u of the tip in the base, and after an alignment of the base (n, 2) [m]; nan if not stated,
-    or if the command is nan.
+    """u of the tip in the base, and after its alignment (n, 2) [m]; nan if not stated, or for
+    nan.
     """
     u = np.full((len(commands), 2), np.nan)
     sent = np.flatnonzero(np.isfinite(commands).all(axis=1))
@@ -321,7 +319,7 @@ def _u_of_commands(
 def _accuracy(
     model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float | None
 ) -> AccuracyVolume | None:
-    """Accuracy of the tip at ``q`` (n, nq) [rad]; None if no uncertainty is stated."""
+    """At ``q`` (n, nq) [rad]; None if no uncertainty is stated."""
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
     if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
         note(f"u_mm is empty, because {model.arm.name} states no uncertainty")

@@ -18,7 +18,7 @@ from aacmm_pin.effects import GivenModel
 from aacmm_pin.errors import AacmmError
 
 ARM_SUFFIXES = ("", ".toml")
-"""Ends of arguments that are arms: names of arms, and arm files."""
+"""Of arguments that are arms: names, and arm files."""
 
 
 @command(
@@ -79,7 +79,7 @@ def run(
 
 
 def _pairs(files: list[str], robot: UrdfArm) -> list[tuple[GivenModel, str]]:
-    """Each measurement file with the arm that stands before it, or that of ``--urdf``."""
+    """Each file with the arm before it, or that of ``--urdf``."""
     expected = "expected ARM (name or *.toml) and then its measurement files, or --urdf"
     pairs: list[tuple[GivenModel, str]] = []
     arm: GivenModel | None = robot.of_urdf()

@@ -1,4 +1,4 @@
-"""Options that the commands with measurements share: how records are taken."""
+"""Options of commands with measurements: how records are taken."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ NoCrossValidation = Annotated[
 
 @dataclass(frozen=True)
 class MeasuredHow(ContactNoise):
-    """How records were, or will be, measured, and what is known of the arm beforehand."""
+    """How records are measured, and what is known of the arm."""
 
     length_noise: Annotated[
         float | None,
@@ -52,7 +52,7 @@ class MeasuredHow(ContactNoise):
     ] = False
 
     def keywords(self) -> dict[str, Any]:
-        """Keyword arguments of ``calibrate``, ``diagnose`` and ``plan_measurements``."""
+        """For ``calibrate``, ``diagnose`` and ``plan_measurements``."""
         keywords = asdict(self)
         keywords["prior"] = not keywords.pop("no_prior")
         return keywords

@@ -1,4 +1,4 @@
-"""Plan of an acceptance test: the points to probe, as a CSV to fill in and a sheet to print."""
+"""Plan of an acceptance test: points to probe, as a CSV to fill in and a sheet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What plans of records share: their options, their files, and what is said of them."""
+"""What plans of records share: options, files, and what is said of them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ Sheet = Annotated[Path | None, page_option("a page to print, with positions and 
 
 @dataclass(frozen=True)
 class PlannedRecords:
-    """Records of the arm, to distinguish causes or for a calibration, and their files."""
+    """Planned records, and their files."""
 
     records: Annotated[int, typer.Option(metavar="N", min=1, help="Number of records to plan.")] = (
         40
@@ -78,7 +78,7 @@ class PlannedRecords:
 
     @property
     def csv_on_stdout(self) -> bool:
-        """Whether results other than the page of the plan take stdout."""
+        """Whether other results than the plan's page take stdout."""
         return self.output is None or self.json_ == "-"
 
 
@@ -131,7 +131,7 @@ def note_lowest_tip(heights: Array, above: float | None) -> None:
 
 
 def _like(existing: Measurements, records: pd.DataFrame) -> str:
-    """The plan with the columns and the angle unit of the file to which it will be appended."""
+    """The plan with columns and angle unit of the file that it extends."""
     header = pd.Index(existing.header)
     if "theta1_rad" in header:
         angles = [str(name) for name in records.filter(like="theta")]

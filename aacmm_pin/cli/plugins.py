@@ -1,6 +1,4 @@
-"""Causes of a user's own: modules that ``--plugin`` names, and entry points of installed
-packages.
-"""
+"""A user's own causes: modules of ``--plugin``, and entry points of packages."""
 
 from __future__ import annotations
 
@@ -23,11 +21,11 @@ from aacmm_pin.effects import CAUSES, raised
 from aacmm_pin.errors import AacmmError
 
 SEARCHED = [*sys.path]
-"""Where modules are found, before plugins add their folders."""
+"""Where modules are found, before plugins."""
 
 
 def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
-    """Import modules by name or path, and entry points; return the paths of all files.
+    """Import modules by name or path, and entry points; return all files.
 
     Raises:
         AacmmError: one cannot be imported.
@@ -61,7 +59,7 @@ def import_plugin(name: str) -> ModuleType:
     """Import a module by name or by the path of the file.
 
     Raises:
-        AacmmError: the file is missing, or another module has the name, by which workers import it.
+        AacmmError: no file, or its name, by which workers import it, is taken.
     """
     if not name.endswith(".py"):
         return importlib.import_module(name)
@@ -84,9 +82,9 @@ def import_plugin(name: str) -> ModuleType:
 
 
 def plugin_error(error: BaseException) -> str | None:
-    """The error of a plugin in one line; None if no plugin is loaded.
+    """The error of a plugin in one line; None without plugins.
 
-    If no line of a plugin is in the traceback, an attribute of the class may be wrong.
+    Without a line of a plugin in the traceback, an attribute of its class may be wrong.
     """
     plugins = {
         cause.cause: getattr(sys.modules.get(cause.__module__), "__file__", None)

@@ -1,4 +1,4 @@
-"""Options for a place of the arm: a point, and a direction or orientation of the tip."""
+"""Options for a point, and a direction or orientation of the tip there."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ Point = Annotated[
 ]
 
 IN_METRES = 20.0 * MM
-"""No arm reaches farther: larger coordinates cannot be metres [m]."""
+"""Larger coordinates cannot be metres [m]."""
 METRES = "the point would be in reach if its numbers were in metres; expected mm"
 
 
 @dataclass(frozen=True)
 class Orientation:
-    """Orientation of the tip at a point, and number of postures."""
+    """Orientation of the tip, and number of postures."""
 
     tip: Annotated[
         bool,
@@ -76,14 +76,14 @@ class Orientation:
 
     @property
     def oriented(self) -> bool:
-        """Whether a direction or an orientation is given."""
+        """A direction or an orientation is given."""
         return self.axis is not None or self.rpy_deg is not None
 
     def postures(self, arm: Arm, point: Triple) -> PosturesAtPoint:
         """All postures at ``point`` [m], with notes on stderr.
 
         Raises:
-            AacmmError: there is none, or the arm does not support the orientation.
+            AacmmError: none, or not supported by the arm.
         """
         has_table = arm.dh is not None
         if self.tool_axis is not None and (self.axis is None or has_table):
@@ -106,7 +106,7 @@ class Orientation:
         return result
 
     def _enumerated(self, arm: Arm, where: Array) -> PosturesAtPoint:
-        """The postures at a point (3,) [m]; an empty result states the reason."""
+        """At a point (3,) [m]; an empty result states the reason."""
         has_table, tip = arm.dh is not None, self.oriented or arm.dh is None
         if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
             return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)

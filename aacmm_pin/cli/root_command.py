@@ -1,4 +1,4 @@
-"""The command ``aacmm-pin``: its options, its end, and its subcommands, imported only to run."""
+"""``aacmm-pin``: its options, its end, and its subcommands."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ COMMANDS = {
     "simulate": "Simulate measurements of an arm with known errors (CSV).",
     "urdf": "Write the URDF of an arm, or the DH table of a URDF.",
 }
-"""Sentence of each command. The module of the command has the function ``run``, whose docstring
-adds paragraphs. The first word of several commands is a group without a module.
+"""Sentence of each command; the docstring of ``run`` in its module adds paragraphs. The first word
+of several commands is a group without module.
 """
 HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 USAGE_ERROR: Any = typer.BadParameter.__base__
@@ -53,12 +53,11 @@ USAGE_ERROR: Any = typer.BadParameter.__base__
 INTERRUPTED = "interrupted; each output file is complete or unchanged"
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RECEIVED: list[int] = []
-"""Signals received. While it is loaded, compiled code raises other errors than KeyboardInterrupt.
-"""
+"""Compiled code raises other errors than KeyboardInterrupt while it is loaded."""
 
 
 class _Subcommand(TyperCommand):
-    """A subcommand that removes incomplete files if a signal stops it."""
+    """It removes incomplete files if a signal stops it."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         with self._options_named():
@@ -70,7 +69,9 @@ class _Subcommand(TyperCommand):
 
     @contextmanager
     def _options_named(self) -> Iterator[None]:
-        """In messages, replace Python arguments by options, and quote a text that is no number."""
+        """In messages, options replace Python arguments, and quotes mark a text that is no
+        number.
+        """
         try:
             yield
         except AacmmError as error:
@@ -96,7 +97,7 @@ class _Subcommand(TyperCommand):
 
 
 class _Commands(TyperGroup):
-    """Commands with the same beginning; only the command that runs is imported."""
+    """With the same beginning; only the command that runs is imported."""
 
     def __init__(self, beginning: str = "", **named: Any) -> None:
         super().__init__(**named)
@@ -107,7 +108,6 @@ class _Commands(TyperGroup):
                 self.commands[word] = TyperCommand(word, short_help=sentence)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Import the command."""
         name = self._beginning + cmd_name
         if any(command.startswith(f"{name} ") for command in COMMANDS):
             return _Commands(
@@ -133,16 +133,16 @@ class _Commands(TyperGroup):
         return typer.main.get_command(alone)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """List the commands without importing them."""
+        """Without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(word, self.commands[word].short_help) for word in self.commands])
 
 
 class Shell(_Commands):
-    """All commands: an error ends the command with one message on stderr and its exit status."""
+    """An error ends the command with one message on stderr and its exit status."""
 
     def main(self, *args: Any, **named: Any) -> Any:
-        """Run the command, with usable streams."""
+        """With usable streams."""
         sys.stdout = sys.stdout or open(1, closefd=False)  # noqa: SIM115, refuses what is written
         sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
         for stream in (sys.stdout, sys.stderr):
@@ -155,14 +155,14 @@ class Shell(_Commands):
                 sys.stdout.flush()
 
     def invoke(self, ctx: Any) -> Any:
-        """See :meth:`main`; typer would answer some errors before they come there."""
+        """See :meth:`main`; typer would answer some errors before."""
         with _errors_as_messages():
             return super().invoke(ctx)
 
 
 @contextmanager
 def _stopping_signals() -> Iterator[None]:
-    """Interrupt the command by each signal of :data:`STOPPING` that is not ignored."""
+    """Interrupt the command by each signal of :data:`STOPPING` not ignored."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         RECEIVED.append(number)
@@ -180,7 +180,7 @@ def _stopping_signals() -> Iterator[None]:
 
 @contextmanager
 def _errors_as_messages() -> Iterator[None]:
-    """End the command with one line on stderr for every error but bugs of this package."""
+    """End with one line on stderr for every error but bugs of this package."""
     try:
         yield
     except BaseException as error:
@@ -200,7 +200,7 @@ def _errors_as_messages() -> Iterator[None]:
 
 
 def _ending(error: BaseException) -> tuple[int, str] | None:
-    """Exit status and message; None if the error is not of the user."""
+    """Exit status and message; None if not of the user."""
     match error:
         case USAGE_ERROR() | typer.Exit() | typer.Abort():  # typer's own
             return None
@@ -239,12 +239,12 @@ OF_PROGRAMS = (
     ImportWarning,
     ResourceWarning,
 )
-"""Warnings for programmers, which users do not need."""
+"""For programmers; users do not need them."""
 
 
 @contextmanager
 def _warnings_as_notes() -> Iterator[None]:
-    """Print warnings of libraries without file and line; tests can turn them into errors."""
+    """Without file and line; tests can turn them into errors."""
 
     def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
         if not issubclass(category, OF_PROGRAMS):

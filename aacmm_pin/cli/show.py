@@ -1,4 +1,4 @@
-"""The arm in three dimensions, in the browser or as a page."""
+"""The arm in 3D, in the browser or as a page."""
 
 from __future__ import annotations
 
@@ -93,9 +93,7 @@ def run(
 
 
 def _posture(arm: Arm, text: str | None) -> Array:
-    """Joint values (nq,) [rad, m] stated in degrees (prismatic joints: mm), or the default
-    posture.
-    """
+    """(nq,) [rad, m] stated in degrees (prismatic joints: mm), or the default."""
     if text is None:
         zero_allowed = (arm.limits[:, 0] <= 0) & (arm.limits[:, 1] >= 0)
         return np.zeros(arm.nq) if zero_allowed.all() else arm.limits.mean(axis=1)
@@ -114,7 +112,7 @@ def _posture(arm: Arm, text: str | None) -> Array:
 
 
 def _serve(html: str, browser: bool) -> None:
-    """Serve the page on the loopback address until Ctrl-C."""
+    """On the loopback address until Ctrl-C."""
     page = html.encode()
 
     class Page(BaseHTTPRequestHandler):

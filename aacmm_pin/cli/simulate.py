@@ -44,9 +44,9 @@ SCHEMES_WITH = {
     "reference_noise": ("free", "seats", "ball-bar"),
     "orientation_noise": ("free", "seats"),
 }
-"""Which schemes use an option, by the name of its argument."""
+"""Which schemes an option is for, by its argument."""
 BAR_LENGTH_MM = 500.0
-"""Length of a ball bar where none is stated."""
+"""Assumed length of a ball bar."""
 
 
 @command(

@@ -1,4 +1,4 @@
-"""URDF of an arm; the DH table of a URDF; files of Universal Robots."""
+"""URDF of an arm, DH table of a URDF, files of Universal Robots."""
 
 from __future__ import annotations
 
@@ -30,9 +30,7 @@ from aacmm_pin.effects import Effect, ErrorModel, StylusOffset
 from aacmm_pin.errors import MissingConditionError, UnsupportedArmError
 
 POSTURES = 300
-"""Postures over which the displacement by causes is the RMS: its standard deviation is a few per
-cent.
-"""
+"""For an RMS displacement with a standard deviation of a few per cent."""
 
 
 @command(
@@ -111,7 +109,7 @@ def run(
 
 
 def _undetermined_tool(arm: Arm) -> list[str]:
-    """Parameters along and about the last axis that a calibration left as they were stated."""
+    """Parameters along and about the last axis that a calibration left as stated."""
     if arm.covariance is None:
         return []
     u = {parameter.name: parameter.u for parameter in arm.parameters}
@@ -125,7 +123,7 @@ def _undetermined_tool(arm: Arm) -> list[str]:
 
 
 def _note_of_causes(model: ErrorModel, form: str, kept: Sequence[Effect] = ()) -> None:
-    """Say which causes a file of this ``form`` does not contain, and how far they move the tip."""
+    """Causes that a file of this ``form`` does not contain, and how far they move the tip."""
     acting = [effect for effect in model.effects if not is_of_setup(effect)]
     lost = [effect.label for effect in acting if effect not in kept]
     if lost:
@@ -138,7 +136,7 @@ def _note_of_causes(model: ErrorModel, form: str, kept: Sequence[Effect] = ()) -
 
 
 def _displacement_in_words(model: ErrorModel, kept: Sequence[Effect]) -> str:
-    """How far the causes that are not ``kept`` move the tip; "" if that depends on conditions or
+    """How far causes that are not ``kept`` move the tip; "" if that depends on conditions or
     unknown masses.
     """
     arm = model.arm
@@ -155,7 +153,7 @@ def _displacement_in_words(model: ErrorModel, kept: Sequence[Effect]) -> str:
 
 
 def urdf_of(model: ErrorModel) -> bytes:
-    """The URDF of an arm, with a note on causes that a URDF cannot state."""
+    """With a note on causes that a URDF cannot state."""
     offsets = [e for e in model.effects if isinstance(e, StylusOffset) and e.marker is None]
     _note_of_causes(model, "URDF", offsets)
     file = model.file()
