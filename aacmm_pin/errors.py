@@ -5,13 +5,13 @@ from __future__ import annotations
 import copyreg
 
 MOST_CHARACTERS = 1200
-"""The largest length of a line in a message; the package cuts longer lines in the middle."""
+"""Of a line in a message; longer ones are cut in the middle."""
 
 
 class AacmmError(Exception):
-    """The base class of all errors that this package raises on purpose.
+    """Base class of all errors that this package raises on purpose.
 
-    The message of such an error is for users.
+    Its message is for users.
     """
 
     def __init__(self, message: str) -> None:
@@ -24,9 +24,7 @@ class AacmmError(Exception):
         )
 
     def __reduce__(self) -> tuple[object, ...]:
-        """As pickle takes it: an error of a worker process has to arrive as what it was, whatever
-        its own arguments.
-        """
+        """An error of a worker process arrives as what it was, whatever its arguments."""
         return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
@@ -38,7 +36,7 @@ class ArmFileError(AacmmError):
     """An arm file cannot be used.
 
     Attributes:
-        path: file name as the caller stated it.
+        path: file name as stated.
         key: dotted key in the file; "" for the whole file.
     """
 
@@ -90,7 +88,7 @@ class MissingConditionError(AacmmError):
     """The records lack a condition on which a cause of error depends.
 
     Attributes:
-        column: required column of the measurement file.
+        column: of the measurement file.
     """
 
     def __init__(self, purpose: str, column: str) -> None:
@@ -102,9 +100,9 @@ class MeasurementFileError(AacmmError):
     """A measurement file cannot be used.
 
     Attributes:
-        path: file name as the caller stated it.
-        row: line of the file, with the header as line 1; None if no single line is wrong.
-        column: name of the column; "" if no single column is wrong.
+        path: file name as stated.
+        row: line, with the header as line 1; None if no single one is wrong.
+        column: "" if no single one is wrong.
     """
 
     def __init__(self, path: str, row: int | None, column: str, message: str) -> None:
@@ -117,15 +115,15 @@ class MeasurementFileError(AacmmError):
 
 
 class MistakenFileError(AacmmError):
-    """The records do not fit the arm because of a probable mistake in the file, such as a joint
-    angle with the opposite sign.
+    """The records do not fit the arm by a probable mistake in the file, such as a joint with the
+    opposite sign.
 
     Attributes:
-        source: file name of the records as the caller stated it.
-        mistake: the mistake in words.
-        before: median distance of the records from their targets with the mistake [m].
-        after: median distance after a fit of the parameters without the mistake [m].
-        others: other mistakes that explain the records equally well, in words.
+        source: file name as stated.
+        mistake: in words.
+        before: median distance from targets with the mistake [m].
+        after: the same after a fit without the mistake [m].
+        others: equally good mistakes, in words.
     """
 
     def __init__(
