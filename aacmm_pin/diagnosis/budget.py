@@ -1,4 +1,4 @@
-"""The budget: what the nominal arm gets wrong as a sum of parts, in mean squares."""
+"""The budget: the mean square of what the nominal arm gets wrong, as a sum of parts."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class BudgetPart(Shown):
             error that records of one posture share) or ``unexplained scatter`` (more than the
             stated noise); or the labels of the causes of one place, or of places whose
             displacements oppose one another, joined by ``+``.
-        mean_square: of the residuals [m²]; the parts add up to the whole. Below zero for geometry,
-            if all other parts are more than the whole.
+        mean_square: of the residuals [m²]; below zero for geometry, if all other parts are more
+            than the whole.
         u: standard uncertainty of the mean square [m²].
         share: part of the whole.
         causes: labels of the causes; () for other parts.
@@ -58,8 +58,8 @@ class BudgetPart(Shown):
 
     @property
     def u_rms(self) -> float:
-        """Standard uncertainty of this root [m], by the law of propagation; at most the root of u,
-        which holds near zero.
+        """Standard uncertainty of this root [m]: propagated; at most the root of u, which holds
+        near zero.
         """
         by_slope = self.u / (2.0 * self.rms) if self.rms else math.inf
         return min(by_slope, math.sqrt(self.u))
@@ -68,8 +68,8 @@ class BudgetPart(Shown):
 def budget_of(
     choice: Choice, nominal: Fit, structure: Sequence[DiscrepancySize], shared: SharedError | None
 ) -> tuple[BudgetPart, ...]:
-    """The parts of the mean square residual of the nominal arm: geometry, then places and structure
-    by their size, then what records share and the noise.
+    """The parts of the mean square residual of the nominal arm: geometry, places and structure by
+    size, what records share, noise.
 
     Of the displacement ``D`` of a place at the posterior mean, what recalibration leaves counts:
     ``mean(D · ΣD)``, summed over all places and structure. The noise is the mean square that these
@@ -125,9 +125,8 @@ def _displacing(choice: Choice, structure: Sequence[DiscrepancySize]) -> Iterato
 
 
 def _not_opposed(products: Array) -> list[list[int]]:
-    """Groups of places, by the mean products of their displacements, with those of the structure
-    last (p + 1, p + 1): a place whose displacement others nearly undo joins the one that undoes
-    most of it.
+    """Groups of places, by the mean products of their displacements, the structure's last (p + 1, p
+    + 1): a place joins the one that nearly undoes its displacement.
     """
     groups = [[place] for place in range(len(products) - 1)]
     while len(groups) > 1:
@@ -144,7 +143,7 @@ def _not_opposed(products: Array) -> list[list[int]]:
 
 def _relative_u(choice: Choice, blocks: Sequence[int]) -> float:
     """Relative standard uncertainty of the mean square of some causes, in units of the noise: ``2
-    √(βᵀ I Σ I β) / βᵀ I β`` with the information I beside all that is refitted.
+    √(βᵀ I Σ I β) / βᵀ I β``, I the information beside all that is refitted.
     """
     model = choice.posterior.median_model
     members = Members(choice.posterior.space.base(0), tuple(blocks))

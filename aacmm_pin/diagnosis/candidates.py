@@ -23,33 +23,30 @@ from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements import Measurements
 
 Variants = tuple[Effect, ...]
-"""A candidate: one cause at one place with each value of its nonlinear parameter (order, time, …),
-all linear parameters zero.
-"""
+"""A candidate: one cause at one place with each nonlinear value, all linear parameters zero."""
 
 
 def is_change(effect: Effect) -> bool:
-    """Whether a variant is the change of a known cause: its u is what is stated of that cause."""
+    """Whether a variant is the change of a known cause, whose stated u it has."""
     return any(effect.u)
 
 
 def candidates(
     model: ErrorModel, measurements: Measurements, problem: Problem, extra: Sequence[Effect] = ()
 ) -> list[Variants]:
-    """Every registered cause that these records could show, one for each place where it can sit.
+    """Every registered cause that these records could show, one for each place.
 
     Args:
-        model: the arm. The change of a known cause is a candidate, whose u is what is stated of it;
-            its other variants have another nonlinear parameter and replace it, or are of a load
-            that the arm's file does not have.
-        measurements: the records.
+        model: the arm. The change of a known cause is a candidate with its stated u; its other
+            variants have another nonlinear parameter and replace it, or are of a load that the
+            arm's file does not have.
         problem: what is refitted anyway; geometric values beyond what is stated of them are causes
             too.
         extra: more causes; those with one label are variants of one candidate.
 
     Raises:
         UnknownNameError: an extra cause is not registered.
-        AacmmError: an extra cause sits on a row that the arm does not have.
+        AacmmError: an extra cause is on a row that the arm does not have.
     """
     of_set_up = [(effect,) for effect in _of_set_up(model.arm, measurements, problem)]
     library = [*all_candidates(model.arm, measurements), *of_set_up]
@@ -76,8 +73,8 @@ def candidates(
 def _changes(
     model: ErrorModel, measurements: Measurements, setup: Setup, by_label: Mapping[str, Variants]
 ) -> Iterator[Variants]:
-    """The change of each known cause, and its other variants; of known causes with one label, the
-    first has them.
+    """The change of each known cause, and its other variants; the first known cause of a label has
+    them.
     """
     taken = {effect.identity for effect in model.effects}
     for effect in known_causes(model, measurements, setup):
@@ -92,8 +89,8 @@ def _changes(
 def not_tried(
     arm: Arm, library: Sequence[Variants], measurements: Measurements
 ) -> dict[str, tuple[type[Effect], ...]]:
-    """Conditions that the records do not state, each with the causes that are no candidates for
-    want of it; without those of the whole arm that this arm cannot have.
+    """Conditions that the records do not state, each with the causes that need it; without those of
+    the whole arm that this arm cannot have.
     """
     tried = {variants[0].cause for variants in library}
     lacking: dict[str, tuple[type[Effect], ...]] = {}
@@ -121,8 +118,8 @@ def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:
-    """Geometric values beyond what is stated, a tip or a frame of references that is not where it
-    is said to be.
+    """Geometric values beyond what is stated; a tip or frame of references elsewhere than
+    stated.
     """
     vector = problem.vector
     estimated = {effect.label for effect in vector.effects}

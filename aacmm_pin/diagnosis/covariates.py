@@ -1,4 +1,4 @@
-"""Covariates: what residuals may depend on in a way that no cause of the library has."""
+"""Covariates: what residuals may depend on as no cause of the library does."""
 
 from __future__ import annotations
 
@@ -34,19 +34,17 @@ from aacmm_pin.effects import (
 from aacmm_pin.measurements import Measurements
 
 SMOOTH = (5, 20)
-"""Numbers of cosines over the ranks of a covariate: for a slow change; for a quick change, which
-may only shift the tip.
-"""
+"""Cosines over the ranks of a covariate: for a slow, and for a quick change, of the tip alone."""
 ORDERS = (1, 2, 3)
 """Waves per turn of a joint's angle that another joint's error may have."""
 GEAR_ORDERS = (2, 3, 4, 6)
 """Waves per turn of a gear's error that a load may change."""
 LEAST_MOMENT = 0.1
-"""Least change of a joint's moment by other joints with which it is a covariate [N·m]."""
+"""Least change of a joint's moment by others with which it is a covariate [N·m]."""
 LATER = 3
-"""Number of cosines over the ranks of the time with which a joint's error may change."""
+"""Cosines over the ranks of the time with which a joint's error may change."""
 SLOPES = 2
-"""Powers of the time since the middle of a session with which the tip may shift inside it."""
+"""Powers of the time since the middle of a session with which the tip may shift."""
 DECIMALS = 9
 """Decimals of angles [rad] by which records are ordered."""
 CENTRES = 24
@@ -60,8 +58,7 @@ class Carried:
     """Smooth functions of a covariate, and what they act on.
 
     Attributes:
-        functions: (n, m), root mean square 1, the constant first, for every dependence also has a
-            mean.
+        functions: (n, m), root mean square 1, the constant first: every dependence has a mean.
         carrier: name of a :class:`aacmm_pin.effects.smooth_discrepancy.Carrier`.
         smooth: these functions at any records, but for their ``size``; None for covariates that new
             records do not have.
@@ -78,7 +75,7 @@ class Carried:
     @staticmethod
     def of(smooth: tuple[Smooth, ...], carrier: str, state: State) -> Carried:
         """The product of ``smooth`` at the records of ``state``, for covariates that new records
-        have too.
+        have.
         """
         values = product_of(smooth, state)
         return Carried(_of_size_one(values), carrier, smooth, _size(values))
@@ -103,8 +100,8 @@ class Covariate:
             left``, or an unknown column.
         depends_on: its single covariates: ``joint 2``, ``time``, ``x``, …
         variants: functions of it, with what they act on.
-        values: the covariates themselves, n rows; a column of numbers has its unit in its name,
-            others are labels.
+        values: the covariates themselves, n rows; numbers have a unit in the name, others are
+            labels.
     """
 
     name: str
@@ -151,9 +148,7 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
 
 
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
-    """Each joint, which may shift the tip along the body before it, or change another joint's
-    error.
-    """
+    """Each joint, which may shift the tip along the body before it, or change another's error."""
     for joint in joints:
         readings = state.q[:, joint.number]
         covariate = _covariate(joint.name, readings, [f"before {joint.row}"], state)
@@ -169,7 +164,7 @@ def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 def _of_columns(
     measurements: Measurements, state: State, joints: Sequence[Joint]
 ) -> Iterator[Covariate]:
-    """Recorded columns, by what the table of columns says that they act on."""
+    """Recorded columns, by what the table of columns states that they act on."""
     turning = ["room", "target", *(joint.error for joint in joints)]
     growing = [f"tube {row}" for row in tubes(state.arm)]
     carriers = {"anywhere": [*turning, "lengths", "tubes", *growing], "joints": turning}
@@ -187,7 +182,7 @@ def _covariate(
     name: str, values: Iterable[object], carriers: Sequence[str], state: State | None
 ) -> Covariate | None:
     """A column of numbers or labels that may act on each of the carriers; with a ``state``, new
-    records have its numbers too. None with a single label, or with too many.
+    records have its numbers too. None with one label, or too many.
     """
     numbers = as_numbers(values)
     if numbers is None:
@@ -206,8 +201,8 @@ def _covariate(
 
 
 def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | None) -> Carried:
-    """Cosines on a carrier; the amplitude of ``cos kπp`` decreases as 1/k, as in every function of
-    bounded variation.
+    """Cosines on a carrier; ``cos kπp`` has an amplitude of 1/k, as functions of bounded variation
+    have.
     """
     if state is None:
         carried = Carried(_of_size_one(cosines.of_values(numbers)), carrier)
@@ -217,8 +212,8 @@ def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | 
 
 
 def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
-    """Time and session, joined: a drift may restart in each session, and sessions follow each other
-    in time.
+    """Time and session, joined: a drift may restart in each session, and sessions follow in
+    time.
     """
     session = conditions.session
     time = conditions.time
@@ -261,9 +256,7 @@ def _of_pairs_and_time(state: State, joints: Sequence[Joint]) -> Iterator[Covari
 
 
 def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
-    """The error of a gear depends on the moment of the weight on it: on the whole moment, or on the
-    part that only other joints change.
-    """
+    """The error of a gear depends on the moment of the weight: all, or the part by other joints."""
     if state.arm.masses is None:
         return
     for joint in joints:
@@ -282,8 +275,8 @@ def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 
 
 def _place(state: State) -> Covariate:
-    """A field of shifts in the room, as by a table that bends or by a tracker's own error: bumps
-    around centres among the tips; more of them, the more of the room the tips cover.
+    """A field of shifts in the room, as by a table that bends or a tracker's own error: bumps
+    around centres among the tips, more in more room.
     """
     # Sorted, so that the order of the records does not matter.
     order = np.lexsort(np.round(state.q, DECIMALS).T)
@@ -309,9 +302,7 @@ def _scale(state: State) -> Covariate:
 
 
 class LabelGroup(NamedTuple):
-    """Records of one label of a kind (bar, seat, session or marker), with the labels of all records
-    (n,).
-    """
+    """Records of one label of a kind (bar, seat, session or marker); labels of all records (n,)."""
 
     kind: str
     label: str
@@ -329,8 +320,8 @@ class LabelGroup(NamedTuple):
 
 
 def label_groups(measurements: Measurements) -> list[LabelGroup]:
-    """The groups of records that may disagree with the others: bars, or else seats, of unknown
-    place; sessions; markers. There are enough of a kind, each with enough records.
+    """Groups of records that may disagree with the others: bars, or else seats, of unknown place;
+    sessions; markers. Of each kind enough, with enough records.
     """
     conditions = measurements.conditions
     labels = {"session": conditions.session, "marker": conditions.marker}
@@ -350,7 +341,7 @@ def label_groups(measurements: Measurements) -> list[LabelGroup]:
 
 
 def _groups(measurements: Measurements) -> Iterator[Covariate]:
-    """One bar, or else one seat of unknown place, in which the target sat elsewhere on the arm."""
+    """One bar, or else one seat of unknown place, in which the target sat otherwise."""
     for group in label_groups(measurements):
         if group.kind in ("bar", "seat"):
             inside = group.records.astype(np.float64)[:, None]

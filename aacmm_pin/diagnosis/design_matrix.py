@@ -1,8 +1,7 @@
 """Columns of what is refitted anyway, of every place where a cause may act, and of every covariate.
 
-A place has the columns of one basis; each form of it, a cause with a value of its nonlinear
-parameter, is a small matrix in this basis. So hundreds of orders of a wave have no columns of their
-own.
+A place has the columns of one basis. Each of its forms, a cause with a nonlinear value, is a small
+matrix in this basis: hundreds of orders of a wave need no columns.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, Part, State
 
 TYPICAL_SHIFT = 2e-5
-"""Usual root mean square of what no cause explains, all smooth functions of it together: at the
-tip, or what is left there if more [m] …
+"""Usual root mean square of all smooth functions of what no cause explains, at the tip, or what is
+left there if more [m] …
 """
 TYPICAL_TURN = 2.0
 """… at a joint [rad] for each metre of that …"""
@@ -38,7 +37,7 @@ ROWS_OF_A_GROUP = 1500
 """Rows of the records whose columns are worked out at once."""
 
 Source = tuple[Effect, ...] | Carried
-"""What columns come from; of a known cause with another nonlinear parameter, both."""
+"""Where columns come from; of a known cause with another nonlinear value, both."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +116,8 @@ class Family:
         return np.asarray(products @ self.combinations)
 
     def gradient(self, with_residual: Array) -> Array:
-        """Products of the parameters of each block with the residual (b, q), by those of all
-        columns (columns,).
+        """Products of each block's parameters with the residual (b, q), by those of all columns
+        (columns,).
         """
         products = with_residual[self.columns]
         if self.combinations is None:
@@ -128,8 +127,7 @@ class Family:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Columns of all that is considered, at the point where a calibration ended; worked out when
-    they are asked for.
+    """Columns of all that is considered, at the end of a calibration; worked out when asked for.
 
     Attributes:
         fit: the calibration.
@@ -140,7 +138,7 @@ class Design:
         nuisances: number of nuisance columns, which come first.
         scales: factors that bring all columns to one order (columns,).
         kept: which of the fit's own parameters are nuisances.
-        known: the nuisances that stand for what is stated of known causes that were taken out.
+        known: nuisances for what is stated of known causes that were taken out.
         prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances
             + 1).
         tips: (n, 3), in the frame of the references, without the causes that are candidates here
@@ -239,9 +237,7 @@ class Design:
         return displacements
 
     def deviations(self, tips: Array) -> Array:
-        """Deviations of tips from their targets, seats at their best for these tips (n, 3 or 6) [m,
-        rad].
-        """
+        """Deviations of tips from their targets, seats at their best (n, 3 or 6) [m, rad]."""
         observations = self.fit.observations
         points = self.fit.point.seats
         touched = np.flatnonzero(observations.seat >= 0)
@@ -282,8 +278,8 @@ def design_of(
     """The columns of every candidate in the arm as calibrated.
 
     What the candidates among the estimated effects do, and curves of the fit's model, is taken out
-    of the tips: they are no nuisances. What the arm states of a geometric value among them, or of a
-    known cause, is a nuisance as well, within its u.
+    of the tips. What the arm states of a known cause, or of a geometric value among them, is a
+    nuisance within its u.
     """
     problem = fit.problem
     taken_out = problem.candidates
@@ -340,7 +336,7 @@ def _combinations(effect: Effect, basis: Effect) -> Array:
 
 
 class _ColumnsOf:
-    """The columns of candidates, added one after the other behind ``first`` others."""
+    """The columns of candidates, one after the other behind ``first`` others."""
 
     def __init__(self, fit: Fit, first: int) -> None:
         self.arm, self.records = fit.problem.model.arm, fit.problem.measurements
@@ -420,8 +416,8 @@ class _Calibrated:
         return np.asarray(moved.reshape(*axes.shape[:2], -1))
 
     def _columns(self, effects: Sequence[Effect]) -> Array:
-        """∂(pose)/∂parameters of effects that are all zero, in the frame of the references (n, 3 or
-        6, p) [m/unit].
+        """∂(pose)/∂parameters of effects that are all zero, in the references' frame (n, 3 or 6, p)
+        [m/unit].
         """
         columns = Columns.of(self.drawn, effects).jacobian(self.state)
         if not self.state.with_rotation:

@@ -1,4 +1,4 @@
-"""From an arm and measurements to a verdict, its causes, an extended model and the gain."""
+"""From an arm and measurements to a verdict, causes, an extended model and the gain."""
 
 from __future__ import annotations
 
@@ -91,16 +91,16 @@ def diagnose(
 
     Args:
         model: the arm, with the known causes of error if any.
-        measurements: the records; of more than 8000, so many are used, and a note states it.
+        measurements: the records; of more than 8000, so many are used, with a note.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
             see :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain on held-out records.
         with_discrepancy: include the discrepancy in the extended arm, if new records can have the
             same covariates.
         extra_causes: more causes to try, at places or with nonlinear parameters (orders, times,
-            other fields) that ``diagnose`` does not try by default. Registered causes of your own
+            other fields) that are not tried by default. Registered causes of your own
             (:func:`aacmm_pin.effects.register`) need no entry. The prior uses the ``typical``
-            magnitude of their terms, and ignores their values.
+            magnitude of their terms, not their values.
         rng: random generator for intervals and held-out groups; default seed 1.
         progress: True for a progress bar in a notebook or on stderr, or a function such as
             ``tqdm``.
@@ -223,9 +223,9 @@ def diagnose(
 def _better_frames(
     model: ErrorModel, records: Measurements, setup: Setup, recalibrated: Fit, extended: Fit
 ) -> list[Note]:
-    """A note if a frame for each session of the file explains the residuals better than the
-    recalibrated arm and than the causes that were found, by the Bayesian information criterion
-    (Schwarz 1978, Ann. Stat. 6). A movement of the set-up counts as such frames.
+    """A note if a frame for each session explains the residuals better than the recalibrated arm
+    and than the causes found (Bayesian information criterion, Schwarz 1978, Ann. Stat. 6). A
+    movement of the set-up counts as such frames.
     """
     session = records.conditions.session
     if session is None or setup.frame_of_session:
@@ -256,8 +256,8 @@ def _better_frames(
 def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:
     """Whether held-out records are not predicted better beyond doubt with the causes.
 
-    Values of the geometry do not count, for the recalibrated arm has them too, nor do places of
-    seats. Beside ``structure`` it is enough that each cause is borne out beside it.
+    Values of the geometry, which the recalibrated arm has too, and places of seats do not count.
+    Beside ``structure`` it is enough that each cause is borne out.
     """
     if held is None or held.beyond_doubt:
         return False
@@ -282,8 +282,8 @@ def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
 def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:
     """The calibration problem with some causes estimated too.
 
-    Known causes are refitted with the geometry within their stated u, but freely where nothing is
-    stated, or where a cause of the same name is estimated: they may have changed.
+    Known causes are refitted within their stated u, but freely if nothing is stated, or if a cause
+    of the same name is estimated: they may have changed.
     """
     stated_causes = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
     unstated = [
@@ -324,9 +324,8 @@ def _freed(effect: Effect) -> Effect:
 def _as_found(
     model: ErrorModel, stated: bool, findings: Sequence[Finding], unexplained: Unexplained
 ) -> ErrorModel:
-    """The arm, whose effects have the fields that were found, such as between which times a slip
-    was; and what is left. Where the noise was not stated, and no structure was found, the scatter
-    is the noise.
+    """The arm, whose effects have the fields that were found, such as the times around a slip; and
+    what is left. If the noise was not stated, and no structure was found, the scatter is the noise.
     """
     with_fields = {finding.effect.identity: finding.effect for finding in findings}
     effects = [

@@ -40,10 +40,10 @@ def diagnose_files(
     progress: bool = True,
     **options: Any,
 ) -> pd.DataFrame:
-    """Diagnose many files, each with its arm, and return one row for each file.
+    """Diagnose many files, each with its arm; one row for each file.
 
     If an arm or a file cannot be used, its row states the error. Every diagnosis starts with the
-    same ``seed``, so that a row does not depend on other files or on ``workers``.
+    same ``seed``: a row depends neither on other files nor on ``workers``.
 
     Args:
         pairs: pairs of an arm and its records, or of the paths of their files.
@@ -56,12 +56,11 @@ def diagnose_files(
 
     Returns:
         A table in the order of ``pairs``. Columns: ``arm``, ``records``; ``verdict``; ``causes``
-            (probability of each finding by its label); ``rms_as_stated_mm``,
-            ``rms_recalibrated_mm``, ``rms_extended_mm``, ``noise_mm`` (RMS residuals); ``gain``,
-            ``gain_low``, ``gain_high`` (on held-out records, with the 95 % interval); ``used``,
-            ``excluded`` (numbers of records); ``causes_shown``, ``causes_tried`` (number of causes
-            that the records would show at typical magnitude, and number of all causes tried);
-            ``error`` ("" if none). Missing values are NaN.
+        (probability of each finding by its label); ``rms_as_stated_mm``, ``rms_recalibrated_mm``,
+        ``rms_extended_mm``, ``noise_mm`` (RMS residuals); ``gain``, ``gain_low``, ``gain_high`` (on
+        held-out records, with the 95 % interval); ``used``, ``excluded`` (numbers of records);
+        ``causes_shown``, ``causes_tried`` (causes that the records would show at typical magnitude,
+        and all tried); ``error`` ("" if none). Missing values are NaN.
     """
     work = partial(_row, tuple(CAUSES.values()), approach_from_order, seed, options)
     jobs = [*pairs]

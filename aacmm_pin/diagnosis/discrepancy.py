@@ -18,8 +18,8 @@ from aacmm_pin.diagnosis.model_extension import ProblemOf
 from aacmm_pin.effects import Carrier, Discrepancy, Effect, ErrorModel, Part
 
 FACTORS = 10
-"""So many independent factors stand for the covariance of a background, beside the size of the
-whole; with 20 u is off by 10 %, and the file is twice as large.
+"""So many independent factors stand for the covariance of a background, beside its size; with 20 u
+is off by 10 %, and the file is twice as large.
 """
 EVERYTHING = "all that was recorded"
 """What a background depends on."""
@@ -34,8 +34,8 @@ def described_by(choice: Choice, blocks: Iterable[int]) -> list[Described]:
 
 
 def lost(described: Sequence[Described]) -> list[str]:
-    """Covariates that no arm file can have, for new records do not have them: labels, torques,
-    unknown columns.
+    """Covariates that new records, and so arm files, cannot have: labels, torques, unknown
+    columns.
     """
     names = [name for name, way in described if way.smooth is None]
     return list(dict.fromkeys(names))
@@ -45,7 +45,7 @@ def described_model(
     nominal: ErrorModel, choice: Choice, problem_of: ProblemOf, background: bool
 ) -> tuple[ErrorModel, Fit]:
     """The extended arm, and its refit with the discrepancy as effects: covariates are estimated,
-    the ``background`` is held if there is one. Their labels are none of the nominal arm.
+    the ``background`` is held. Their labels are none of the nominal arm.
     """
     taken = {effect.label for effect in nominal.effects}
     covariates = described_by(choice, choice.covariates)
@@ -92,8 +92,8 @@ def covariate_effects(
 
     Args:
         described: covariates, each with its variant.
-        prior_u: for each, prior standard deviations of the coefficients of its functions, those of
-            each function on all axes together (q,) [m, rad, m/m].
+        prior_u: for each, prior standard deviations of its functions' coefficients, on all axes
+            together (q,) [m, rad, m/m].
         taken: labels that others have: a number is added to the name.
     """
     effects = list[Discrepancy]()
@@ -118,10 +118,9 @@ def background_effect(
     """A background of many covariates as one effect: its size, 1 ± u, and :data:`FACTORS` factors,
     each 0 ± 1.
 
-    Ten principal axes of its covariance have a tenth of the variance: all are alike. So the factors
-    are orthogonal combinations of all axes, drawn at random, as large as all axes together. Over
-    such draws the mean square of u is right at every posture; in one draw u is off by 15 %
-    (standard deviation).
+    Its covariance has no few large axes: ten have a tenth of the variance. So the factors are
+    random orthogonal combinations of all axes, as large as all together. Over such draws the mean
+    square of u is right at every posture; in one draw u is off by 15 % (standard deviation).
 
     Args:
         described: covariates, each with one of its variants; :func:`lost` ones are left out.
@@ -170,8 +169,8 @@ def _rounded(numbers: Array) -> Array:
 
 
 def coefficients_of_effect(way: Carried) -> Array:
-    """Factors from coefficients of a covariate, whose functions have root mean square one, to those
-    of an effect (q,).
+    """Factors from coefficients of a covariate, for functions of root mean square one, to an
+    effect's (q,).
     """
     return np.repeat(1.0 / way.size, Carrier(way.carrier).axes)
 

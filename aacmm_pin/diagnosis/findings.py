@@ -77,9 +77,7 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
 
 
 def _nonlinear_interval(choice: Choice, block: int, effect: Effect) -> NonlinearInterval | None:
-    """Of the nonlinear parameter (order, time constant, time of a step) that the records determine;
-    None without any.
-    """
+    """Of the nonlinear parameter that the records determine; None without any."""
     name = effect.nonlinear.field
     if name and not effect.nonlinear.prior_sd(effect):
         return interval_of_step(choice, block, name)
@@ -91,8 +89,8 @@ def _nonlinear_interval(choice: Choice, block: int, effect: Effect) -> Nonlinear
 
 
 def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
-    """Every effect of the last fit with u and covariance; where records determine nothing, the
-    prior widths stand in.
+    """Every effect of the last fit with u and covariance; undetermined ones with the prior
+    widths.
     """
     fit = choice.fit
     undetermined = fit.unknown * fit.problem.scales[:, None]

@@ -1,8 +1,8 @@
 """Inner products of whitened residuals, nuisances and candidate columns: one pass over the records.
 
-A projection, a score, an evidence, a held-out prediction are arithmetic on these products, whose
-size does not depend on the number of records. Nuisances are refitted in any case: geometry with its
-prior, the reference frame; unknown points are projected out.
+A projection, a score, an evidence, a held-out prediction are arithmetic on these, whatever the
+number of records. Nuisances are refitted in any case: geometry with its prior, the reference frame;
+unknown points are projected out.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ RANK = 150
 TILE = 128
 """Rows and columns of a matrix that are transposed at once."""
 LEAST_TRACE = 1e-12
-"""Least trace of a block of columns, so that a block of zeros can be divided by it."""
+"""Least trace of a block of columns, by which zeros can be divided."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Gram:
         design, noise: of the columns and of the records.
         matrix: products of all columns and, last, the residual (columns + 1, columns + 1).
         free: rows less the unknown points that were projected out.
-        origin: products of all records, by which the background has its directions; None for these.
+        origin: products of all records, which give the background its directions; None for these.
     """
 
     design: Design
@@ -72,11 +72,11 @@ class Gram:
 
     @cached_property
     def _largest_directions(self) -> Directions:
-        """Each covariate block counts with the same mean square, and all together with that of the
+        """Each covariate block counts with the same mean square, all together with that of the
         noise; but no parameter is larger than the largest width, or an arm that shrinks to a point
-        would meet every unknown seat. The directions span about the largest right singular vectors
-        of these columns: one step of a randomised range finder (Halko, Martinsson, Tropp 2011, SIAM
-        Review 53), whose start depends on the names of the covariates and on no order.
+        would meet every unknown seat. The directions span about the largest right singular vectors:
+        one step of a randomised range finder (Halko, Martinsson, Tropp 2011, SIAM Review 53), whose
+        start depends on the covariates' names alone.
         """
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
         blocks.sort(key=lambda block: block.columns.start)
@@ -99,8 +99,8 @@ class Gram:
         return Directions(columns, scale * np.linalg.qr(along)[0])
 
     def without(self, part: Gram) -> Gram:
-        """The products of the other records than those of ``part``, with the same background; they
-        take the place of ``part`` in memory.
+        """The products of the other records than those of ``part``, whose memory they take, with
+        the same background.
         """
         matrix = np.subtract(self.matrix, part.matrix, out=part.matrix)
         return replace(self, matrix=matrix, free=self.free - part.free, origin=self.origin or self)
@@ -113,11 +113,10 @@ def numbers_of(columns: list[slice]) -> Index:
 
 
 def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = None) -> Gram:
-    """Inner products of the used records, or of those of each fold (n,), in which a seat has
-    coordinates of its own; with the prior, if they are all.
+    """Inner products of the used records, with the prior, or of those of each fold (n,), in which a
+    seat has coordinates of its own.
 
-    What records of one posture share is taken out with all of them, so that the products of folds
-    add up.
+    What records of one posture share is taken out with all of them: the products of folds add up.
     """
     used = design.fit.used
     chosen = [used] if folds is None else [used & fold for fold in folds]
@@ -132,7 +131,7 @@ def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = N
 
 def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask) -> int:
     """Add the products of some of the used records to the upper triangle; return their rows less
-    the unknown points that are projected out.
+    the unknown points.
     """
     fit = design.fit
     used = fit.used
@@ -171,7 +170,7 @@ def _add_squares(upper: Array, rows: Array, factor: float) -> None:
 
 
 def _symmetric(upper: Array) -> Array:
-    """The matrix of an upper triangle, in place: tile by tile, for memory is slow across rows."""
+    """The matrix of an upper triangle, in place: tile by tile, as memory is slow across rows."""
     for first in range(0, len(upper), TILE):
         rows = slice(first, first + TILE)
         inside = np.triu(upper[rows, rows])

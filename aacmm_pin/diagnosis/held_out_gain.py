@@ -1,5 +1,5 @@
-"""Cross-validation of a diagnosis: leave out one fold of the records after the other, choose the
-causes and fit them with the other records, and predict the fold.
+"""Cross-validation of a diagnosis: choose and fit causes without one fold of the records after the
+other, and predict the fold.
 """
 
 from __future__ import annotations
@@ -35,11 +35,10 @@ class Gain(Shown):
         kind: ``seats`` or ``blocks`` of joint space, of which the folds consist.
         groups: how many folds were left out in turn.
         nominal, recalibrated, extended, with_discrepancy: distances of the records by each model,
-            the last one the extended arm with the discrepancy (n,) [m]; nan where there is none. A
-            rotation from a stated orientation is part of it, by :attr:`Fit.lever`.
+            the last the extended arm with the discrepancy (n,) [m]; nan for none. A rotation from a
+            stated orientation is part of it, by :attr:`Fit.lever`.
         folds: fold of each record (n,).
-        excluded: how many records count here that the extended arm excludes and the recalibrated
-            arm alone does not.
+        excluded: how many records count here that only the extended arm excludes.
         gross_errors: how many do not count, for both arms exclude them.
         chosen: labels that were chosen without each fold.
         interval: 95 % interval of the gain, by resampling the folds.
@@ -68,8 +67,8 @@ class Gain(Shown):
         return self.interval[0] > THRESHOLDS.least_gain
 
     def without_causes(self) -> Gain:
-        """The gain if all records together name no cause: the extended arm is then the recalibrated
-        arm.
+        """The gain if all records together name no cause: the extended arm is then the
+        recalibrated.
         """
         return replace(self, extended=self.recalibrated, interval=(0.0, 0.0))
 
@@ -85,7 +84,7 @@ class Fold:
 
     Attributes:
         rows: numbers of the records.
-        chosen: labels of the causes and covariates of the median probability model of the others.
+        chosen: labels of the causes and covariates of the others' median probability model.
         by_model: distances by each of the models (m,) [m].
         by_median: by the median probability model of all records, fitted to the others (m,) [m].
         without: the same without one of its causes, by the number of its block.
@@ -99,8 +98,8 @@ class Fold:
 
 
 def predicted_folds(choice: Choice, before: Fit, kind: str, progress: Progress) -> list[Fold]:
-    """Leave out every fold in turn; choose and fit with the other records; predict it. ``before``
-    is the arm as it was, set-up fitted.
+    """Leave out every fold in turn; choose and fit with the others; predict it. ``before``: the arm
+    as it was, set-up fitted.
     """
     of_all = choice.gram_of_folds
     numbers = np.unique(choice.folds[choice.counted]).tolist()
@@ -156,8 +155,8 @@ def _fold(choice: Choice, before: Fit, of_all: Gram, number: int) -> Fold | None
 def gain_of(
     choice: Choice, folds: Sequence[Fold], kind: str, rng: np.random.Generator
 ) -> Gain | None:
-    """The distances of all folds together, as in :attr:`Choice.counted`. None where no fold has
-    anything to be compared with, such as one record only of each unknown seat.
+    """The distances of all folds together, as in :attr:`Choice.counted`. None if no fold can be
+    compared, as with one record of each unknown seat.
     """
     distances_by = {model: np.full(choice.folds.size, np.nan) for model in PREDICTED_BY}
     for fold in folds:
@@ -204,8 +203,8 @@ def cause_gain(choice: Choice, folds: list[Fold], block: int) -> Brought | None:
     """By how much a cause lowers the RMS of held-out records, each distance over its own noise.
 
     Every fold is predicted by the others with and without the block. The squares that it saves are
-    a ratio of sums over the folds, with an interval by Student's t (Cochran 1977, 6.4). None where
-    too few folds say something of it, such as of a group that is left out whole.
+    a ratio of sums over the folds, with an interval by Student's t (Cochran 1977, 6.4). None if too
+    few folds say something of it, as of a group that is left out whole.
     """
     if not folds or choice.in_one_fold(block):
         return None

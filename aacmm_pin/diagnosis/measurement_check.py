@@ -45,16 +45,15 @@ class Check(Shown):
     Attributes:
         model: the arm.
         measurements: the records, without copies of others.
-        used: (n,) False for records that are too far off to belong, or that have no reference.
+        used: (n,) False for records too far off to belong, or without reference.
         excluded: (n,) True for records that are too far off.
         rms: RMS distance of tip and target, set-up fitted and geometry as stated [m]; nan if no
             record has a target.
         calibrated_rms: the same with fitted geometry.
-        predicted_rms: expected ``rms`` by the uncertainties that arm and records state, see
+        predicted_rms: expected ``rms`` by the stated uncertainties, see
             :func:`~aacmm_pin.calibration.predicted_residuals.predicted_rms` [m]; nan if the arm
             states none.
-        missing: condition that the records do not state, and the causes that cannot be tried
-            without it.
+        missing: condition that the records do not state, and the causes that need it.
         repeatability: what repeated postures show; None without repeats.
         notes: what was assumed, and what looks unusual.
     """
@@ -89,7 +88,7 @@ def check_measurements(
     length_noise: float | None = None,
 ) -> Check:
     """Fit the geometry as :func:`aacmm_pin.calibration.calibrate` does and the set-up alone, and
-    say what the records lack.
+    state what the records lack.
 
     The set-up is what no file states: the place of an external frame, of an unknown target and of
     seats without coordinates.
@@ -168,7 +167,6 @@ def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
 
 
 def _noise_not_stated(model: ErrorModel, records: Measurements, setup: Setup) -> list[str]:
-    """What neither a file nor an option states the noise of."""
     unknown = []
     if model.arm.encoder_noise is None and setup.encoder_noise is None:
         unknown.append("readings")

@@ -1,4 +1,4 @@
-"""Nonlinear parameters of causes, such as orders and times, by the evidence of values near them."""
+"""Nonlinear parameters of causes, such as orders and times, by the evidence of values nearby."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from aacmm_pin.diagnosis.search import without_block
 from aacmm_pin.effects import Effect
 
 EXCEPTIONAL = 2.0
-"""A value that machines are made with is taken unless the log evidence falls by this."""
+"""A value common in machines is taken unless the log evidence falls by this."""
 RIVALS = 2
 """So many other causes that could replace a cause are refined too."""
 PARTS_OF_STEP = 200
-"""Parts into which the distance of two tried values is divided to sum their evidence."""
+"""Parts of the distance of two tried values, over which their evidence is summed."""
 SAME_VALUE = 0.01
-"""Values that differ by less than this part of their prior standard deviation are not refitted."""
+"""Values closer than this part of their prior standard deviation are not refitted."""
 
 
 def noise_is_known(at: Fit) -> bool:
@@ -39,8 +39,8 @@ def noise_is_known(at: Fit) -> bool:
 
 
 def refined_causes(choice: Choice, causes: Blocks, before: Sequence[Effect] = ()) -> list[Effect]:
-    """Some causes, together, with their likeliest nonlinear parameters; those of ``before`` if they
-    are about the same.
+    """Some causes, together, with their likeliest nonlinear parameters; those of ``before`` if
+    about the same.
     """
     records = choice.fit.problem.measurements
     acting = _acting(choice, causes)
@@ -71,8 +71,7 @@ def refined_rivals(choice: Choice) -> list[Effect]:
     """The likeliest other causes that could replace each cause, with refined nonlinear parameters:
     at the values of the first trial their evidence is too low.
 
-    Causes with values that machines are made with, such as orders, are left out: these values
-    themselves are tried.
+    Values that are common in machines, such as orders, are tried themselves, and left out.
     """
     candidates, records = choice.candidates, choice.fit.problem.measurements
     # Forms of a basis are tried at all values already.
@@ -122,8 +121,8 @@ def evidences(
 
     Args:
         at, noise: the fit, and the noise of its records.
-        acting: each cause as it acts; before it the known cause, if it differs from this by its
-            nonlinear parameter.
+        acting: each cause as it acts; before it the known cause, if its nonlinear parameter
+            differs.
         tried: effects to try, by the number of the cause whose place they take.
     """
     if not any(tried.values()):
@@ -185,8 +184,8 @@ def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
 
 
 def with_nonlinear_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
-    """A fit in which the nonlinear parameters of new causes are uncertain too; of a known cause
-    only the values change.
+    """A fit in which the nonlinear parameters of new causes are uncertain too; a known cause keeps
+    its own.
     """
     records = at.problem.measurements
     new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
@@ -202,15 +201,14 @@ def with_nonlinear_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> 
 
 
 def _is_smooth(effect: Effect) -> bool:
-    """Whether it is smooth in its nonlinear parameter, and this may have any value."""
+    """Whether it is smooth in its nonlinear parameter, which may have any value."""
     nonlinear = effect.nonlinear
     return bool(nonlinear.prior_sd(effect)) and not nonlinear.is_preferred(effect)
 
 
 def _least_u(effect: Effect, tried: Sequence[Effect], log_odds: Array) -> float:
     """Half of the distance from a nonlinear parameter to the farther end of its 95 % interval: a
-    time constant that is longer than the records last has far more room upwards than its derivative
-    says.
+    time constant beyond the records has more room upwards than its derivative says.
     """
     if len(tried) < 2:
         return 0.0
@@ -247,7 +245,7 @@ class NonlinearInterval(NamedTuple):
 
 def interval_of_step(choice: Choice, block: int, name: str) -> NonlinearInterval:
     """Of the nonlinear parameter ``name`` at which a block steps, such as the time of a slip, by
-    the evidence of the values near it; each of these stands for the gap around it.
+    the evidence of values nearby, each for the gap around it.
     """
     candidates = choice.candidates
     records = choice.fit.problem.measurements

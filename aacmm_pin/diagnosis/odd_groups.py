@@ -1,6 +1,4 @@
-"""Groups of records that do not agree with the others: a bar, a seat, a session, a marker that was
-set up badly.
-"""
+"""Groups of records that disagree with the others: a bar, seat, session or marker set up badly."""
 
 from __future__ import annotations
 
@@ -38,9 +36,9 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     """The groups that stand out when all is refitted without them, worst first.
 
     Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other
-    records, ν₋ their degrees of freedom and n what the group adds to these; Bonferroni's bound over
-    the groups of a kind. The noise is the scatter of the residuals, for errors of readings move far
-    tips more, and in few directions; records of one posture that share an error count once.
+    records, ν₋ their degrees of freedom and n what the group adds; Bonferroni's bound over the
+    groups of a kind. The noise is the scatter of the residuals, as errors of readings move far tips
+    more, and in few directions; records of one posture that share an error count once.
     """
     groups = label_groups(choice.fit.problem.measurements)
     if not groups:

@@ -49,7 +49,7 @@ class Posterior:
     @property
     def log_density(self) -> float:
         """Log posterior of the most probable set with the noise, up to a constant of these records;
-        the prior odds of an error that postures share are those of all covariates.
+        an error that postures share has the prior odds of all covariates.
         """
         of_noise = self.noise.log_density(self.space.likelihood.dof)
         if self.noise.ratio:
@@ -70,8 +70,7 @@ class Posterior:
         """The median probability model: the candidates more probable than not (Barbieri, Berger
         2004, Ann. Stat. 32).
 
-        Of each place only its most probable form has candidates in the model, and each form has its
-        most probable variants.
+        It has only the most probable form of each place, with its most probable variants.
         """
         owner, weights = self.space.candidates.owner, self._at_places
         best: dict[frozenset[int], frozenset[int]] = {}
@@ -109,7 +108,7 @@ class Posterior:
         return weights
 
     def beside(self, blocks: Blocks, kept: Sequence[int] | None = None) -> Conditional:
-        """What is left beside a set, or beside its blocks ``kept``, at the set's best widths and
+        """What is left beside a set, or its blocks ``kept``, at the set's best widths and
         amplitude.
         """
         best = self.space.marginal(blocks).best
@@ -140,7 +139,7 @@ class Posterior:
 
     @cached_property
     def by_strength(self) -> list[int]:
-        """Blocks of the median probability model; without the first one it is least probable."""
+        """Blocks of the median probability model; without the first it is least probable."""
         without = self.space.removals(self.median)
         return [self.median[k] for k in np.argsort(without, kind="stable").tolist()]
 
@@ -172,7 +171,7 @@ class Posterior:
 
     @cached_property
     def _likely(self) -> dict[Blocks, float]:
-        """Sets worth listing whose log posterior was worked out, with their weights."""
+        """Sets worth listing whose log posterior is known, with their weights."""
         least = THRESHOLDS.worth_listing
         evaluated = self.space.is_evaluated
         return {s: w for s, w in self.weights.items() if w >= least and evaluated(s)}
@@ -186,9 +185,7 @@ class Posterior:
 
     @cached_property
     def causes_alone(self) -> Conditional:
-        """What is left beside the causes of the median probability model, without covariates and
-        background.
-        """
+        """What is left beside the median model's causes, without covariates and background."""
         best = self.space.marginal(self.median).best
         causes = filter(self.space.candidates.is_cause, self.median)
         return self.space.conditional(best.of([*causes])._replace(amplitude=0))
@@ -197,8 +194,8 @@ class Posterior:
         """By how much a cause's covariance is larger than beside the other causes of the median
         probability model alone (q, q), in units of the design's scales.
 
-        Other sets hold it too, and structure beside it: law of total variance, about the estimate
-        with these causes alone.
+        Other sets, and structure, leave another estimate: law of total variance, about that with
+        these causes alone.
         """
         place = self.causes_alone.entries[block]
         alone = self.causes_alone.covariance[place, place]
@@ -233,8 +230,8 @@ def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
 
 
 def best_of_candidates(candidates: Candidates, values: Array) -> dict[int, int]:
-    """Of each candidate the block with the largest value (blocks,), the best candidate first;
-    without blocks of minus infinity.
+    """Of each candidate the block with the largest value (blocks,), above minus infinity, the best
+    first.
     """
     best: dict[int, int] = {}
     for k in np.argsort(-values, kind="stable").tolist():
@@ -246,7 +243,7 @@ def best_of_candidates(candidates: Candidates, values: Array) -> dict[int, int]:
 def weights_of(
     values: Mapping[Blocks, float], reach: float = THRESHOLDS.reach
 ) -> dict[Blocks, float]:
-    """Weights of sets by their log posteriors, the largest first; without sets out of reach."""
+    """Weights of sets by their log posteriors, largest first; without sets out of reach."""
     best = max(values.values())
     near = {blocks: value for blocks, value in values.items() if value > best - reach}
     ordered = sorted(near, key=lambda blocks: (-near[blocks], blocks))

@@ -1,4 +1,4 @@
-"""Scatter beside the stated noise and all that was found: of tips, rotations, and readings."""
+"""Scatter beside the stated noise and all that was found: of tips, rotations, readings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STEPS = 30
 FIRST_SHARE = 0.1
 """Part of the scatter of tips that the readings of each joint have at first."""
 LEAST_TIP_LEVER = 1e-3
-"""A joint counts as moving tips by this at least, for the first value of its scatter [m/rad]."""
+"""A joint counts as moving tips by at least this for its first scatter [m/rad]."""
 LEAST_VARIANCE = 1e-30
 """A variance is at least this, so that it can be divided by."""
 
@@ -31,14 +31,14 @@ class ReadingScatter:
     Attributes:
         covariances: of each residual, stated noise and all components (n, 3, 3) [m²]; with
             orientations (n, 6, 6).
-        readings: standard deviation of the readings of each joint beyond the stated noise (nq,)
-            [rad; m where it slides].
+        readings: standard deviation of each joint's readings beyond the stated noise (nq,) [rad; m
+            where it slides].
         at_tips: what that moves tips by, root mean square (nq,) [m].
         log_ratios: log likelihood with the scatter of each joint over that without (nq,). All three
-            are zero of joints of which it is less than the threshold.
+            are zero below the threshold.
         size: root mean square of a tip's residual by all of these [m].
-        larger: whether the readings of each joint scatter more than stated, or if nothing is stated
-            of them, more than those of the other joints (nq,).
+        larger: whether the readings of each joint scatter more than stated, or if nothing is
+            stated, more than those of the other joints (nq,).
         as_stated: whether the stated noise is all there is.
         observations: what the records state.
     """
@@ -55,12 +55,11 @@ class ReadingScatter:
     @staticmethod
     def of(fit: Fit, deviations: Array, share_left: float, noise: RecordNoise) -> ReadingScatter:
         """By the ``deviations`` of records from all that was found, (n, 3) [m], with orientations
-        (n, 6), of whose degrees of freedom the part ``share_left`` is left.
+        (n, 6), with the part ``share_left`` of their degrees of freedom.
 
         The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou,
-        Hu, Qiao, Cho 2019, J. Comput. Graph. Stat. 28); residuals are enlarged by what the fitted
-        parameters have taken from them. What records share by their ``noise`` is no scatter of
-        readings.
+        Hu, Qiao, Cho 2019, J. Comput. Graph. Stat. 28); residuals are enlarged by what the fit
+        took. What records share by their ``noise`` is no scatter of readings.
         """
         counts = fit.used
         width = deviations.shape[1]
@@ -121,8 +120,8 @@ class ReadingScatter:
 
 @dataclass(frozen=True, eq=False)
 class _Components:
-    """``C = N + Σ v_c F_c F_cᵀ`` for the residuals of some records: N (n, k, k) is ``stated``, the
-    ``squares`` are F_c F_cᵀ (c, n, k, k), the ``residuals`` (n, k).
+    """``C = N + Σ v_c F_c F_cᵀ`` for the ``residuals`` (n, k): N (n, k, k) is ``stated``, the
+    ``squares`` are F_c F_cᵀ (c, n, k, k).
     """
 
     stated: Array
@@ -152,8 +151,8 @@ class _Components:
         return self.log_likelihood(self.best(start))
 
     def sure_ratios(self, start: Array, alone: int) -> Array:
-        """Log likelihood with each variance from number ``alone`` on over that without it; 0 below
-        the threshold. The least sure one is taken out until all are sure.
+        """Log likelihood with each variance from number ``alone`` on over that without; 0 below the
+        threshold. The least sure is taken out until all are sure.
         """
         ratios = np.zeros(start.size)
         chosen = [*range(alone, start.size)]

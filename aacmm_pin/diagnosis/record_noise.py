@@ -17,13 +17,13 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements import posture_numbers
 
 RATIOS = (1e-3, 1e3)
-"""Standard deviation of the error of a posture over that of a record, at least and at most."""
+"""Standard deviation of the error of a posture over a record's, at least and at most."""
 NEAR = 0.02
-"""Postures whose readings differ by no more than this in any joint may share an error: a hand holds
-an arm no better [rad; m where a joint slides]. Where nothing is shared, this costs nothing.
+"""Postures whose readings differ by no more in any joint may share an error: a hand holds an arm no
+better [rad; m where a joint slides]. If nothing is shared, this costs nothing.
 """
 LEFT_OUT = 1e-10
-"""Parts of a whitening that are smaller than this, beside the largest, are rounding."""
+"""Parts of a whitening below this part of the largest are rounding."""
 NO_RESIDUAL = 1e-300
 """χ² is at least this, of data that fit without any residual."""
 SAME_LOG_VARIANCE = 0.1
@@ -40,15 +40,15 @@ class RecordNoise:
 
     Attributes:
         whitening: of each record (n, 3, 3) [1/m], with orientations (n, 6, 6).
-        group: number of the group of each record, -1 of those that do not count (n,).
+        group: number of the group of each record, -1 if it does not count (n,).
         numbers: how many numbers a record of each group states (groups,).
-        ratio: standard deviation of the shared error over that of a record: root mean square, if
-            the readings cause it.
+        ratio: standard deviation of the shared error over a record's; root mean square, if the
+            readings cause it.
         of_readings: whether the readings cause the shared error; else it displaces all records of a
             posture alike, in units of their noise.
         log_ratio: log likelihood with the shared error over that without.
         correlation: of records of one reading, whose stated noise they share.
-        by_reading: whitened displacement by the readings (n, k, nq), of one on the average.
+        by_reading: whitened displacement by the readings (n, k, nq), one on the average.
         readings: standard deviation of each reading that displaces so (nq,) [rad; m where it
             slides].
         record: standard deviation of a record beside what it shares, in units of its noise.
@@ -77,8 +77,8 @@ class RecordNoise:
 
     @property
     def p_value(self) -> float:
-        """Chance of such a likelihood ratio if records of one posture share nothing (Self, Liang
-        1987, JASA 82).
+        """Chance of such a likelihood ratio if postures share nothing (Self, Liang 1987, JASA
+        82).
         """
         if not self.ratio:
             return 1.0
@@ -86,8 +86,8 @@ class RecordNoise:
 
     @staticmethod
     def of_postures(fit: Fit, whitening: Array) -> RecordNoise:
-        """The noise of a fit by its postures, whose records share nothing but what is stated of
-        their readings.
+        """The noise of a fit by its postures, whose records share only what is stated of their
+        readings.
         """
         counts = fit.used
         group = np.full(counts.size, -1, dtype=np.intp)
@@ -119,9 +119,9 @@ class RecordNoise:
         (n, 3 or 6) [m, rad] with so many degrees of freedom left.
 
         Its size is a restricted maximum likelihood estimate (Patterson, Thompson 1971, Biometrika
-        58) with all fitted parameters among what the groups share. An error of the readings is to
-        be clearly more probable than one of the noise's shape, and than readings that scatter from
-        record to record.
+        58) with all fitted parameters among what the groups share. An error of the readings has to
+        be clearly more probable than one of the noise's shape, and than scatter from record to
+        record.
         """
         residual = np.einsum("nij,nj->ni", self.whitening, deviations)
         nothing, likeliest = _likeliest(self, residual, dof)
@@ -147,7 +147,7 @@ class RecordNoise:
         return self.restricted(self.ratio, dof) - dof * float(np.log(self.record))
 
     def restricted(self, ratio: float, dof: float) -> float:
-        """The same for a record's variance of one and an error of another size, all fitted
+        """The same for a record's variance of one and an error of another size, the fitted
         parameters being among what groups share.
         """
         fitted = float(self.numbers @ self.count) - dof
@@ -178,8 +178,8 @@ class RecordNoise:
         return np.maximum(values, 0.0), vectors
 
     def log_volume(self, ratio: float) -> Array:
-        """Log determinant of the covariance of each group over that of independent records
-        (groups,); of the noise's shape by the numbers that a record states.
+        """Log determinant of each group's covariance over that of independent records (groups,); of
+        the noise's shape by the numbers that a record states.
         """
         if not ratio:
             return np.zeros_like(self.numbers)
@@ -191,8 +191,8 @@ class RecordNoise:
         return np.asarray(of_all - unstated * np.log1p(variance * self.count))
 
     def is_about(self, other: RecordNoise) -> bool:
-        """Whether the error of the same postures is about the other, or small beside that of a
-        record in both.
+        """Whether the same postures have about the other error, or a small one beside a record's in
+        both.
         """
         change = self.log_volume(self.ratio) - other.log_volume(other.ratio)
         return bool(abs((change / self.numbers).mean()) < SAME_LOG_VARIANCE)
@@ -210,14 +210,14 @@ class RecordNoise:
         return sums.reshape(len(self.count), *rows.shape[1:])
 
     def with_all_of_a_group(self, chosen: Mask, used: Mask) -> Mask:
-        """Some records (n,) and all used ones that share an error with any of them."""
+        """Some records (n,) and all used ones that share an error with any."""
         if not self.ratio:
             return chosen
         groups = np.unique(self.group[chosen & (self.group >= 0)])
         return np.asarray(chosen | (used & np.isin(self.group, groups)))
 
     def divided(self, records: Index, most: int) -> Iterator[Index]:
-        """Some of the records in turn, about ``most`` at once; those of one group together."""
+        """The records in turn, about ``most`` at once; those of one group together."""
         order = records[np.argsort(self.group[records], kind="stable")]
         group = self.group[order]
         starts = np.flatnonzero((np.diff(group, prepend=-2) != 0) | (group < 0))
@@ -253,8 +253,7 @@ class RecordNoise:
         """Rows (n, …), whitened record by record, with what records share whitened too: ``(I +
         ratio² U Uᵀ)^-½``.
 
-        The mean of a group of m, for example, has ``1 + m ratio²`` times the variance of
-        independent records.
+        The mean of a group of m, for example, has ``1 + m ratio²`` times the variance.
         """
         if not (self.ratio or self.correlation.records):
             return rows
@@ -292,16 +291,16 @@ class RecordNoise:
 
     @property
     def _unwhitening(self) -> Array:
-        """Inverse of the whitening, where it does not leave out a part (n, k, k) [m]."""
+        """Inverse of the whitening, for what it does not leave out (n, k, k) [m]."""
         inverse = np.linalg.pinv(self.whitening, rcond=LEFT_OUT)
         return np.asarray(inverse, np.float64)
 
     def added_covariance(self, fit: Fit, variance: float) -> Array:
         """What the shared error adds to the covariance of a fit's parameters that took records as
-        independent (p, p) [units]; ``variance`` is a factor on the variances of this noise.
+        independent (p, p) [units]; ``variance`` multiplies the variances of this noise.
 
-        ``A⁻¹ Jᵀ W (V - W⁻¹) W J A⁻¹`` with the covariance V of the records and the fit's weights W
-        (Liang, Zeger 1986, Biometrika 73), where that is positive.
+        ``A⁻¹ Jᵀ W (V - W⁻¹) W J A⁻¹`` with the records' covariance V and the fit's weights W
+        (Liang, Zeger 1986, Biometrika 73), as far as that is positive.
         """
         if not self.ratio:
             return np.zeros((fit.problem.scales.size,) * 2)
@@ -323,7 +322,7 @@ class RecordNoise:
         return np.asarray(along * np.maximum(values, 0.0) @ along.T)
 
     def scaled(self, stated: bool) -> RecordNoise:
-        """With the noise of the whitening beside the shared error if it is ``stated``, else as
+        """With the noise of the whitening beside the shared error if ``stated``, else as
         estimated.
         """
         record = 1.0 if stated else self.record
@@ -332,8 +331,7 @@ class RecordNoise:
 
 def reading_units(fit: Fit) -> Array:
     """Standard deviation of each reading beside the others (nq,) [rad; m where it slides]: as
-    stated, else the same for all. A joint that slides then moves tips by as much as one that turns
-    does on the average.
+    stated, else the same for all; a sliding joint then moves tips as a turning one on the average.
     """
     stated = fit.problem.setup.encoder_noise
     if stated is not None and stated.any():
@@ -346,8 +344,8 @@ def reading_units(fit: Fit) -> Array:
 
 
 def _likeliest(held: RecordNoise, residual: Array, dof: float) -> tuple[float, RecordNoise]:
-    """Restricted log likelihood, the variance of a record at its best, of groups that share
-    nothing; and the groups with the likeliest shared error of their kind, with theirs as log ratio.
+    """Restricted log likelihood and the best variance of a record, of groups that share nothing;
+    and the groups with the likeliest shared error of their kind, and its log ratio.
     """
     inside = (held.group >= 0)[:, None]
     rows = held.correlation.whitened(np.where(inside, residual, 0.0))

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SEVERAL_JOINTS = 2
-"""At so many joints it is the columns, and not another cause, that have the wrong sign."""
+"""From so many joints on the columns have the wrong sign: it is no other cause."""
 
 Verdict = Literal[
     "explained",
@@ -53,13 +53,14 @@ class Finding(Shown):
         p_value: family-wise.
         retained_fraction: of its effect that recalibration leaves.
         aliases: causes with a similar effect in these records.
-        brought: what it brings on held-out records; None without held-out records, if too few
-            groups show the cause, and for a value of the geometry, which recalibration moves too.
-        inner: order, time constant or time that these records told, with u: name -> (value, u).
-        slides: True where its joint slides, so that its values in rad are metres.
-        beside: the same cause of the whole arm, on top of which its values come; None where that
-            was not estimated.
-        was: the cause as the arm was known to have it before; None where it is new.
+        brought: what it brings on held-out records; None without these, if too few groups show the
+            cause, and for a value of the geometry, which recalibration moves too.
+        inner: order, time constant or time that these records determine, with u: name -> (value,
+            u).
+        slides: True if its joint slides, so that its values in rad are metres.
+        beside: the same cause of the whole arm, to which its values add; None if that was not
+            estimated.
+        was: the cause as it was known before; None if new.
     """
 
     effect: Effect
@@ -86,9 +87,7 @@ class Finding(Shown):
 
     @property
     def borne_out(self) -> bool:
-        """Whether held-out records are predicted better with it beyond doubt, or no group can
-        tell.
-        """
+        """Whether it clearly improves predictions of held-out records, or no group can tell."""
         return self.brought is None or self.brought.low > 0.0
 
     @property
@@ -100,9 +99,7 @@ class Finding(Shown):
 
     @property
     def below_zero(self) -> tuple[str, ...]:
-        """Keys of values that are negative beyond their U (k = 2), though physics has them
-        positive.
-        """
+        """Keys of values that are negative beyond their U (k = 2), but physically positive."""
         values = np.array(self.effect.values)
         if self.beside is not None:
             values = values + self.beside.values
@@ -125,9 +122,9 @@ class Place:
 
     Attributes:
         effect: a cause that may act there.
-        probability: probability that a cause acts there.
-        forms: probability of each set of causes that may act there together, most probable first;
-            the keys are tuples of labels.
+        probability: that a cause acts there.
+        forms: probability of each set of causes that may act there together, a tuple of labels,
+            most probable first.
     """
 
     effect: Effect
@@ -136,8 +133,8 @@ class Place:
 
     @property
     def depends_on(self) -> str:
-        """The quantity: ``angle``, ``load``, ``approach``, ``temperature`` or ``time``; else the
-        name of the only cause.
+        """``angle``, ``load``, ``approach``, ``temperature`` or ``time``; else the name of the only
+        cause.
         """
         return self.effect.function_of or self.effect.cause
 
@@ -149,7 +146,7 @@ class Place:
 
 
 def _order(place: Place) -> tuple[float, float, str]:
-    """By thousandths of the probability, along the arm, by label: not by the order of the rows."""
+    """By thousandths of the probability, along the arm, by label: not by the rows' order."""
     row = place.effect.row
     return -round(place.probability, 3), math.inf if row is None else row, place.effect.label
 
@@ -162,21 +159,20 @@ class Diagnosis(Shown):
         verdict, doubts: see :func:`aacmm_pin.diagnosis.verdict.verdict_of` and ``doubts_of`` there.
         otherwise: causes that a diagnosis with the excluded records would name.
         contradicted: stated places that the records contradict.
-        findings: causes, strongest first; geometric values beyond their stated uncertainty come
-            last.
-        model: recalibrated arm with the causes; without them if they do not improve the predictions
-            of held-out records.
+        findings: causes, strongest first; last, geometric values beyond their stated uncertainty.
+        model: recalibrated arm with the causes, if these improve the predictions of held-out
+            records.
         before: fit of the set-up alone, with the arm before the diagnosis.
         recalibrated: fit with refitted geometry.
         extended: fit with refitted geometry and the causes.
-        of_model: fit of ``model``, with its placement of the base: another than ``extended`` if the
-            model has no causes, or has the discrepancy.
+        of_model: fit of ``model``, with its placement of the base; not ``extended`` if the model
+            has no causes, or has the discrepancy.
         choice: search for the set of causes.
         held_out: residuals of records that neither chose the causes nor entered the fit, or None.
         unexplained: structure in the residuals without a cause.
         noise: RMS residual expected from noise alone [m].
-        visible: number of causes that the records would show at typical magnitude, and number of
-            all causes tried.
+        visible: number of causes that the records would show at typical magnitude, and of all
+            tried.
         assumed: notes about assumptions and about changes of the records.
         budget: parts of the mean square residual of the nominal arm, whose sum is the whole.
     """
@@ -206,14 +202,14 @@ class Diagnosis(Shown):
 
     @property
     def reversed_torques(self) -> bool:
-        """True if the torque columns of the file have the opposite sign: several joints yield to
-        measured torques in the impossible direction, and no joint in the possible one.
+        """True if the torque columns have the opposite sign: several joints yield to measured
+        torques in the impossible direction, none in the possible one.
         """
         effects = [f.effect for f in self.findings if "torque" in f.effect.needs]
         return len(effects) >= SEVERAL_JOINTS and all(e in self.below_zero for e in effects)
 
     def geometric(self, finding: Finding) -> bool:
-        """Return whether a finding is a value of the geometry of the arm."""
+        """Whether a finding is a value of the geometry of the arm."""
         return bool(geometric_parameters(self.model.arm, finding.effect))
 
     @property
@@ -222,13 +218,13 @@ class Diagnosis(Shown):
         return "no better" in self.doubts
 
     def cause(self, label: str) -> Effect | None:
-        """Return the cause with the given label; None for the label of a covariate."""
+        """The cause with this label; None for a covariate."""
         causes = (variants[0] for variants in self.choice.library)
         return next((cause for cause in causes if cause.label == label), None)
 
     @property
     def alternatives(self) -> dict[tuple[str, ...], float]:
-        """The probability of each set of causes, a tuple of labels; the most probable first."""
+        """The probability of each set of causes, a tuple of labels, the most probable first."""
         return self.choice.posterior.causes
 
     @property
@@ -259,7 +255,7 @@ class Diagnosis(Shown):
 
     @property
     def more(self) -> float:
-        """The probability that at least one cause acts that is not among the findings."""
+        """The probability that a cause acts that is not among the findings."""
         named = [finding.label for finding in self.findings]
         return self.choice.posterior.beyond(named)
 
@@ -293,7 +289,6 @@ class Diagnosis(Shown):
 
     @property
     def _fits(self) -> dict[str, Fit]:
-        """The three models by name."""
         return {
             "nominal": self.before,
             "recalibrated": self.recalibrated,
@@ -302,10 +297,8 @@ class Diagnosis(Shown):
 
     @property
     def rms(self) -> dict[str, float]:
-        """The RMS residual of the used records [m].
-
-        The keys are ``nominal`` (arm before the diagnosis), ``recalibrated``, ``extended`` and
-        ``noise`` (expected from noise alone).
+        """The RMS residual of the used records [m]: ``nominal`` (arm before the diagnosis),
+        ``recalibrated``, ``extended`` and ``noise`` (expected from noise alone).
         """
         used = self.extended.used
         sizes = {name: rms_residual(fit, used) for name, fit in self._fits.items()}
@@ -314,7 +307,7 @@ class Diagnosis(Shown):
     @property
     def turns(self) -> dict[str, float] | None:
         """The RMS rotation between stated and computed orientations, for each model [rad]; None
-        without orientations.
+        without.
         """
         used = self.extended.used & self.extended.observations.oriented
         if not used.any():
@@ -334,14 +327,14 @@ class Diagnosis(Shown):
         return str(report().diagnosis_line.diagnosis_line(self))
 
     def summary(self) -> dict[str, Any]:
-        """Return the content of the JSON file with the schema ``aacmm-pin/diagnosis/1``."""
+        """The content of the JSON file, of schema ``aacmm-pin/diagnosis/1``."""
         return dict(report().diagnosis_json.diagnosis_to_dict(self))
 
     def plot(self, finding: int = 0, ax: Axes | None = None) -> Axes:
         """Plot a cause with the partial residuals of the records.
 
-        Without causes, the plot shows the covariate of the residuals. Without a covariate, the plot
-        shows the residuals of the three models.
+        Without causes, the plot shows the covariate of the residuals; without a covariate, the
+        residuals of the three models.
 
         Args:
             finding: index of the finding, from 0 (the strongest cause).
@@ -354,5 +347,5 @@ class Diagnosis(Shown):
 
 
 def too_good(extended: Fit) -> bool:
-    """Whether the residuals are far smaller than the noise, though no scatter was added to it."""
+    """Whether residuals are far smaller than the noise, though no scatter was added to it."""
     return bool(chi2_cdf(*extended.chi2) <= THRESHOLDS.too_good)

@@ -17,8 +17,9 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 FEWEST_IN_ORDER = 30
 """With fewer records the limits of chance are too wide to be of use."""
 LEAST_PART_OF_LEVER = 1e-3
-"""A joint that displaces a record by less than this part of its largest displacement says nothing
-there."""
+"""A joint says nothing of records that it displaces by less than this part of its largest
+displacement.
+"""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class RunOrder(Shown):
             joint, or along the axes of the room.
         limit: 95 % limit of the correlation if the records share nothing.
         p_value: chance of such a correlation at any joint or at the tip if they share nothing.
-        records: how many records have a residual along that displacement.
+        records: how many have a residual along that displacement.
     """
 
     joint: int | None
@@ -54,8 +55,8 @@ class RunOrder(Shown):
 
 
 def run_order_of(choice: Choice) -> RunOrder | None:
-    """The joint, or the tip, with the largest autocorrelation in the order of time, or of the rows
-    if no time is stated; None without significant autocorrelation.
+    """The joint, or the tip, with the largest autocorrelation in the order of time, else of the
+    rows; None if it is not significant.
 
     For independent residuals of n records, the lag-1 autocorrelation has a standard deviation of
     ``1/√n`` (Bartlett 1946, J. R. Stat. Soc. B 8).

@@ -29,7 +29,7 @@ class Alias(Shown):
 
     Attributes:
         label: the cause and its place.
-        correlation: largest canonical correlation of the two causes' columns, geometry refitted.
+        correlation: largest canonical correlation of the columns of both, geometry refitted.
         probability: that this cause acts and the finding does not.
         effect: the cause; None for a covariate.
     """
@@ -44,8 +44,7 @@ def family_wise_p_value(candidates: Candidates, conditional: Conditional, block:
     """Bound of the chance that the posterior odds of any candidate reach those of a block when
     nothing is there.
 
-    The mean of the odds is then the prior odds, so that those of all together over the odds are a
-    bound (Markov's inequality).
+    The mean of the odds is then the prior odds: Markov's inequality for all together.
     """
     beside = conditional.without()
     gain, volume = gains(beside.information(block)[None], beside.gradient(block)[None])
@@ -65,9 +64,9 @@ def _knows_noise(conditional: Conditional) -> bool:
 def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound.
 
-    Columns that do nothing explain a χ² of their own or, where the noise is not known, a share of
-    χ² that is beta distributed. Parameters are known to within the largest width, or columns that
-    the records hardly determine would explain everything.
+    Columns that do nothing explain a χ² of their own or, if the noise is not known, a share of χ²
+    that is beta distributed. Parameters are known to within the largest width, or hardly determined
+    columns would explain everything.
     """
     chances = list[float]()
     beside = conditional.without()
@@ -103,9 +102,7 @@ def retained(conditional: Conditional, block: int) -> float:
 
 
 def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) -> list[Alias]:
-    """The candidates that may act in the place of a block of the median set, most probable
-    first.
-    """
+    """The candidates that may act in the place of a block of the median set, likeliest first."""
     candidates = posterior.space.candidates
     conditional = posterior.without(block)
     named = candidates.owner(block)
@@ -138,8 +135,8 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     """How many causes these records would have shown at their typical magnitude, and of how many.
 
     A cause shows if the noncentrality of one parameter, over all variants, geometry refitted, is at
-    least that of the threshold; more where the noise comes from the same records and few degrees of
-    freedom, so that Student's evidence is as large.
+    least the threshold; more if the noise comes from the same records and few degrees of freedom,
+    so that Student's evidence is as large.
     """
     space = posterior.space
     candidates = space.candidates

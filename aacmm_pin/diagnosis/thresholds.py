@@ -1,10 +1,10 @@
-"""Every threshold of the diagnosis, and the measurement behind it where there is one.
+"""Every threshold of the diagnosis, and the measurement behind it if there is one.
 
 A new threshold is a field of :class:`Thresholds` with its default and its line under
-``Attributes``. That line states what the number decides, and the measurement that it comes from: of
-which files, how many, with which result. The documentation lists all lines.
+``Attributes``: what the number decides, and of which files, how many, with which result it comes.
+The documentation lists all lines.
 
-How many functions a covariate has stands where these are made.
+How many functions a covariate has is stated where these are made.
 """
 
 from __future__ import annotations
@@ -16,80 +16,73 @@ from dataclasses import dataclass
 class Thresholds:
     """The prior, how far the search goes, and what the verdicts ask.
 
-    Where no measurement is stated, other values were not tried.
+    Without a stated measurement, other values were not tried.
 
     Attributes:
         widths: prior standard deviations τ of the parameters of a cause, in units of the typical
-            magnitude; all values are equally probable.
-        amplitudes: RMS of the background divided by the RMS of the noise; all values are equally
-            probable.
+            magnitude; all equally probable.
+        amplitudes: RMS of the background divided by that of the noise; all equally probable.
         library: prior probability that an error comes from a cause of the library. All of eleven
             real files that were kept aside had structure which the library lacks, beside causes.
         noise_misstated: prior probability that the stated noise is wrong.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance if the stated noise
             is wrong.
         readings: smallest increase of the log likelihood at which the readings of a joint get a
-            scatter of their own. The increase was 35 to 62 in blind files with a branch or an error
-            of a gear, and 0 to 0.1 in files with smooth structure or none.
-        as_stated: largest ratio of the scatter to the stated noise at which the scatter counts as
-            the stated noise.
+            scatter of their own. It was 35 to 62 in blind files with a branch or an error of a
+            gear, and 0 to 0.1 in files with smooth structure or none.
+        as_stated: largest ratio of the scatter to the stated noise at which it counts as the stated
+            noise.
         rescaled: largest factor by which a stable scatter changes from round to round.
-        reach: the search does not visit a set if the log posterior of the set is below the largest
-            log posterior by more than this value. A sampler over sets found no better set
-            in 5 real and 17 of 18 blind files, and the same probabilities of causes within 0.013.
-        negligible_set: a set has no weight if its log posterior is below the largest log posterior
-            by more than this value. In files without hidden causes, sets between `reach` and this
-            value had a weight of 0.04.
-        expanded: the search does not expand a set if the probability of the set, divided by the
-            largest probability, is below this value. For 720 records of a Fanuc robot the
-            leading cause had a probability of 0.85 with the value 0.01, and 0.79 with the value
-            0.004. A sampler over sets gave 0.79.
-        close: the posterior of a set is approximate if its log posterior is below the largest log
-            posterior by more than about this value.
+        reach: the search does not visit a set whose log posterior is below the largest by more than
+            this. A sampler over sets found no better set in 5 real and 17 of 18 blind files, and
+            the same probabilities of causes within 0.013.
+        negligible_set: a set has no weight if its log posterior is below the largest by more than
+            this. In files without hidden causes, sets between `reach` and this value had a weight
+            of 0.04.
+        expanded: the search does not expand a set if its probability, divided by the largest, is
+            below this. For 720 records of a Fanuc robot the leading cause had a probability of 0.85
+            with the value 0.01, and 0.79 with 0.004; a sampler over sets gave 0.79.
+        close: the posterior of a set is approximate if its log posterior is below the largest by
+            more than about this.
         expansions: largest number of expanded sets in each search.
-        expansions_of_part: largest number of expanded sets if a part of the records is held out.
+        expansions_of_part: the same if a part of the records is held out.
         holds: the search exchanges members of a set for one or two other candidates if the weight
-            of the set is at least this value. In a real file, the exchange found a set
-            with a log posterior that was larger by 4.3.
-        instead: number of candidates that replace a member of a set while the search adds another
-            candidate.
+            of the set is at least this. In a real file, the exchange found a log posterior that was
+            larger by 4.3.
+        instead: number of candidates that replace a member of a set while the search adds another.
         imitated: the search exchanges a member of a set for two candidates if one of them reaches
             more than this part of the log posterior that the member adds.
         imitates: smallest canonical correlation of two members of a set at which the search changes
             both together.
-        agreement: largest difference of a probability between two searches at which the searches
-            agree.
-        named: smallest probability at which `diagnose` names a cause and adds the cause to the
-            extended arm.
+        agreement: largest difference of a probability at which two searches agree.
+        named: smallest probability at which `diagnose` names a cause and adds it to the extended
+            arm.
         settled: smallest probability at which a cause counts as certain.
         worth_listing: smallest probability at which `diagnose` lists an alias or a set.
-        same: smallest canonical correlation at which `diagnose` lists an alias, whatever the
-            probability of the alias.
-        unlike: two causes with a smaller canonical correlation than this value are no aliases.
+        same: smallest canonical correlation at which `diagnose` lists an alias of any probability.
+        unlike: two causes with a smaller canonical correlation are no aliases.
         shows: noncentrality at which `diagnose` finds a cause in more than half of all files.
-        shown: records show most causes if they would show more than this part of all causes.
+        shown: records show most causes if they would show more than this part of all.
         rival: smallest probability at which a set without a doubtful cause remains possible.
-        large: the readings of a joint scatter more than stated if the scatter displaces tips by
-            more than this part of the noise.
-        negligible: a background that is smaller than this part of the noise counts as none. The
-            background was smaller in 11 of 12 blind files without an error that the library lacks.
-        left: `diagnose` reports structure that depends on a covariate if the p-value of the
-            structure is below this value, even if its probability is small.
+        large: the readings of a joint scatter more than stated if that displaces tips by more than
+            this part of the noise.
+        negligible: a background that is smaller than this part of the noise counts as none. It was
+            smaller in 11 of 12 blind files without an error that the library lacks.
+        left: `diagnose` reports structure that depends on a covariate if its p-value is below this,
+            even if its probability is small.
         left_alone: value of `left` if `diagnose` names no cause.
         much_more: largest ratio of the residuals to the stated noise at which the noise explains
-            the residuals, apart from chance.
+            them, apart from chance.
         plain_encoder: noise of a reading that `diagnose` assumes if you state no noise [rad].
         too_good: p-value below which the residuals are far smaller than the stated noise.
-        least_gain: a gain on held-out records up to this value counts as no gain, and outputs state
-            it as 0 %.
-        fewest_groups: smallest number of groups of records at which one group can disagree with the
+        least_gain: a gain on held-out records up to this counts as none; outputs state 0 %.
+        fewest_groups: smallest number of groups of records at which one can disagree with the
             others.
-        fewest_records: a group needs more records than this value, because the mean error of the
-            group would explain fewer records.
+        fewest_records: a group needs more records than this: its mean error would explain fewer.
         most_records: of a longer file, `diagnose` uses so many records, evenly spread. Of 100 000
             records of a robot with several waves on every joint, it then named the same seven
             causes, with an RMS residual of 63.8 µm beside a noise of 63.9 µm.
-        odd: p-value (family-wise) below which a group of records disagrees with the other records.
+        odd: p-value (family-wise) below which a group of records disagrees with the others.
     """
 
     widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0, 10.0)

@@ -23,16 +23,16 @@ from aacmm_pin.diagnosis.significance import family_wise_p_value, p_value_of_str
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 NAMED_QUANTITIES = 2
-"""So many quantities that the residuals depend on are named in a sentence, the strongest first."""
+"""So many quantities that the residuals depend on are named in a sentence, strongest first."""
 SCATTER_CODES = {
     (False, True): "readings_scatter",
     (False, False): "readings_scatter_most",
     (True, True): "readings_of_slide_scatter",
     (True, False): "readings_of_slide_scatter_most",
 }
-"""Codes of notes on readings that scatter, by whether the joint slides and the noise is stated."""
+"""Notes on readings that scatter, by whether the joint slides and the noise is stated."""
 BACKGROUND = "background"
-"""Name of the part of the discrepancy that is too diffuse to be named."""
+"""The part of the discrepancy that is too diffuse to be named."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class ScatteredReadings(Shown):
         slides: whether the joint slides.
         stated: whether the noise of readings is stated; if not, they scatter more than those of the
             other joints.
-        at_tips: root mean square displacement of the tips by this scatter [m].
-        log_ratio: log likelihood ratio with this scatter and without.
+        at_tips: root mean square displacement of the tips [m].
+        log_ratio: log likelihood with this scatter over that without.
         p_value: probability of as much scatter in any joint if none scatters more than stated.
     """
 
@@ -123,7 +123,7 @@ class Unexplained(Shown):
         acts_on: what each covariate acts on, in words.
         gain: by how much the discrepancy lowers the RMS of held-out records below that of the
             causes alone, or None.
-        groups: groups of records that do not agree with the others.
+        groups: groups of records that disagree with the others.
         excluded: what the excluded records share, or None.
         readings: joints whose readings scatter more than stated.
         shared_by_postures: the error that records of one posture share, or None.
@@ -146,8 +146,8 @@ class Unexplained(Shown):
     @cached_property
     def shapes(self) -> dict[str, pd.DataFrame]:
         """For each covariate one row a record: the covariate; the smooth correction, in x, y, z of
-        the tip [mm], or as angle of a joint [µrad] or growth of all lengths [µm/m]; and these
-        quantities by each record alone (``_of_record``).
+        the tip [mm], or as angle of a joint [µrad] or growth of all lengths [µm/m]; and these by
+        each record alone (``_of_record``).
         """
         return dict(report().residual_tables.shapes_of(self.choice))
 
@@ -174,7 +174,7 @@ class Unexplained(Shown):
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """Notes on these quantities, and on groups and records that do not fit in."""
+        """Notes on these quantities, and on groups and records that disagree."""
         odd = {group.name: group for group in self.groups}
         covariates = [name for name in self.strongest if name not in odd]
         depends = [Note("depends_on", {"covariates": covariates})] if covariates else []
@@ -232,8 +232,8 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplaine
 
 
 def _shared_error(choice: Choice) -> SharedError | None:
-    """The error that records of one posture share; None if it is not significant, or small against
-    the noise of a record.
+    """The error that records of one posture share; None if not significant, or small beside the
+    noise.
     """
     noise = choice.noise
     fit = choice.design.fit
@@ -266,9 +266,8 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
 
 
 def exceeds_noise(extended: Fit) -> bool:
-    """Whether χ² exceeds what the stated noise explains, displacements or rotations by far.
-
-    If the noise of the encoders is not stated, that of plain encoders counts as stated.
+    """Whether χ² exceeds what the stated noise explains, displacements or rotations by far. Noise
+    of encoders that is not stated counts as that of plain encoders.
     """
     if extended.chi2_stated is None or extended.noise.scatters.of_targets == 0.0:
         return False
@@ -287,7 +286,7 @@ def exceeds_noise(extended: Fit) -> bool:
 
 
 def _discrepancy(choice: Choice) -> tuple[DiscrepancySize, ...]:
-    """The covariates; and the background at its most probable amplitude, unless it may be zero, is
+    """The covariates; and the background at its likeliest amplitude, unless it may be zero, is
     negligible, or smaller than its u.
     """
     design, model = choice.design, choice.posterior.median_model
@@ -314,8 +313,8 @@ def _sizes(
     choice: Choice, weights: Array, estimate: Array, covariance: Array
 ) -> tuple[float, float]:
     """Root mean square displacement of the used records' tips that recalibration leaves, and its
-    standard uncertainty [m]: by ``weights`` of all columns in each parameter (columns, q), and
-    ``estimate`` (q,) and ``covariance`` (q, q) of these.
+    standard uncertainty [m]: by ``weights`` of all columns in each parameter (columns, q), their
+    ``estimate`` (q,) and ``covariance`` (q, q).
     """
     rows = choice.displacement(weights)
     square = np.square(rows @ estimate).sum()

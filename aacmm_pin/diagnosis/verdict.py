@@ -1,7 +1,7 @@
 """What a diagnosis may conclude from its findings, and from what its records would have shown.
 
-A new doubt is one entry of :data:`DOUBTS`; its sentence is in the report. Most rules need no new
-attribute of :class:`Evidence`: the last of its fits has the records, residuals and exclusions.
+A new doubt is one entry of :data:`DOUBTS`, with its sentence in the report. Most rules need no new
+attribute of :class:`Evidence`: its last fit has the records, residuals and exclusions.
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ class Evidence:
 
     @property
     def settled(self) -> bool:
-        """Whether each cause of the extended arm acts without doubt, and probably no other one."""
+        """Whether each cause of the extended arm acts without doubt, and probably no other."""
         sure = all(finding.probability >= THRESHOLDS.settled for finding in self.findings)
         return sure and self.more < THRESHOLDS.named
 
     @property
     def mostly_named(self) -> bool:
-        """Whether held-out records do not contradict the causes, and those that act without doubt
-        displace tips by more than what has no name.
+        """Whether held-out records do not contradict the causes, and the certain ones displace tips
+        by more than what has no name.
         """
         return not self.no_better and self.named > self.nameless
 
@@ -83,8 +83,9 @@ DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {
     "more causes": lambda evidence: evidence.more >= THRESHOLDS.settled,
     "starts disagree": lambda evidence: not evidence.agree,
 }
-"""What keeps a diagnosis, of which all searches ended and no structure stands out, from being
-``explained`` or ``no-discrepancy``."""
+"""Why a diagnosis, whose searches all ended without structure, is not ``explained`` or
+``no-discrepancy``.
+"""
 
 
 def doubts_of(evidence: Evidence) -> tuple[str, ...]:
@@ -96,11 +97,11 @@ def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:
     """The verdict.
 
     Returns:
-        ``unexplained``: structure is left. ``partly-explained``: structure is left, but causes
-        that are certain are larger. ``inconclusive``: a search did not converge, or the
-        noise cannot be told; so many records were excluded that they are no gross errors; or a
-        doubt stands. ``ambiguous``: the mass is on several sets of causes. ``explained``,
-        ``no-discrepancy``: else.
+        ``unexplained``: structure is left. ``partly-explained``: the same, but causes that are
+        certain are larger. ``inconclusive``: a search did not converge, the noise cannot be told,
+        so many records were excluded that they are no gross errors, or a doubt stands.
+        ``ambiguous``: the mass is on several sets of causes. ``explained``, ``no-discrepancy``:
+        else.
     """
     if not all(fit.converged and fit.determines_noise for fit in evidence.fits):
         return "inconclusive"
