@@ -73,13 +73,13 @@ HEADS = {
 }
 """Heads of columns; lengths in mm, as limits and charts."""
 NUMBERS_LISTED = 6
-"""Different numbers of a column to list; of more, only the smallest and the largest."""
+"""Different numbers of a column to list; of more, only the smallest and largest."""
 
 
 @dataclass(frozen=True)
 class CheckDetails:
-    """Details of a check for the test report; ``about`` has further lines by their heads, and
-    ``history`` the earlier checks.
+    """Details of a check for the test report: further lines ``about`` it by heads, and the
+    ``history`` of earlier checks.
     """
 
     time: datetime

@@ -59,8 +59,8 @@ def flexibility_document(flexibility: Flexibility) -> Document:
 
 @document_of.register
 def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None = None) -> Document:
-    """Volume and uncertainty over postures, and their sources; with the content of ``accuracy
-    --json``, also the best and worst posture.
+    """Volume, uncertainty and its sources over postures; with the content of ``accuracy --json``,
+    also the best and worst posture.
     """
     if not len(accuracy.q):
         return Document("Accuracy", [str(accuracy)])

@@ -1,4 +1,4 @@
-"""Arms as documents: geometry, limits, noise, causes of error, and conditions of records."""
+"""Arms as documents: geometry, limits, noise, causes of error, conditions of records."""
 
 from __future__ import annotations
 

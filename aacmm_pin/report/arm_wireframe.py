@@ -1,7 +1,7 @@
 """The arm as lines, each in the axes of its body.
 
-Body i moves with ``axis i`` of the chain (:mod:`aacmm_pin.arm.chain`); body 0 is fixed. With a DH
-table a line runs along d and a of the row, as the tubes do; for a URDF, lines join the joints.
+Body i moves with ``axis i`` of :mod:`aacmm_pin.arm.chain`; body 0 is fixed. With a DH table a line
+runs along d and a of the row, as the tubes do; for a URDF, lines join the joints.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ class ArmLines:
         return placements
 
     def corners(self, q: Array) -> Array:
-        """All corners of all lines in the base, from the base to the tip: (n, corners, 3) [m]."""
+        """All corners of all lines in the base, from base to tip: (n, corners, 3) [m]."""
         return self.in_base(q, enumerate(self.lines))
 
     def in_base(self, q: Array, points_of_bodies: Iterable[tuple[int, Array]]) -> Array:
-        """Points of bodies, by number and in the axes of the body (k, 3) each, in the base:
-        (n, points, 3) [m].
+        """Points of bodies, by number and in their axes (k, 3) each, in the base: (n, points, 3)
+        [m].
         """
         placements, placed = self.placements(q), []
         for body, points in points_of_bodies:

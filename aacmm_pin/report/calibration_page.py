@@ -1,4 +1,4 @@
-"""A calibration as a document: gain, residuals, parameters, undetermined parameters, files."""
+"""A calibration as a document: gain, residuals, parameters, files."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatabili
 WORTH = 0.05
 """Least reduction of held-out residuals by a useful calibration."""
 COLLINEAR = 0.01
-"""Points are collinear if their distance from a line is below this part of their extent."""
+"""Points are collinear if they leave a line by less than this part of their extent."""
 EXCLUDED_LISTED = 10
 """Excluded records to list; the file of residuals has all."""
 HELD_OUT_KINDS = {
@@ -119,8 +119,8 @@ EXCLUDED = (
 def calibration_document(
     result: Calibration, summary: dict[str, Any] | None = None, when: str = ""
 ) -> Document:
-    """The calibration as a document; for a page with files, ``summary`` is the content of
-    ``calibrate --json``, and ``when`` the date (UTC).
+    """The calibration as a document; with the content of ``calibrate --json`` a page with files of
+    the date ``when`` (UTC).
     """
     blocks = [
         *_result(result),
@@ -140,7 +140,7 @@ def calibration_document(
 
 
 def verdict(result: Calibration) -> str:
-    """Whether the calibration helps, by held-out records if possible; doubts come first."""
+    """Whether the calibration helps, by held-out records if possible; doubts first."""
     exclusions, name = result.exclusions, result.model.arm.name
     doubts, others = mistakes_in_words(result.notes), ""
     if exclusions.doubtful:
@@ -211,8 +211,8 @@ def fit_in_words(result: Calibration) -> str:
 
 
 def frame_in_words(fit: Fit) -> str:
-    """Base in the frame of the references or of each session: origin, axes and U; "" if the frames
-    are one or not determined.
+    """Base in the frame of the references or of each session: origin, axes and U; "" if they are
+    one or not determined.
     """
     held = ", ".join(fit.undetermined.tied_to_frame)
     tied = f" U assumes the values of {held} in the arm file." if held else ""
@@ -234,7 +234,7 @@ def frame_in_words(fit: Fit) -> str:
 
 
 def open_in_words(result: Calibration) -> str:
-    """What these records do not determine, and matters in other postures; else ""."""
+    """What these records leave open, and matters in other postures; else ""."""
     combinations = result.fit.undetermined.target_directions.shape[1]
     if not base_is_open(result.fit):
         if not combinations:
@@ -275,7 +275,7 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
 
 
 def comment(result: Calibration, data: str, when: str) -> str:
-    """The comment at the beginning of a calibrated arm file; ``when`` is a date (UTC)."""
+    """The first comment of a calibrated arm file; ``when`` is a date (UTC)."""
     lines = [f"aacmm-pin wrote this file on {when} (UTC) from {data}.", f"{result}."]
     lines.append(fit_in_words(result))
     lines += [f"Note: {line}." for line in result.notes]
@@ -305,8 +305,8 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
 
 
 def bases_in_json(fit: Fit) -> dict[str, Any]:
-    """Base in the frame of the references, or of each session; None if known without a fit, or not
-    determined.
+    """Base in the frame of the references, or of each session; None if known without a fit, or
+    open.
     """
     bases = [
         {
@@ -438,7 +438,7 @@ def _parameters(result: Calibration) -> Iterator[Block]:
 
 
 def _parameter_table(rows: pd.DataFrame) -> Table:
-    """The parameters, those in combination last; changes beyond the stated bounds have a mark."""
+    """The parameters, those in combination last; changes beyond the bounds are marked."""
     form = decimals(rows)
     changes = [NO_NUMBER if np.isnan(change) else f"{change:{form}}" for change in rows["change"]]
     shown = rows.assign(change=np.where(rows["beyond"], "* ", "").astype(object) + changes)
@@ -490,8 +490,8 @@ def files(
     names: tuple[str, str],
     note: str,
 ) -> Iterator[Block]:
-    """The section with the files of a page; ``names`` are those of the JSON and of the arm file,
-    and ``note`` is the comment of the arm file.
+    """The section with the files of a page: ``names`` of the JSON and of the arm file, whose
+    comment is ``note``.
     """
     of_json, of_arm = names
     yield Heading("Files in this page")

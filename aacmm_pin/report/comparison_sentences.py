@@ -1,4 +1,4 @@
-"""Sentences about the comparison of arms with a measurement file."""
+"""Sentences on the comparison of arms with a measurement file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from aacmm_pin.calibration import Comparison
 
 
 def comparison_in_words(found: Comparison, first: str) -> str:
-    """The errors by each arm in a line; ``first`` names the first arm. "" if the references are in
+    """The errors by each arm in a line; ``first`` names the first. "" if the references are in
     another frame.
     """
     if found.is_of_other_frame:

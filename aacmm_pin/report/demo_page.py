@@ -63,7 +63,7 @@ from aacmm_pin.report.scenes import circle_scene, map_scene
 SEED = 1
 """Seed of every random number."""
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
-"""Point of the wrist in the DH base frame [m]: the first measured point in the paper of SINO6."""
+"""Point of the wrist in the DH base frame [m]: the first measured one in the paper of SINO6."""
 MAPS: tuple[Quantity, ...] = ("smallest_u_mm", "flexibility")
 """Quantities whose maps the page shows."""
 LARGEST = 3
@@ -72,7 +72,7 @@ RECORDS, SEATS = 200, 10
 READING_NOISE = 8e-6
 """Simulated and stated standard uncertainty of one reading [rad]."""
 SIZE, JOINT = 1e-4, 3
-"""Of the hidden eccentricity [rad], 5 µm off centre on a circle of 50 mm radius; and its joint."""
+"""Of the hidden eccentricity [rad], 5 µm off centre on a radius of 50 mm; and its joint."""
 FILES = {
     "diagnosis.html": "the whole diagnosis, with the aliases of its causes",
     "postures.html": "3D scene of the arm in its postures at the working point",
@@ -105,9 +105,7 @@ ASSUMED = (
 
 @dataclass(frozen=True)
 class DemoSummary:
-    """Sentences and files of the demonstration; ``accuracy`` and ``map`` are the content of
-    accuracy.json and map.json.
-    """
+    """Sentences and files of the demonstration; ``accuracy`` and ``map`` as in their JSON files."""
 
     folder: Path
     files: tuple[str, ...]

@@ -22,7 +22,7 @@ from aacmm_pin.effects import (
 RESTARTS = 5
 """If a clock goes back more often, the records are in another order."""
 LATE = 10.0
-"""If a clock starts later than so many durations of the records, it does not count from switching
+"""A clock that starts later than so many durations of the records does not count from switching
 on.
 """
 

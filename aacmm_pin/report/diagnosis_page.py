@@ -1,6 +1,4 @@
-"""A diagnosis as a document: verdict, residuals, causes, gain on held-out records, remaining
-structure.
-"""
+"""A diagnosis as a document: verdict, residuals, causes, gain on held-out records, structure."""
 
 from __future__ import annotations
 
@@ -84,7 +82,7 @@ WAVES_LISTED = 6
 """Waves of an error curve to list."""
 MAX_ALIASES = 3
 LEAST_SHOWN, LEAST_CORRELATION = 1e-3, 0.9
-"""Aliases of a cause that are listed: so many, of at least this probability or correlation."""
+"""Least probability, or correlation, of an alias that is listed."""
 SETS, LEAST_SET = 6, 0.01
 """Sets of causes that are listed: so many, of at least this probability."""
 WORST = 5
@@ -149,8 +147,8 @@ GROUPS = "Groups of records that disagree with the other records; check their se
 def diagnosis_document(
     result: Diagnosis, summary: dict[str, Any] | None = None, when: str = ""
 ) -> Document:
-    """The diagnosis as a document; for a page with files, ``summary`` is the content of
-    ``diagnose --json``, and ``when`` the date (UTC).
+    """The diagnosis as a document; with the content of ``diagnose --json`` a page with files of the
+    date ``when`` (UTC).
     """
     planned = next_measurements(result) if summary is None else summary["next_measurements"]
     blocks = [
@@ -201,7 +199,7 @@ def open_forms_in_words(result: Diagnosis) -> str:
 
 def next_set_in_words(result: Diagnosis) -> str:
     """The most probable other set of causes, relative to the named set; "" if none is probable, or
-    if the verdict names it.
+    the verdict names it.
     """
     named, others = named_set(result), other_sets(result)
     likely = next(iter(others), ())
@@ -362,8 +360,8 @@ def _forms_in_words(result: Diagnosis, place: Place) -> str:
 
 
 def alternatives(result: Diagnosis) -> pd.DataFrame:
-    """The sets of causes with their probabilities, most probable first, all improbable sets last in
-    one row.
+    """The sets of causes with their probabilities, most probable first; all improbable sets in one
+    row.
     """
     sets = result.alternatives
     likely = [labels for labels in sets if sets[labels] >= LEAST_SET][:SETS]

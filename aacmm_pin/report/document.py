@@ -5,7 +5,7 @@
     html.fragment(document)        # the same for Jupyter
     html.page(document)            # all blocks, with headings, figures, scenes and files
 
-Text is plain text: no renderer reads it as markup.
+No renderer reads text as markup.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ FORMATS = {"mm": "z.4f", "µm": "z.2f", "°": "z.1f"}
 """Formats of numbers by the unit of their head; others have four digits."""
 
 Format = str | Callable[[Any], str]
-"""Format of a column: a format specification, or a function that returns the text."""
+"""Of a column: a format specification, or a function that returns the text."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ class Table:
         frame: the data without index. Names end in a unit, ``u_mm`` or ``u [mm]``; lengths ``_mm``
             appear in µm if all are small.
         caption: its content, in a few words.
-        formats: formats of columns, such as ``{"r": ".2f"}``; default by unit or type.
-        heads: heads of columns, such as ``{"value_mm": "value [mm]"}``; default their names.
+        formats: of columns, such as ``{"r": ".2f"}``; default by unit or type.
+        heads: of columns, such as ``{"value_mm": "value [mm]"}``; default their names.
         explained: how to read it, for pages.
         most: number of rows to show.
         spare: head of a column that the shell omits if the table is too wide.
@@ -157,7 +157,7 @@ class SceneView:
 
 @dataclass(frozen=True)
 class Download:
-    """A file inside a page, or beside the page without ``content``; ``text`` describes the file."""
+    """A file inside a page, or without ``content`` beside it; ``text`` describes the file."""
 
     name: str
     text: str
@@ -180,7 +180,7 @@ class Document:
     """A result as blocks.
 
     Attributes:
-        blocks: blocks in order, without empty ones.
+        blocks: in order, without empty ones.
         sheet: table rows that fit if the document is one sheet of paper to sign; else 0.
         by_hand: fields to fill in by hand, below the blocks before the first heading.
     """
@@ -228,7 +228,9 @@ def document_of(result: object) -> Document:
 
 @document_of.register
 def shown_document(result: Shown) -> Document:
-    """A result by its text, else by its fields and properties that are numbers or words."""
+    """A result by its text, else by those of its fields and properties that are numbers or
+    words.
+    """
     kind = type(result)
     if kind.__str__ is not object.__str__:
         return Document(kind.__name__, [Paragraph(str(result), head=f"{kind.__name__}:")])

@@ -19,7 +19,7 @@ ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
 LENGTH_SCHEMA = "aacmm-pin/length/1"
 MAP_SCHEMA = "aacmm-pin/map/1"
 JSON_DECIMALS = 9
-"""Decimals of lengths and angles [mm, deg]: removes the noise of binary fractions only."""
+"""Decimals of lengths and angles [mm, deg], without the noise of binary fractions."""
 
 
 def accuracy_summary(
@@ -29,8 +29,8 @@ def accuracy_summary(
 
     ``best`` and ``worst`` are by volume, ``smallest_u`` and ``largest_u`` by u; the budget is the
     mean over postures. Missing numbers are None: all without a posture (``reason`` states why), and
-    swivel angles and comprehensive accuracy for an arm from a URDF, whose ``arc_fraction`` is of
-    the way along the curves. ``sectors`` are for the flexibility.
+    for an arm from a URDF swivel angles and comprehensive accuracy; its ``arc_fraction`` is of the
+    way along the curves. ``sectors`` are for the flexibility.
 
     Raises:
         ShapeError: ``accuracy`` is for other postures.
@@ -83,7 +83,7 @@ def accuracy_summary(
 def length_summary(
     a: PosturesAtPoint, b: PosturesAtPoint, length: LengthUncertainty
 ) -> dict[str, Any]:
-    """Schema ``aacmm-pin/length/1``: uncertainty of a length over the pairs of postures within
+    """Schema ``aacmm-pin/length/1``: uncertainty of a length over pairs of postures within
     limits.
     """
     summary = {

@@ -21,8 +21,8 @@ VALUES_LISTED = 8
 def measurements_document(
     records: Measurements, prismatic: NDArray[np.bool_] | None = None
 ) -> Document:
-    """The content of a measurement file, column by column; ``prismatic`` joints (nq,) have readings
-    in mm.
+    """The content of a measurement file by columns; ``prismatic`` joints (nq,) have readings in
+    mm.
     """
     table, others = records.to_frame(), [*records.extra]
     seats, bars = records.seats(), records.bars()

@@ -23,16 +23,16 @@ PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 ORDER = ("record", "time")
 """Covariates of the order of the records."""
 LENGTHS_OFF = ("bar_length_off", "relation_off")
-"""Codes of the notes on stated lengths and angles that all else contradicts."""
+"""Notes on stated lengths and angles that all else contradicts."""
 MORE_RECORDS = "take more records, at other postures"
 
 
 @one_blas_thread
 def next_measurements(result: Diagnosis) -> str:
-    """Return a sentence with the next measurements that a diagnosis recommends.
+    """A sentence with the next measurements that a diagnosis recommends.
 
-    If the records cannot distinguish two causes, the sentence has a command for a plan, which takes
-    several seconds.
+    If the records cannot distinguish two causes, it has a command for a plan, which takes several
+    seconds.
     """
     first = _first(result)
     if result.verdict in WITH_STRUCTURE and result.cannot_tell_apart:

@@ -1,4 +1,4 @@
-"""Numbers for readers in one style: lengths, shares, counts, p-values, values of parameters."""
+"""Numbers for readers in one style: lengths, shares, counts, p-values, parameters."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def length_unit(largest: float) -> tuple[str, float]:
 
 
 def in_one_unit(*frames: pd.DataFrame) -> list[pd.DataFrame]:
-    """Tables with units in their heads, ``before_mm`` as ``before [µm]``: all lengths in mm, or in
-    µm if small.
+    """Tables with units in heads, ``before_mm`` as ``before [µm]``: lengths in mm, or all in µm if
+    small.
     """
     of_length = [frame.filter(regex="_mm$") for frame in frames]
     sizes = [float(np.nanmax(np.abs(part))) for part in of_length if part.notna().any(axis=None)]
@@ -113,7 +113,7 @@ def mistakes_in_words(notes: Iterable[Note]) -> str:
 
 
 def capital(text: str) -> str:
-    """The text with a capital letter, unless its first word is a name such as ``theta_offset3``."""
+    """The text with a capital letter, unless it begins with a name such as ``theta_offset3``."""
     if not WORD.match(text):
         return text
     return f"{text[:1].upper()}{text[1:]}"
@@ -132,7 +132,7 @@ def p_equals(value: float) -> str:
 
 
 def quantity(value: float, unit: str) -> str:
-    """The value of a parameter [SI] with all digits: ``700.95000 mm``, ``0.0100000 rad``."""
+    """A parameter [SI] with all digits: ``700.95000 mm``, ``0.0100000 rad``."""
     if unit == "m":
         value, unit = value / MM, "mm"
     form = VALUE_FORMATS.get(unit, ".6g")

@@ -13,9 +13,7 @@ from aacmm_pin.report.numbers import quantity, small_unit
 
 
 def stated_half_widths(result: Calibration) -> Array:
-    """Stated half-width of each parameter, or k u of a cause, k = 2 (p,) [SI]; nan if not stated,
-    or exact.
-    """
+    """Stated half-width of each parameter, or k u of a cause, k = 2 (p,) [SI]; nan if none."""
     vector = result.fit.problem.vector
     parameters = zip(vector.arm_parameters, vector.parameters, strict=True)
     stated = [of_arm or of_effect for of_arm, of_effect in parameters]
@@ -35,7 +33,7 @@ def parameter_table(result: Calibration) -> pd.DataFrame:
 
 
 def readable_parameters(result: Calibration) -> pd.DataFrame:
-    """The table for readers: values with unit as text; changes and uncertainties in the small unit
+    """The table for readers: values with unit as text; changes and uncertainties in the unit
     ``in``.
     """
     table = parameter_table(result)

@@ -45,7 +45,7 @@ FORMS: dict[str, Format] = {"T": three_digits}
 PAIRS_LISTED = 8
 """Pairs of causes to list; the JSON has all."""
 COLUMNS_NOT_LISTED = r"^(theta|approach)\d|^u_|_mm$"
-"""Columns that the table has in other words, or that are to be filled in."""
+"""Columns that are in other words in the table, or to be filled in."""
 HOW_TO_GO = (
     "The file plan.csv states the joint angles with all decimals. Move the arm to within a few "
     "degrees of these angles, and enter the readings. Left and right are those of a person behind "
@@ -129,9 +129,7 @@ def _more(plan: MeasurementPlan) -> str:
 
 
 def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
-    """How to distinguish the two causes of a plan, and the command; ``options`` besides causes and
-    number of records.
-    """
+    """How to distinguish the two causes of a plan, and the command, with more ``options``."""
     one, other = plan.split
     pair = f"{one.label} from {other.label}"
     if plan.after.same:
@@ -174,9 +172,9 @@ def advice(
     existing: Measurements,
     **setup: Any,
 ) -> str:
-    """Advice of :func:`plan_advice` from a quick plan, or why no plan is possible.
+    """:func:`plan_advice` from a quick plan, or why no plan is possible.
 
-    New records are at seats if most existing ones are, else they have coordinates. ``setup`` are
+    New records are at seats if most existing ones are, else they have coordinates. ``setup``:
     keywords of :func:`plan_measurements`.
     """
     scheme: PlannedScheme = "seats" if mostly_seats(existing) else "free"

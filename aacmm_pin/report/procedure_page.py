@@ -1,4 +1,4 @@
-"""A procedure of an acceptance test as a sheet: positions of the artefacts, and points to probe."""
+"""A procedure of an acceptance test as a sheet: positions of artefacts, points to probe."""
 
 from __future__ import annotations
 

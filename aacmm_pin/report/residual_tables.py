@@ -1,4 +1,4 @@
-"""Residuals of groups of records against their prediction, and shapes of unexplained structure."""
+"""Residuals of groups of records against their prediction; shapes of unexplained structure."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ RANGES_OF_A_NUMBER = 4
 
 
 def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.DataFrame:
-    """RMS of groups of records (seat, joint range, time, temperature, …) by the three models, and
-    its prediction.
+    """RMS of groups of records (seat, joint range, time, temperature, …) by the three models,
+    predicted too.
 
     The prediction for the nominal arm is ``S Σ Sᵀ + N + u²``, with stated uncertainties, noise, and
     u of the stated targets that a seat shares (JCGM 100:2008, eq. 13); for the other models, whose
-    targets are fitted, the noise ``N``. Estimated scatter beyond stated noise is not predicted.
+    targets are fitted, the noise ``N``, without scatter beyond stated noise.
 
     Args:
         before: the nominal arm with fitted set-up.

@@ -1,4 +1,4 @@
-"""A document at the shell: as wide as the terminal, plain in a pipe, without truncated cells."""
+"""A document at the shell: as wide as the terminal, plain in a pipe, cells not cut."""
 
 from __future__ import annotations
 

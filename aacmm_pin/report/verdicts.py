@@ -1,6 +1,5 @@
-"""The sentences of the verdicts and doubts of a diagnosis.
+"""The sentences of the verdicts and doubts of a diagnosis, one function for each.
 
-:data:`WORDS_OF_VERDICTS` and :data:`WORDS_OF_DOUBTS` have one function of the diagnosis for each.
 The pages show the docstrings: meaning and advice of a verdict, meaning of a doubt.
 """
 
@@ -74,11 +73,10 @@ def verdict_in_words(result: Diagnosis) -> str:
 
 
 def _explained(result: Diagnosis) -> str:
-    """Each named cause has a probability of at least 0.95. Each named cause also improves the
-    prediction of held-out records, if records are held out. Every other cause has a probability
-    below 0.5.
+    """Each named cause has a probability of at least 0.95, and improves the prediction of held-out
+    records, if any. Every other cause has a probability below 0.5.
 
-    Use the extended arm, and check the extended arm on new records.
+    Use the extended arm, and check it on new records.
     """
     causes = "this cause" if len(result.findings) == 1 else "these causes"
     return f"{_wrong(result)}. After recalibration with {causes}, {_residuals_left(result)}"
@@ -110,8 +108,8 @@ def _partly_explained(result: Diagnosis) -> str:
     """The residuals have structure that no cause explains. Causes with a probability of at least
     0.95, which held-out records confirm, displace the tip by more than this structure.
 
-    Use the extended arm, and check the extended arm on new records. For the structure, see the
-    table *Reasons for `unexplained`*.
+    Use the extended arm, and check it on new records. For the structure, see the table *Reasons for
+    `unexplained`*.
     """
     structure = _structure(result)
     if result.no_better:  # what held-out records do not confirm comes last
@@ -123,7 +121,7 @@ def _partly_explained(result: Diagnosis) -> str:
 
 def _unexplained(result: Diagnosis) -> str:
     """`diagnose` cannot explain all of the residuals, or one group of records disagrees with the
-    other records.
+    others.
 
     See the table *Reasons for `unexplained`*.
     """

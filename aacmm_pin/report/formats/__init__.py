@@ -1,4 +1,4 @@
-"""Formats of documents: the module ``html`` writes files with the suffix ``.html``.
+"""Formats of documents: the module ``html`` writes files ``.html``.
 
 A new format is one module, named as its suffix, with a function ``page(document) -> str``.
 """

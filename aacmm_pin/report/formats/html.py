@@ -1,4 +1,4 @@
-"""A document as one self-contained HTML page, or as a fragment for Jupyter; all text is escaped."""
+"""A document as one self-contained HTML page, or a fragment for Jupyter; text is escaped."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ ALIGNED = {
     "short": Markup(' style="text-align: left"'),
     "long": Markup(' style="text-align: left"'),
 }
-"""Attribute of a cell without our style sheet: Jupyter aligns all cells to the right."""
+"""Attribute of a cell without our style sheet: Jupyter aligns all to the right."""
 _TIES = re.compile(
     r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])"
 )
 
 
 def page(document: Document) -> str:
-    """The whole document as an HTML page; blocks before the first heading precede the contents."""
+    """The document as an HTML page; blocks before the first heading precede the contents."""
     sections: list[dict[str, Any]] = [{"blocks": []}]
     for block in document.blocks:
         if isinstance(block, Heading):
@@ -115,7 +115,7 @@ def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]
 
 
 def _table(table: Table, on_page: bool) -> dict[str, Any]:
-    """Rows of text; head and style of every column: ``number``, ``short`` (not broken) or
+    """Rows of text; head and style of every column: ``number``, ``short`` (not broken),
     ``long``.
     """
     cells, columns = table.cells(), []
@@ -132,5 +132,4 @@ def _table(table: Table, on_page: bool) -> dict[str, Any]:
 
 
 def _kept_together(value: object) -> object:
-    """Text with non-breaking spaces between numbers, units and equals signs."""
     return _TIES.sub("\u00a0", value) if type(value) is str else value

@@ -48,8 +48,8 @@ FLEXIBILITY_COLOURS = "cividis"
 def plot_accuracy_of_postures(
     postures: PosturesAtPoint, accuracy: AccuracyVolume, ax: Axes | None = None
 ) -> Axes:
-    """Plot the accuracy volume (left axis) and the standard uncertainty (right axis) of the
-    postures at a point.
+    """Plot accuracy volume (left axis) and standard uncertainty (right axis) of the postures at a
+    point.
 
     The abscissa is the swivel angle, or without an elbow the length along each curve of
     self-motion, or the number of a single posture. Each of two to eight components has its own
@@ -121,8 +121,8 @@ def plot_budget(
     ax: Axes | None = None,
     most: int = 12,
 ) -> Axes:
-    """Plot the uncertainty budget as bars: shares of the variance, with the standard uncertainties
-    as numbers.
+    """Plot the uncertainty budget as bars: shares of the variance, with standard uncertainties as
+    numbers.
 
     A bar is a parameter, a joint or a kind of parameter, as ``by`` states. The last of ``most``
     bars has all smaller shares.

@@ -1,6 +1,4 @@
-"""Pictures of a calibration: residuals over joints, by seats, against the noise; changes and
-correlation of parameters.
-"""
+"""Pictures of a calibration: residuals over joints, by seats, against the noise; parameters."""
 
 from __future__ import annotations
 
@@ -55,12 +53,11 @@ NAMED = 45
 def plot_residuals_over_joint(
     result: Calibration, joint: int, when: str = "after", ax: Axes | None = None
 ) -> Axes:
-    """Plot the residual component along the motion of the tip by one joint, over the angle of this
-    joint.
+    """Plot the residual along the motion of the tip by one joint, over the angle of this joint.
 
-    An error of the joint angle appears directly in the plot. Dots are records. The line is the mean
-    in intervals of the range, with its standard uncertainty. A joint whose axis passes through the
-    tip has no residual. Joints count from 1, and ``when`` is ``before`` or ``after`` calibration.
+    An error of the joint angle appears directly. Dots are records; the line is the mean in
+    intervals of the range, with its standard uncertainty. A joint whose axis passes through the tip
+    has no residual. Joints count from 1, and ``when`` is ``before`` or ``after`` calibration.
 
     Raises:
         AacmmError: the joint does not exist.
@@ -97,8 +94,7 @@ def plot_residuals_over_joint(
 def plot_residuals_over_joints(
     result: Calibration, when: str = "after", ax: Axes | None = None
 ) -> Figure:
-    """Plot :func:`plot_residuals_over_joint` for all joints on one scale; ``ax`` gives the area of
-    the panels.
+    """Plot :func:`plot_residuals_over_joint` for all joints on one scale, in the area of ``ax``.
 
     Raises:
         UnknownNameError: ``when`` is neither ``before`` nor ``after``.
@@ -156,8 +152,8 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     """Plot the distribution of the normalised residuals against the χ distribution with three
     degrees of freedom.
 
-    The covariance of the noise normalises each residual (Mahalanobis distance), with an estimated
-    scatter if the stated noise is too small.
+    The covariance of the noise, with an estimated scatter if the stated noise is too small,
+    normalises each residual (Mahalanobis distance).
     """
     distance = np.sqrt(result.fit.system.distance[result.fit.used])
     ax, most = axes_of(ax, (5.4, 3.6)), max(4.5, float(distance.max(initial=0.0)))
@@ -175,7 +171,7 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
 @plain
 def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Figure:
     """Plot the deviations of repeats from the mean of their posture over time or row, with their
-    drift, and the distribution of the residuals; ``ax`` gives the area of the panels.
+    drift, and the distribution of the residuals, in the area of ``ax``.
     """
     over, beside = panels_of(ax, (4.3, 3.4), 2, 2, share_y=True)
     unit, scale = length_unit(float(np.abs(repeats.residuals).max()))
@@ -216,8 +212,8 @@ def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Figure:
 def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
     """Plot the correlation matrix of the parameters.
 
-    At ±1, the records determine only the sum or the difference of two parameters. If a field is
-    grey, the records do not determine one of the parameters.
+    At ±1, the records determine only the sum or the difference of two parameters; a grey field is
+    of a parameter that they do not determine.
     """
     table, count = result.correlation, len(result.correlation)
     untold = np.linalg.norm(result.fit.unknown[:count], axis=1) > NOT_AT_ALL
@@ -240,9 +236,9 @@ def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
 def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figure:
     """Plot the change of each parameter with U (k = 2), relative to its stated half-width.
 
-    A second colour marks parameters whose change is larger than the half-width and U together. Open
-    symbols mark parameters that the records determine only in combination. Without stated
-    half-widths, lengths and angles have separate panels in the area of ``ax``.
+    A second colour marks changes larger than half-width and U together, open symbols parameters
+    that are determined only in combination. Without stated half-widths, lengths and angles have
+    separate panels in the area of ``ax``.
     """
     table = parameter_table(result)
     stated, title = table["stated"].notna(), f"{result.model.arm.name}: parameters"

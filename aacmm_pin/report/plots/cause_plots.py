@@ -1,4 +1,4 @@
-"""Pictures of the causes of a diagnosis over their covariates, and of structure without a cause."""
+"""Pictures of causes of a diagnosis over their covariates, and of structure without a cause."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
     """Plot the strongest cause with the partial residuals of the records.
 
     Without causes, the plot shows structure without a cause. Without structure, or if the cause
-    displaces all records alike, the plot shows the residuals of the three models. ``finding`` is
-    the index of a finding, from 0 (the strongest cause).
+    displaces all records alike, it shows the residuals of the three models. ``finding``: index from
+    0 (the strongest cause).
 
     Raises:
         AacmmError: the diagnosis has no finding with this index.
@@ -97,10 +97,9 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
     """Plot the partial residuals of a cause over its covariate, with the fitted cause as a line.
 
-    Faint dots are records (:func:`aacmm_pin.report.plots.partial_residuals.partial_residual`).
-    Circles are weighted means in intervals of the covariate, with standard uncertainties. For an
-    error of a seat, the plot shows the seat; for a geometric value, the plot shows the stated and
-    the estimated value.
+    Faint dots are records (:func:`aacmm_pin.report.plots.partial_residuals.partial_residual`);
+    circles are weighted means in intervals of the covariate, with standard uncertainties. For an
+    error of a seat, the plot shows the seat; for a geometric value, its stated and estimated value.
     """
     if corrects_seat(finding.effect):
         return _plot_seat_error(result, finding.effect, ax)
@@ -164,8 +163,8 @@ def _limits(curve: Array, records: Array) -> tuple[float, float]:
 
 
 def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) -> Axes:
-    """Distance of each seat from its stated place, as means over the records of a seat with u, and
-    fitted errors as rings.
+    """Distance of each seat from its stated place, as means over its records with u; fitted errors
+    as rings.
     """
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records = fit.problem.measurements
@@ -197,11 +196,11 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
 
 @plain
 def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Axes:
-    """Plot the structure without a cause over its covariates: the smooth correction and faint
-    partial residuals.
+    """Plot the structure without a cause over its covariates: smooth correction and faint partial
+    residuals.
 
-    Over one covariate, the correction is a line, or one bar for each label. Over several
-    covariates, a colour shows the size of the correction.
+    Over one covariate, the correction is a line, or a bar for each label; over several, a colour
+    shows its size.
 
     Raises:
         AacmmError: the diagnosis has no structure over this covariate.

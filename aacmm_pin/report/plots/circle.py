@@ -43,7 +43,7 @@ def plot_circle(
 
     Args:
         circle: the configuration circle.
-        accuracy: accuracy of the postures within limits, for the colours of the path.
+        accuracy: of the postures within limits, for the colours of the path.
         postures: number of postures to draw, within limits if possible.
         ax: three-dimensional axes.
 

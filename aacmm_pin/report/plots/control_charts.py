@@ -43,7 +43,7 @@ MARKS: dict[str, dict[str, Any]] = {
 
 
 def charts_drawn(charts: Sequence[ControlChart]) -> list[ControlChart]:
-    """The charts that :func:`plot_history` draws: of at least two checks, first those with an
+    """The charts that :func:`plot_history` draws: of two checks or more, first those with an
     MPE.
     """
     several = [chart for chart in charts if len(chart.values) > 1]
@@ -55,7 +55,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
     """Plot the test values of all checks, with the mean and the limits of the earlier checks and
     the MPE.
 
-    The latest check is coloured. Checks have equal distances; some have their date below.
+    Checks have equal distances, and some their date below; the latest is coloured.
     """
     every_chart = history.charts()
     charts = charts_drawn(every_chart)

@@ -1,4 +1,4 @@
-"""Residuals of a diagnosis by its three models: of all records, by groups, and held out."""
+"""Residuals of a diagnosis by its three models: of all records, by groups, held out."""
 
 from __future__ import annotations
 
@@ -31,9 +31,7 @@ MODELS = {"nominal": INK, "recalibrated": GREY, "extended": BLUE}
 RANGE_UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
 """Units of the ranges in which records are grouped."""
 MANY, WORST = 40, 3
-"""Of more groups than so many no names can be read: they stand by size, and so many of them are
-named.
-"""
+"""Of more groups than so many, by size, no names can be read: so many are named."""
 
 
 @plain
@@ -77,8 +75,8 @@ def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 @plain
 def plot_residuals_by_row(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Plot the signed coordinates of the residuals of the extended arm in the order of time, or of
-    the rows if no time is stated.
+    """Plot the signed residuals of the extended arm in the order of time, or of the rows without
+    time.
     """
     records = result.extended.problem.measurements
     order = records.order_in_time
@@ -99,7 +97,7 @@ def plot_residuals_by_row(result: Diagnosis, ax: Axes | None = None) -> Axes:
 @plain
 def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     """Plot the RMS residual in groups of records by every recorded quantity, joints first, for the
-    three models, with predicted values; ``ax`` gives the area of the panels.
+    three models, with predicted values, in the area of ``ax``.
 
     Raises:
         AacmmError: there are too few records for groups.
@@ -196,8 +194,8 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
 
 @plain
 def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Plot the RMS residual of each held-out group, for the recalibrated and the extended arm that
-    are fitted without this group.
+    """Plot the RMS residual of each held-out group, for recalibrated and extended arm fitted
+    without it.
 
     Raises:
         AacmmError: the diagnosis has no held-out records.

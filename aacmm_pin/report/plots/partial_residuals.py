@@ -1,4 +1,4 @@
-"""Partial residuals: the amount of one cause in each record, and the abscissa of its picture."""
+"""Partial residuals: the amount of a cause in each record, and the abscissa of its picture."""
 
 from __future__ import annotations
 
@@ -128,9 +128,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
 
 
 def _amount(effect: Effect, state: State) -> _Amount:
-    """As expansion by temperature, rotation or translation at one place, or displacement of the
-    target.
-    """
+    """Of expansion by temperature, of motion at one place, or as displacement of the target."""
     places, values = effect.displacements(state), np.array(effect.values)
     temperature = state.conditions.temperature
     if "temperature" in effect.needs and temperature is not None and len(values) == 1:
@@ -157,7 +155,7 @@ def _amount(effect: Effect, state: State) -> _Amount:
 def _common_direction(columns: Array) -> Array | None:
     """Twist (6,) that all columns (n, 6, p) are multiples of, or None.
 
-    It rotates by one radian, or else translates by one metre; its largest component is positive.
+    It rotates by 1 rad, or else translates by 1 m; its largest component is positive.
     """
     each = columns.transpose(1, 0, 2).reshape(6, -1)
     left, size, _ = np.linalg.svd(each, full_matrices=False)
@@ -215,9 +213,7 @@ def is_of_angle(effect: Effect, state: State) -> bool:
 
 
 def unit_of_load(unit: str, amount: str) -> str:
-    """Unit of what a parameter of ``unit`` multiplies to give an ``amount``: ``rad/(N·m)²`` gives
-    ``(N·m)²``.
-    """
+    """Unit that times a ``unit`` gives that of the ``amount``: ``(N·m)²`` for ``rad/(N·m)²``."""
     above, *below = re.split(r"/(?![^(]*\))", unit)  # at slashes outside brackets
     if above not in (amount, "1"):
         return f"{amount}/({unit})"

@@ -1,4 +1,4 @@
-"""Residuals of a calibration or diagnosis as lines in space, and views of an arm with places."""
+"""Residuals of a calibration or diagnosis as lines in space; views of an arm with places."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ MOST_VECTORS = 400
 
 
 def models(result: Calibration | Diagnosis) -> dict[str, Fit]:
-    """The fits by the names of their models; the last one determines the used records."""
+    """The fits by the names of their models; the last determines the used records."""
     if isinstance(result, Calibration):
         return {"before": result.before, "after": result.fit}
     return {
@@ -81,9 +81,7 @@ def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
 
 
 Groups = Mapping[str, tuple[str, Sequence[tuple[str, Array]]]]
-"""By name: a colour, and places, each with a label, or "", and points (k, 3) [m] joined by
-lines.
-"""
+"""By name: colour, and places, each with a label, or "", and points (k, 3) [m] joined by lines."""
 MANY_PLACES = 8
 """Places of one kind that are drawn large."""
 
@@ -100,14 +98,14 @@ def plot_residual_vectors(
     some postures.
 
     For a diagnosis, a target is the stated place, or without one the estimate from all records of
-    the seat. A dot marks the end of a line at the magnified tip. Crosses mark excluded records.
+    the seat. A dot marks the magnified tip, a cross an excluded record.
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` for a calibration; ``nominal``, ``recalibrated`` or
-            ``extended`` for a diagnosis. The default is ``after`` or ``extended``.
+        model: ``before`` or ``after`` (default) for a calibration; ``nominal``, ``recalibrated`` or
+            ``extended`` (default) for a diagnosis.
         plane: two axes of the reference frame.
-        factor: magnification of the residuals; default a suitable factor.
+        factor: magnification of the residuals; default a suitable one.
         ax: axes.
 
     Raises:
@@ -142,8 +140,8 @@ def plot_residual_vectors(
 
 @plain
 def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
-    """Plot the residual vectors of :func:`two_models` in top and side view, with the same
-    magnification; ``ax`` gives the area of the panels.
+    """Plot the residual vectors of :func:`two_models` in top and side view, equally magnified, in
+    the area of ``ax``.
     """
     names, panels = two_models(result), panels_of(ax, (4.3, 4.0), 4, 2)
     used, fit = [*models(result).values()][-1].used, models(result)[names[0]]
@@ -172,7 +170,7 @@ def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
 
 
 def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
-    """Residuals (n, 3) [m]; of a diagnosis from the stated, or else the estimated place of the
+    """Residuals (n, 3) [m]; of a diagnosis from the stated, else the estimated place of the
     seat.
     """
     if isinstance(result, Calibration):
@@ -190,9 +188,7 @@ def magnification_of(place: Array, deviation: Array) -> float:
 
 
 def postures_of(fit: Fit) -> Array:
-    """The arm from base to tip in distant postures, in the frame of the references (k, places, 3)
-    [m].
-    """
+    """The arm from base to tip in distant postures, in the references' frame (k, places, 3) [m]."""
     tips, frame = fit.point.prediction.tips, fit.point.frame
     records = fit.problem.measurements
     chosen: list[int] = []

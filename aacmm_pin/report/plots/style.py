@@ -32,9 +32,7 @@ STYLE: dict[str, Any] = {
 }
 """Settings of matplotlib."""
 LONGEST_LINE, LONGEST_AT_TICK, LONGEST_UPRIGHT = 96, 48, 24
-"""Characters of a line of a title, of a name at a tick, and of one that may stand upright, lest
-they leave the axes no place.
-"""
+"""Most characters in a line of a title, in a name at a tick, and in one that may stand upright."""
 EDGE = 0.03
 """Distance from the edge of marks for values beyond it, in heights of the scale."""
 P = ParamSpec("P")
@@ -45,7 +43,7 @@ Drawn = TypeVar("Drawn", Axes, Figure)
 def without_latex() -> Iterator[None]:
     """Use the style, and text by matplotlib alone: LaTeX may be missing, or read names as commands.
 
-    The end restores only these settings, because a backend may set others at the first figure.
+    The end restores only these settings: a backend may set others at the first figure.
     """
     settings: Any = plt.rcParams
     before = {name: settings[name] for name in STYLE}
@@ -93,7 +91,6 @@ def panels_of(
     Args:
         ax: axes whose place the panels take; None for a new pyplot figure.
         each: width and height of a panel of a new figure [inches].
-        count: number of panels.
         columns: panels side by side.
         share_y: one scale for all panels.
 
@@ -146,8 +143,8 @@ def name_rows(ax: Axes, names: Sequence[str], size: float = 9.0) -> None:
 def draw_beyond(
     ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tuple[float, float]
 ) -> None:
-    """Set the ``limits`` of y, and mark values beyond by diamonds at the edge; ``series`` are x
-    (n,), y (n,) and colour.
+    """Set the ``limits`` of y, and mark values beyond by diamonds at the edge; ``series``: x (n,),
+    y (n,), colour.
     """
     low, high = limits
     edge, number = EDGE * (high - low), 0
@@ -162,8 +159,8 @@ def draw_beyond(
 
 
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
-    """Names of the places 0, 1, 2, …; upright if longer than ``letters``, and only some if three
-    times as long.
+    """Names of the places 0, 1, 2, …; upright if longer than ``letters``, only some if three times
+    as long.
     """
     names = [literal(name, LONGEST_UPRIGHT) for name in names]
     width = sum(2 + max(map(len, name.split("\n"))) for name in names)

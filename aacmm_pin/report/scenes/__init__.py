@@ -1,4 +1,4 @@
-"""Three-dimensional scenes of the arm in the browser with meshcat, as pages or live."""
+"""Scenes of the arm in the browser with meshcat, as pages or live."""
 
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene

@@ -14,14 +14,14 @@ from aacmm_pin.report.scenes.stage import joint_texts, moving, place_text, stage
 
 
 def arm_scene(model: GivenModel, q: ArrayLike, *, body_style: BodyStyle = "meshes") -> Scene:
-    """Make a scene of the arm at ``q`` ``(n, nq)`` [rad, m]: a picture for one posture, an
-    animation for more.
+    """Make a scene of the arm at ``q`` ``(n, nq)`` [rad, m]: a picture of one posture, an animation
+    of more.
 
     Args:
         model: the arm.
         q: postures.
-        body_style: ``meshes`` draws the meshes of the arm's URDF, with their colours; ``sticks``,
-            also for an arm without meshes, draws tubes and joints.
+        body_style: ``meshes`` draws the meshes of the arm's URDF, in their colours; ``sticks``,
+            also for an arm without meshes, tubes and joints.
 
     Raises:
         ShapeError: ``q`` is not a finite ``(n, nq)`` array, or has no row.

@@ -1,4 +1,4 @@
-"""The arm going round a working point, with the accuracy of each posture shown."""
+"""The arm going round a working point, with the accuracy of each posture."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def circle_scene(
 
     Args:
         circle: a :class:`aacmm_pin.ConfigurationCircle`, or the postures of another arm.
-        accuracy: ``circle_accuracy(circle)``, the accuracy of the postures within limits.
+        accuracy: ``circle_accuracy(circle)``, of the postures within limits.
         body_style: see :func:`arm_scene`.
 
     Raises:
@@ -114,7 +114,7 @@ def circle_scene(
 
 
 def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
-    """The path (n, 3) [m] of the elbow, else of the joint whose origin moves most, and the name."""
+    """The path (n, 3) [m] of the elbow, else of the joint whose origin moves most; its name."""
     if isinstance(circle, ConfigurationCircle):
         return circle.components.swivel.elbow(circle.q), "the elbow"
     axes = circle.arm.chain.moving_axes()
@@ -145,8 +145,8 @@ def _draw_path(
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:
-    """Draw a unit sphere; return the placements (n, 4, 4) [m] that make it the ellipsoid of each
-    posture.
+    """Draw a unit sphere; return the placements (n, 4, 4) [m] that make it each posture's
+    ellipsoid.
     """
     variances, vectors = np.linalg.eigh(accuracy.covariance)
     half = ELLIPSOID_COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))

@@ -35,8 +35,8 @@ SIDE, HEIGHT = -55 * DEG, 14 * DEG
 
 
 def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
-    """Make a scene of the half-plane with cells coloured by comprehensive accuracy, in which the
-    wrist moves from cell to cell.
+    """Make a scene of the half-plane with cells coloured by comprehensive accuracy; the wrist moves
+    from cell to cell.
 
     Raises:
         AacmmError: the map is of another arm, or no cell has a posture within limits.

@@ -1,6 +1,4 @@
-"""Residuals as lines from each target, or stated place, towards the tip, and the arm in its
-posture.
-"""
+"""Residuals as lines from each target, or stated place, towards the tip, and the arm."""
 
 from __future__ import annotations
 
@@ -46,16 +44,16 @@ def residual_scene(
     *,
     body_style: BodyStyle = "meshes",
 ) -> Scene:
-    """Make a scene of the magnified residuals of one model, with the arm in the postures of the
-    records, from the largest residual to the smallest.
+    """Make a scene of the magnified residuals of one model, with the arm in the records' postures,
+    from the largest residual to the smallest.
 
     A line leads from each target towards the tip, as in
     :func:`aacmm_pin.report.plots.plot_residual_vectors`.
 
     Args:
         result: the calibration or the diagnosis.
-        model: ``before`` or ``after`` for a calibration; ``nominal``, ``recalibrated`` or
-            ``extended`` for a diagnosis. The default is ``after`` or ``extended``.
+        model: ``before`` or ``after`` (default) for a calibration; ``nominal``, ``recalibrated`` or
+            ``extended`` (default) for a diagnosis.
         body_style: see :func:`arm_scene`.
 
     Raises:

@@ -33,8 +33,8 @@ OPAQUE, TRANSLUCENT = 1.0, 0.35
 MOST_MESH_ROWS = 130_000
 """Vertices and faces of a scene; each has 16 characters on the page."""
 FINEST, COARSER = 1e-3, 1.25
-"""Side of the cells that merge vertices, over the size of the robot, and its growth while there
-are too many rows.
+"""Side of the cells that merge vertices, over the robot's size, and its growth for too many
+rows.
 """
 NAMED_MESHES = 3
 """Missing files in a note."""
@@ -144,7 +144,7 @@ def _by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
 
 
 def _simplified(meshes: Meshes) -> Meshes:
-    """Merge vertices in one cell of a grid, which is coarse enough for few rows."""
+    """Merge vertices in one cell of a grid, coarse enough for few rows."""
     cell = FINEST * max(float(np.ptp(mesh.bounds, axis=0).max()) for mesh in meshes.values())
     simple = dict(meshes)
     while sum(len(mesh.vertices) + len(mesh.faces) for mesh in simple.values()) > MOST_MESH_ROWS:

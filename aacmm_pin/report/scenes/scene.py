@@ -1,8 +1,8 @@
 """A scene: the commands of meshcat, for one page without a server, or for meshcat's own server.
 
 meshcat's viewer is one script of 0.85 MB. A page with several scenes has it once, as inert text
-(:func:`shared_script`); each scene is an inner frame that receives the text when it is scrolled
-into sight, or soon after the page has been read.
+(:func:`shared_script`); each scene is an inner frame that receives it when scrolled into sight, or
+soon after the page has been read.
 """
 
 from __future__ import annotations
@@ -40,9 +40,7 @@ STOPS = 24
 NOTEBOOK_HEIGHT = 560
 """Height of a scene in a notebook [px]."""
 MESHCAT_ID = re.compile(rb"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
-"""meshcat's id of a geometry, material or object, which contains the time and the network
-address.
-"""
+"""meshcat's id of a geometry, material or object, with the time and the network address."""
 SIGHT_DIRECTIONS = np.array([*product(range(-2, 3), repeat=3)])
 """Directions in which to search for the outermost points (125, 3)."""
 POSTER = (
@@ -63,7 +61,7 @@ class Swatch:
 
 @dataclass(frozen=True, eq=False)
 class ColourBar:
-    """The colour scale of a scene; ``label`` has the unit, and ``name`` is a colour map of
+    """The colour scale of a scene; ``label`` has the unit, ``name`` is a colour map of
     matplotlib.
     """
 
@@ -148,8 +146,8 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The points that a page shows and the direction of the camera; the page calculates the
-    distance.
+    """The points that a page shows and the direction of the camera, whose distance the page
+    calculates.
 
     Attributes:
         points: ``(n, 3)`` [m].
@@ -193,8 +191,7 @@ class Scene:
     """A three-dimensional scene with a title, a legend and a view; a moving scene also has frames.
 
     ``scene["arm/body 3"]`` is meshcat's ``Visualizer`` at that path, with ``set_object``,
-    ``set_transform``, ``set_property`` and ``delete``. Jupyter displays a scene as the value of a
-    cell.
+    ``set_transform``, ``set_property`` and ``delete``. Jupyter displays a scene.
 
     Attributes:
         meshcat: meshcat's ``Visualizer`` of the whole scene.
@@ -240,7 +237,7 @@ class Scene:
         return [MESHCAT_ID.sub(number, command) for command in packed]
 
     def html(self) -> str:
-        """The scene as one HTML page that needs neither a network nor a server."""
+        """The scene as one HTML page that needs neither network nor server."""
         return self._page(f"<script>{viewer_script()}</script>", plays=True)
 
     def save(self, path: str | Path, force: bool = False) -> None:
@@ -253,8 +250,8 @@ class Scene:
             temporary.write_text(encodable(self.html()), encoding="utf-8")
 
     def embedded(self, height: int = NOTEBOOK_HEIGHT) -> str:
-        """The scene as HTML in a frame of this ``height`` [px], for a page that contains
-        :func:`aacmm_pin.report.scenes.shared_script` once.
+        """The scene as HTML in a frame of this ``height`` [px], for a page with one
+        :func:`aacmm_pin.report.scenes.shared_script`.
         """
         page = htmlsafe_json_dumps(self._page("<!-- viewer -->", plays=False))
         frame = self._frame("class=aacmm-scene", height)
@@ -273,8 +270,8 @@ class Scene:
         :meth:`save` has legend, readings and slider.
 
         Returns:
-            meshcat's ``Visualizer``, whose changes the browser shows immediately. In Jupyter,
-                its ``jupyter_cell()`` displays the scene.
+            meshcat's ``Visualizer``, whose changes the browser shows immediately. In Jupyter, its
+            ``jupyter_cell()`` displays the scene.
         """
         live = Visualizer()
         for command in self._window.commands:
@@ -300,7 +297,7 @@ class Scene:
 
 
 def shared_script() -> str:
-    """HTML that a page with embedded scenes needs once: the viewer and a script that fills the
+    """HTML that a page with embedded scenes needs once: the viewer, and a script that fills the
     frames.
     """
     return (

@@ -1,6 +1,4 @@
-"""The common parts of scenes: the bodies of the arm (tubes, joints, foot, tip), shapes and
-materials, and ground, grid and axes.
-"""
+"""What scenes share: bodies of the arm, shapes and materials, ground, grid and axes."""
 
 from __future__ import annotations
 
@@ -270,7 +268,7 @@ def placed_at(points: Array) -> Array:
 def rod(
     start: Array, end: Array, radius: float, end_radius: float | None = None
 ) -> tuple[Any, Array]:
-    """A cylinder from ``start`` to ``end`` (3,) [m], or a cone with another end radius, and its
+    """A cylinder from ``start`` to ``end`` (3,) [m], or a cone with another end radius; its
     placement (4, 4).
     """
     length = float(np.linalg.norm(end - start))
