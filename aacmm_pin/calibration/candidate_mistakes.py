@@ -150,7 +150,15 @@ def single_mistakes(problem: Problem) -> Iterator[Mistake]:
     if arm.dh is None and not arm.mimics:
         yield from _of_placements(arm)
     if records.known.any():
-        yield from _of_axes(problem.external)
+        if problem.external:  # where all mirror images are alike
+            yield Mistake("axes", "coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
+        else:
+            changes = [*product(permutations(range(3)), product((1, -1), repeat=3))]
+            for order, signs in changes[1:]:  # the first changes nothing
+                letters = [f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)]
+                axes = np.eye(3)[:, order] * signs
+                yield Mistake("axes", "other_axes", {"axes": ", ".join(letters)}, axes=axes)
+            yield OTHER_FRAME
         effects = problem.vector.effects
         has_offset = any(isinstance(effect, StylusOffset) for effect in effects)
         if problem.setup.target != "unknown" and not has_offset:
@@ -315,19 +323,6 @@ def _of_placements(arm: Arm) -> Iterator[Mistake]:
             changed = arm.with_joint_axis(joint + 1, axis)
             data = {"joint": joint + 1, "axis": letter}
             yield Mistake(f"axis {joint}", "axis_mistyped", data, arm=changed)
-
-
-def _of_axes(external: bool) -> Iterator[Mistake]:
-    """In an unknown frame all mirror images are alike."""
-    if external:
-        yield Mistake("axes", "coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
-        return
-    changes = [*product(permutations(range(3)), product((1, -1), repeat=3))]
-    for order, signs in changes[1:]:  # the first changes nothing
-        letters = [f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)]
-        axes = np.eye(3)[:, order] * signs
-        yield Mistake("axes", "other_axes", {"axes": ", ".join(letters)}, axes=axes)
-    yield OTHER_FRAME
 
 
 def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake]:

@@ -102,12 +102,19 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     fitted = _median(after.system.deviation)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
         absorbs = _absorbs(after)
+        geometry = [
+            effect
+            for effect in problem.vector.effects
+            if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT))
+        ]
+        # Zeros may have any value.
+        zeros_alone = all(isinstance(effect, JointZeroOffset) for effect in geometry)
         if fitted >= FAR:
             _require_rows_together(problem, fitted)
         _require_no_mistake(
             problem,
             fitted,
-            thorough=unlike or (absorbs and not _zeros_alone(problem)),
+            thorough=unlike or (absorbs and not zeros_alone),
             options=fitted >= FAR or absorbs,
             after=after,
         )
@@ -120,15 +127,6 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         )
     _require_orientations(after)
     return after
-
-
-def _zeros_alone(problem: Problem) -> bool:
-    """Whether zeros, which may have any value, are the only geometric unknowns."""
-    return all(
-        isinstance(effect, JointZeroOffset)
-        for effect in problem.vector.effects
-        if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT))
-    )
 
 
 def _advice(problem: Problem) -> Note:

@@ -48,7 +48,14 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
     lasting = [f.label for f in findings if f.was is None and "time" not in f.effect.needs]
     if lasting and result.recalibrated.problem.from_earlier:
         yield Note("partly_in_calibration", {"causes": lasting})
-    yield from _of_masses(result)
+    loaded = []
+    for finding in findings:
+        if hasattr(finding.effect, "load_at") and "torque" not in finding.effect.needs:
+            loaded.append(finding.label)
+    if any(getattr(finding.effect, "bodies", ()) for finding in findings):
+        yield Note("masses_missing", {"causes": loaded})
+    elif loaded:
+        yield Note("masses_exact", {"causes": loaded})
     for finding in findings:
         until = getattr(finding.effect, "until_s", None)
         if until is not None:
@@ -66,16 +73,6 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
         chi2, dof = extended.chi2
         yield Note("noise_too_large", {"chi2": chi2, "dof": dof})
     yield from result.assumed
-
-
-def _of_masses(result: Diagnosis) -> Iterator[Note]:
-    effects = [f.effect for f in result.findings]
-    loaded = [e for e in effects if hasattr(e, "load_at") and "torque" not in e.needs]
-    names = [effect.label for effect in loaded]
-    if any(getattr(effect, "bodies", ()) for effect in effects):
-        yield Note("masses_missing", {"causes": names})
-    elif names:
-        yield Note("masses_exact", {"causes": names})
 
 
 def _changed(result: Diagnosis) -> Iterator[Note]:

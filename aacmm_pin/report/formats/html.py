@@ -132,4 +132,5 @@ def _table(table: Table, on_page: bool) -> dict[str, Any]:
 
 
 def _kept_together(value: object) -> object:
+    """Text with non-breaking spaces at units and equals signs."""
     return _TIES.sub("\u00a0", value) if type(value) is str else value
