@@ -84,11 +84,9 @@ class Mistake:
 
     Attributes:
         kind: two mistakes of one kind are not tried together.
-        code, data: of the note.
         matrix, offset: correct readings are ``matrix`` (nq, nq) times those in the file, plus
             ``offset`` (nq,) [rad, m].
         axes: matrix (3, 3) that multiplies coordinates; uncertainties stay.
-        bar_factor: of the lengths of bars.
         options: of the set-up that were left out.
         arm: None for the arm as described.
         chosen: the records choose its value among many.

@@ -54,7 +54,6 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     degrees of freedom; zero if the stated noise suffices.
 
     Args:
-        robust: look for outliers.
         used: the records that belong (n,), if known.
 
     Raises:

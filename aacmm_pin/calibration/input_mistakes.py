@@ -73,7 +73,6 @@ ORIENTATION_FAR = 0.05
 
 
 _Touches = tuple[Problem, Observations]
-"""Without some mistakes in what was touched."""
 
 
 def first_fit(problem: Problem, *, robust: bool = True) -> Fit:

@@ -53,7 +53,6 @@ class Columns:
 
     Attributes:
         state: of the nominal arm.
-        vector: of the effects.
         given: other effects, with constant values.
     """
 

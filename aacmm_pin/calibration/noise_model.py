@@ -104,7 +104,6 @@ class NoiseModel:
 
         Args:
             x: parameters (p,), which place the targets that readings move.
-            observations: if already there.
             seats: points (s, 3) [m], for the normals of surfaces; None: by the tips.
         """
         setup = problem.setup

@@ -46,7 +46,6 @@ class ParameterVector:
     """Parameters of effects, one after the other. Iteration gives each effect and its slice.
 
     Attributes:
-        arm: whose geometry some of the effects change.
         effects: with the values where an estimation starts.
     """
 

@@ -40,7 +40,6 @@ class Shared:
 
     Attributes:
         p_value: chance if gross errors are scattered, over all covariates.
-        where: in words.
         excluded, records: numbers of records there.
         of: number of all excluded records.
     """

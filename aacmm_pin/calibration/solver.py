@@ -185,10 +185,8 @@ def solve(
     """Search from ``start``; the best point, whether or not the search converged.
 
     Args:
-        start: see :func:`initial_point`.
         weights: of the records (n,), 0 leaves one out.
         robust: weigh records anew in every step.
-        roughly: the result is only a start.
     """
     tolerance = LOOSELY_SETTLED if robust or roughly else SETTLED
     return _Search(problem, noise, weights, robust, tolerance).run(start)

@@ -41,8 +41,6 @@ class BudgetPart(Shown):
         mean_square: of the residuals [m²]; below zero for geometry, if all other parts are more
             than the whole.
         u: standard uncertainty of the mean square [m²].
-        share: part of the whole.
-        causes: labels of the causes; () for other parts.
     """
 
     part: str

@@ -99,7 +99,6 @@ class Covariate:
         name: ``joint 4``, ``joint 2 × joint 4``, ``time``, ``temperature``, ``place``, ``bar
             left``, or an unknown column.
         depends_on: its single covariates: ``joint 2``, ``time``, ``x``, …
-        variants: functions of it, with what they act on.
         values: the covariates themselves, n rows; numbers have a unit in the name, others are
             labels.
     """
@@ -164,7 +163,6 @@ def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 def _of_columns(
     measurements: Measurements, state: State, joints: Sequence[Joint]
 ) -> Iterator[Covariate]:
-    """Recorded columns, by what the table of columns states that they act on."""
     turning = ["room", "target", *(joint.error for joint in joints)]
     growing = [f"tube {row}" for row in tubes(state.arm)]
     carriers = {"anywhere": [*turning, "lengths", "tubes", *growing], "joints": turning}

@@ -130,7 +130,6 @@ class Design:
     """Columns of all that is considered, at the end of a calibration; worked out when asked for.
 
     Attributes:
-        fit: the calibration.
         names: label of each candidate; covariates after the causes.
         causes: number of causes among them.
         blocks: what may be admitted.

@@ -49,7 +49,6 @@ def diagnose_files(
         pairs: pairs of an arm and its records, or of the paths of their files.
         approach_from_order: derive the approach directions from the order of the rows; see
             :meth:`aacmm_pin.Measurements.with_approach_from_order`.
-        seed: seed of the random generator.
         workers: number of processes, or a ``concurrent.futures.Executor``; each file is one task.
         progress: True for a progress bar in a notebook or on stderr.
         options: arguments of :func:`aacmm_pin.diagnose` for all files.

@@ -128,7 +128,6 @@ def background_effect(
             direction of the background (p, r) [m, rad, m/m].
         estimate: of the directions (r,), not all zero.
         covariance: of these, positive definite (r, r).
-        taken: see :func:`covariate_effects`.
     """
     size_u, factors = _factors(estimate, covariance)
     directions = np.column_stack([weights @ estimate, _rounded(weights @ factors)])

@@ -77,7 +77,6 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
 
 
 def _nonlinear_interval(choice: Choice, block: int, effect: Effect) -> NonlinearInterval | None:
-    """Of the nonlinear parameter that the records determine; None without any."""
     name = effect.nonlinear.field
     if name and not effect.nonlinear.prior_sd(effect):
         return interval_of_step(choice, block, name)

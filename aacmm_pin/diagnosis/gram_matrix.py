@@ -47,7 +47,6 @@ class Gram:
     """Inner products of some records.
 
     Attributes:
-        design, noise: of the columns and of the records.
         matrix: products of all columns and, last, the residual (columns + 1, columns + 1).
         free: rows less the unknown points that were projected out.
         origin: products of all records, which give the background its directions; None for these.

@@ -83,7 +83,6 @@ class Fold:
     """Distances of the records of one fold, as all other records predict them.
 
     Attributes:
-        rows: numbers of the records.
         chosen: labels of the causes and covariates of the others' median probability model.
         by_model: distances by each of the models (m,) [m].
         by_median: by the median probability model of all records, fitted to the others (m,) [m].
@@ -180,7 +179,6 @@ def gain_of(
 def _interval(
     recalibrated: Array, extended: Array, folds: Index, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """95 % interval of the gain by resampling the folds, of distances (n,) [m]."""
     squares = np.square(np.stack([recalibrated, extended]))
     numbers = np.unique(folds[np.isfinite(extended)])
     table = np.array([np.nansum(squares[:, folds == number], axis=1) for number in numbers])

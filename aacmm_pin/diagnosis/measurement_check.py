@@ -43,7 +43,6 @@ class Check(Shown):
     """What is known of an arm and its records before a calibration.
 
     Attributes:
-        model: the arm.
         measurements: the records, without copies of others.
         used: (n,) False for records too far off to belong, or without reference.
         excluded: (n,) True for records that are too far off.
@@ -54,7 +53,6 @@ class Check(Shown):
             :func:`~aacmm_pin.calibration.predicted_residuals.predicted_rms` [m]; nan if the arm
             states none.
         missing: condition that the records do not state, and the causes that need it.
-        repeatability: what repeated postures show; None without repeats.
         notes: what was assumed, and what looks unusual.
     """
 
@@ -94,8 +92,6 @@ def check_measurements(
     seats without coordinates.
 
     Args:
-        model: the arm, or its name or file.
-        measurements: the records, a table of them, or their file.
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise:
             see :func:`aacmm_pin.calibration.calibrate`.
 

@@ -120,7 +120,6 @@ def evidences(
     where a fit with one of each ended.
 
     Args:
-        at, noise: the fit, and the noise of its records.
         acting: each cause as it acts; before it the known cause, if its nonlinear parameter
             differs.
         tried: effects to try, by the number of the cause whose place they take.
@@ -234,7 +233,6 @@ class NonlinearInterval(NamedTuple):
     """Of a nonlinear parameter [its unit].
 
     Attributes:
-        u: standard uncertainty.
         low, high: ends of 95 % of the probability.
     """
 

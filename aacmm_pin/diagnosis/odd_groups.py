@@ -20,7 +20,6 @@ class OddGroup(Shown):
 
     Attributes:
         name: such as ``bar left``.
-        records: number of its records.
         times: distance of its records from their prediction by the others, over that of the others
             from one another, in units of the scatter of residuals at the same postures.
         p_value: chance of that in a good set, for the best of all groups.

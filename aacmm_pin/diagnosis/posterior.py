@@ -22,7 +22,6 @@ class Posterior:
     """Sets of blocks that were visited, with their weights.
 
     Attributes:
-        space: the model space that was explored.
         weights: of each set of blocks, the largest first; they add up to one.
         disagreement: largest difference of an inclusion probability between the two searches.
     """
@@ -99,7 +98,6 @@ class Posterior:
 
     @cached_property
     def _at_places(self) -> dict[frozenset[int], float]:
-        """Probability of the blocks that act together at one place."""
         places = self.space.candidates.of_blocks.tolist()
         weights = defaultdict[frozenset[int], float](float)
         for blocks, weight in self.weights.items():

@@ -40,7 +40,6 @@ class ReadingScatter:
         larger: whether the readings of each joint scatter more than stated, or if nothing is
             stated, more than those of the other joints (nq,).
         as_stated: whether the stated noise is all there is.
-        observations: what the records state.
     """
 
     covariances: Array

@@ -52,7 +52,6 @@ class Finding(Shown):
         probability: of all sets of causes that hold it.
         p_value: family-wise.
         retained_fraction: of its effect that recalibration leaves.
-        aliases: causes with a similar effect in these records.
         brought: what it brings on held-out records; None without these, if too few groups show the
             cause, and for a value of the geometry, which recalibration moves too.
         inner: order, time constant or time that these records determine, with u: name -> (value,
@@ -121,8 +120,6 @@ class Place:
     """A joint, body, seat or target, with the quantity that an error there depends on.
 
     Attributes:
-        effect: a cause that may act there.
-        probability: that a cause acts there.
         forms: probability of each set of causes that may act there together, a tuple of labels,
             most probable first.
     """
@@ -167,7 +164,6 @@ class Diagnosis(Shown):
         extended: fit with refitted geometry and the causes.
         of_model: fit of ``model``, with its placement of the base; not ``extended`` if the model
             has no causes, or has the discrepancy.
-        choice: search for the set of causes.
         held_out: residuals of records that neither chose the causes nor entered the fit, or None.
         unexplained: structure in the residuals without a cause.
         noise: RMS residual expected from noise alone [m].

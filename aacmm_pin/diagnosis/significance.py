@@ -28,7 +28,6 @@ class Alias(Shown):
     """A cause with a similar effect as a finding in these records.
 
     Attributes:
-        label: the cause and its place.
         correlation: largest canonical correlation of the columns of both, geometry refitted.
         probability: that this cause acts and the finding does not.
         effect: the cause; None for a covariate.
@@ -57,7 +56,6 @@ def family_wise_p_value(candidates: Candidates, conditional: Conditional, block:
 
 
 def _knows_noise(conditional: Conditional) -> bool:
-    """Whether the noise is as stated, and not estimated from the same records."""
     return conditional.likelihood.stated and conditional.variance == 1.0
 
 

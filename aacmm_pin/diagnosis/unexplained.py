@@ -57,9 +57,7 @@ class ScatteredReadings(Shown):
     """Readings of a joint that scatter more than stated.
 
     Attributes:
-        joint: row of the joint.
         scatter: standard deviation beyond the stated noise [rad; m where the joint slides].
-        slides: whether the joint slides.
         stated: whether the noise of readings is stated; if not, they scatter more than those of the
             other joints.
         at_tips: root mean square displacement of the tips [m].
@@ -119,13 +117,10 @@ class Unexplained(Shown):
         depends_on: the covariates, strongest first.
         discrepancy: covariates more probable than not, strongest first; last the background, if it
             is not negligible.
-        choice: the search that found it.
         acts_on: what each covariate acts on, in words.
         gain: by how much the discrepancy lowers the RMS of held-out records below that of the
             causes alone, or None.
-        groups: groups of records that disagree with the others.
         excluded: what the excluded records share, or None.
-        readings: joints whose readings scatter more than stated.
         shared_by_postures: the error that records of one posture share, or None.
         run_order: the error that consecutive records share, or None.
     """
@@ -232,9 +227,6 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplaine
 
 
 def _shared_error(choice: Choice) -> SharedError | None:
-    """The error that records of one posture share; None if not significant, or small beside the
-    noise.
-    """
     noise = choice.noise
     fit = choice.design.fit
     if noise.p_value >= THRESHOLDS.left or noise.ratio < THRESHOLDS.large:

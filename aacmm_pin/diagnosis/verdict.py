@@ -29,7 +29,6 @@ class Evidence:
             many.
         otherwise: what would be found if excluded records counted.
         no_better: causes were added with which held-out records are not predicted better.
-        contradicted: stated places that the records contradict.
         agree: the searches from the two starts found the same.
         fits: the searches on which all that rests, that of the extended arm last.
         named, nameless: mean square that the causes which act without doubt displace tips by, and

@@ -385,7 +385,6 @@ class _OfTube(LoadedEffect):
         """
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The displacement of the end of the body, which is rigid after the tube."""
         tube = Tube.of(state, self.link, self.label)
         place = end(self.link)
         if self.load_at is not None:

@@ -30,7 +30,6 @@ class ConditionColumn(NamedTuple):
     Attributes:
         names: one for each component; # stands for numbers of joints or DH rows.
         covariate: effects that residuals are compared with.
-        unit: unit of the numbers; "" for labels.
         of_reference: whether the condition describes the references.
         range: possible numbers in SI; None for the range of the unit.
         usual: value in planned and simulated records if a cause needs it; None if they compute it.

@@ -102,7 +102,6 @@ class Displacement:
     """The displacement of one place for one unit of each parameter.
 
     Attributes:
-        place: place of the chain.
         columns: translation v, then rotation ω in its axes, ``(n, 6, p)`` or ``(1, 6, p)`` [m/unit,
             rad/unit].
     """

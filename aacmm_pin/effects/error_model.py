@@ -422,7 +422,6 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
 
     Args:
         q: angles of the records ``(n, nq)`` [rad].
-        source: name of the records in messages.
 
     Raises:
         AacmmError: the effect displaces nothing in the records.

@@ -32,7 +32,6 @@ class Nonlinear(Generic[E]):
 
     Attributes:
         field: field of the effect with the parameter; "" for none.
-        unit: SI unit of the value.
         above: valid values are above this number.
         words: format of the value in outputs, with ``value``, and ``minutes`` for a time; "" for
             the name of the field and the value.

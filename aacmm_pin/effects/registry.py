@@ -28,7 +28,6 @@ LIBRARY = (encoder, time_dependent, compliance, environment, geometry)
 
 
 def _defined_in(module: ModuleType) -> Iterator[type[Effect]]:
-    """The classes of a module that state the name of a cause, in order."""
     for value in vars(module).values():
         is_defined = isinstance(value, type) and value.__module__ == module.__name__
         if is_defined and issubclass(value, Effect) and "cause" in vars(value):
@@ -121,7 +120,6 @@ def _checked(method: _Method, name: str) -> _Method:
 
 
 def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
-    """Refuse displacements or twists of a wrong shape or without finite numbers."""
     if method == "displacements":
         place = moved.place
         given = moved.columns

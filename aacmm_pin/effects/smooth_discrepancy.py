@@ -284,9 +284,7 @@ class Kind(NamedTuple):
     """A kind of carriers; ``{row}`` stands for the row.
 
     Attributes:
-        code: code of the note that describes it.
         quantities: changed quantities with unit, and their size in SI.
-        unit: unit of a coefficient.
         typical: typical magnitude of a coefficient [unit].
     """
 
@@ -394,7 +392,6 @@ class Part:
     """One part of a discrepancy: functions of covariates that change one quantity.
 
     Attributes:
-        carrier: the quantity.
         functions: sets of functions whose products the part uses; () for the constant 1.
         directions: coefficients per unit of each parameter, function by function, ``(functions ·
             axes, p)``; () if each coefficient is a parameter.

@@ -438,7 +438,6 @@ def _parameters(result: Calibration) -> Iterator[Block]:
 
 
 def _parameter_table(rows: pd.DataFrame) -> Table:
-    """The parameters, those in combination last; changes beyond the bounds are marked."""
     form = decimals(rows)
     changes = [NO_NUMBER if np.isnan(change) else f"{change:{form}}" for change in rows["change"]]
     shown = rows.assign(change=np.where(rows["beyond"], "* ", "").astype(object) + changes)

@@ -235,9 +235,7 @@ def run_demo(
 
     Args:
         arm_name: bundled arm or arm file with uncertainties.
-        folder: output folder.
         force: replace files of the same names.
-        progress: show progress bars.
         cells: cells of the map along x and z.
         sectors: sectors of the swivel angle.
 

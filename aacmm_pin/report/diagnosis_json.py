@@ -138,7 +138,6 @@ def _likely(sets: Mapping[tuple[str, ...], float]) -> list[dict[str, Any]]:
 
 
 def _location(effect: Effect | None) -> dict[str, Any]:
-    """Joint of a cause, and its seat or body."""
     if effect is None:
         return {"joint": None}
     site = effect.location_field()

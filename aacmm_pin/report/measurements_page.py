@@ -71,7 +71,6 @@ def conditions_document(conditions: Conditions) -> Document:
 
 
 def _range(values: NDArray[Any]) -> str:
-    """Smallest and largest number; number and names of labels."""
     if values.dtype == object:
         labels = [label for label in dict.fromkeys(values) if label]
         more = " …" if len(labels) > VALUES_LISTED else ""

@@ -89,7 +89,6 @@ def shapes_of(choice: Choice) -> dict[str, pd.DataFrame]:
 
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
-    """The smooth correction over a covariate in each record, and the partial residuals."""
     design, way, covariate = choice.design, choice.way(block), choice.covariate(block)
     model, functions = choice.posterior.median_model, way.functions
     number, records = len(way.quantities), np.arange(len(functions))

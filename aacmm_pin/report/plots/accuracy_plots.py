@@ -169,8 +169,6 @@ def _largest_shares(accuracy: AccuracyVolume, by: BudgetBy, most: int) -> pd.Dat
 
 
 class _Quantity(NamedTuple):
-    """Label with unit, colours, scale from the unit of the data, and end of the scale."""
-
     label: str
     colours: str = VOLUME_COLOURS
     scale: float = 1.0

@@ -42,10 +42,8 @@ def plot_circle(
     """Plot the path of the elbow around the point, and the arm in some postures.
 
     Args:
-        circle: the configuration circle.
         accuracy: of the postures within limits, for the colours of the path.
         postures: number of postures to draw, within limits if possible.
-        ax: three-dimensional axes.
 
     Raises:
         ShapeError: ``accuracy`` is for other postures.

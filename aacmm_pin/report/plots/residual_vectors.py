@@ -101,12 +101,10 @@ def plot_residual_vectors(
     the seat. A dot marks the magnified tip, a cross an excluded record.
 
     Args:
-        result: the calibration or the diagnosis.
         model: ``before`` or ``after`` (default) for a calibration; ``nominal``, ``recalibrated`` or
             ``extended`` (default) for a diagnosis.
         plane: two axes of the reference frame.
         factor: magnification of the residuals; default a suitable one.
-        ax: axes.
 
     Raises:
         UnknownNameError: the model or the plane is unknown.

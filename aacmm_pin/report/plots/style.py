@@ -91,8 +91,6 @@ def panels_of(
     Args:
         ax: axes whose place the panels take; None for a new pyplot figure.
         each: width and height of a panel of a new figure [inches].
-        columns: panels side by side.
-        share_y: one scale for all panels.
 
     Raises:
         AacmmError: the axes have no place in a grid.

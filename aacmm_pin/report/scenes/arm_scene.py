@@ -18,8 +18,6 @@ def arm_scene(model: GivenModel, q: ArrayLike, *, body_style: BodyStyle = "meshe
     of more.
 
     Args:
-        model: the arm.
-        q: postures.
         body_style: ``meshes`` draws the meshes of the arm's URDF, in their colours; ``sticks``,
             also for an arm without meshes, tubes and joints.
 

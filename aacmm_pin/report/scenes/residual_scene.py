@@ -51,7 +51,6 @@ def residual_scene(
     :func:`aacmm_pin.report.plots.plot_residual_vectors`.
 
     Args:
-        result: the calibration or the diagnosis.
         model: ``before`` or ``after`` (default) for a calibration; ``nominal``, ``recalibrated`` or
             ``extended`` (default) for a diagnosis.
         body_style: see :func:`arm_scene`.

@@ -110,7 +110,6 @@ def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodie
 
 
 def _by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
-    """One mesh for each body and colour, in the axes of the body."""
     import trimesh
 
     number_of = {name: number for number, name in enumerate(arm.joint_names, start=1)}

@@ -108,7 +108,6 @@ class Frames:
         texts: displayed numbers by name, ``(n,)`` each.
         colours: matplotlib colours along the slider ``(n,)``.
         start: index of the first frame shown.
-        per_second: number of frames per second.
     """
 
     placements: Mapping[str, Array]
@@ -176,8 +175,6 @@ class View:
 
 
 class _Window:
-    """A window of meshcat that keeps the commands."""
-
     web_url = ""
 
     def __init__(self) -> None:
@@ -194,13 +191,7 @@ class Scene:
     ``set_transform``, ``set_property`` and ``delete``. Jupyter displays a scene.
 
     Attributes:
-        meshcat: meshcat's ``Visualizer`` of the whole scene.
-        title: title of the page.
-        caption: sentence below the scene.
-        swatches: the legend.
-        bar: colour scale, or None.
         notes: sentences about sizes, magnifications and omitted parts.
-        frames: moving parts, or None.
         view: None for the default of meshcat.
     """
 
