@@ -34,7 +34,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.measurements import Measurements
 
 SMOOTH = (5, 20)
-"""Cosines over the ranks of a covariate: for a slow, and for a quick change, of the tip alone."""
+"""Cosines over the ranks of a covariate: for slow changes; for quick changes of the tip alone."""
 ORDERS = (1, 2, 3)
 """Waves per turn of a joint's angle that another joint's error may have."""
 GEAR_ORDERS = (2, 3, 4, 6)
