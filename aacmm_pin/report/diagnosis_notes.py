@@ -11,7 +11,6 @@ from aacmm_pin.calibration.calibrate import notes_of as notes_of_fit
 from aacmm_pin.diagnosis import Diagnosis, estimated, not_tried, too_good
 from aacmm_pin.effects import (
     CONDITION_COLUMNS,
-    Conditions,
     Effect,
     cause_in_words,
     listed,
@@ -68,7 +67,13 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
         yield from effect.validity_notes(conditions)
     if extended.problem.setup.held is not None:
         yield Note("size_taken", {"length": extended.problem.setup.held.label})
-    yield from _clock(conditions)
+    time = conditions.time
+    if time is not None and np.ptp(time) != 0.0:
+        restarts = 0 if conditions.session is not None else int((np.diff(time) < 0).sum())
+        if 0 < restarts <= RESTARTS < len(time):
+            yield Note("clock_restarts", {"times": restarts})
+        elif not 0.0 <= time.min() < LATE * np.ptp(time):
+            yield Note("clock_starts_late" if time.min() > 0.0 else "clock_below_zero")
     if too_good(extended):
         chi2, dof = extended.chi2
         yield Note("noise_too_large", {"chi2": chi2, "dof": dof})
@@ -100,14 +105,3 @@ def _changed(result: Diagnosis) -> Iterator[Note]:
 
 def _values(effect: Effect, values: dict[str, tuple[float, float]], slides: bool) -> str:
     return ", ".join([values_in_words(effect, values, slides), *effect.details])
-
-
-def _clock(conditions: Conditions) -> Iterator[Note]:
-    time = conditions.time
-    if time is None or np.ptp(time) == 0.0:
-        return
-    restarts = 0 if conditions.session is not None else int((np.diff(time) < 0).sum())
-    if 0 < restarts <= RESTARTS < len(time):
-        yield Note("clock_restarts", {"times": restarts})
-    elif not 0.0 <= time.min() < LATE * np.ptp(time):
-        yield Note("clock_starts_late" if time.min() > 0.0 else "clock_below_zero")
