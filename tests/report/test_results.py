@@ -51,7 +51,6 @@ from aacmm_pin.verification.acceptance import CharacteristicValue
 from aacmm_pin.verification.characteristics import DEFINITIONS
 from aacmm_pin.verification.evaluators import Evaluated
 from tests.arm_files import changed
-from tests.few_causes import NO_WAVES
 from tests.pages import Page
 
 mpl.use("Agg")
@@ -81,8 +80,7 @@ def calibration(arm, hidden) -> Calibration:
 @pytest.fixture(scope="module")
 def found(arm, hidden) -> Diagnosis:
     data = simulate_measurements(ErrorModel(arm, hidden), "free", 80, rng=np.random.default_rng(1))
-    with NO_WAVES:
-        return diagnose(arm, data, encoder_noise=READINGS)
+    return diagnose(arm, data, encoder_noise=READINGS)
 
 
 @pytest.fixture(scope="module")
