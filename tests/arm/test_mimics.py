@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 
 from aacmm_pin import accuracy_volume
 from aacmm_pin.arm import Arm
@@ -90,24 +91,19 @@ def test_kinematics_are_those_of_pinocchio(crane, rng):
 
 
 def tips(q: Array, off: float = 0.0, ratio: float = 0.0) -> Array:
-    """Of the crane, its rod turned by ``off`` and by ``ratio`` times joint 2 more, by products of
-    matrices.
+    """Of the crane, its rod turned by ``off`` and by ``ratio`` times joint 2 more, by turns of
+    SciPy.
     """
-    found = []
-    for values in q @ FULL.T + OFFSETS + np.outer(off + ratio * q[:, 1], np.eye(6)[2]):
-        rotation, point = np.eye(3), np.zeros(3)
-        for (_, kind, axis, place, _), value in zip(JOINTS, values, strict=True):
-            point = point + rotation @ np.array(place.split(), float)
-            along = np.array(axis.split(), float)
-            if kind == "prismatic":
-                point = point + value * rotation @ along
-                continue
-            x, y, z = along
-            cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-            turn = np.eye(3) + np.sin(value) * cross + (1 - np.cos(value)) * cross @ cross
-            rotation = rotation @ turn
-        found.append(point + rotation @ [0.12, 0.03, 0.05])
-    return np.array(found)
+    values = q @ FULL.T + OFFSETS + np.outer(off + ratio * q[:, 1], np.eye(6)[2])
+    turned, point = Rotation.identity(len(q)), np.zeros((len(q), 3))
+    for (_, kind, axis, place, _), value in zip(JOINTS, values.T, strict=True):
+        point = point + turned.apply(np.array(place.split(), float))
+        along = np.outer(value, np.array(axis.split(), float))
+        if kind == "prismatic":
+            point = point + turned.apply(along)
+        else:
+            turned = turned * Rotation.from_rotvec(along)
+    return np.asarray(point + turned.apply([0.12, 0.03, 0.05]))
 
 
 def records(rng: np.random.Generator, off: float, ratio: float = 0.0, n: int = 60) -> Measurements:

@@ -13,9 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
-from aacmm_pin.arm.file import calibrated
 from aacmm_pin.calibration import base_placements, calibrate
-from aacmm_pin.calibration.calibrated_arm import joined
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.discrepancy import (
@@ -69,18 +67,6 @@ def all_described(arm: Arm, records: Measurements) -> list[Described]:
 def prior(described: list[Described], width: float) -> list[Discrepancy]:
     """Nothing known but how large it may be."""
     return covariate_effects(described, len(described) * [width])
-
-
-def with_effect(model: ErrorModel, effect: Discrepancy, covariance: Array) -> ErrorModel:
-    """The model with an effect too, whose parameters are known together."""
-    arm = model.arm
-    names = [parameter.name for parameter in effect.parameters()]
-    records = "" if arm.covariance is None else arm.covariance.records
-    joint = joined(arm, names, covariance, records)
-    file = None if arm.file is None else arm.file.model_copy(update={"covariance": joint})
-    parameters = calibrated(arm.parameters, joint)
-    known = replace(arm, parameters=parameters, covariance=joint, file=file)
-    return ErrorModel(known, (*model.effects, effect))
 
 
 @NO_WAVES
@@ -162,8 +148,7 @@ def test_background_as_one_effect(plant, tmp_path):
     estimate, root = rng.normal(0.0, 1e-4, 120), rng.normal(0.0, 1e-5, (120, 200))
     covariance = root @ root.T
     made = background_effect(described, weights, estimate, covariance)
-    model = with_effect(ErrorModel(plant.arm), made, np.diag(np.square(made.u)))
-    model.save(tmp_path / "background.toml")
+    ErrorModel(plant.arm, (made,)).save(tmp_path / "background.toml")
     (effect,) = ErrorModel.load(tmp_path / "background.toml").effects
     moves, directions = sensitivity(effect, states), columns @ weights
     close(moves @ effect.values, directions @ estimate, 1e-6 * np.abs(directions @ estimate).max())

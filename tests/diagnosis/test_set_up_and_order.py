@@ -16,7 +16,7 @@ from aacmm_pin import Diagnosis, Measurements, diagnose
 from tests.again import again
 from tests.arm_files import by_table
 from tests.few_causes import NO_WAVES
-from tests.oracle import dh_frames
+from tests.oracle import derivative, dh_frames
 
 ROWS = (
     (0.0, 280.0, 90.0),
@@ -187,7 +187,12 @@ def test_the_budget_is_that_of_the_plant():
     assert list(parts) == ["geometry", "encoder_eccentricity:3", "noise"]
     whole = found.rms["nominal"] ** 2
     assert sum(part.mean_square for part in found.budget) == pytest.approx(whole, rel=1e-9)
-    by_geometry = geometry_columns(plant)
+
+    def displaced(x: Array) -> Array:
+        """By errors of a, d, α of each row, then of the zeros."""
+        return tips(plant.q + x[18:], x[:18].reshape(6, 3), ON_TIP).ravel()
+
+    by_geometry = derivative(displaced, np.zeros(24))
     left = exact.ravel() - by_geometry @ np.linalg.lstsq(by_geometry, exact.ravel())[0]
     wanted = {
         "encoder_eccentricity:3": np.square(left).sum() / RECORDS,
@@ -195,20 +200,3 @@ def test_the_budget_is_that_of_the_plant():
     }
     for name, size in wanted.items():
         assert abs(parts[name].mean_square * 1e6 - size) < 3.0 * parts[name].u * 1e6
-
-
-def geometry_columns(plant: Plant) -> Array:
-    """Displacement by each geometric value and zero, by differences (3 n, 24)."""
-    columns = []
-    for j in range(6):
-        for kind, step in enumerate((1e-3, 1e-3, 1e-6)):
-            off = np.zeros((6, 3))
-            off[j, kind] = step
-            columns.append((tips(plant.q, off, ON_TIP) - tips(plant.q, -off, ON_TIP)) / (2 * step))
-        turn = np.zeros(6)
-        turn[j] = 1e-6
-        none = np.zeros((6, 3))
-        columns.append(
-            (tips(plant.q + turn, none, ON_TIP) - tips(plant.q - turn, none, ON_TIP)) / 2e-6
-        )
-    return np.stack([column.ravel() for column in columns], axis=1)
