@@ -162,7 +162,6 @@ def length_uncertainty_between(
 
 
 def _directions(difference: Array) -> tuple[Array, Array]:
-    """Unit vectors (n, 3) and lengths (n,) [m]."""
     length = np.linalg.norm(difference, axis=1)
     if (length < SHORTEST).any():
         raise AacmmError(

@@ -380,13 +380,11 @@ def _frame(arm: Arm, axis: Array | None) -> str:
 
 
 def _smallest(groups: Index, values: Array) -> Index:
-    """Index of the smallest value of each group."""
     order = np.lexsort((values, groups))
     return order[np.unique(groups[order], return_index=True)[1]]
 
 
 def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Array:
-    """The stated box, or one around the reach (4,) [m]."""
     wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP, revolute=True))
     if extent is None:
         around = box_of_wrist(wrist)

@@ -119,8 +119,8 @@ class Arm(Shown):
         path.
 
         Raises:
-            UnknownNameError: the name is unknown.
-            ArmFileError: the file is invalid; see also :meth:`from_file`.
+            UnknownNameError: of the name.
+            ArmFileError: see :meth:`from_file` and :func:`~aacmm_pin.arm.file.read_arm_file`.
             AacmmError: the package of example robots is missing.
         """
         name = str(name_or_path)
@@ -130,7 +130,7 @@ class Arm(Shown):
 
     @staticmethod
     def from_file(arm: ArmFile | UrdfArmFile, path: str = "") -> Arm:
-        """Build the arm of a validated arm file; ``path`` is its name in error messages.
+        """Build the arm of a validated arm file, named ``path`` in messages.
 
         Raises:
             ArmFileError: its URDF is missing, has changed, or has other joints.
@@ -253,11 +253,11 @@ class Arm(Shown):
     def with_placements(
         self, steps: Array, covariance: Covariance | None, *, exact: bool = False
     ) -> Arm:
-        """Return the arm with every placement of its URDF moved by a twist in its own axes.
+        """Return the arm with every placement moved by a twist in its own axes.
 
         Args:
             steps: v, then ω ``(nq, 6)`` [m, rad].
-            covariance: new covariance of the placements, or None.
+            covariance: of the placements, or None.
             exact: set all half-widths to zero.
         """
         steps = batch(steps, 6, "steps", "m, rad")
@@ -277,11 +277,10 @@ class Arm(Shown):
         return _corrected(self.nominal, file, self.mimics)
 
     def with_joint_axis(self, joint: int, axis: Array) -> Arm:
-        """Return the arm with another axis of a joint of its URDF, by the placements of this joint
-        and the next.
+        """Return the arm with another joint axis, by the placements of this joint and the next.
 
         Args:
-            joint: number of the joint, from 1; not the last one.
+            joint: from 1; not the last.
             axis: unit vector in the axes of the placement ``(3,)``.
         """
         turn = onto_z(axis) @ onto_z(self.joint_axes[joint - 1]).T
@@ -308,18 +307,18 @@ class Arm(Shown):
         )
 
     def with_couplings(self, *couplings: tuple[int, int, float]) -> Arm:
-        """Return the arm with joint angles that depend on readings of several encoders.
+        """Return the arm with joint angles that depend on several readings.
 
         A joint angle is the sum of ratios times readings. The ratio of its own reading is 1, unless
-        a coupling with ``of = joint`` states another. Example: ``(3, 2, -1.0)`` makes the angle of
-        joint 3 reading 3 minus reading 2. The arm file changes too.
+        a coupling with ``of = joint`` states another. ``(3, 2, -1.0)`` makes angle 3 reading 3
+        minus reading 2. The arm file changes too.
 
         Args:
             couplings: ``joint``, ``of`` and ``ratio`` of each, with row numbers from 1; they
                 replace all former ones.
 
         Raises:
-            AacmmError: a coupling is invalid, or the readings do not determine all joint angles.
+            AacmmError: invalid, or the readings do not determine all angles.
         """
         entries = []
         for number, given in enumerate(couplings, start=1):
@@ -346,7 +345,7 @@ class Arm(Shown):
         return coupling_matrix(self.couplings, self.chain.moving_rows())
 
     def joint_angles(self, readings: Array) -> Array:
-        """Joint angles from readings ``(n, nq)``: ``(n, nq)`` [rad; m for a prismatic joint].
+        """Joint angles from readings ``(n, nq)``: ``(n, nq)`` [rad; prismatic joints m].
 
         Raises:
             ShapeError: ``readings`` is not a finite ``(n, nq)`` array.
@@ -355,7 +354,7 @@ class Arm(Shown):
         return readings @ self.coupling_matrix.T if self.couplings else readings
 
     def readings(self, q: Array) -> Array:
-        """Readings at joint angles ``(n, nq)``: ``(n, nq)`` [rad; m for a prismatic joint]."""
+        """Readings at joint angles ``(n, nq)``: ``(n, nq)`` [rad; prismatic joints m]."""
         if not self.couplings:
             return q
         return np.asarray(np.linalg.solve(self.coupling_matrix, q.T).T)
@@ -399,16 +398,15 @@ class Arm(Shown):
         return -self.gravity / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
     def require_dh(self, purpose: str, joints: int = 0, *, revolute: bool = False) -> DHTable:
-        """Return the DH table.
+        """Return the DH table, or refuse the arm.
 
         Args:
-            purpose: what needs the table, for the error message.
-            joints: so many first rows must have joints.
+            purpose: what needs it, for the message.
+            joints: first rows that must have joints.
             revolute: all joints must be revolute.
 
         Raises:
-            UnsupportedArmError: the arm has no DH table, a required row is missing or rigid, or a
-                joint is prismatic.
+            UnsupportedArmError: no DH table, a row missing or rigid, or a prismatic joint.
         """
         if self.dh is None:
             first = f" whose first {joints} rows are joints" if joints else ""
@@ -455,7 +453,7 @@ class Arm(Shown):
     def foot(self, row: int) -> int:
         """Return the place on the joint axis where the body of ``row`` begins.
 
-        In modified DH this place is before the distance d of the row; ``axis(row)`` is after d.
+        In modified DH it is before d of the row; ``axis(row)`` is after.
         """
         if self.dh is None or self.dh.standard:
             return chain.axis(row)
@@ -470,8 +468,8 @@ class Arm(Shown):
         """Return the number of the chain's place at the origin of frame ``at``; default the tip.
 
         Raises:
-            UnknownNameError: the frame is unknown.
-            UnsupportedArmError: the frame is not the tip, and no DH table has it.
+            UnknownNameError: of the frame.
+            UnsupportedArmError: not the tip, and in no DH table.
         """
         if at is None or at == self.tip:
             return self.chain.tip
@@ -484,7 +482,7 @@ class Arm(Shown):
 
         Raises:
             ShapeError: ``q`` is not a finite ``(n, nq)`` array.
-            UnknownNameError: the frame is unknown.
+            UnknownNameError: of the frame.
         """
         from aacmm_pin.arm.poses import Poses
 
@@ -510,7 +508,7 @@ class Arm(Shown):
         return self._chain_to(at).position_and_jacobian(batch(q, self.nq, "q", "rad"))[1]
 
     def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
-        """Exact positions with parameter errors, without linearisation.
+        """Exact positions with parameter errors.
 
         Errors of a placement form a twist, as corrections in an arm file do.
 

@@ -3,11 +3,11 @@
 The places, from the base to the tip, with i from 1 to the number of rows:
 
 - ``base``: the base frame;
-- ``end 0``: where the base ends and joint 1 begins, not yet rotated;
+- ``end 0``: where the base ends and joint 1 begins;
 - ``axis i``: on the axis of row i, z along it, moving with body i. In standard DH its origin is
   that of frame i-1, in modified DH that of frame i;
 - ``end i``: where body i ends and the next begins;
-- ``tip``: the origin of the last frame again, so that a stylus can move relative to the last body.
+- ``tip``: the origin of the last frame again, for a stylus that moves on the last body.
 
 Each place is a constant transform after the place before; at an ``axis`` the motion of the joint
 follows. A displacement is a twist ξ = (v, ω) in the axes of its place, and acts as ``exp(ξ)`` after
@@ -66,7 +66,7 @@ class Chain:
     """Constant transforms and joints of a serial arm.
 
     Attributes:
-        constant: transform of each place relative to the place before (places, 4, 4) [m].
+        constant: transform of each place after the one before (places, 4, 4) [m].
         moved: joint of each place, from 0, counting joints that follow others; -1 for none
             (places,).
         slides: True for prismatic joints (m,).
@@ -227,10 +227,10 @@ class Chain:
         return out_of_reach(self.positions(np.vstack([np.zeros(self.nq), spread])))
 
     def jacobian(self, rotation: Array, origin: Array, point: Array) -> tuple[Array, Array]:
-        """Motion of a point (n, 3) [m] of the last body by the joints, from frames of :meth:`walk`.
+        """Motion of a point (n, 3) [m] of the last body by the joints, at frames of :meth:`walk`.
 
         Returns:
-            translations of the point (n, 3, nq) [m/rad, m/m] and rotations of the body (n, 3, nq).
+            translations (n, 3, nq) [m/rad, m/m] and rotations (n, 3, nq).
         """
         places = self.moving_axes()
         z = rotation[places, :, :, 2]
@@ -246,8 +246,7 @@ class Chain:
 
         Args:
             q: joint values (n, nq) [rad, m].
-            twists: displacement of some places: (n, 6) or (1, 6), v then ω in the axes of the place
-                [m, rad].
+            twists: displacement of places: (n, 6) or (1, 6), v then ω in their axes [m, rad].
 
         Returns:
             rotation (places, n, 3, 3) and origin (places, n, 3) [m], in the base.
@@ -311,7 +310,7 @@ class Chain:
         return twists
 
     def _with_constant(self, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
-        """Constant transforms with the displacements common to all records, and the other twists.
+        """Constant transforms with displacements common to all records, and the other twists.
 
         After a joint, only a screw about its own z commutes with the joint.
         """

@@ -16,18 +16,18 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 
 def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
-    """The URDF file of an arm with its present joint placements.
+    """The URDF of an arm with its present joint placements.
 
     Pinocchio gathers fixed joints into the placement of the next moving joint. A correction acts
     after it, so the origin of the moving joint becomes ``origin (placement_before⁻¹
     placement_after)``.
 
     Args:
-        tip_shift: translation of the tip in its own axes (3,) [m], or None.
+        tip_shift: of the tip in its own axes (3,) [m], or None.
 
     Raises:
         AacmmError: the file is unreadable or has changed.
-        UnsupportedArmError: the arm has no URDF file, or no fixed joint can shift the tip.
+        UnsupportedArmError: no URDF file, or no fixed joint can shift the tip.
     """
     urdf = arm.urdf_file.urdf
     if not urdf.file:

@@ -38,8 +38,8 @@ class DHTable(Shown):
         d: joint distances, (rows,) [m].
         alpha: link twists, (rows,) [rad].
         theta_offset: joint zero offsets, (rows,) [rad].
-        moving: True for rows with a joint, (rows,).
-        slides: True for prismatic joints, (rows,).
+        moving: rows with a joint, (rows,).
+        slides: prismatic joints, (rows,).
         convention: ``standard-dh`` or ``modified-dh``.
     """
 

@@ -19,8 +19,7 @@ STANDSTILL = 1e-15
 def into_limits(q: Array, limits: Array) -> Array:
     """``q`` (n, nq) [rad] moved by whole turns inside limits (nq, 2), or least outside.
 
-    Of several places inside, the nearest to the middle; a joint without finite limits within half a
-    turn of zero.
+    Of several, the nearest to the middle; without finite limits within half a turn of zero.
     """
     turn = 2 * np.pi
     finite = np.isfinite(limits).all(axis=1)
@@ -66,7 +65,7 @@ def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
         limits: (nq, 2) [rad]; limits of a full turn do not count.
 
     Returns:
-        first, last: (n,) in [0, 1]; nothing is inside if last <= first.
+        first, last: (n,) in [0, 1]; last <= first if nothing is inside.
     """
     half_range = 0.5 * (limits[:, 1] - limits[:, 0])
     bounded = half_range < np.pi - AT_LIMIT

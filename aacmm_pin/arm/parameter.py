@@ -24,7 +24,7 @@ class Parameter(Shown):
         joint: DH row or joint, from 1; None for the whole arm.
         unit: SI.
         value: stated [unit].
-        half_width: largest possible error of the value [unit]; None if not stated.
+        half_width: largest possible error [unit]; None if not stated.
         u: standard uncertainty [unit].
         scope: one error for the ``arm``, or a new one in each ``session`` or ``record``.
     """

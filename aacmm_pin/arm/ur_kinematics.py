@@ -161,7 +161,6 @@ def placements_of_dh(table: Array) -> list[Array]:
 
 
 def _xyz_rpy(placement: Array) -> tuple[list[float], list[float]]:
-    """Translation and roll, pitch, yaw."""
     return placement[:3, 3].tolist(), roll_pitch_yaw(placement[:3, :3]).tolist()
 
 

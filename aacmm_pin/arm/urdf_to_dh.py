@@ -47,7 +47,7 @@ def dh_file(arm: Arm) -> ArmFile:
 
     Raises:
         UnsupportedArmError: a joint follows another, or the arm has a DH table.
-        ArmFileError: the URDF has values that no arm file has, such as equal limits.
+        ArmFileError: values that no arm file has, such as equal limits.
     """
     file = arm.urdf_file
     chain = arm.chain

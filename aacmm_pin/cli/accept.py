@@ -223,7 +223,6 @@ def _when(time: str | None, path: str) -> datetime:
 
 
 def _next_step(arm: list[str], path: str) -> str:
-    """How to find the cause from these points, or why this is impossible."""
     try:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:

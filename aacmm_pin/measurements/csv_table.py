@@ -140,7 +140,7 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
 
 def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[FileLine]:
     """Rows of the first sheet that are not empty: numbers as Python writes them, formulas as
-    values, with empty cells up to the last name of the header.
+    values, cells up to the last name of the header.
     """
     try:
         import openpyxl  # optional
@@ -229,7 +229,6 @@ def _has_names(cells: Sequence[str]) -> bool:
 
 
 def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[FileLine]:
-    """Lines that are not empty."""
     end = 0
     lines = io.StringIO(text, newline="")
     reader = csv.reader(lines, strict=True, delimiter=separator, skipinitialspace=spaced)
@@ -250,7 +249,6 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[FileLi
 def _records(
     path: str, rows: Sequence[FileLine], ways: list[str]
 ) -> tuple[list[str], Index, list[list[str]]]:
-    """Header, and lines and cells of the records."""
     stated = [row for row in rows if not row.is_comment]
     if not stated:
         raise MeasurementFileError(

@@ -195,7 +195,7 @@ def visits(counts: Index, session: Index, rng: np.random.Generator) -> tuple[Ind
     Args:
         counts: records of each point (k,).
         session: of each record, ascending (n,).
-        rng: for the order of points in a session, and of postures at a point.
+        rng: for the order of points and of postures.
 
     Returns:
         point and number of its posture, of each record (n,).

@@ -48,10 +48,10 @@ PREDICTED_ACCURATE = "high"
 
 
 def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
-    """The probed points of an acceptance file, with a column for each field of
+    """Probed points of an acceptance file, with the fields of
     :data:`PROBED_POINT_COLUMNS`.
 
-    Labels are text, or ""; lengths are in metres, or NaN; ``row`` is the line in the file.
+    Labels are text, or ""; lengths [m], or NaN; ``row`` is the line in the file.
 
     Raises:
         MeasurementFileError: a wrong name of a column, no column ``test``, or no point; other

@@ -171,8 +171,8 @@ class Measurements(Shown):
             nq: number of joints; None for any number.
 
         Raises:
-            MeasurementFileError: the file cannot be read, or a column or cell is invalid. Names row
-                and column of the first ten problems.
+            MeasurementFileError: it is unreadable, or a column or cell invalid; lists the first ten
+                problems.
         """
         first = read_table(str(path))
         table, lines, read_as, _ = first
@@ -215,7 +215,7 @@ class Measurements(Shown):
 
         Raises:
             ShapeError: a wrong shape, impossible numbers, or a known column in ``extra``.
-            MeasurementFileError: the data contradict each other, for example a bar without seat.
+            MeasurementFileError: contradictions, such as a bar without seat.
         """
         q = batch(q, width_of(q), "q", "rad")
         n = len(q)

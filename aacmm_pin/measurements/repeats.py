@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from aacmm_pin.measurements.records import Measurements
 
 SAME_POSTURE = 1e-3
-"""Largest difference of readings of one posture in any joint [rad; m for prismatic joints].
+"""Largest difference of readings of one posture in any joint [rad; prismatic joints m].
 
 A UR10 sent to one pose 255 times reads within 3e-4 rad, a Fanuc equal angles; other poses of the
 UR10 differ by more than 0.03 rad. The tip moves by about a millimetre.
@@ -79,7 +79,6 @@ def originals(records: Measurements) -> Index:
 
 
 def _group_numbers(table: pd.DataFrame) -> Index:
-    """A number (n,) for equal rows."""
     by = table.groupby(list(table.columns), sort=False, dropna=False)
     return np.asarray(by.ngroup(), dtype=np.intp)
 

@@ -91,7 +91,6 @@ def candidates(
 def _conditions(
     task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
 ) -> Conditions:
-    """Conditions that causes or existing records need; free ones are random."""
     arm = set_up.model.arm
     n = postures.n
     known = task.conditions

@@ -79,7 +79,6 @@ Change = tuple[str, dict[str, Any]]
 def _changes(
     arm: Arm, causes: tuple[Effect, ...], reference_temperature: float
 ) -> Iterator[Change]:
-    """Conditions of the causes that a person can choose."""
     rows = arm.chain.moving_rows()
     joints = sorted(
         {rows.index(e.row) + 1 for e in causes if "approach" in e.needs and e.row in rows}

@@ -68,7 +68,6 @@ def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
 
 
 def _directions(arm: Arm, tips: Array, direction: Array) -> list[str]:
-    """Directions (n, 3) at ``tips`` in one or two words."""
     out = tips - arm.up * (tips @ arm.up)[:, None]
     out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]
     left = np.cross(arm.up, out)

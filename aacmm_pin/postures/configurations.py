@@ -143,7 +143,7 @@ def configuration_circle(
     """Compute the configuration circle of ``arm`` at ``point``.
 
     Args:
-        arm: an arm whose first five DH rows are joints.
+        arm: its first five DH rows are joints.
         point: position of the wrist or tip ``(3,)`` [m].
         tip: if False, the wrist (origin of frame 5) is at the point, and joints after joint 4 stay
             at ``rest``. If True, the tip is there with the stylus along ``axis``, and all six
@@ -159,7 +159,7 @@ def configuration_circle(
 
     Raises:
         ShapeError: a vector has a wrong shape or is not finite.
-        AacmmError: ``axis`` without ``tip`` or the reverse, an axis of zero length, or a count
+        AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, or a count
             below 3.
         UnsupportedArmError: no DH table with the required joints, or joint 5 moves the wrist; see
             :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.

@@ -118,11 +118,11 @@ def newton(
     arrived: Mask,
     space: Array,
 ) -> None:
-    """Move each row of ``q`` to the nearest solution by damped least-norm Newton steps.
+    """Move each row of ``q`` to the nearest solution by damped Newton steps.
 
     Args:
         links: see :meth:`DHTable.links`, (n + 1, 4, 4); the first contains the wanted pose.
-        goals: places of the tip, one for each row of ``q``, (m, 3) [m].
+        goals: of the tip for each row of ``q``, (m, 3) [m].
         most: steps; 0 only evaluates the equations.
         q: angles (m, n) [rad].
         equations: output (m, k, n + 1): derivatives by the angles, then values, at the last angles

@@ -53,8 +53,8 @@ class ReachingPostures(PosturesAtPoint):
 
     Attributes:
         conditions: position and direction or orientation of the tip.
-        curves: sampled closed curves of self-motion; empty for single postures.
-        search: data of the search, and whether the search is complete.
+        curves: of self-motion, sampled; empty for single postures.
+        search: and whether it is complete.
     """
 
     conditions: PoseConditions
@@ -97,7 +97,6 @@ class ReachingPostures(PosturesAtPoint):
         return Flexibility(float("nan"), (), self.arc_fraction)
 
     def _steps(self, number: int) -> Array:
-        """Steps from each posture of a component to the next, around if closed [rad]."""
         q = self.q[self.component == number]
         is_closed = not self.single and self.curves[number - 1].closed
         return wrapped(np.diff(q, axis=0, append=q[: int(is_closed)]))
@@ -151,7 +150,7 @@ def reaching_postures(
         most_starts: starts at most.
 
     Raises:
-        ShapeError: a vector or matrix has a wrong shape, is not finite, or is not a rotation.
+        ShapeError: a wrong shape, not finite, or no rotation.
         AacmmError: both ``axis`` and ``rotation``, a direction of zero length, ``tool`` without
             ``axis``, or a count below 3.
         UnsupportedArmError: a prismatic joint, or a number of joints that does not match the

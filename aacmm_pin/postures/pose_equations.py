@@ -20,8 +20,8 @@ class Equations:
     """Equations of problems that differ in the place of the tip alone.
 
     Attributes:
-        links: constant transforms of ``L_0 Rz(q_1) L_1 … Rz(q_n) L_n``, (n + 1, 4, 4) [m], from the
-            wanted orientation to the tip, whose frame must become that of the base.
+        links: of ``L_0 Rz(q_1) L_1 … Rz(q_n) L_n``, (n + 1, 4, 4) [m], from the wanted orientation
+            to the tip, whose frame must become that of the base.
         goals: places of the tip in the axes of the wanted orientation (m, 3) [m].
         count: number of equations k: 3, 5 with the z axis, 6 of a pose.
     """

@@ -100,7 +100,6 @@ class PosturesAtPoint(Shown):
 
 
 def _joints(flags: Mask) -> str:
-    """Numbers of the marked joints, from 1."""
     numbers = np.flatnonzero(flags) + 1
     return " ".join(map(str, numbers))
 

@@ -362,7 +362,6 @@ def _in_range(
     probed_points: pd.DataFrame,
     measuring_range: float | None,
 ) -> Evaluated:
-    """A length error, without value if the lengths are too short."""
     longest = probed_points["length"].max()
     if definition.test not in IN_RANGE or measuring_range is None or evaluated.missing:
         return evaluated

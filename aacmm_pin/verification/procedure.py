@@ -214,7 +214,6 @@ def _stands(arm: Arm) -> bool:
 
 
 def _shoulder(arm: Arm) -> Array:
-    """Origin of joint axis 2 (3,), or of the only one."""
     _, origin = arm.chain.at_zero
     *_, second = arm.chain.moving_axes()[:2]
     return np.asarray(origin[second])
