@@ -103,7 +103,13 @@ def csv_quoted(text: str) -> str:
     tab, which some programs separate.
     """
     text = _SEPARATED.sub(r"\1'", text)
-    return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
+    if not _FORMULA.match(text):
+        return text
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return f"'{text}"
+    return text  # a negative number is no formula
 
 
 def csv_unquoted(cell: str) -> str:
@@ -134,12 +140,3 @@ def _quoted(value: object) -> object:
     if isinstance(value, bool):
         return str(value).lower()
     return "" if str(value) in _NOTHING else value
-
-
-def _is_number(text: str) -> bool:
-    """With decimal point or comma."""
-    try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True

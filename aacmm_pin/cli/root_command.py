@@ -53,7 +53,7 @@ USAGE_ERROR: Any = typer.BadParameter.__base__
 INTERRUPTED = "interrupted; each output file is complete or unchanged"
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RECEIVED: list[int] = []
-"""Compiled code raises other errors than KeyboardInterrupt while it is loaded."""
+"""Signals: compiled code raises other errors than KeyboardInterrupt while it is loaded."""
 
 
 class _Subcommand(TyperCommand):

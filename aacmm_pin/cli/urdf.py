@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated
 
 import numpy as np
@@ -123,33 +124,27 @@ def _undetermined_tool(arm: Arm) -> list[str]:
 
 
 def _note_of_causes(model: ErrorModel, form: str, kept: Sequence[Effect] = ()) -> None:
-    """Causes that a file of this ``form`` does not contain, and how far they move the tip."""
+    """Causes that a file of this ``form`` does not contain, and how far they move the tip, unless
+    that depends on conditions or unknown masses.
+    """
     acting = [effect for effect in model.effects if not is_of_setup(effect)]
     lost = [effect.label for effect in acting if effect not in kept]
-    if lost:
-        size = _displacement_in_words(model.restricted(tuple(acting)), kept)
-        note(
-            f"the {form} does not contain the causes of error {', '.join(lost)}{size}. "
-            "For the most accurate geometry alone, export an arm that calibrate estimated "
-            "without these causes"
-        )
-
-
-def _displacement_in_words(model: ErrorModel, kept: Sequence[Effect]) -> str:
-    """How far causes that are not ``kept`` move the tip; "" if that depends on conditions or
-    unknown masses.
-    """
-    arm = model.arm
-    q = spread_postures(arm, POSTURES, np.zeros((1, arm.nq)))
-    q = q[model.known_at(q).all(axis=1)]
-    if not len(q):
-        return ""
-    try:
-        moved = model.predict(q) - model.restricted(tuple(kept)).predict(q)
-    except (MissingConditionError, UnsupportedArmError):
-        return ""
-    size = rms(np.linalg.norm(moved, axis=1)) / MM
-    return f", which displace the tip by {size:.2g} mm (RMS over the ranges of the joints)"
+    if not lost:
+        return
+    acts = model.restricted(tuple(acting))
+    q = spread_postures(model.arm, POSTURES, np.zeros((1, model.arm.nq)))
+    q = q[acts.known_at(q).all(axis=1)]
+    moves = ""
+    with suppress(MissingConditionError, UnsupportedArmError):
+        if len(q):
+            moved = acts.predict(q) - acts.restricted(tuple(kept)).predict(q)
+            size = rms(np.linalg.norm(moved, axis=1)) / MM
+            moves = f", which displace the tip by {size:.2g} mm (RMS over the ranges of the joints)"
+    note(
+        f"the {form} does not contain the causes of error {', '.join(lost)}{moves}. "
+        "For the most accurate geometry alone, export an arm that calibrate estimated "
+        "without these causes"
+    )
 
 
 def urdf_of(model: ErrorModel) -> bytes:
