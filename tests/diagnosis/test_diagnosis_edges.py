@@ -125,7 +125,7 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path):
     path.write_text(urdf())
     arm = Arm.from_urdf(path, "tip")
     hidden = JointHysteresis(3, values=(2e-4,)), EncoderEccentricity(1, values=(3e-4, 0.0))
-    data = simulate_measurements(ErrorModel(arm, hidden), "free", 60, rng=np.random.default_rng(1))
+    data = simulate_measurements(ErrorModel(arm, hidden), "free", 100, rng=np.random.default_rng(1))
     found = diagnose(arm, data, encoder_noise=8e-6, hold_out=False)
     shown = {finding.label: str(finding) for finding in found.findings}
     assert shown.keys() == {each.label for each in hidden}
