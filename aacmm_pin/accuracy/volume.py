@@ -253,7 +253,7 @@ def accuracy_volume(
 
     Raises:
         ShapeError: no finite ``(n, nq)`` array, or another number of ``conditions``.
-        UnknownNameError: of method or frame.
+        UnknownNameError: unknown method or frame.
         UnsupportedArmError: correlations of different rows with ``jointwise``.
         AacmmError: no uncertainty, negative noise, or no ``rng``.
     """

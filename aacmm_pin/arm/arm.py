@@ -71,7 +71,7 @@ class Arm(Shown):
         file: content of the arm file.
         covariance: of parameters from a calibration, or None.
         nominal: of an arm from a URDF, the model without corrections; otherwise None.
-        couplings: joint angles that depend on readings of other joints; see :meth:`with_couplings`.
+        couplings: see :meth:`with_couplings`.
         mimics: joints of a URDF that follow other joints, and have no columns in ``q``.
     """
 
@@ -119,8 +119,8 @@ class Arm(Shown):
         path.
 
         Raises:
-            UnknownNameError: of the name.
-            ArmFileError: see :meth:`from_file` and :func:`~aacmm_pin.arm.file.read_arm_file`.
+            UnknownNameError: unknown name.
+            ArmFileError: the file is invalid; see :meth:`from_file`.
             AacmmError: the package of example robots is missing.
         """
         name = str(name_or_path)
@@ -468,7 +468,7 @@ class Arm(Shown):
         """Return the number of the chain's place at the origin of frame ``at``; default the tip.
 
         Raises:
-            UnknownNameError: of the frame.
+            UnknownNameError: unknown frame.
             UnsupportedArmError: not the tip, and in no DH table.
         """
         if at is None or at == self.tip:
@@ -482,7 +482,7 @@ class Arm(Shown):
 
         Raises:
             ShapeError: ``q`` is not a finite ``(n, nq)`` array.
-            UnknownNameError: of the frame.
+            UnknownNameError: unknown frame.
         """
         from aacmm_pin.arm.poses import Poses
 

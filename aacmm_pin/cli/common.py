@@ -118,14 +118,14 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that exist."
 
 @dataclass(frozen=True)
 class Replacing:
-    """Of a command that writes only files."""
+    """Options of a command that writes only files."""
 
     force: Force = False
 
 
 @dataclass(frozen=True)
 class JsonFile:
-    """Of a command with JSON."""
+    """Options of a command with JSON."""
 
     json_: Json = None
     force: Force = False
@@ -133,7 +133,7 @@ class JsonFile:
 
 @dataclass(frozen=True)
 class PlotAndJson:
-    """Of a command with JSON and a picture."""
+    """Options of a command with JSON and a picture."""
 
     plot: Plot = None
     json_: Json = None

@@ -124,9 +124,7 @@ def _undetermined_tool(arm: Arm) -> list[str]:
 
 
 def _note_of_causes(model: ErrorModel, form: str, kept: Sequence[Effect] = ()) -> None:
-    """Causes that a file of this ``form`` does not contain, and how far they move the tip, unless
-    that depends on conditions or unknown masses.
-    """
+    """Causes that a file of this ``form`` lacks, and how far they move the tip, if known."""
     acting = [effect for effect in model.effects if not is_of_setup(effect)]
     lost = [effect.label for effect in acting if effect not in kept]
     if not lost:

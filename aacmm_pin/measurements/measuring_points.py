@@ -15,6 +15,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import StateOf, agile, brought_to, different_postures, spread_out
 
 SEATS_APART = 0.05
+"""[m]"""
 POOL = 20_000
 """Random postures for places and first guesses."""
 GUESSES = 4

@@ -111,7 +111,7 @@ def plan_calibration(
         scheme, reference_frame, target, prior: as all others: see :func:`plan_measurements`.
 
     Raises:
-        UnknownNameError: of scheme or frame.
+        UnknownNameError: unknown scheme or frame.
         MissingConditionError: existing records lack a condition that a cause needs.
         AacmmError: too few records or postures, records of another arm, an exact arm, or no noise.
     """

@@ -82,7 +82,7 @@ def plan_measurements(
         progress: show a bar in a notebook or on stderr; or a function such as ``tqdm``.
 
     Raises:
-        UnknownNameError: of a cause, field, scheme or frame.
+        UnknownNameError: unknown cause, field, scheme or frame.
         MissingConditionError: existing records lack a condition that a cause needs.
         UnsupportedArmError: it lacks what a cause needs, such as masses.
         AacmmError: no plan can distinguish them, too few records or postures, or records of another
@@ -139,7 +139,7 @@ def prepared(
     """The task with complete noise, postures to choose from, and notes on assumptions.
 
     Raises:
-        UnknownNameError: of the scheme.
+        UnknownNameError: unknown scheme.
         AacmmError: too few records or postures, or existing records of another arm.
     """
     arm = model.arm

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 WRIST = "frame5"
-"""Of the working point in the source paper."""
+"""Frame of the working point of the paper."""
 TIP_JOINTS = WRIST_ROW + 1
 """Joints with which postures of given tip and stylus axis are closed curves."""
 SEEDS_PER_TURN = 24

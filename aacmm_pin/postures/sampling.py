@@ -15,6 +15,7 @@ StateOf = Callable[[Array, Index], State]
 """The arm at readings (m, nq) of records with these numbers (m,)."""
 
 TOUCHING = 1e-12
+"""[m]"""
 """Distance at which a tip is at a point [m]."""
 MOST_ROUNDS = 30
 LONGEST_STEP = 0.5

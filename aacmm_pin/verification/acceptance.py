@@ -286,7 +286,7 @@ def accept(
 
     Raises:
         MeasurementFileError: it cannot be used.
-        UnknownNameError: of a characteristic or standard.
+        UnknownNameError: unknown characteristic or standard.
         AacmmError: an MPE or range is not positive, an arm does not fit the file, or all lengths
             have another unit.
     """
@@ -344,7 +344,7 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
     """Maximum permissible errors [m].
 
     Raises:
-        UnknownNameError: of a characteristic.
+        UnknownNameError: unknown characteristic.
         AacmmError: a limit is outside ``plausible.MPE``.
     """
     mpe = mpe or {}

@@ -148,7 +148,7 @@ def definitions(standard: str | None) -> list[Definition]:
     """Characteristics of a standard, or all.
 
     Raises:
-        UnknownNameError: of the standard.
+        UnknownNameError: unknown standard.
     """
     if standard is not None and standard not in STANDARDS:
         raise UnknownNameError("standard", standard, [*STANDARDS])

@@ -185,7 +185,7 @@ def acceptance_procedure(
         rng: default seed 1.
 
     Raises:
-        UnknownNameError: of the standard.
+        UnknownNameError: unknown standard.
         AacmmError: a wrong number of lengths, one not above 0, or places out of reach.
     """
     rng = rng or np.random.default_rng(1)
