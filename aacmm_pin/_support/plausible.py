@@ -104,7 +104,7 @@ TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "kelvin or Fahrenheit")
 CLOCK = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
 ENCODER_NOISE = Range(0.0, 5e-3, "rad")
-"""Standard uncertainty of a reading [rad; prismatic joints m]."""
+"""Standard uncertainty of a reading [rad; m for prismatic joints]."""
 SHIFT_HALF_WIDTH = Range(0.0, 1.0, "m")
 TURN_HALF_WIDTH = Range(0.0, math.pi, "rad")
 """Of the placement of a joint; half a turn if unknown."""
@@ -217,7 +217,7 @@ Angle = Annotated[FiniteFloat, Field(ge=-LARGEST_ANGLE, le=LARGEST_ANGLE)]
 AngleHalfWidth = Annotated[FiniteFloat, Field(ge=0.0, le=TURN_HALF_WIDTH.most)]
 """[rad]; half a turn if unknown."""
 EncoderNoise = Annotated[FiniteFloat, Field(ge=ENCODER_NOISE.least, le=ENCODER_NOISE.most)]
-"""[rad; prismatic joints m]."""
+"""[rad; m for prismatic joints]."""
 EncoderNoiseMm = Annotated[
     FiniteFloat, Field(ge=ENCODER_NOISE.least / MM, le=ENCODER_NOISE.most / MM)
 ]

@@ -265,8 +265,8 @@ def map_workspace(
 
     Args:
         model: arm, perhaps with causes of error; its first five DH rows are joints.
-        cells: along x and z.
-        sectors: of the swivel angle, each represented by its centre. If several postures within
+        cells: number along x and z.
+        sectors: number, each represented by its centre. If several postures within
             limits have this swivel angle, the most accurate counts.
         extent: minimum and maximum of x, then of z, ``(4,)`` [m]; default the reach without joint
             limits.
@@ -280,7 +280,7 @@ def map_workspace(
     Raises:
         AacmmError: a size below 1, ``extent`` in wrong order or with negative x, or no uncertainty.
         ShapeError: more than one record of ``conditions``.
-        UnknownNameError: no method of a map.
+        UnknownNameError: not a method of a map.
         UnsupportedArmError: no DH table with the required joints; see :func:`accuracy_volume`.
     """
     started = time.perf_counter()

@@ -345,7 +345,7 @@ class Arm(Shown):
         return coupling_matrix(self.couplings, self.chain.moving_rows())
 
     def joint_angles(self, readings: Array) -> Array:
-        """Joint angles from readings ``(n, nq)``: ``(n, nq)`` [rad; prismatic joints m].
+        """Joint angles from readings ``(n, nq)``: ``(n, nq)`` [rad; m for prismatic joints].
 
         Raises:
             ShapeError: ``readings`` is not a finite ``(n, nq)`` array.
@@ -354,7 +354,7 @@ class Arm(Shown):
         return readings @ self.coupling_matrix.T if self.couplings else readings
 
     def readings(self, q: Array) -> Array:
-        """Readings at joint angles ``(n, nq)``: ``(n, nq)`` [rad; prismatic joints m]."""
+        """Readings at joint angles ``(n, nq)``: ``(n, nq)`` [rad; m for prismatic joints]."""
         if not self.couplings:
             return q
         return np.asarray(np.linalg.solve(self.coupling_matrix, q.T).T)

@@ -204,7 +204,7 @@ class DHRow(_WithAngles):
 
     @property
     def limits(self) -> Pair | None:
-        """Limits of the reading [rad; prismatic joints m]; None for a fixed row."""
+        """Limits of the reading [rad; m for prismatic joints]; None for a fixed row."""
         if self._limits is None:
             return None
         lower, upper = self._limits
@@ -212,12 +212,12 @@ class DHRow(_WithAngles):
 
     @property
     def encoder_noise(self) -> float | None:
-        """Standard uncertainty of a reading [rad; prismatic joints m]; None if not stated."""
+        """Standard uncertainty of a reading [rad; m for prismatic joints]; None if not stated."""
         noise = self.encoder_noise_mm if self.slides else self.encoder_noise_rad
         return None if noise is None else noise * self._scale
 
     def with_encoder_noise(self, noise: float) -> DHRow:
-        """The row with this standard uncertainty of a reading [rad; prismatic joints m]."""
+        """The row with this standard uncertainty of a reading [rad; m for prismatic joints]."""
         return self.model_copy(update={f"encoder_noise_{self.unit}": noise / self._scale})
 
 
@@ -409,11 +409,11 @@ class UrdfJoint(_WithAngles):
 
     @property
     def encoder_noise(self) -> float | None:
-        """Standard uncertainty of a reading [rad; prismatic joints m]; None if not stated."""
+        """Standard uncertainty of a reading [rad; m for prismatic joints]; None if not stated."""
         return self.encoder_noise_rad
 
     def with_encoder_noise(self, noise: float) -> UrdfJoint:
-        """The joint with this standard uncertainty of a reading [rad; prismatic joints m]."""
+        """The joint with this standard uncertainty of a reading [rad; m for prismatic joints]."""
         return self.model_copy(update={"encoder_noise_rad": noise})
 
 
@@ -519,12 +519,12 @@ class ArmFile(AnyArmFile):
 
     @property
     def limits(self) -> Array:
-        """Joint limits, (nq, 2) [rad; prismatic joints m]."""
+        """Joint limits, (nq, 2) [rad; m for prismatic joints]."""
         return np.array([row.limits for row in self.moving_rows], dtype=np.float64)
 
     @property
     def encoder_noise(self) -> Array | None:
-        """Standard uncertainty of one reading, (nq,) [rad; prismatic joints m]; None if not
+        """Standard uncertainty of one reading, (nq,) [rad; m for prismatic joints]; None if not
         stated.
         """
         return _noise(self.moving_rows)

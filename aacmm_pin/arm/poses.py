@@ -18,7 +18,7 @@ class Poses(Shown):
     """Placements and Jacobians of one frame, computed by Pinocchio at the first use.
 
     Attributes:
-        q: ``(n, nq)`` [rad; prismatic joints m], with joints that follow others.
+        q: ``(n, nq)`` [rad; m for prismatic joints], with joints that follow others.
         frame_id: in Pinocchio.
     """
 

@@ -24,7 +24,7 @@ class Noise:
     """Standard uncertainties of what is new in every record or reference.
 
     Attributes:
-        encoder: of one reading (nq,) [rad; prismatic joints m].
+        encoder: of one reading (nq,) [rad; m for prismatic joints].
         reference: of each coordinate of a seat or free point [m].
         probe: of each coordinate of a contact [m].
     """

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from aacmm_pin.measurements.records import Measurements
 
 SAME_POSTURE = 1e-3
-"""Largest difference of readings of one posture in any joint [rad; prismatic joints m].
+"""Largest difference of readings of one posture in any joint [rad; m for prismatic joints].
 
 A UR10 sent to one pose 255 times reads within 3e-4 rad, a Fanuc equal angles; other poses of the
 UR10 differ by more than 0.03 rad. The tip moves by about a millimetre.

@@ -75,7 +75,7 @@ def simulate_measurements(
             seat or free point.
         probe_noise: standard uncertainty of each coordinate of a contact [m], with a draw for each
             record.
-        seats: each bar has two.
+        seats: number; each bar has two.
         known: state the coordinates of the seats; only for ``seats``.
         bar_length: [m]; only for ``ball-bar``.
         above: height of a table over the base origin, against gravity [m], above which the tip

@@ -106,9 +106,9 @@ def plan_calibration(
 
     Args:
         model: arm, perhaps with causes of error, which keep their values.
-        records: to plan.
+        records: number to plan.
         existing: records that also count.
-        scheme, reference_frame, target, prior: as all others: see :func:`plan_measurements`.
+        scheme, reference_frame, target, prior: see :func:`plan_measurements`, as for all others.
 
     Raises:
         UnknownNameError: unknown scheme or frame.

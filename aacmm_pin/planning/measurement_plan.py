@@ -77,7 +77,7 @@ class MeasurementPlan(PlanOfRecords):
         split: the two causes; without a request the most difficult pair.
         records: the measurement file to complete: angles, conditions, empty references.
         expected: approximate tips in the frame of the references ``(n, 3)`` [m].
-        set_up: its changes in words; () if it stays.
+        set_up: its changes, in words; () if none.
         changes_arm: requires another arm file; existing records then do not count.
         before: power of existing records, or None.
         after: with the planned records.

@@ -68,7 +68,7 @@ def plan_measurements(
     Args:
         model: arm, perhaps with causes of error, which keep their values.
         split: two causes, or labels such as ``joint_compliance:2``; None for all.
-        records: to plan.
+        records: number to plan.
         existing: records to evaluate together with the new ones.
         scheme: ``free`` if each record gets coordinates (laser tracker); ``seats`` for existing or
             new seats.

@@ -277,7 +277,7 @@ def accept(
     Args:
         path: CSV file of probed points (acceptance columns of the documentation), with coordinates
             of the probe centre.
-        arms: compute coordinates from readings; by their names in the result.
+        arms: for coordinates from readings, by their names in the result.
         mpe: maximum permissible errors by characteristic [m].
         standard: ``iso10360-12`` or ``asme-b89.4.22``: the result has all its characteristics
             alone, even without probed points.

@@ -172,8 +172,8 @@ def acceptance_procedure(
 
     There are two spheres (near and far), points at three distances, a bar of five lengths in seven
     places along axes of the base and diagonals, and ball bars of two lengths in twenty places. Each
-    repeat on a bar has another posture. Each sphere has five; each point uses the one with the best
-    direction of the stylus.
+    repeat on a bar has another posture. Each sphere has five postures; each point uses the one with
+    the best direction of the stylus.
 
     Args:
         standard: ``iso10360-12`` or ``asme-b89.4.22``, for its points alone.
