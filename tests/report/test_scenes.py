@@ -91,15 +91,6 @@ def page_data(html: str) -> dict[str, Any]:
     return json.loads(found[1])
 
 
-def frame_placements(arm: Arm, q: Array, name: str) -> Array:
-    """Pinocchio's placements of a frame."""
-    data, found = arm.model.createData(), []
-    for row in q:
-        pin.framesForwardKinematics(arm.model, data, row)
-        found.append(data.oMf[arm.model.getFrameId(name)].homogeneous.copy())
-    return np.array(found)
-
-
 def readings(scene: Scene) -> list[tuple[str, ...]]:
     """The texts of the displayed numbers, frame by frame."""
     return [*zip(*scene.frames.texts.values(), strict=True)]
@@ -114,9 +105,9 @@ def test_bodies_and_tip_are_where_pinocchio_has_them(arm_file, rng):
     scene = scenes.arm_scene(ErrorModel(arm), q)
     last = f"arm/body {dh.rows}"
     tip = decoded(scene, last) @ transform(scene, f"{last}/tip")
-    close(tip[:, :3, 3], frame_placements(arm, q, "tip")[:, :3, 3], SINGLE)
+    close(tip[:, :3, 3], arm.poses(q, "tip").position, SINGLE)
     for row in range(1, dh.rows + 1):
-        expected = frame_placements(arm, q, f"link{row}")
+        expected = arm.poses(q, f"link{row}").placement
         if not dh.standard:  # the axis of modified DH has d before it
             expected[:, :3, 3] += dh.d[row - 1] * expected[:, :3, 2]
         close(decoded(scene, f"arm/body {row}"), expected, SINGLE)
@@ -128,7 +119,7 @@ def test_an_arm_that_came_as_urdf(robot_file, rng):
     q = postures(arm, rng, 7)
     scene, data = scenes.arm_scene(arm, q), arm.model.createData()
     tip = decoded(scene, f"arm/body {arm.nq}") @ transform(scene, f"arm/body {arm.nq}/tip")
-    close(tip[:, :3, 3], frame_placements(arm, q, "panda_hand")[:, :3, 3], SINGLE)
+    close(tip[:, :3, 3], arm.poses(q, "panda_hand").position, SINGLE)
     for number, row in enumerate(q):
         pin.forwardKinematics(arm.model, data, row)
         for joint in range(1, arm.nq + 1):
@@ -170,7 +161,7 @@ def factor_of(scene: Scene) -> float:
 
 def test_the_line_is_the_path_of_the_elbow():
     circle, scene = sino6_circle(), at_the_point()
-    elbow = frame_placements(circle.arm, circle.q, "frame3")[:, :3, 3]
+    elbow = circle.arm.poses(circle.q, "frame3").position
     for kind, expected in (
         ("within", elbow[circle.within_limits]),
         ("outside", elbow[~circle.within_limits]),
@@ -189,7 +180,7 @@ def test_the_line_has_the_colours_of_the_accuracy():
     volume = accuracy.volume / MM3
     low, high = volume.min(), volume.max()
     expected = colormaps["viridis"]((volume - low) / (high - low))[:, :3]
-    elbow = frame_placements(circle.arm, accuracy.q, "frame3")[:, :3, 3]
+    elbow = circle.arm.poses(accuracy.q, "frame3").position
     vertices, _, colours = mesh(scene, "path/within")
     centre = vertices.reshape(-1, 6, 3).mean(axis=1)
     nearest = np.linalg.norm(centre[:, None] - elbow[None], axis=2).argmin(axis=1)
@@ -288,7 +279,7 @@ def test_residuals_of_the_simulation_by_pinocchio(sino6):
     foot, end, colour = spikes_of(scene)
     rows = np.array([int(row[0]) for row in readings(scene)])
     records = np.array([int(np.flatnonzero(data.row == row)[0]) for row in rows])
-    tips = frame_placements(sino6, data.q[records], "tip")[:, :3, 3]
+    tips = sino6.poses(data.q[records], "tip").position
     factor = factor_of(scene)
     close(foot, data.reference[records], 1e-6)
     close((end - foot) / factor, tips - data.reference[records], 1e-6 / factor + 1e-9)
