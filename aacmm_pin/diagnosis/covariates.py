@@ -199,9 +199,7 @@ def _covariate(
 
 
 def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | None) -> Carried:
-    """Cosines on a carrier; ``cos kπp`` has an amplitude of 1/k, as functions of bounded variation
-    have.
-    """
+    """Cosines on a carrier; the amplitude of ``cos kπp`` falls as 1/k (bounded variation)."""
     if state is None:
         carried = Carried(_of_size_one(cosines.of_values(numbers)), carrier)
     else:
@@ -210,9 +208,7 @@ def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | 
 
 
 def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
-    """Time and session, joined: a drift may restart in each session, and sessions follow in
-    time.
-    """
+    """Time and session together: a drift may restart in each session, one after the other."""
     session = conditions.session
     time = conditions.time
     if session is None or time is None or covariate.name not in ("time", "session"):
@@ -274,7 +270,7 @@ def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 
 def _place(state: State) -> Covariate:
     """A field of shifts in the room, as by a table that bends or a tracker's own error: bumps
-    around centres among the tips, more in more room.
+    around centres among the tips, more of them in a larger volume.
     """
     # Sorted, so that the order of the records does not matter.
     order = np.lexsort(np.round(state.q, DECIMALS).T)
@@ -319,7 +315,7 @@ class LabelGroup(NamedTuple):
 
 def label_groups(measurements: Measurements) -> list[LabelGroup]:
     """Groups of records that may disagree with the others: bars, or else seats, of unknown place;
-    sessions; markers. Of each kind enough, with enough records.
+    sessions; markers. There are enough of a kind, each with enough records.
     """
     conditions = measurements.conditions
     labels = {"session": conditions.session, "marker": conditions.marker}
@@ -339,7 +335,7 @@ def label_groups(measurements: Measurements) -> list[LabelGroup]:
 
 
 def _groups(measurements: Measurements) -> Iterator[Covariate]:
-    """One bar, or else one seat of unknown place, in which the target sat otherwise."""
+    """One bar, or else one seat of unknown place, whose target sat elsewhere on the arm."""
     for group in label_groups(measurements):
         if group.kind in ("bar", "seat"):
             inside = group.records.astype(np.float64)[:, None]
