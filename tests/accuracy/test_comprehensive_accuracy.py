@@ -4,6 +4,8 @@ and against numpy.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -68,6 +70,16 @@ def test_parts_add_up_to_the_whole(rng):
         none = single_point_statistics(points, np.zeros(n, dtype=bool))
         assert np.isnan(none.part)
         assert none.rest == pytest.approx(np.sqrt((n - 1) / n) * alone.sigma)
+
+
+def test_a_point_by_hand():
+    """Distances 1, 1, 2, 2 from the mean: σ² = 10/3, ψ of the first two 1, of the others 2."""
+    points = 1e-5 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0]])
+    result = single_point_statistics(points, [True, True, False, False])
+    assert result.sigma == pytest.approx(1e-5 * np.sqrt(10 / 3))
+    assert (result.part, result.rest) == (pytest.approx(1e-5), pytest.approx(2e-5))
+    assert re.findall(r"0\.\d+ mm", str(result)) == ["0.0183 mm", "0.0100 mm", "0.0200 mm"]
+    assert re.findall(r"0\.\d+ mm", str(single_point_statistics(points))) == ["0.0183 mm"]
 
 
 def test_what_cannot_be_used():

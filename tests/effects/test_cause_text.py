@@ -12,6 +12,7 @@ from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     EncoderGain,
+    EncoderSlip,
     JointCompliance,
     JointErrorCurve,
     JointPeriodicError,
@@ -25,6 +26,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.labels import (
     cause_in_words,
+    in_words,
     name_in_words,
     several_in_words,
     values_in_words,
@@ -118,6 +120,11 @@ def test_every_cause_has_words_places_and_units(sino6):
             assert 0.999 <= term.typical / term.scale * term.reading.factor < 1000, term
     tried = [variants[0] for variants in all_candidates(sino6)]
     assert len({effect.label for effect in tried}) == len(tried)
+
+
+def test_inner_values_are_in_the_words():
+    assert "31.57" in in_words(JointPeriodicError(5, 31.57))
+    assert "50.0 min" in in_words(EncoderSlip(1, 3000.0))
 
 
 def test_causes_of_several_joints_are_named_together():
