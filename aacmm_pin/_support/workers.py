@@ -90,10 +90,10 @@ def _submitted(
 
 @contextmanager
 def _blocked_signals() -> Iterator[None]:
-    """Meanwhile block signals of the terminal, also in processes that start."""
+    """Block signals of the terminal inside the context, also for processes that start there."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
     try:
-        # Its start unblocks those that the tracker ignores, which SIGHUP is not.
+        # Started here, the tracker inherits the block of SIGHUP; its start unblocks the others.
         resource_tracker.ensure_running()
         signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
         yield

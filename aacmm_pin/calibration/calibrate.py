@@ -225,8 +225,9 @@ def _chosen(
 
 
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
-    """The records without copies, with notes. Records without a seat that state the very same
-    coordinates were measured once, and get a seat.
+    """Records that each count once, and notes: without copies, successive readings of a contact
+    averaged. Records without a seat that repeat coordinates share one measurement of these, and get
+    a seat.
     """
     original = originals(measurements)
     copies = np.flatnonzero(original != np.arange(measurements.n))

@@ -77,7 +77,7 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
         if is_of_setup(effect):
             determined[entries] = False
         elif vector.arm_parameters[entries.start] is None:
-            nonlinear_u = fit.nonlinear_u_of.get((effect.key, effect.nonlinear.field), 0.0)
+            nonlinear_u = fit.nonlinear_u.get((effect.key, effect.nonlinear.field), 0.0)
             effects.append(replace(effect.at(x[entries], alone[entries]), nonlinear_u=nonlinear_u))
     names = [name if known else "" for name, known in zip(vector.names, determined, strict=True)]
     names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.nonlinear_parameters]
@@ -96,7 +96,7 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
         others = tuple(with_u.get(effect.key, effect) for effect in others)
     used = problem.measurements.take(fit.used)
     records = (*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used))
-    joint = joined(arm, names, matrix, " ".join(dict.fromkeys(records)))
+    joint = joined_covariance(arm, names, matrix, " ".join(dict.fromkeys(records)))
     all_effects = (*others, *effects)
     code = "scatter_beyond_noise" if fit.noise_is_stated else "scatter_of_unstated_noise"
     scatters = fit.noise.scatters.of_targets > NO_SCATTER
@@ -134,12 +134,16 @@ def temperature_of(fit: Fit) -> float:
     return round(float(stated.mean()), 2)
 
 
-def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covariance | None:
-    """The covariance of new estimates, and the arm's of other parameters.
+def joined_covariance(
+    arm: Arm, names: list[str], matrix: Array, fingerprints: str
+) -> Covariance | None:
+    """The covariance of new estimates, joined with the arm's of other parameters; both are
+    uncorrelated. None if no parameter is left.
 
     Args:
-        names: of the parameters (p,); "" for one to leave out.
-        matrix: (p, p) [their units].
+        names: of the new parameters (p,); "" leaves one out, as a variance of zero does.
+        matrix: their covariance (p, p) [their units].
+        fingerprints: of the records.
     """
     keep = [i for i, name in enumerate(names) if name and matrix[i, i] > 0]
     chosen = [names[i] for i in keep]
@@ -152,7 +156,7 @@ def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covarianc
         chosen += others.parameters
         u = np.append(u, others.standard_uncertainty_si)
         correlation = block_diag(correlation, others.matrix_of_correlation())
-    return Covariance.of(chosen, u, correlation, records) if chosen else None
+    return Covariance.of(chosen, u, correlation, fingerprints) if chosen else None
 
 
 def moved_arm(

@@ -250,13 +250,15 @@ def held_out(
         with watched(numbers, progress, f"held-out {name}", "part") as parts:
             for number in parts:
                 out = used & (part == number)
-                residuals[:, out] = _predicted((before, after), used & ~out, out)
+                residuals[:, out] = _held_out_residuals((before, after), used & ~out, out)
         results.append(HeldOut(name, len(numbers), *residuals))
     return results
 
 
-def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
-    """Distances of the records ``out`` by fits of the records ``kept``; then turns."""
+def _held_out_residuals(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
+    """Residuals of the records ``out`` by each fit after a refit to the records ``kept``, with its
+    scatter: distances [m] by each fit, then turns from the stated orientation [rad], nan without.
+    """
     records = fits[0].problem.measurements
     predicted = records.take(out)
     others = records.take(kept)

@@ -33,8 +33,8 @@ class Fit(Solution):
     """A problem solved.
 
     Attributes:
-        noise_is_stated: completely, so that ``chi2_stated`` judges the model.
-        used: records that count (n,).
+        noise_is_stated: in full, so that ``chi2_stated`` judges the model.
+        used: records that the fit uses (n,).
         excluded: outliers (n,).
         chi2_stated: χ² against the stated noise alone; None if it is not complete.
         estimated_nonlinear: effects, by keys, whose nonlinear parameters come from these records
@@ -142,18 +142,20 @@ class Fit(Solution):
 
     @property
     def stated_noise(self) -> Array:
-        """The same without the scatter beyond a noise that is stated in full."""
+        """The residual noise, but without scatter beyond a noise that is stated in full."""
         return self.noise.without_scatter if self.noise_is_stated else self.residual_noise
 
     @property
     def noise_rms(self) -> float:
-        """RMS distance of tips and targets that this noise gives [m]."""
-        return self.distance_of(self.stated_noise)
+        """RMS distance of tips and targets to expect from the stated noise [m]."""
+        return self.expected_rms(self.stated_noise)
 
-    def distance_of(self, covariance: Array) -> float:
-        """RMS distance of the used tips and targets [m] by covariances of residuals (n, 3, 3) [m²].
+    def expected_rms(self, covariance: Array) -> float:
+        """RMS distance of used tips and targets [m] to expect from covariances of residuals
+        (n, 3, 3) or (n, 6, 6) [m²].
 
-        A seat without known coordinates takes its part of its contacts' scatter.
+        The fit of a seat without known coordinates lowers the variance at its m contacts to the
+        part 1 - 1/m, or 1 - 3/m on a sphere or plane.
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
         seat = self.observations.seat[self.used]
@@ -203,8 +205,10 @@ class Fit(Solution):
         return -steps @ (steps.T @ (by_estimates.T @ by_held))
 
     @property
-    def nonlinear_u_of(self) -> dict[tuple[str, str], float]:
-        """Of each nonlinear parameter, by the effect's key and the field."""
+    def nonlinear_u(self) -> dict[tuple[str, str], float]:
+        """Standard uncertainty of each uncertain nonlinear parameter, by key of the effect and
+        field.
+        """
         variances = np.diag(self.full_covariance)[self.problem.scales.size :]
         u = np.sqrt(variances).tolist()
         keys = [(effect.key, name) for _, effect, name, _ in self.nonlinear_parameters]
@@ -212,7 +216,7 @@ class Fit(Solution):
 
     @cached_property
     def nonlinear_parameters(self) -> list[tuple[int, Effect, str, float]]:
-        """Number of the effect, effect, field, prior standard deviation."""
+        """The uncertain ones: number of the effect, effect, field, prior standard deviation."""
         uncertain = []
         for k, effect in enumerate(self.effects):
             nonlinear = effect.nonlinear

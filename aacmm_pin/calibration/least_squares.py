@@ -276,7 +276,7 @@ def bounded_step(model: LinearModel, units: Array, radius: float) -> BoundedStep
 
 
 def _damping(spectrum: Spectrum, radius: float) -> float:
-    """Addend of squared singular values for a step as long as ``radius``; 0 if it is shorter."""
+    """Addend of squared singular values for a step as long as ``radius``; 0 if none is needed."""
     values, _, along = spectrum
 
     def excess(log_damping: float) -> float:

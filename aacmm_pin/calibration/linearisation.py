@@ -27,25 +27,25 @@ across it.
 
 
 class SeatElimination:
-    """Projection of whitened rows onto what no seats can change: variable projection (Golub,
-    Pereyra 1973).
+    """Elimination of the seats from whitened rows: variable projection (Golub, Pereyra 1973).
 
-    With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ
-    R``; a relation, which couples two seats, gives one row more.
+    With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows M become
+    ``M - Q Qᵀ M``, which no motion of a seat changes; a relation, which couples two seats, gives
+    one row more.
     """
 
     def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
-        """``points`` (s, 3) of the seats; ``by_seat``: each record's whitened residual by its seat
-        (n, 3 or 6, 3).
+        """At ``points`` (s, 3) of the seats; ``by_seat``: derivative of the whitened residual of
+        each record with respect to its seat (n, 3 or 6, 3).
         """
         self.observations = observations
         self._touched = np.flatnonzero(observations.seat >= 0)
-        self._numbers = observations.seat[self._touched]
+        self._seat_of_touched = observations.seat[self._touched]
         shape = (len(observations.labels), self._touched.size)
         ones = np.ones(self._touched.size)
         columns = np.arange(self._touched.size)
-        self._sum = csr_array((ones, (self._numbers, columns)), shape=shape)
-        self._orthonormal(by_seat[self._touched])
+        self._summing = csr_array((ones, (self._seat_of_touched, columns)), shape=shape)
+        self._set_orthonormal(by_seat[self._touched])
         self._relation_residual, by_ends = observations.of_relations(points)
         self._seat_residual = observations.of_seats(points)
         self._relation_jacobian = self._by_seats(by_ends)
@@ -56,8 +56,8 @@ class SeatElimination:
         of_ties = np.square(self._seat_residual).sum() + np.square(self._relation_residual).sum()
         return float(of_ties)
 
-    def _orthonormal(self, by: Array) -> None:
-        """Cholesky QR twice: orthonormal to rounding, however uneven the directions."""
+    def _set_orthonormal(self, by: Array) -> None:
+        """Set ``Q`` and its root by Cholesky QR twice: orthonormal to rounding."""
         placed = self.observations.known[:, None]
         count = len(self.observations.labels)
         weight = np.where(placed, 1.0 / np.where(placed, self.observations.stated_u, 1.0), 0.0)
@@ -78,7 +78,7 @@ class SeatElimination:
             upper = np.linalg.cholesky(square).transpose(0, 2, 1)
             inverse = np.linalg.inv(upper)
             by, by_tie, self._root = (
-                by @ inverse[self._numbers],
+                by @ inverse[self._seat_of_touched],
                 by_tie @ inverse,
                 upper @ self._root,
             )
@@ -87,7 +87,7 @@ class SeatElimination:
     def _seat_sums(self, arrays: Array, places: Index | None = None) -> Array:
         shape = arrays.shape[1:]
         flat = arrays.reshape(len(arrays), int(np.prod(shape)))
-        by_seat = self._sum if places is None else self._sum[:, places]
+        by_seat = self._summing if places is None else self._summing[:, places]
         sums = np.asarray(by_seat @ flat)
         return sums.reshape(len(sums), *shape)
 
@@ -95,18 +95,18 @@ class SeatElimination:
         """Whitened rows (n, 3 or 6, c), the residual last, with the seats at their best.
 
         Returns:
-            ``Qᵀ R`` (s, 3, c); rows of the records, in place, of the seats (s, 3, c), and of
+            ``Qᵀ M`` (s, 3, c); rows of the records, in place, of the seats (s, 3, c), and of
             relations (b, c).
         """
         along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
         ties = np.zeros_like(along)
         ties[:, :, -1] = self._seat_residual
         along += self._q_tie.transpose(0, 2, 1) @ ties
-        rows[self._touched] -= self._q @ along[self._numbers]
+        rows[self._touched] -= self._q @ along[self._seat_of_touched]
         return along, (rows, ties - self._q_tie @ along, self._relation_rows(along))
 
     def along(self, rows: Array, records: Index) -> Array:
-        """``Qᵀ R`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
+        """``Qᵀ M`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
         inside = np.flatnonzero(self.observations.seat[records] >= 0)
         places = np.searchsorted(self._touched, records[inside])
         projected = self._q[places].transpose(0, 2, 1) @ rows[inside]
@@ -114,7 +114,7 @@ class SeatElimination:
 
     def squares(self, along: Array, seats: Index, relations: Index) -> tuple[Array, Array]:
         """Rows whose squares some seats and relations add to those of the records, and take from
-        them (m, c). ``along``: ``Qᵀ R`` of all records (s, 3, c), the residual last.
+        them (m, c). ``along``: ``Qᵀ M`` of all records (s, 3, c), the residual last.
         """
         ties = self._seat_residual
         along = along.copy()
@@ -125,7 +125,7 @@ class SeatElimination:
         return np.concatenate([of_ties, of_relations]), along[seats].reshape(-1, along.shape[2])
 
     def _relation_rows(self, along: Array) -> Array:
-        """With the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``."""
+        """With the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ M)``."""
         rows = -self._relation_jacobian @ along.reshape(-1, along.shape[2])
         rows[:, -1] += self._relation_residual
         if len(rows):

@@ -98,7 +98,7 @@ class Calibration(Shown):
     @property
     def noise(self) -> float:
         """The RMS residual by the stated noise and the estimated scatter alone [m]."""
-        return self.fit.distance_of(self.fit.residual_noise)
+        return self.fit.expected_rms(self.fit.residual_noise)
 
     @property
     def turns(self) -> dict[str, float] | None:

@@ -53,7 +53,7 @@ USAGE_ERROR: Any = typer.BadParameter.__base__
 INTERRUPTED = "interrupted; each output file is complete or unchanged"
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RECEIVED: list[int] = []
-"""Signals: compiled code raises other errors than KeyboardInterrupt while it is loaded."""
+"""Signals received: while compiled code is loaded, an interrupt may raise another error."""
 
 
 class _Subcommand(TyperCommand):
@@ -200,7 +200,7 @@ def _errors_as_messages() -> Iterator[None]:
 
 
 def _ending(error: BaseException) -> tuple[int, str] | None:
-    """Exit status and message; None if not of the user."""
+    """Exit status and message; None if typer reports the error, or for a bug."""
     match error:
         case USAGE_ERROR() | typer.Exit() | typer.Abort():  # typer's own
             return None
@@ -217,7 +217,7 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
         case UnicodeEncodeError():
             text = error.object[error.start : error.end]
             return 1, f"{error.encoding} has no character {text!r}; expected an output in UTF-8"
-        case BrokenPipeError():  # its reader has what it wanted, as head has
+        case BrokenPipeError():  # the reader of the output, such as head, has closed it
             return 128 + signal.SIGPIPE, ""
         case OSError():
             words = error.strerror or str(error)

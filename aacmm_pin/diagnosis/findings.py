@@ -80,7 +80,7 @@ def _nonlinear_interval(choice: Choice, block: int, effect: Effect) -> Nonlinear
     name = effect.nonlinear.field
     if name and not effect.nonlinear.prior_sd(effect):
         return interval_of_step(choice, block, name)
-    u = choice.fit.nonlinear_u_of.get((effect.key, name))
+    u = choice.fit.nonlinear_u.get((effect.key, name))
     if u is None:
         return None
     value = float(getattr(effect, name))

@@ -233,7 +233,7 @@ class _Before:
             return True
         at = choice.design.fit
         reckoned = (
-            at.distance_of(at.residual_noise) if choice.scatter is None else choice.scatter.size
+            at.expected_rms(at.residual_noise) if choice.scatter is None else choice.scatter.size
         )
         same_kind = choice.scatter is not None or not self.scatter.readings.any()
         return same_kind and bool(

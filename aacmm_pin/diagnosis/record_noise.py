@@ -278,10 +278,10 @@ class RecordNoise:
     def shared_size(self, fit: Fit) -> float:
         """Root mean square displacement of tips by the shared error, for a variance of one [m]."""
         if not self.of_readings:
-            return fit.distance_of(self.ratio**2 * self.covariances)
+            return fit.expected_rms(self.ratio**2 * self.covariances)
         readings = self.record * self.ratio * self.readings
         shifts = fit.by_reading * readings
-        return fit.distance_of(shifts @ shifts.transpose(0, 2, 1))
+        return fit.expected_rms(shifts @ shifts.transpose(0, 2, 1))
 
     @property
     def covariances(self) -> Array:

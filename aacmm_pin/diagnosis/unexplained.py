@@ -294,7 +294,7 @@ def _discrepancy(choice: Choice) -> tuple[DiscrepancySize, ...]:
         weights = np.zeros((design.width, directions.weights.shape[1]))
         weights[directions.columns] = directions.weights
         rms, u = _sizes(choice, weights, *model.background)
-        noise = design.fit.distance_of(design.fit.residual_noise)
+        noise = design.fit.expected_rms(design.fit.residual_noise)
         probability = float(1.0 - choice.posterior.amplitudes[0])
         if probability >= THRESHOLDS.settled and rms >= max(THRESHOLDS.negligible * noise, u):
             parts.append(DiscrepancySize(BACKGROUND, rms, u, probability))

@@ -374,12 +374,12 @@ def _text(path: str, content: bytes) -> str:
     return text
 
 
-def joined(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataFrame:
+def joined_by_record(path: str, first: CsvTable, other: str, second: CsvTable) -> pd.DataFrame:
     """Rows of the first file with the columns of the second, by ``record`` or else in order.
 
     Raises:
-        MeasurementFileError: a column is in both, a label is missing or repeated, or the numbers of
-            rows differ.
+        MeasurementFileError: a column is in both, a value of ``record`` is missing or repeated, or
+            the numbers of rows differ.
     """
     one, two = first.table, second.table
     for name in one.columns.intersection(two.columns).drop("record", errors="ignore"):

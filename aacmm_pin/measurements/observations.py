@@ -79,11 +79,12 @@ def clusters_of(ends: Index, seats: int) -> Index:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """The targets of the tip in n records, some of these at s seats with unknown coordinates.
+    """The targets of the tip in n records, some of these at s seats with unknown or stated
+    coordinates.
 
-    The residual of a record is tip minus target. Stated seats, lengths of bars, and distances and
-    angles between planes add residuals, the *ties*. All records of a seat share the error of its
-    stated coordinates, which more records do not reduce.
+    The residual of a record, its deviation when whitened, is tip minus target. Stated seats,
+    lengths of bars, and distances and angles between planes add residuals, the *ties*. All records
+    of a seat share the error of its stated coordinates, which more records do not reduce.
 
     Attributes:
         reference: known coordinates ``(n, 3)`` [m]; NaN if unknown or at a seat.
@@ -196,10 +197,11 @@ class Observations:
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def by_seats(self, whitening: Array) -> Array:
-        """Derivative of whitened deviations by the seats ``(n, r, 3)``; ``whitening`` is ``(n, r, 3
-        or 6)``.
+        """Derivative of each whitened deviation with respect to its seat ``(n, r, 3)``;
+        ``whitening`` ``(n, r, 3 or 6)`` turns a deviation into r numbers.
         """
         derivative = -whitening[:, :, :3]
+        # A moved seat of a plane also turns its normal.
         touches = self.on_plane
         along = derivative[touches] @ self.normal[touches][:, :, None]
         derivative[touches] = along * self.by_place[touches][:, None, :]

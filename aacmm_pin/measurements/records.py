@@ -45,7 +45,7 @@ from aacmm_pin.measurements.csv_columns import (
     named,
 )
 from aacmm_pin.measurements.csv_header import check_header, similar_labels
-from aacmm_pin.measurements.csv_table import joined, read_table
+from aacmm_pin.measurements.csv_table import joined_by_record, read_table
 from aacmm_pin.measurements.csv_values import (
     Values,
     check_numbers,
@@ -177,7 +177,7 @@ class Measurements(Shown):
         first = read_table(str(path))
         table, lines, read_as, _ = first
         if references is not None:
-            table = joined(str(path), first, str(references), read_table(str(references)))
+            table = joined_by_record(str(path), first, str(references), read_table(str(references)))
         read = _from_table(table, lines, nq, str(path))
         return replace(read, read_as=read_as + read.read_as, header=tuple(table.columns))
 

@@ -103,11 +103,11 @@ def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
 
 
 def _nearest_difference(q: Array, most: float) -> Array:
-    """Largest difference of readings to the nearest record (n,), but for turns; infinite above
-    ``most``.
+    """Distance of each record to the nearest other one (n,): the largest difference of any joint,
+    whole turns aside; infinite above ``most``.
     """
     turn = 2 * np.pi
-    # Of what is below zero by next to nothing the first gives 2π.
+    # Of a tiny negative angle the first gives 2π, which the tree refuses.
     within = np.mod(np.mod(q, turn), turn)
     tree = scipy.spatial.KDTree(within, boxsize=turn)
     distances, _ = tree.query(within, 2, p=np.inf, distance_upper_bound=most)

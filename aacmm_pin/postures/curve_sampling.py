@@ -296,7 +296,11 @@ class Sectors:
 
     @staticmethod
     def of(components: Components, limits: Array, sectors: int) -> Sectors:
-        """Sectors of ``components`` with ``limits`` (nq, 2) [rad]."""
+        """Sectors of all points of ``components``, with ``limits`` (nq, 2) [rad].
+
+        A sector is theoretical if a curve passes its centre, and working if the posture there is
+        found inside the limits.
+        """
         theoretical, working = np.zeros((2, len(components.points), sectors), dtype=bool)
         if not components.curves:
             none = np.empty(0, dtype=np.intp)
@@ -306,13 +310,13 @@ class Sectors:
         centres = sector_centres(sectors)
         piece, sector, ahead = _swivel_crossings(pieces, centres)
         theoretical[pieces.problem[piece], sector] = True
-        near = ~components.outside(limits)[piece]
-        piece = piece[near]
-        sector = sector[near]
-        ahead = ahead[near]
-        q, there = _solutions_at_swivel(components, pieces, piece, centres[sector], ahead)
+        may_be_inside = ~components.outside(limits)[piece]
+        piece = piece[may_be_inside]
+        sector = sector[may_be_inside]
+        ahead = ahead[may_be_inside]
+        q, is_found = _solutions_at_swivel(components, pieces, piece, centres[sector], ahead)
         q = into_limits(components.full(q), limits)
-        inside = there & ~outside_limits(q, limits).any(axis=1)
+        inside = is_found & ~outside_limits(q, limits).any(axis=1)
         q = q[inside]
         sector = sector[inside]
         point = pieces.problem[piece[inside]]

@@ -54,8 +54,8 @@ class Search:
         starts: of Newton's method.
         arrived: starts that ended in a solution.
         stalled: starts that stopped near a nearly singular solution.
-        hits: arrivals at each find, in the order of the components.
-        since_new: arrivals after the last new find.
+        hits: arrivals at each solution found, in the order of the components.
+        since_new: arrivals after the last new solution.
         ended: ended at its limit of work.
         degenerate: nearly singular everywhere.
     """
@@ -70,10 +70,10 @@ class Search:
 
     @property
     def unseen(self) -> float:
-        """Upper limit (95 %) of the share of arrivals at unseen finds: 3/``since_new``, at most 1.
+        """Upper limit (95 %) of the probability that the next arrival is at a new solution.
 
-        The rule of three: n trials without success bound it by -ln 0.05/n. Solutions that no start
-        leads to stay unseen.
+        3/``since_new``, at most 1, by the rule of three: n trials without success bound it by
+        -ln 0.05/n. The search never finds solutions that no start leads to.
         """
         return min(1.0, 3.0 / self.since_new) if self.since_new else 1.0
 

@@ -41,24 +41,27 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
 
 
 def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:
-    """Angles (n, 6) [rad] close to solutions, and their points (n,)."""
+    """Start angles (n, 6) [rad] near solutions, and the number of the point of each (n,).
+
+    Each point has a wrist position for each of the turns of the body about the stylus.
+    """
     links = dh.chain.links()
     to_tip = links[6]
     angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
-    turns = np.zeros((DIRECTIONS, 6))
-    turns[:, 3:] = angles[:, None] * axis
+    rotations = np.zeros((DIRECTIONS, 6))
+    rotations[:, 3:] = angles[:, None] * axis
     # Orientations of the body after joint 6 with the stylus along the axis.
-    bodies = exp(turns)[:, :3, :3] @ rotation_between(to_tip[:3, :3] @ stylus, axis)
-    # The origin of frame 5 is that of the axes of joint 6, in modified DH but for the length of
-    # row 6.
+    bodies = exp(rotations)[:, :3, :3] @ rotation_between(to_tip[:3, :3] @ stylus, axis)
+    # The wrist is taken as the origin of joint 6: seeds need only be near, and in modified DH the
+    # two differ by the length of row 6.
     back = bodies @ to_tip[:3, 3]
     wrist = Wrist.of(dh)
     places = (points[:, None, :] - back).reshape(-1, 3)
     curves = wrist_curves(wrist, places, FEW_PER_TURN).curves
     if not curves:
         return np.empty((0, dh.nq)), np.empty(0, dtype=np.intp)
-    problems = [c.problem for c in curves]
-    point, body = np.divmod(np.repeat(problems, [len(c.q) for c in curves]), DIRECTIONS)
+    wrists = [c.problem for c in curves]
+    point, body = np.divmod(np.repeat(wrists, [len(c.q) for c in curves]), DIRECTIONS)
     q = wrist.full(np.concatenate([c.q for c in curves]))
     seeds, vertex = _wrist_angles(q, following(curves), bodies[body], links)
     return seeds, point[vertex]

@@ -85,7 +85,9 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
 
 
 def _joints(arm: Arm) -> pd.DataFrame:
-    half = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(-1, 6)
+    """Joints of an arm without a DH table."""
+    # Six for each joint: x, y, z, then rotations.
+    half_widths = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(-1, 6)
     table = pd.DataFrame(
         {
             "joint": range(1, len(arm.joint_names) + 1),
@@ -94,12 +96,12 @@ def _joints(arm: Arm) -> pd.DataFrame:
             "axis": [*map(vector, arm.joint_axes)],
         }
     )
-    limits = _add_limits_and_noise(table, arm, arm.chain.drive.independent, "")
+    head = _add_limits_and_noise(table, arm, arm.chain.drive.independent, "")
     for mimic in arm.mimics:
         leader = "reading" if mimic.of == mimic.joint else f"joint {mimic.of}"
-        table.loc[mimic.joint - 1, limits] = f"{mimic.ratio:.5g} × {leader}"
-    table.insert(5, "placement ± [mm]", [*map(tuple, half[:, :3] / MM)])
-    table.insert(6, "placement ± [µrad]", [*map(tuple, half[:, 3:] / UM)])
+        table.loc[mimic.joint - 1, head] = f"{mimic.ratio:.5g} × {leader}"
+    table.insert(5, "placement ± [mm]", [*map(tuple, half_widths[:, :3] / MM)])
+    table.insert(6, "placement ± [µrad]", [*map(tuple, half_widths[:, 3:] / UM)])
     return table
 
 

@@ -211,8 +211,8 @@ def fit_in_words(result: Calibration) -> str:
 
 
 def frame_in_words(fit: Fit) -> str:
-    """Base in the frame of the references or of each session: origin, axes and U; "" if they are
-    one or not determined.
+    """Base in the frame of the references or of each session: origin, axes and U; "" if the
+    references are in the base, or if the records leave it open.
     """
     held = ", ".join(fit.undetermined.tied_to_frame)
     tied = f" U assumes the values of {held} in the arm file." if held else ""
@@ -305,8 +305,8 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
 
 
 def bases_in_json(fit: Fit) -> dict[str, Any]:
-    """Base in the frame of the references, or of each session; None if known without a fit, or
-    open.
+    """Base in the frame of the first session, and of each other one: None and [] if the references
+    are in the base, or if the records leave it open.
     """
     bases = [
         {
