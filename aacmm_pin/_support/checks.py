@@ -21,7 +21,7 @@ RANGES = {
     "°C": plausible.TEMPERATURE,
     "N·m": plausible.TORQUE,
 }
-"""Of each unit."""
+"""Possible numbers of each unit."""
 MOST_LENGTH_ERROR = 2e-3
 """Of a unit vector or quaternion: four numbers with three decimals give at most 1e-3."""
 
