@@ -1,1 +1,1 @@
-"""Checked arrays, units, files written whole, progress, threads: no user needs them."""
+"""What all rooms need, and no user."""

@@ -1,6 +1,4 @@
-"""Uncertainty of the tip from those of parameters and readings: in postures, over lengths, over the
-workspace.
-"""
+"""Uncertainty of the tip from those of parameters and readings."""
 
 import lazy_loader
 

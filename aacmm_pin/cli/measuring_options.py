@@ -1,4 +1,4 @@
-"""Options of commands with measurements: how records are taken."""
+"""Options of commands with measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What plans of records share: options, files, and what is said of them."""
+"""What plans of records share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns of measurement and acceptance files: how each is read, checked, written and compared."""
+"""Columns of measurement and acceptance files."""
 
 from __future__ import annotations
 

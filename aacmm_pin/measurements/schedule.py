@@ -1,4 +1,4 @@
-"""Schedule of a virtual workshop: sessions, pauses, temperature, approach."""
+"""Schedule of a virtual workshop."""
 
 from __future__ import annotations
 

@@ -174,7 +174,6 @@ def _worth(situation: Situation, chosen: list[int], tips: Array) -> tuple[float,
     """O1 of existing and chosen records, and RMS u of the tip after them [m].
 
     Args:
-        situation, chosen: the pool, and the chosen numbers.
         tips: displacements by one unit of each parameter (n, 3, p) [m]. Parameters have the first
             columns of the rows, before frame and seats.
     """

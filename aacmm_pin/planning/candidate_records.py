@@ -1,4 +1,4 @@
-"""Records that could be taken: postures, free or at seats, with conditions."""
+"""Records that could be taken."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The task: arm, causes to distinguish, existing records, set-up."""
+"""The task of a plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Acceptance tests by public descriptions of two standards: plans, test values, verdicts."""
+"""Acceptance tests by public descriptions of two standards."""
 
 from aacmm_pin.verification.acceptance import (
     GUARD_BAND_FACTOR,

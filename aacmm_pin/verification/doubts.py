@@ -1,4 +1,4 @@
-"""Mistakes that probed points show: copies, units, outliers of spheres, probe diameters."""
+"""Mistakes that probed points show."""
 
 from __future__ import annotations
 
