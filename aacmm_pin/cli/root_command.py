@@ -133,7 +133,6 @@ class _Commands(TyperGroup):
         return typer.main.get_command(alone)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(word, self.commands[word].short_help) for word in self.commands])
 
