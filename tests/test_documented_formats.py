@@ -157,7 +157,7 @@ def arrived(key: str, came: set[str]) -> bool:
 
 
 def fields_of(model: type[BaseModel], at: str = "") -> Iterator[str]:
-    joint = arm_file.Row if model is arm_file.ArmFile else arm_file.UrdfJoint
+    joint = arm_file.DHRow if model is arm_file.ArmFile else arm_file.UrdfJoint
     parts = {
         "joints": joint,
         "urdf": arm_file.Urdf,
