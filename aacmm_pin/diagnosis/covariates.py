@@ -226,23 +226,25 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
 
 
 def _of_pairs_and_time(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
-    """Two joints: the error of either depends on the first orders of both angles, or on an order
-    of its gear and on the other angle, which changes its load. A joint and the time: its error
-    depends on its angle and changes with time, as of an encoder that was knocked midway.
+    """Two joints: a wave of the error of one changes with the other's angle, as by its load. A
+    joint and the time: a wave of its error changes, as of an encoder that was knocked midway.
+
+    Changes have a mean of zero: a wave that does not change is a cause.
     """
     for pair in itertools.combinations(joints, 2):
+        variants = []
+        for joint, other in (pair, reversed(pair)):
+            change = Waves.about_mean(other.name, state)
+            orders = (1,) if joint.slides else (1, *GEAR_ORDERS)
+            waves = [Waves(joint.name, order=order) for order in orders]
+            variants += [Carried.of((wave, change), joint.error, state) for wave in waves]
         names = tuple(joint.name for joint in pair)
-        waves = tuple(Waves(name, constant=True) for name in names)
-        variants = [Carried.of(waves, joint.error, state) for joint in pair]
-        for joint, of_other in zip(pair, reversed(waves), strict=True):
-            gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides]
-            variants += [Carried.of((gear, of_other), joint.error, state) for gear in gears]
         values = pd.concat([joint.table(state) for joint in pair], axis=1)
         yield Covariate(" × ".join(names), names, tuple(variants), values)
     time = state.conditions.time
     if time is None or np.ptp(time) == 0.0:
         return
-    later = Cosines.over("time", time, LATER)
+    later = Cosines.over("time", time, LATER, least=1)
     for joint in joints:
         carried = Carried.of((Waves(joint.name), later), joint.error, state)
         values = joint.table(state).assign(time_s=time)
@@ -250,20 +252,21 @@ def _of_pairs_and_time(state: State, joints: Sequence[Joint]) -> Iterator[Covari
 
 
 def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
-    """The error of a gear depends on the moment of the weight: all, or the part by other joints."""
+    """The error of a gear depends on the part of the weight's moment on it that only other joints
+    change.
+    """
     if state.arm.masses is None:
         return
     for joint in joints:
         if joint.slides:
             continue
-        moments = Moment(joint.name), Moment.beyond_own_angle(joint.name, state)
-        if np.ptp(moments[1].values(state)) < LEAST_MOMENT:
+        change = Moment.beyond_own_angle(joint.name, state)
+        if np.ptp(change.values(state)) < LEAST_MOMENT:
             continue
         gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS]
-        loaded = itertools.product(gears, moments)
-        variants = [Carried.of(functions, joint.error, state) for functions in loaded]
+        variants = [Carried.of((gear, change), joint.error, state) for gear in gears]
         load = f"moment {joint.row}"
-        moment = moments[0].values(state)[:, 0]
+        moment = Moment(joint.name).values(state)[:, 0]
         values = joint.table(state).assign(**{f"moment{joint.row}_nm": moment})
         yield Covariate(f"{joint.name} × {load}", (joint.name, load), tuple(variants), values)
 

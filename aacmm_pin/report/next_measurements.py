@@ -146,9 +146,11 @@ def _first(result: Diagnosis) -> str:
     seats = []
     for finding in findings:
         if corrects_seat(finding.effect):
-            values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
-            wrong = f"wrong by ({values}) mm, according to these records"
-            seats.append(f"seat {finding.effect.place} ({wrong})")
+            in_base = [value for value, _ in finding.parameters.values()]
+            in_file = result.choice.fit.point.frame.rotation @ in_base
+            values = ", ".join(f"{value:.3f}" for value in in_file)
+            error = f"true minus stated coordinates: ({values}) mm, according to these records"
+            seats.append(f"seat {finding.effect.place} ({error})")
     if seats:
         return (
             f"measure the coordinates of {listed(seats)} again. Then check the extended arm on new "
