@@ -226,25 +226,25 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
 
 
 def _of_pairs_and_time(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
-    """Two joints: a wave of the error of one changes with the other's angle, as by its load. A
-    joint and the time: a wave of its error changes, as of an encoder that was knocked midway.
-
-    Changes have a mean of zero: a wave that does not change is a cause.
+    """Two joints: the error of either depends on the first orders of both angles; or a wave of a
+    gear's order changes with the other angle, as by its load, and has a mean of zero over it: a
+    wave that does not change is a cause. A joint and the time: its error depends on its angle and
+    changes, as of an encoder that was knocked midway.
     """
     for pair in itertools.combinations(joints, 2):
-        variants = []
+        names = tuple(joint.name for joint in pair)
+        first_orders = tuple(Waves(name, constant=True) for name in names)
+        variants = [Carried.of(first_orders, joint.error, state) for joint in pair]
         for joint, other in (pair, reversed(pair)):
             change = Waves.about_mean(other.name, state)
-            orders = (1,) if joint.slides else (1, *GEAR_ORDERS)
-            waves = [Waves(joint.name, order=order) for order in orders]
-            variants += [Carried.of((wave, change), joint.error, state) for wave in waves]
-        names = tuple(joint.name for joint in pair)
+            gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides]
+            variants += [Carried.of((gear, change), joint.error, state) for gear in gears]
         values = pd.concat([joint.table(state) for joint in pair], axis=1)
         yield Covariate(" × ".join(names), names, tuple(variants), values)
     time = state.conditions.time
     if time is None or np.ptp(time) == 0.0:
         return
-    later = Cosines.over("time", time, LATER, least=1)
+    later = Cosines.over("time", time, LATER)
     for joint in joints:
         carried = Carried.of((Waves(joint.name), later), joint.error, state)
         values = joint.table(state).assign(time_s=time)

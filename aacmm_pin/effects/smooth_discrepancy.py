@@ -36,7 +36,7 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Cosines:
-    """The functions ``cos kπp`` for k from ``least`` to ``count``, with the rank p of a value.
+    """The functions ``cos kπp`` for k from 0 to ``count``, with the rank p of a value.
 
     p is the share of the fitted records with a smaller value, interpolated between knots and
     constant outside their range.
@@ -47,7 +47,6 @@ class Cosines:
         below: number of fitted records below each knot, plus half of those at the knot.
         records: number of fitted records.
         count: largest k.
-        least: smallest k; with 0 the first function is 1.
     """
 
     of: str
@@ -55,7 +54,6 @@ class Cosines:
     below: tuple[float, ...]
     records: int
     count: int
-    least: int = 0
     kind: Literal["cosines"] = "cosines"
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
@@ -65,19 +63,19 @@ class Cosines:
                 f"cosines of {self.of}: at_si does not ascend, or below has another length; "
                 "expected ascending at_si, and as many numbers in below"
             )
-        if self.records < 1 or not 0 <= self.least <= self.count <= MOST_FUNCTIONS:
+        if self.records < 1 or not 0 <= self.count <= MOST_FUNCTIONS:
             raise AacmmError(
-                f"cosines of {self.of}: records, least or count is out of range; expected records "
-                f"above 0, and 0 ≤ least ≤ count ≤ {MOST_FUNCTIONS}"
+                f"cosines of {self.of}: records or count is out of range; expected records above "
+                f"0, and a count from 0 to {MOST_FUNCTIONS}"
             )
 
     @property
     def number(self) -> int:
         """The number of functions."""
-        return self.count + 1 - self.least
+        return self.count + 1
 
     @staticmethod
-    def over(of: str, values: ArrayLike, count: int, least: int = 0) -> Cosines:
+    def over(of: str, values: ArrayLike, count: int) -> Cosines:
         """The cosines over the ranks of ``values`` ``(n,)``."""
         numbers = np.asarray(values, dtype=np.float64)
         at, times = np.unique(numbers, return_counts=True)
@@ -87,17 +85,17 @@ class Cosines:
             knots = np.unique(np.searchsorted(below, evenly))
             at = at[knots]
             below = below[knots]
-        return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), numbers.size, count, least)
+        return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), numbers.size, count)
 
     def of_values(self, values: ArrayLike) -> Array:
-        """The functions of ``values`` ``(n,)``: ``(n, number)``."""
+        """The functions of ``values`` ``(n,)``: ``(n, count + 1)``."""
         numbers = np.asarray(values, dtype=np.float64)
         part = np.interp(numbers, self.at_si, self.below) / self.records
-        frequency = np.pi * np.arange(self.least, self.count + 1)
+        frequency = np.pi * np.arange(self.count + 1)
         return np.cos(frequency * part[:, None])
 
     def values(self, state: State) -> Array:
-        """The functions in the records, ``(n, number)``."""
+        """The functions in the records, ``(n, count + 1)``."""
         return self.of_values(_recorded(self.of, state))
 
 

@@ -193,8 +193,8 @@ def fit_in_words(result: Calibration) -> str:
                 "model has parameters."
             )
         return (
-            "χ² cannot test the model, because you did not state all noise. The residuals exceed "
-            f"the stated noise by {length(result.fit.scatter)} per coordinate."
+            "χ² cannot test the model, because you did not state all noise. The fit estimated a "
+            f"scatter of {length(result.fit.scatter)} per coordinate."
         )
     numbers = f"(χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)})"
     if p < MISFIT:

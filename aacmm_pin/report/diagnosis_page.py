@@ -103,10 +103,10 @@ SEATS_JUDGED = (
     "of stated seat coordinates reduces the gain."
 )
 RANKED = (
-    "The strongest cause is first, and geometric values are last. The column 'displacement' "
-    "states the RMS displacement of the tip by the cause. The column 'probability' states how "
-    "probably the cause acts. If the cause does not act, p is the probability that any cause has "
-    "such large odds. The column 'not absorbed' states which part of the effect neither "
+    "The cause with the strongest evidence is first, and geometric values are last. The column "
+    "'displacement' states the RMS displacement of the tip by the cause. The column 'probability' "
+    "states how probably the cause acts. If the cause does not act, p is the probability that any "
+    "cause has such large odds. The column 'not absorbed' states which part of the effect neither "
     "recalibration nor other causes absorb."
 )
 PLACES_LISTED = "Places of errors, and the causes that may act there"
@@ -338,7 +338,7 @@ def places_table(result: Diagnosis) -> pd.DataFrame:
     """The places where a cause may act."""
     rows = [
         {
-            "place": location_in_words(place.effect, result.model.arm),
+            "place": location_in_words(place.effect, result.model.arm) or "arm or set-up",
             "error depends on": place.depends_on.replace("_", " "),
             "probability": probability(place.probability),
             "causes": _forms_in_words(result, place),

@@ -161,6 +161,17 @@ def test_torques_of_the_load_instead_of_the_drive(sign):
     assert found.reversed_torques == (sign > 0.0)
 
 
+@pytest.mark.parametrize(("joint", "order"), [(1, 3), (3, 4)])
+def test_a_wave_that_does_not_change_is_a_cause(joint, order):
+    """And no structure over its joint and another joint or the load."""
+    plant = Plant.of(12)
+    angle = np.zeros(plant.q.shape)
+    angle[:, joint - 1] = 5e-5 * np.cos(order * plant.q[:, joint - 1] - 1.0)
+    (finding,) = plant.diagnosed(plant.places(angle)).findings
+    assert finding.label == f"joint_periodic_error:{joint}"
+    assert finding.probability > 0.95
+
+
 def test_two_waves_of_one_joint():
     """Neither a single wave, nor a dependence on two joints."""
     plant = Plant.of(6)
