@@ -100,8 +100,8 @@ class HeldOut(Shown):
 
 
 def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """Kind and label (n,) of natural groups: seats, else sessions, else blocks of joint space.
-    Repeats of a posture are together.
+    """Kind and label (n,) of natural groups: seats, sessions, or blocks of joint space. Points
+    beside seats are in blocks. Repeats of a posture are together.
     """
     records = fit.problem.measurements
     for kind in ("seat", "session"):
@@ -109,9 +109,15 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
         if kind == "session" and fit.problem.setup.frame_of_session:
             continue
         labels = records.conditions.labels(kind)
-        groups = merged_by_posture(pd.factorize(labels)[0], records.postures)
-        if np.unique(groups[fit.used & (labels != "")]).size >= FEWEST_GROUPS:
-            return f"{kind}s", groups
+        numbers, unlabelled = pd.factorize(labels)[0], labels == ""
+        groups = merged_by_posture(numbers, records.postures)
+        if np.unique(groups[fit.used & ~unlabelled]).size < FEWEST_GROUPS:
+            continue
+        if kind == "seat" and unlabelled.any():
+            # Without all of them, seats alone may leave the frame open.
+            numbers[unlabelled] = numbers.max() + 1 + _blocks(records, FOLDS, rng)[unlabelled]
+            groups = merged_by_posture(numbers, records.postures)
+        return f"{kind}s", groups
     return "blocks", _blocks(records, FOLDS, rng)
 
 

@@ -107,6 +107,19 @@ def test_repeats_of_a_posture_are_held_out_together(sino6, rng):
         assert len(np.unique(np.column_stack([postures, labels]), axis=0)) == 40
 
 
+def test_points_beside_seats_are_not_held_out_all_at_once(sino6, rng):
+    """Without them, two seats in an unknown frame would leave a rotation open."""
+    seats = simulate_measurements(sino6, "seats", 45, rng=rng, seats=3).to_frame()
+    seats.loc[seats["seat"] == seats["seat"][0], ["x_mm", "y_mm", "z_mm"]] = np.nan
+    table = pd.concat([seats, simulate_measurements(sino6, "free", 40, rng=rng).to_frame()])
+    records = Measurements.from_frame(table.fillna({"seat": ""}).reset_index(drop=True))
+    noise = {"reference_noise": 1.2e-5, "probe_noise": 1e-9}
+    result = calibrate(sino6, records, reference_frame="external", **noise, rng=rng)
+    by_seats = result.held_out[-1]
+    assert by_seats.kind == "seats"
+    assert by_seats.rms_after < 1e-4
+
+
 def test_readings_of_one_contact_count_as_their_mean(sino6, rng):
     """Contacts of 20 µm, five readings of each: u is as of one reading of each contact, and
     right.
