@@ -32,7 +32,7 @@ pytestmark = pytest.mark.fast
 
 TIME = Cosines("time", (0.0, 100.0, 400.0), (0.5, 5.0, 9.5), 10, 2)
 PLACES = Bumps(((0.1, 0.2, 0.3), (-0.3, 0.4, 0.5)), 0.4)
-WAVES = (Waves("joint 2", constant=True), Waves("joint 4"))
+WAVES = (Waves("joint 2", constant=True), Waves("joint 4", less=(0.25, -0.5)))
 N = 7
 LONG = [2, 4, 5]
 """Rows, from 0, of the arm's bodies longer than 0.15 m."""
@@ -76,7 +76,8 @@ def by_hand(functions: tuple[Smooth, ...], tip: Array, q: Array, time: Array) ->
             [np.exp(-(np.sum((tip - c) ** 2, axis=1)) / 0.32) for c in PLACES.centres_si], axis=1
         )
     own = [np.ones(len(q)), np.cos(q[:, 1]), np.sin(q[:, 1])]
-    return np.stack([f * g for f in own for g in (np.cos(q[:, 3]), np.sin(q[:, 3]))], axis=1)
+    others = (np.cos(q[:, 3]) - 0.25, np.sin(q[:, 3]) + 0.5)
+    return np.stack([f * g for f in own for g in others], axis=1)
 
 
 @pytest.mark.parametrize("carrier", ["room", "frame", "target", "lengths", "before 4", "angle 4"])
