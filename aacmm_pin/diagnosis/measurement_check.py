@@ -126,9 +126,9 @@ def check_measurements(
     predicted = predicted_rms(as_stated)
     if unknown := _noise_not_stated(model, records, setup):
         notes.append(Note("prediction_without_noise", {"of": unknown}))
-    noise = calibrated.noise_rms
-    if calibrated.noise_is_stated and after > FAR_BEYOND * noise:
-        notes.append(Note("beyond_noise", {"times": after / noise}))
+    judged = calibrated.chi2_stated
+    if judged is not None and not judged.acceptable:
+        notes.append(Note("beyond_noise", {"times": after / calibrated.noise_rms}))
     if distance > FAR_BEYOND * predicted:
         notes.append(Note("beyond_prediction", {"times": distance / predicted}))
     return Check(

@@ -47,6 +47,17 @@ def test_predicted_distance_is_the_mean_over_random_arms(sino6, records, rng):
     assert check.predicted_rms == pytest.approx(np.sqrt(square), rel=0.1)
 
 
+@pytest.mark.parametrize("amplitude", [0.0, 6e-5])
+def test_residuals_that_the_stated_noise_does_not_explain_are_noted(sino6, records, amplitude):
+    """Of an eccentric encoder within the stated half-widths of the geometry."""
+    q = records.q.copy()
+    q[:, 2] -= amplitude * np.cos(q[:, 2])
+    noise = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
+    check = check_measurements(sino6, replace(records, q=q), **noise)
+    assert check.rms < check.predicted_rms
+    assert ("beyond_noise" in {note.code for note in check.notes}) == (amplitude > 0.0)
+
+
 def test_causes_that_need_a_column_are_missing_without_it(sino6, records):
     bare = replace(records, conditions=Conditions(records.n))
     lacking = missing(check_measurements(sino6, bare))
