@@ -248,7 +248,11 @@ def _structure(result: Diagnosis) -> str:
         names.append("other quantities")
     structure = math.hypot(*(part.rms for part in left.discrepancy))
     counts = LEAST_PART * result.noise < structure < result.rms["recalibrated"]
-    size = f" ({length(structure)} RMS)" if counts else ""
+    details = [f"{length(structure)} RMS"] if counts else []
+    certainty = max((part.probability for part in left.discrepancy), default=1.0)
+    if certainty < THRESHOLDS.settled:
+        details.append(f"probability {probability(certainty)}")
+    size = f" ({', '.join(details)})" if details else ""
     clauses = [str(one) for one in left.apart]
     if left.has_background and not names:
         clauses.append(
