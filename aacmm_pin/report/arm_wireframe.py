@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm import Arm, chain
+from aacmm_pin.arm import Arm, DHTable, chain
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,17 +26,8 @@ class ArmLines:
     @cached_property
     def lines(self) -> list[Array]:
         """Corners of the line of each body in its own axes, (k, 3) [m] each."""
-        dh = self.arm.dh
-        if dh is not None:
-            zero, start = np.zeros_like(dh.a), np.zeros((1, 3))
-            along_d = np.column_stack([zero, zero, dh.d])
-            along_a = np.column_stack([dh.a, zero, zero])
-            if dh.standard:
-                rows = zip(along_d, along_a, strict=True)
-                return [start, *(np.vstack([start, d, d + a]) for d, a in rows)]
-            after_d = [*along_a[1:, None], np.empty((0, 3))]
-            rows = zip(along_d, after_d, strict=True)
-            return [np.vstack([start, along_a[0]]), *(np.vstack([-d, start, a]) for d, a in rows)]
+        if self.arm.dh is not None:
+            return _lines_of_table(self.arm.dh)
         # From each joint to the next, in the zero posture.
         arm_chain = self.arm.chain
         axes = [chain.axis(row) for row in range(1, arm_chain.rows + 1)]
@@ -75,3 +66,16 @@ class ArmLines:
             rotation, origin = placements[body, :, :3, :3], placements[body, :, None, :3, 3]
             placed.append(points @ rotation.transpose(0, 2, 1) + origin)
         return np.concatenate(placed, axis=1)
+
+
+def _lines_of_table(dh: DHTable) -> list[Array]:
+    """Of each body, along d and a of its row."""
+    zero, start = np.zeros_like(dh.a), np.zeros((1, 3))
+    along_d = np.column_stack([zero, zero, dh.d])
+    along_a = np.column_stack([dh.a, zero, zero])
+    if dh.standard:
+        rows = zip(along_d, along_a, strict=True)
+        return [start, *(np.vstack([start, d, d + a]) for d, a in rows)]
+    after_d = [*along_a[1:, None], np.empty((0, 3))]
+    rows = zip(along_d, after_d, strict=True)
+    return [np.vstack([start, along_a[0]]), *(np.vstack([-d, start, a]) for d, a in rows)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from aacmm_pin.calibration.calibrate import notes_of as notes_of_fit
 from aacmm_pin.diagnosis import Diagnosis, estimated, not_tried, too_good
 from aacmm_pin.effects import (
     CONDITION_COLUMNS,
+    Conditions,
     Effect,
     cause_in_words,
     listed,
@@ -47,14 +48,7 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
     lasting = [f.label for f in findings if f.was is None and "time" not in f.effect.needs]
     if lasting and result.recalibrated.problem.from_earlier:
         yield Note("partly_in_calibration", {"causes": lasting})
-    loaded = []
-    for finding in findings:
-        if hasattr(finding.effect, "load_at") and "torque" not in finding.effect.needs:
-            loaded.append(finding.label)
-    if any(getattr(finding.effect, "bodies", ()) for finding in findings):
-        yield Note("masses_missing", {"causes": loaded})
-    elif loaded:
-        yield Note("masses_exact", {"causes": loaded})
+    yield from _of_masses([finding.effect for finding in findings])
     for finding in findings:
         until = getattr(finding.effect, "until_s", None)
         if until is not None:
@@ -67,17 +61,32 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
         yield from effect.validity_notes(conditions)
     if extended.problem.setup.held is not None:
         yield Note("size_taken", {"length": extended.problem.setup.held.label})
-    time = conditions.time
-    if time is not None and np.ptp(time) != 0.0:
-        restarts = 0 if conditions.session is not None else int((np.diff(time) < 0).sum())
-        if 0 < restarts <= RESTARTS < len(time):
-            yield Note("clock_restarts", {"times": restarts})
-        elif not 0.0 <= time.min() < LATE * np.ptp(time):
-            yield Note("clock_starts_late" if time.min() > 0.0 else "clock_below_zero")
+    yield from _of_clock(conditions)
     if too_good(extended):
         chi2, dof = extended.chi2
         yield Note("noise_too_large", {"chi2": chi2, "dof": dof})
     yield from result.assumed
+
+
+def _of_masses(effects: Sequence[Effect]) -> Iterator[Note]:
+    """What causes under load lack of the masses, or take for exact."""
+    loaded = [e.label for e in effects if hasattr(e, "load_at") and "torque" not in e.needs]
+    if any(getattr(effect, "bodies", ()) for effect in effects):
+        yield Note("masses_missing", {"causes": loaded})
+    elif loaded:
+        yield Note("masses_exact", {"causes": loaded})
+
+
+def _of_clock(conditions: Conditions) -> Iterator[Note]:
+    """A clock that restarts, starts late or is below zero."""
+    time = conditions.time
+    if time is None or np.ptp(time) == 0.0:
+        return
+    restarts = 0 if conditions.session is not None else int((np.diff(time) < 0).sum())
+    if 0 < restarts <= RESTARTS < len(time):
+        yield Note("clock_restarts", {"times": restarts})
+    elif not 0.0 <= time.min() < LATE * np.ptp(time):
+        yield Note("clock_starts_late" if time.min() > 0.0 else "clock_below_zero")
 
 
 def _changed(result: Diagnosis) -> Iterator[Note]:
