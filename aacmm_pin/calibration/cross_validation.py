@@ -109,14 +109,12 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
         if kind == "session" and fit.problem.setup.frame_of_session:
             continue
         labels = records.conditions.labels(kind)
-        numbers, unlabelled = pd.factorize(labels)[0], labels == ""
+        numbers, labelled = pd.factorize(labels)[0], labels != ""
         groups = merged_by_posture(numbers, records.postures)
-        if np.unique(groups[fit.used & ~unlabelled]).size < FEWEST_GROUPS:
+        if np.unique(groups[fit.used & labelled]).size < FEWEST_GROUPS:
             continue
-        if kind == "seat" and unlabelled.any():
-            # Without all of them, seats alone may leave the frame open.
-            numbers[unlabelled] = numbers.max() + 1 + _blocks(records, FOLDS, rng)[unlabelled]
-            groups = merged_by_posture(numbers, records.postures)
+        if kind == "seat":
+            groups = _seats_and_blocks(numbers, labelled, records, rng)
         return f"{kind}s", groups
     return "blocks", _blocks(records, FOLDS, rng)
 
@@ -128,14 +126,25 @@ def fold_numbers(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     records = fit.problem.measurements
     seat = fit.observations.seat
     touched = seat >= 0
-    label = np.zeros(records.n, dtype=np.intp)
-    label[touched] = fit.observations.clusters[seat[touched]]
-    label = merged_by_posture(label, records.postures)
-    count = int(label.max()) + 1
-    if count >= FEWEST_SEATS and touched.sum() > MOSTLY * records.n:
-        return "seats", _folds(label, records, rng)
+    numbers = np.full(records.n, -1)
+    numbers[touched] = fit.observations.clusters[seat[touched]]
+    groups = merged_by_posture(numbers, records.postures)
+    if np.unique(groups[touched]).size >= FEWEST_SEATS and touched.sum() > MOSTLY * records.n:
+        return "seats", _folds(_seats_and_blocks(numbers, touched, records, rng), records, rng)
     clusters = _blocks(records, min(FOLDS, max(2, records.n // 5)), rng)
     return "blocks", np.unique(clusters, return_inverse=True)[1].astype(np.intp)
+
+
+def _seats_and_blocks(
+    seat: Index, touched: Mask, records: Measurements, rng: np.random.Generator
+) -> Index:
+    """Numbers of seats (n,) where one is ``touched``, and blocks of joint space for the other
+    points: without all of these, seats alone may leave the frame open.
+    """
+    groups = seat.copy()
+    if not touched.all():
+        groups[~touched] = seat.max() + 1 + _blocks(records, FOLDS, rng)[~touched]
+    return merged_by_posture(groups, records.postures)
 
 
 def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index:

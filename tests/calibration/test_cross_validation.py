@@ -120,6 +120,15 @@ def test_points_beside_seats_are_not_held_out_all_at_once(sino6, rng):
     assert by_seats.rms_after < 1e-4
 
 
+def test_a_diagnosis_holds_out_few_points_beside_seats_in_several_folds(sino6, rng):
+    seats = simulate_measurements(sino6, "seats", 72, rng=rng, seats=6).to_frame()
+    points = simulate_measurements(sino6, "free", 7, rng=rng).to_frame()
+    records = Measurements.from_frame(pd.concat([seats, points]).fillna({"seat": ""}))
+    kind, folds = fold_numbers(calibrate(sino6, records).fit, np.random.default_rng(1))
+    assert kind == "seats"
+    assert np.unique(folds[72:]).size > 3
+
+
 def test_readings_of_one_contact_count_as_their_mean(sino6, rng):
     """Contacts of 20 µm, five readings of each: u is as of one reading of each contact, and
     right.
