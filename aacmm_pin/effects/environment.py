@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 
@@ -30,23 +30,43 @@ ANOTHER_POINT = 5e-4
 """A ball farther from its qualified place is another point [m]."""
 
 
-class _OfLabel(Effect):
-    """A cause that acts in records with one label; without a label in all."""
+class _Moved(Effect):
+    """The base, the tip or a seat is elsewhere, in the records with one label; without a label in
+    all.
+    """
+
+    moves: ClassVar[Literal["base", "tip", "seat"]]
 
     @property
     def needs(self) -> tuple[str, ...]:
         return () if self.place is None else (str(self.location_field()),)
 
-    def mask(self, state: State) -> Array:
-        """1 in the records with the label, else 0 (n, 1, 1)."""
+    def acting(self, conditions: Conditions) -> Array:
+        """The part of the values that acts in each record, (n,) or (1,)."""
         if self.place is None:
-            return np.ones((1, 1, 1))
-        labels = state.conditions.require(str(self.location_field()), self.label)
-        return np.asarray(labels == self.place, np.float64)[:, None, None]
+            return np.ones(1)
+        labels = conditions.require(str(self.location_field()), self.label)
+        return np.asarray(labels == self.place, np.float64)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """The unit translations, of the base also rotations; the stated coordinates of a seat move
+        by -e.
+        """
+        sign = -1.0 if self.moves == "seat" else 1.0
+        columns = sign * np.eye(6)[:, : len(self.terms)]
+        place = state.arm.chain.tip if self.moves == "tip" else BASE
+        return [Displacement(place, columns * self.acting(state.conditions)[:, None, None])]
+
+
+class _MovedOnce(StepInTime, _Moved):
+    """The same from a time on."""
+
+    def acting(self, conditions: Conditions) -> Array:
+        return super().acting(conditions) * self.part(conditions)
 
 
 @dataclass(frozen=True)
-class SeatError(_OfLabel):
+class SeatError(_Moved):
     """One seat is not at its stated position: true position = stated position + e. The arm has no
     error.
 
@@ -57,6 +77,7 @@ class SeatError(_OfLabel):
 
     seat: str
     cause = "seat_error"
+    moves = "seat"
     words = "error of the stated coordinates"
     needs = ("seat",)
     of_reference = True
@@ -69,13 +90,9 @@ class SeatError(_OfLabel):
         if records is not None and len(seats) >= LEAST_SEATS and records.known.any():
             yield from seats
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """-e as a translation of the stated coordinates in the records of the seat."""
-        return [Displacement(BASE, twist(-np.eye(3) * self.mask(state)))]
-
 
 @dataclass(frozen=True)
-class ReferenceFrame(_OfLabel):
+class ReferenceFrame(_Moved):
     """The frame of the references is displaced relative to the base: ``p_reference = exp(v, ω)
     p_base``.
 
@@ -87,6 +104,7 @@ class ReferenceFrame(_OfLabel):
 
     session: str | None = None
     cause = "reference_frame"
+    moves = "base"
     words = "error of the reference frame"
     of_reference = True
     refitted = True
@@ -98,13 +116,9 @@ class ReferenceFrame(_OfLabel):
         """One candidate for all records."""
         yield (cls(),)
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """The unit twists of the base."""
-        return [Displacement(BASE, np.eye(6) * self.mask(state))]
-
 
 @dataclass(frozen=True)
-class StylusOffset(_OfLabel):
+class StylusOffset(_Moved):
     """The ball or target is not at the tip: a constant translation in the axes of the last frame.
 
     With ``marker``, only this target has it. Typical magnitude: 2e-5 m for a qualified stylus, 0.1
@@ -115,6 +129,7 @@ class StylusOffset(_OfLabel):
 
     marker: str | None = None
     cause = "stylus_offset"
+    moves = "tip"
     refitted = True
     prior_weight = 0.2
     terms = shifts(5e-5, FARTHEST_TARGET)
@@ -126,13 +141,9 @@ class StylusOffset(_OfLabel):
             return []
         return [Note("tip_is_target", {"cause": self.label, "distance": far})]
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """The unit translations at the tip."""
-        return [Displacement(state.arm.chain.tip, twist(np.eye(3) * self.mask(state)))]
-
 
 @dataclass(frozen=True)
-class FrameShift(StepInTime):
+class FrameShift(_MovedOnce):
     """The stand or the references moved once: ``p_reference = exp(v, ω) p_base`` from ``time_s``
     on.
 
@@ -143,6 +154,7 @@ class FrameShift(StepInTime):
 
     time_s: float
     cause = "frame_shift"
+    moves = "base"
     words = "movement of the stand or of the references"
     remedy = (
         "label the records before and after the movement in the column session, and use "
@@ -153,14 +165,9 @@ class FrameShift(StepInTime):
     nonlinear = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
     terms = (*shifts(2e-4), *rotations(2e-4))
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """The unit twists of the base in the later records."""
-        part = self.part(state.conditions)
-        return [Displacement(BASE, np.eye(6) * part[:, None, None])]
-
 
 @dataclass(frozen=True)
-class StylusShift(StepInTime):
+class StylusShift(_MovedOnce):
     """The stylus or target moved once on the last body, such as a probe that was mounted again: a
     translation in the axes of the last frame from ``time_s`` on.
 
@@ -171,6 +178,7 @@ class StylusShift(StepInTime):
 
     time_s: float
     cause = "stylus_shift"
+    moves = "tip"
     words = "movement of the stylus or target on the last body"
     remedy = (
         "qualify the stylus again, and label the records before and after the movement in the "
@@ -179,14 +187,9 @@ class StylusShift(StepInTime):
     nonlinear = TimeOfStep("time_s", tried=STEPS_OF_SETUP)
     terms = shifts(5e-5, FARTHEST_TARGET)
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """The unit translations at the tip in the later records."""
-        part = self.part(state.conditions)
-        return [Displacement(state.arm.chain.tip, twist(np.eye(3) * part[:, None, None]))]
-
 
 @dataclass(frozen=True)
-class SeatShift(StepInTime, _OfLabel):
+class SeatShift(_MovedOnce):
     """One seat moved once: true position = stated position + e from ``time_s`` on. The arm has no
     error.
 
@@ -198,6 +201,7 @@ class SeatShift(StepInTime, _OfLabel):
     seat: str
     time_s: float
     cause = "seat_shift"
+    moves = "seat"
     words = "later displacement"
     remedy = "give the seat another label in the records after the movement"
     needs = ("seat", "time")
@@ -217,11 +221,6 @@ class SeatShift(StepInTime, _OfLabel):
             some = np.linspace(0, between.size - 1, min(between.size, STEPS_OF_SEAT)).astype(int)
             if between.size:
                 yield tuple(cls(str(seat), time) for time in between[some].tolist())
-
-    def displacements(self, state: State) -> list[Displacement]:
-        """-e as a translation of the stated coordinates in the later records of the seat."""
-        part = self.mask(state) * self.part(state.conditions)[:, None, None]
-        return [Displacement(BASE, twist(-np.eye(3) * part))]
 
 
 @dataclass(frozen=True)
