@@ -30,6 +30,11 @@ MOST_KNOTS = 50
 MOST_FUNCTIONS = 100
 """Functions of one kind in a file; ``diagnose`` uses 25 at most."""
 
+RECORDED = ("time", "temperature")
+"""Conditions that functions may depend on."""
+_JOINT = r"joint [1-9]\d{0,2}"
+OfJoint = Annotated[str, Field(pattern=f"^{_JOINT}$")]
+OfRecorded = Annotated[str, Field(pattern=f"^({'|'.join([_JOINT, *RECORDED])})$")]
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 Point = tuple[float, float, float]
 
@@ -49,12 +54,12 @@ class Cosines:
         count: largest k.
     """
 
-    of: str
+    kind: Literal["cosines"] = field(default="cosines", kw_only=True)
+    of: OfRecorded
     at_si: tuple[float, ...]
     below: tuple[float, ...]
-    records: int
-    count: int
-    kind: Literal["cosines"] = "cosines"
+    records: Annotated[int, Field(ge=1)]
+    count: Annotated[int, Field(ge=0, le=MOST_FUNCTIONS)]
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     def __post_init__(self) -> None:
@@ -62,11 +67,6 @@ class Cosines:
             raise AacmmError(
                 f"cosines of {self.of}: at_si does not ascend, or below has another length; "
                 "expected ascending at_si, and as many numbers in below"
-            )
-        if self.records < 1 or not 0 <= self.count <= MOST_FUNCTIONS:
-            raise AacmmError(
-                f"cosines of {self.of}: records or count is out of range; expected records above "
-                f"0, and a count from 0 to {MOST_FUNCTIONS}"
             )
 
     @property
@@ -110,18 +110,12 @@ class Waves:
         less: what to subtract from the cosine and the sine.
     """
 
-    of: str
+    kind: Literal["waves"] = field(default="waves", kw_only=True)
+    of: OfJoint
     constant: bool = False
-    order: int = 1
+    order: Annotated[int, Field(ge=1, le=MOST_FUNCTIONS)] = 1
     less: tuple[float, float] = (0.0, 0.0)
-    kind: Literal["waves"] = "waves"
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.order <= MOST_FUNCTIONS:
-            raise AacmmError(
-                f"waves of {self.of}: order is {self.order}; expected 1 to {MOST_FUNCTIONS}"
-            )
 
     @staticmethod
     def about_mean(of: str, state: State) -> Waves:
@@ -151,9 +145,9 @@ class Moment:
         less_nm: constant, and factors of ``cos q`` and ``sin q``, to subtract [N·m].
     """
 
-    of: str
+    kind: Literal["moment"] = field(default="moment", kw_only=True)
+    of: OfJoint
     less_nm: Point = (0.0, 0.0, 0.0)
-    kind: Literal["moment"] = "moment"
     number: ClassVar[int] = 1
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
@@ -186,18 +180,11 @@ class Bumps:
         width_si: width [m].
     """
 
-    centres_si: tuple[Point, ...]
-    width_si: float
-    kind: Literal["bumps"] = "bumps"
+    kind: Literal["bumps"] = field(default="bumps", kw_only=True)
+    centres_si: Annotated[tuple[Point, ...], Field(min_length=1, max_length=MOST_FUNCTIONS)]
+    width_si: Annotated[float, Field(gt=0.0)]
     of: ClassVar[str] = "place"
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
-
-    def __post_init__(self) -> None:
-        if not (0 < len(self.centres_si) <= MOST_FUNCTIONS and self.width_si > 0.0):
-            raise AacmmError(
-                "bumps: centres_si or width_si is out of range; expected 1 to "
-                f"{MOST_FUNCTIONS} centres_si, and width_si above 0"
-            )
 
     @property
     def number(self) -> int:
@@ -215,17 +202,6 @@ class Bumps:
 Smooth = Cosines | Waves | Moment | Bumps
 _FILED: TypeAdapter[Smooth] = TypeAdapter(Annotated[Smooth, Field(discriminator="kind")])
 
-RECORDED = ("time", "temperature")
-"""Conditions that functions may depend on."""
-_JOINT = r"joint [1-9]\d{0,2}"
-QUANTITIES_OF_KIND = {
-    "cosines": "|".join([_JOINT, *RECORDED]),
-    "waves": _JOINT,
-    "moment": _JOINT,
-    "bumps": "place",
-}
-"""Quantities that functions of each kind may depend on."""
-
 
 def product_of(functions: Sequence[Smooth], state: State) -> Array:
     """All products of one function of each set, ``(n, m)``, the last varying fastest; 1 without
@@ -239,12 +215,6 @@ def product_of(functions: Sequence[Smooth], state: State) -> Array:
     return columns
 
 
-def as_filed(functions: Smooth) -> dict[str, Any]:
-    """The functions as an entry of a file."""
-    fields: dict[str, Any] = _FILED.dump_python(functions)
-    return {"kind": functions.kind} | fields
-
-
 def as_read(filed: dict[str, Any]) -> Smooth:
     """The functions of an entry of a file.
 
@@ -252,16 +222,12 @@ def as_read(filed: dict[str, Any]) -> Smooth:
         AacmmError: the entry is invalid.
     """
     try:
-        functions = _FILED.validate_json(json.dumps(filed, default=str), strict=True)
+        return _FILED.validate_json(json.dumps(filed, default=str), strict=True)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"][1:]))
         came = f"{key + ': ' if key else ''}{reprlib.repr(first['input'])}"
         raise AacmmError(f"functions: {came}; expected {expected_words(first)}") from None
-    quantities = QUANTITIES_OF_KIND[functions.kind]
-    if not re.fullmatch(quantities, functions.of):
-        raise AacmmError(f"functions: {functions.kind} of {functions.of!r}; expected {quantities}")
-    return functions
 
 
 def _recorded(of: str, state: State) -> Array:
@@ -417,9 +383,15 @@ class Part:
         functions = math.prod(each.number for each in self.functions)
         return functions * self.carrier.axes
 
+    @property
+    def rows(self) -> Sequence[Sequence[float]]:
+        """The directions, or one for each coefficient."""
+        unit: list[list[float]] = np.eye(self.coefficients).tolist()
+        return self.directions or unit
+
     def displacements(self, state: State) -> list[Displacement]:
         """The displacements for one unit of each parameter."""
-        rows = np.array(self.directions) if self.directions else np.eye(self.coefficients)
+        rows = np.array(self.rows)
         of_functions = rows.reshape(-1, self.carrier.axes, rows.shape[1])
         functions = product_of(self.functions, state)
         shifts = np.tensordot(functions, of_functions, 1)
@@ -427,7 +399,7 @@ class Part:
 
     def filed(self) -> DiscrepancyPart:
         """The entry of the part in an arm file."""
-        functions = list(map(as_filed, self.functions))
+        functions = list(map(_FILED.dump_python, self.functions))
         directions = tuple(map(_rounded, self.directions))
         return DiscrepancyPart(
             acts_on=self.carrier.name, functions=functions, directions=directions
@@ -459,24 +431,14 @@ class Discrepancy(Effect):
     cause = "discrepancy"
 
     def __post_init__(self) -> None:
-        first, *others = self.parts
-        if others or first.directions:
-            self._check_directions()
-        elif self.size != first.coefficients:
-            raise AacmmError(
-                f"{self.label}: {self.size} values; expected {first.coefficients}, one for each "
-                "coefficient"
-            )
-        super().__post_init__()
-
-    def _check_directions(self) -> None:
         for part in self.parts:
-            lengths = [len(row) for row in part.directions]
-            if lengths != [self.size] * part.coefficients:
-                expected = (
-                    f"directions of {part.coefficients} coefficients with {self.size} numbers each"
+            if [len(row) for row in part.rows] != [self.size] * part.coefficients:
+                raise AacmmError(
+                    f"{self.label}: {part.carrier.name}: {self.size} values; expected "
+                    f"{part.coefficients}, or directions of {part.coefficients} coefficients with "
+                    f"{self.size} numbers each"
                 )
-                raise AacmmError(f"{self.label}: {part.carrier.name}: expected {expected}")
+        super().__post_init__()
 
     @property
     def label(self) -> str:
