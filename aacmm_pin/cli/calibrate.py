@@ -25,7 +25,7 @@ from aacmm_pin.cli.common import (
 )
 from aacmm_pin.cli.measuring_options import MeasuredHow, NoCrossValidation
 from aacmm_pin.cli.urdf import urdf_of
-from aacmm_pin.effects import stated_cause
+from aacmm_pin.effects import cause_of
 
 
 @command(
@@ -73,7 +73,7 @@ def run(
         model, path = arm.model_and_data()
         if output is not None:
             model.file()  # or refused before the work
-        effects = [stated_cause(text, model) for text in effect or []]
+        effects = [cause_of(text, model) for text in effect or []]
         stated = how.keywords() | {"hold_out": not no_cross_validation}
         records, rng = arm.records(model, path), np.random.default_rng(seed)
         result = calibrate(model, records, [*parameters.split(","), *effects], rng=rng, **stated)

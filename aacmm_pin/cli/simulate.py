@@ -26,7 +26,7 @@ from aacmm_pin.cli.common import (
     note,
     status,
 )
-from aacmm_pin.effects import Effect, ErrorModel, require_shown, stated_cause
+from aacmm_pin.effects import Effect, ErrorModel, cause_of, require_shown
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import (
     SIMULATED_BAR,
@@ -129,7 +129,7 @@ def run(
     with Results(files, output, arm_out) as results:
         model = as_filed = arm.model()
         touches = None if procedure is None else Procedure.read(procedure, model.arm)
-        effects = [stated_cause(text, model) for text in effect or []]
+        effects = [cause_of(text, model) for text in effect or []]
         if random_geometry:
             # A stream of its own: the plan is the same without it.
             model = perturbed_model(model, rng.spawn(1)[0])

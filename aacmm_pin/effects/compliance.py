@@ -108,9 +108,10 @@ class GravityEffect(LoadedEffect):
     def __post_init__(self) -> None:
         object.__setattr__(self, "bodies", tuple(self.bodies))
         super().__post_init__()
-        if self.bodies and self.load_at is not None:
+        stated = [bool(self.bodies), self.load_at is not None, "torque" in self.needs]
+        if sum(stated) > 1:
             raise AacmmError(
-                f"{self.label}: load_at and bodies are both stated; expected one of the two"
+                f"{self.label}: expected only one of bodies, load_at and torque=measured"
             )
 
     @property
@@ -273,10 +274,6 @@ class JointCompliance(GravityEffect):
         if self.torque not in ("gravity", "measured"):
             raise AacmmError(
                 f"{self.label}: torque is {self.torque!r}; expected 'gravity' or 'measured'"
-            )
-        if self.torque == "measured" and (self.bodies or self.load_at is not None):
-            raise AacmmError(
-                f"{self.label}: torque=measured cannot be combined with bodies or load_at"
             )
 
     @classmethod

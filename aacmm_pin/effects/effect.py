@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import cache
 from numbers import Integral
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from aacmm_pin._support.units import MM, prefixed
 from aacmm_pin.arm import Arm, Parameter, end
 from aacmm_pin.arm import axis as axis
 from aacmm_pin.effects.conditions import Conditions, Records
-from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, CauseError, MissingConditionError, UnknownNameError
 
@@ -40,6 +39,12 @@ BENDS = 0.15
 """A longer body is a tube, whose bending matters [m]."""
 RELATIVE_STEP = 1e-4
 """Relative step of the derivative by a nonlinear parameter."""
+WARM_UP_TIMES = (600.0, 1800.0, 5400.0)
+"""Time constants of a warm-up to try [s]."""
+TIME_CONSTANTS = 15
+"""Time constants to refine a found one."""
+KNOWN_TO = 3.0
+"""A time constant is known beforehand to a factor of about this."""
 
 
 class Reading(NamedTuple):
@@ -108,6 +113,107 @@ class Displacement:
 
     place: int
     columns: Array
+
+
+E = TypeVar("E", bound="Effect")
+
+
+@dataclass(frozen=True)
+class Nonlinear(Generic[E]):
+    """The nonlinear parameter of a cause, whose value the records determine by trial.
+
+    A search tries the values of :meth:`grid`, and refines the most probable with :meth:`refine`.
+    All methods have defaults for a cause without nonlinear parameter.
+
+    Attributes:
+        field: field of the effect with the parameter; "" for none.
+        above: valid values are above this number.
+        words: format of the value in outputs, with ``value``, and ``minutes`` for a time; "" for
+            the name of the field and the value.
+    """
+
+    field: str = ""
+    unit: str = "1"
+    above: float = 0.0
+    words: str = ""
+
+    def value(self, effect: E) -> float:
+        """The value of an effect."""
+        return float(getattr(effect, self.field))
+
+    def at(self, effect: E, value: float) -> E:
+        """The effect with another value."""
+        field: dict[str, Any] = {self.field: value}
+        return replace(effect, **field)
+
+    def in_words(self, effect: E) -> str:
+        """The value as text."""
+        value = self.value(effect)
+        if not self.words:
+            return f"{self.field.replace('_', ' ')} {value:.4g}"
+        return self.words.format(value=value, minutes=value / 60.0)
+
+    def grid(self, records: Records | None) -> Sequence[float]:
+        """The values to try; default none, so that ``candidates`` must state them."""
+        return ()
+
+    def refine(self, effect: E, records: Records) -> list[E]:
+        """The effect with values near its own, in ascending order; default itself."""
+        return [effect]
+
+    def prior_sd(self, effect: E) -> float:
+        """The prior standard deviation of the value; 0 if the cause is not smooth in it."""
+        return 0.0
+
+    def prior_probability(self, effect: E, records: Records) -> float:
+        """The prior probability of the value, up to a common factor."""
+        return 1.0
+
+    def is_preferred(self, effect: E) -> bool:
+        """Whether the value is common in machines, and so more probable than its neighbours."""
+        return False
+
+    def gap(self, effect: E, records: Records) -> float:
+        """The time between the two records around a step; 0 for no step."""
+        return 0.0
+
+    def with_coverage_interval(self, effect: E, low: float, high: float, records: Records) -> E:
+        """The effect with the 95 % interval of its value; default unchanged."""
+        return effect
+
+    def extrapolation_terms(self, effect: E) -> tuple[Effect, ...]:
+        """Effects with value zero whose u is the uncertainty outside the records."""
+        return ()
+
+
+@dataclass(frozen=True)
+class TimeConstant(Nonlinear[E]):
+    """The time constant of a warm-up after the arm is switched on [s]."""
+
+    unit: str = "s"
+    above: float = 1e-3
+    words: str = "time constant {minutes:.0f} min"
+
+    def grid(self, records: Records | None) -> Sequence[float]:
+        """Short and long time constants, if the records have different times."""
+        time = np.arange(2) if records is None else records.conditions.time
+        return WARM_UP_TIMES if time is not None and np.ptp(time) > 0.0 else ()
+
+    def refine(self, effect: E, records: Records) -> list[E]:
+        """The effect with time constants from a third to three times its own."""
+        constants = self.value(effect) * np.geomspace(1 / KNOWN_TO, KNOWN_TO, TIME_CONSTANTS)
+        return [self.at(effect, constant) for constant in constants.tolist()]
+
+    def prior_sd(self, effect: E) -> float:
+        """Twice the value, known beforehand to a factor of about three."""
+        return 2.0 * self.value(effect)
+
+    def prior_probability(self, effect: E, records: Records) -> float:
+        """A log-normal probability, with a factor of three, outside usual time constants."""
+        value = self.value(effect)
+        usual = np.clip(value, WARM_UP_TIMES[0], WARM_UP_TIMES[-1])
+        factors = np.log(value / usual) / np.log(KNOWN_TO)
+        return float(np.exp(-0.5 * factors**2))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,7 +335,7 @@ class Effect(Shown, ABC):
         """
         location = cls.location_field()
         nonlinear = cls.nonlinear
-        required = {f.name for f in fields(cls) if f.default is MISSING}
+        required = cls.required_fields()
         if not required <= {location, nonlinear.field}:
             return
         variants: list[dict[str, Any]] = [{}]
@@ -242,6 +348,11 @@ class Effect(Shown, ABC):
             effects = tuple(cls(**place, **variant) for variant in variants)
             if effects and is_possible(effects[0], arm, records):
                 yield effects
+
+    @classmethod
+    def required_fields(cls) -> set[str]:
+        """The names of the fields without default."""
+        return {field.name for field in fields(cls) if field.default is MISSING}
 
     def basis(self, arm: Arm, records: Records) -> Effect | None:
         """An effect whose functions can represent this cause in the records, or None."""

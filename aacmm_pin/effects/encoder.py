@@ -26,6 +26,7 @@ from aacmm_pin.effects.conditions import Records
 from aacmm_pin.effects.effect import (
     Displacement,
     Effect,
+    Nonlinear,
     Reading,
     Term,
     about_axis,
@@ -33,7 +34,6 @@ from aacmm_pin.effects.effect import (
     of_encoder,
     require_names,
 )
-from aacmm_pin.effects.nonlinear import Nonlinear
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 

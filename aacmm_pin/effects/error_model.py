@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.file_problems import first_few
 from aacmm_pin._support.notes import Note
 from aacmm_pin.arm import (
     AT_LIMIT,
@@ -26,17 +27,20 @@ from aacmm_pin.arm import (
     whole_turn_notes,
 )
 from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions
-from aacmm_pin.effects.effect import Effect, axis, extra_uncertainty_effects, sensitivity
+from aacmm_pin.effects.effect import (
+    Effect,
+    TimeConstant,
+    axis,
+    extra_uncertainty_effects,
+    sensitivity,
+)
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.effects.labels import known_range_in_words
-from aacmm_pin.effects.nonlinear import TimeConstant
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
 MOST_EQUILIBRIUM_STEPS = 20
 """Most iterations of the moments in the deflected arm; three or four suffice."""
-LABELS_LISTED = 20
-"""Labels to list, at most."""
 SAME_TWIST = 1e-15
 """Change of twists below which the iteration ends [m, rad]."""
 
@@ -292,14 +296,18 @@ class ErrorModel(Shown):
             ShapeError: ``q`` is not a finite ``(n, nq)`` array.
         """
         q = batch(q, self.arm.nq, "q", "rad or another unit")
-        state = State(self.arm, q, Conditions(len(q)), self.arm.place())
         is_known = np.ones((len(q), len(self.effects)), dtype=bool)
+        for k, joint, (low, high) in self._known_ranges():
+            is_known[:, k] = (q[:, joint] >= low) & (q[:, joint] <= high)
+        return is_known
+
+    def _known_ranges(self) -> Iterator[tuple[int, int, tuple[float, float]]]:
+        """Number of the cause, number of the joint (both from 0) and range of each cause that is
+        not known at all angles.
+        """
         for k, effect in enumerate(self.effects):
             if effect.known_range is not None and effect.row is not None:
-                low, high = effect.known_range
-                angle = state.angle(effect.row)
-                is_known[:, k] = (angle >= low) & (angle <= high)
-        return is_known
+                yield k, int(self.arm.chain.joint[axis(effect.row)]), effect.known_range
 
     def restricted_to_known_range(self) -> ErrorModel:
         """The model with joint limits reduced to the known ranges of its causes.
@@ -308,13 +316,11 @@ class ErrorModel(Shown):
             AacmmError: no angle within the limits of a joint is in the known range.
         """
         limits = self.arm.limits.copy()
-        for effect in self.effects:
-            if effect.known_range is None or effect.row is None:
-                continue
-            joint = int(self.arm.chain.joint[axis(effect.row)])
-            low, high = np.array(effect.known_range) + 2 * AT_LIMIT * np.array([1.0, -1.0])
+        for k, joint, known in self._known_ranges():
+            low, high = np.array(known) + 2 * AT_LIMIT * np.array([1.0, -1.0])
             limits[joint] = max(limits[joint, 0], low), min(limits[joint, 1], high)
             if limits[joint, 0] >= limits[joint, 1]:
+                effect = self.effects[k]
                 where = f"{effect.label}{known_range_in_words(effect)}"
                 raise AacmmError(
                     f"{self.arm.name}: no angle within the limits of joint {joint + 1} is in the "
@@ -436,8 +442,7 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
             continue
         if values.dtype == object:
             labels = [label for label in dict.fromkeys(values) if label]
-            more = f", … ({len(labels)} in all)" if len(labels) > LABELS_LISTED else ""
-            words = ", ".join(labels[:LABELS_LISTED]) + more
+            words = first_few(labels)
         else:
             words = f"{values.min():.6g} to {values.max():.6g}"
         stated.append(f"{CONDITION_COLUMNS[need]} has {words}")

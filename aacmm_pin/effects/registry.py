@@ -10,16 +10,15 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache, wraps
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any, TypeVar
 
 import numpy as np
 
 from aacmm_pin.arm import Arm, GivenArm, as_arm
 from aacmm_pin.effects import compliance, encoder, environment, geometry, time_dependent
-from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Conditions, Records
-from aacmm_pin.effects.effect import Effect, Term, fields_of
-from aacmm_pin.effects.nonlinear import Nonlinear
+from aacmm_pin.effects.conditions import CONDITION_COLUMNS, Records
+from aacmm_pin.effects.effect import ROW_FIELDS, Effect, Term
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
@@ -36,6 +35,11 @@ def _defined_in(module: ModuleType) -> Iterator[type[Effect]]:
 
 CAUSES = {effect.cause: effect for module in LIBRARY for effect in _defined_in(module)}
 """Every cause by its name, in the order of trial."""
+
+EXAMPLE_ROW = 3
+EXAMPLE_LABEL = "A"
+EXAMPLE_VALUE = 10.0
+"""Nonlinear parameter of an example."""
 
 LARGEST_COLUMN = 1e12
 """Largest displacement per unit of a parameter of your own cause [m/unit, rad/unit]."""
@@ -85,17 +89,14 @@ def register(cause: _Own) -> _Own:
 
 
 def _check_attributes(cause: type[Effect]) -> None:
-    fields = ("", *fields_of(cause))
     columns = f"a tuple of some of {', '.join(CONDITION_COLUMNS)}"
-    checks: tuple[tuple[str, type | tuple[type, ...], Callable[[Any], bool], str], ...] = (
-        ("terms", tuple, lambda terms: {*map(type, terms)} == {Term}, "a tuple of Terms"),
-        ("needs", tuple, {*CONDITION_COLUMNS}.issuperset, columns),
-        ("prior_weight", (int, float), lambda weight: 0.0 < weight < np.inf, "a number above 0"),
-        ("nonlinear", Nonlinear, lambda one: one.field in fields, "a Nonlinear of a field"),
+    checks: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
+        ("terms", lambda terms: {*map(type, terms)} == {Term}, "a tuple of Terms"),
+        ("needs", {*CONDITION_COLUMNS}.issuperset, columns),
     )
-    for name, kind, is_valid, expected in checks:
+    for name, is_valid, expected in checks:
         stated = inspect.getattr_static(cause, name)
-        if isinstance(stated, property) or (isinstance(stated, kind) and is_valid(stated)):
+        if isinstance(stated, property) or (isinstance(stated, tuple) and is_valid(stated)):
             continue
         raise CauseError(cause.cause, f"{name} is {stated!r}; expected {expected}")
 
@@ -204,24 +205,13 @@ def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[
 
 @cache
 def example(cause: type[Effect]) -> Effect | None:
-    """An example of a cause in SINO6; None if :meth:`Effect.candidates` finds no place there."""
-    from aacmm_pin.arm import joint_bounds
-
-    arm = Arm.load("sino6")
-    n = 360
-    low, high = joint_bounds(arm).T
-    part = np.linspace(0.0, 1.0, n)
-    waves = np.arange(1, n + 1)[:, None] * np.arange(1, arm.nq + 1)
-    conditions = Conditions(
-        n,
-        time=3600.0 * part,
-        temperature=20.0 + part,
-        approach=np.sign(np.sin(waves)),
-        probe_direction=np.tile(np.eye(3), (n // 3, 1)),
-        seat=np.array(list("ABC") * (n // 3), dtype=object),
-        marker=np.full(n, "1", dtype=object),
-    ).with_usual(CONDITION_COLUMNS, arm.nq)
-    q = low + part[:, None] * (high - low)
-    records = SimpleNamespace(q=q, conditions=conditions, known=np.ones(n, dtype=bool))
-    variants = _candidates(cause, arm, records)
-    return variants[0][0] if variants else None
+    """An example of a cause in SINO6; None if the cause needs other fields than its place and the
+    nonlinear parameter, and :meth:`Effect.default_fields` does not state them.
+    """
+    location = cause.location_field()
+    place = EXAMPLE_ROW if location in ROW_FIELDS else EXAMPLE_LABEL
+    required = cause.required_fields()
+    values: dict[Any, Any] = {location: place, cause.nonlinear.field: EXAMPLE_VALUE}
+    stated = {name: value for name, value in values.items() if name in required}
+    stated |= cause.default_fields(stated, Arm.load("sino6"), ())
+    return cause(**stated) if required <= {*stated} else None

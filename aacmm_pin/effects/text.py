@@ -78,16 +78,6 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
     return effect
 
 
-def stated_cause(text: str, model: ErrorModel) -> Effect:
-    """The cause that a text states, after a check of its signs.
-
-    Raises:
-        UnknownNameError, AacmmError: see :func:`cause_of` and :func:`require_sign`.
-    """
-    effect = cause_of(text, model)
-    return effect if effect in model.effects else require_sign(effect)
-
-
 def text_of(effect: Effect) -> str:
     """The text from which :func:`cause_of` makes the cause, with values if they are few."""
     if not any(effect.values) or len(effect.terms) > VALUES_IN_TEXT:
@@ -176,7 +166,8 @@ def require_plausible(effect: AnyEffect) -> AnyEffect:
     """The cause, after a check that a file can state its values and u.
 
     Raises:
-        AacmmError: a value or u is implausibly large.
+        AacmmError: a value or u is implausibly large, or a ``positive`` value without u is below
+            zero. Estimates, with u, may be negative.
     """
     for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
         most = MOST_TYPICAL * term.typical if term.largest is None else term.largest
@@ -186,16 +177,6 @@ def require_plausible(effect: AnyEffect) -> AnyEffect:
                 expected = f"{limit / term.scale:g}"
                 place = f"{effect.label}: {what}{term.key}"
                 raise AacmmError(f"{place} is {came}; expected at most {expected}")
-    return effect
-
-
-def require_sign(effect: AnyEffect) -> AnyEffect:
-    """The cause, after a check of ``positive`` values; estimates, with u, may be negative.
-
-    Raises:
-        AacmmError: a value is below zero.
-    """
-    for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
         if term.positive and value < 0 and u == 0:
             came = f"{effect.label}: {term.key} is {value / term.scale:g}"
             raise AacmmError(f"{came}; expected 0 or more")
@@ -262,7 +243,7 @@ def _effect_of_entry(entry: EffectEntry | DiscrepancyEntry, arm: Arm) -> Effect:
             if stated and missing:
                 came = f"{what} has only {', '.join(stated)}"
                 raise AacmmError(f"{effect.label}: {came}; expected also {', '.join(missing)}")
-        return require_row(require_sign(effect), arm)
+        return require_row(effect, arm)
     discrepancy = require_plausible(discrepancy_of(entry))
     nothing = np.zeros(0)
     conditions = Conditions(0, time=nothing, temperature=nothing)

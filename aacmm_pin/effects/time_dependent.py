@@ -16,12 +16,13 @@ from aacmm_pin.effects.conditions import Conditions, Records
 from aacmm_pin.effects.effect import (
     Displacement,
     Effect,
+    Nonlinear,
     Term,
+    TimeConstant,
     UncertaintyOf,
     about_axis,
     of_encoder,
 )
-from aacmm_pin.effects.nonlinear import Nonlinear, TimeConstant
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 

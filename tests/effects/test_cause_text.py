@@ -31,7 +31,7 @@ from aacmm_pin.effects.labels import (
     several_in_words,
     values_in_words,
 )
-from aacmm_pin.effects.text import stated_cause, text_of
+from aacmm_pin.effects.text import text_of
 from aacmm_pin.errors import AacmmError, UnknownNameError
 
 pytestmark = pytest.mark.fast
@@ -104,10 +104,10 @@ def test_texts_of_no_use_are_refused(sino6):
 
 def test_a_stated_value_has_the_sign_that_nature_has(sino6):
     with pytest.raises(AacmmError, match=r"compliance_rad_per_nm is -1e-05; expected 0 or more"):
-        stated_cause("bearing_tilt:2,compliance_rad_per_nm=-1e-5", ErrorModel(sino6))
+        cause_of("bearing_tilt:2,compliance_rad_per_nm=-1e-5", ErrorModel(sino6))
     estimated = BearingTilt(2, values=(-1e-7,), u=(1e-6,))
-    assert stated_cause("bearing_tilt:2", ErrorModel(sino6, (estimated,))) == estimated
-    assert stated_cause("encoder_gain:2,gain=-1e-5", ErrorModel(sino6)).values == (-1e-5,)
+    assert cause_of("bearing_tilt:2", ErrorModel(sino6, (estimated,))) == estimated
+    assert cause_of("encoder_gain:2,gain=-1e-5", ErrorModel(sino6)).values == (-1e-5,)
 
 
 def test_every_cause_has_words_places_and_units(sino6):
