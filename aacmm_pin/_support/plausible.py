@@ -48,8 +48,6 @@ MOST_COUPLINGS = 200
 """A joint has a few."""
 MOST_RATIO = 1e4
 """Of joint angle per reading; gears have a hundredth."""
-MOST_UNKNOWN = 100
-"""Columns; `diagnose` takes a twentieth of a second for each."""
 
 
 class Range(NamedTuple):

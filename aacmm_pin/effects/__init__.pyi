@@ -12,17 +12,21 @@ from .conditions import (
     CONDITION_COLUMNS,
     CONDITION_ENTRIES,
     TEMPERATURE_TOLERANCE,
+    Column,
     Conditions,
     Covariate,
     Labels,
     Records,
     labels_of,
+    number_in,
 )
 from .effect import (
     Displacement,
     Effect,
+    Nonlinear,
     Reading,
     Term,
+    TimeConstant,
     about_axis,
     axis,
     corrects_seat,
@@ -96,7 +100,6 @@ from .labels import (
     values_in_words,
     values_with_u,
 )
-from .nonlinear import Nonlinear, TimeConstant
 from .registry import CAUSES, all_candidates, cause_named, example, raised, register
 from .smooth_discrepancy import (
     RECORDED,
@@ -112,7 +115,7 @@ from .smooth_discrepancy import (
     product_of,
 )
 from .state import State
-from .text import cause_of, effect_from, entries_of, require_plausible, stated_cause, text_of
+from .text import cause_of, effect_from, entries_of, require_plausible, text_of
 from .time_dependent import EncoderSlip, ZeroDrift
 
 __all__ = [
@@ -126,6 +129,7 @@ __all__ = [
     "BearingTilt",
     "Bumps",
     "Carrier",
+    "Column",
     "Conditions",
     "Cosines",
     "Counterbalance",
@@ -203,6 +207,7 @@ __all__ = [
     "loaded",
     "location_in_words",
     "name_in_words",
+    "number_in",
     "of_geometry",
     "of_parameter",
     "point_sensitivity",
@@ -217,7 +222,6 @@ __all__ = [
     "sensitivity",
     "several_in_words",
     "slides",
-    "stated_cause",
     "static_equilibrium",
     "strongest_waves",
     "text_of",

@@ -2,55 +2,135 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin._support.checks import Array, Index, Mask, batch, is_no_unit, vector, width_of
+from aacmm_pin._support.checks import (
+    RANGES,
+    Array,
+    Index,
+    Mask,
+    batch,
+    is_no_unit,
+    vector,
+    width_of,
+)
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import Range
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.errors import MissingConditionError, ShapeError
 
 Labels = NDArray[np.object_]
 """(n,) of str; "" if a record has none."""
 Covariate = Literal["anywhere", "joints", "groups", "none"]
-"""Effects that residuals are compared with; see
-:class:`~aacmm_pin.measurements.csv_columns.Column`.
-"""
+"""Effects that residuals are compared with; see :class:`Column`."""
+
+SI_OF_UNIT = {"mm": MM, "°": DEG}
+NUMBER_IN_NAME = "(0|[1-9][0-9]*)"
+"""Numbers in place of #."""
 
 
-class ConditionColumn(NamedTuple):
-    """The columns of a condition in a measurement file.
+@dataclass(frozen=True)
+class Column:
+    """Columns of one quantity or label.
 
     Attributes:
-        names: one for each component; # stands for numbers of joints or DH rows.
-        covariate: effects that residuals are compared with.
-        of_reference: whether the condition describes the references.
-        range: possible numbers in SI; None for the range of the unit.
+        field: attribute of measurements, conditions or probed points; "" for
+            :attr:`aacmm_pin.Measurements.extra`.
+        names: one for each component; # stands for the numbers 1, 2, … of joints (temperatures: DH
+            rows).
+        covariate: what residuals are compared with: ``anywhere``: translations of the tip,
+            rotations of joints, lengths; ``joints``: all but lengths; ``groups``: exclusion of
+            records with one label; ``none``. Excluded records are compared with all but ``none``.
+        unit: of the file; "" for labels.
+        range: possible numbers in SI; None for any.
+        may_be_empty: whether a number may be missing; a label always may.
+        above_zero: whether zero is invalid.
+        of_reference: whether it describes the reference, not where the readings put the tip.
         usual: value in planned and simulated records if a cause needs it; None if they compute it.
     """
 
+    field: str
     names: tuple[str, ...]
     covariate: Covariate
     unit: str = ""
-    of_reference: bool = False
     range: Range | None = None
+    may_be_empty: bool = False
+    above_zero: bool = False
+    of_reference: bool = False
     usual: float | None = None
 
     @property
+    def is_label(self) -> bool:
+        """Whether cells are text."""
+        return not self.unit
+
+    @property
     def is_numbered(self) -> bool:
-        """Whether each joint or row has a column."""
+        """Whether each joint or row has one."""
         return "#" in self.names[0]
 
+    @property
+    def is_direction(self) -> bool:
+        """Whether they form a unit vector or quaternion."""
+        return self.unit == "1" and len(self.names) > 1
 
-def condition(*column: Any, **more: Any) -> Any:
-    """An attribute of :class:`Conditions`, unknown by default, with a :class:`ConditionColumn`."""
-    return field(default=None, metadata={"column": ConditionColumn(*column, **more)})
+    @property
+    def si(self) -> float:
+        """One unit of the file in SI."""
+        return SI_OF_UNIT.get(self.unit, 1.0)
+
+    @property
+    def range_in_file(self) -> Range | None:
+        """In the unit of the file."""
+        if self.range is None or self.si == 1.0:
+            return self.range
+        return self.range.of_unit(self.unit, self.si)
+
+    def has(self, name: str) -> bool:
+        """Whether ``name`` is one of its columns."""
+        if self.is_numbered:
+            return number_in(name, self.names[0]) is not None
+        return name in self.names
+
+    def among(self, names: Collection[str]) -> list[str]:
+        """Its columns among ``names``, in order."""
+        if self.is_numbered:
+            return sorted(filter(self.has, names), key=lambda name: (len(name), name))
+        return [name for name in self.names if name in names]
+
+    def quantity(self, name: str) -> str:
+        """The quantity of a column, such as ``torque 2``; else its name."""
+        if not self.field:
+            return name
+        number = number_in(name, self.names[0]) if self.is_numbered else None
+        return f"{self.field} {number}" if number else self.field
+
+
+def number_in(name: str, form: str) -> str | None:
+    """The number in a name of this form, as text: Python refuses thousands of digits."""
+    match = re.fullmatch(form.replace("#", NUMBER_IN_NAME), name)
+    return match[1] if match else None
+
+
+def condition(
+    names: tuple[str, ...],
+    covariate: Covariate,
+    unit: str = "",
+    range: Range | None = None,
+    **more: Any,
+) -> Any:
+    """An attribute of :class:`Conditions`, unknown by default, with its :class:`Column`."""
+    column = {"names": names, "covariate": covariate, "unit": unit, **more}
+    column |= {"range": range or RANGES.get(unit), "may_be_empty": len(names) > 1}
+    return field(default=None, metadata=column)
 
 
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
@@ -177,25 +257,26 @@ class Conditions(Shown):
         """The names of the known conditions."""
         return tuple(name for name in CONDITION_ENTRIES if getattr(self, name) is not None)
 
+    @property
+    def temperatures(self) -> Array:
+        """All known temperatures of the arm, ``(values,)`` [°C]."""
+        known = [v for v in (self.temperature, self.link_temperature) if v is not None]
+        return np.concatenate([np.zeros(0), *map(np.ravel, known)])
+
     def odd_temperatures(self, reference: float) -> list[Note]:
-        """Notes on temperatures that are implausible in a workshop; ``reference`` in °C."""
-        notes = []
-        for values in (self.temperature, self.link_temperature):
-            if values is None or not values.size:
-                continue
-            data = _range_of(values) | {"reference": reference}
-            if data["least"] > HOT_WORKSHOP:
-                notes.append(Note("temperatures_high", data))
-            elif data["most"] < COLD_WORKSHOP:
-                notes.append(Note("temperatures_low", data))
-        return notes
+        """A note on temperatures that are implausible in a workshop; ``reference`` in °C."""
+        values = self.temperatures
+        if not values.size:
+            return []
+        data = _range_of(values) | {"reference": reference}
+        if data["least"] > HOT_WORKSHOP:
+            return [Note("temperatures_high", data)]
+        return [Note("temperatures_low", data)] if data["most"] < COLD_WORKSHOP else []
 
     def other_temperatures(self, reference: float) -> list[Note]:
         """A note if temperatures differ from the ``reference`` temperature of the lengths [°C]."""
-        values = self.link_temperature if self.temperature is None else self.temperature
-        if values is None or not values.size:
-            return []
-        if abs(values - reference).max() < TEMPERATURE_TOLERANCE:
+        values = self.temperatures
+        if abs(values - reference).max(initial=0.0) < TEMPERATURE_TOLERANCE:
             return []
         return [Note("temperatures_other", _range_of(values) | {"reference": reference})]
 
@@ -219,8 +300,8 @@ class Conditions(Shown):
         return np.asarray(values)
 
 
-CONDITION_ENTRIES: dict[str, ConditionColumn] = {
-    attribute.name: attribute.metadata["column"]
+CONDITION_ENTRIES: dict[str, Column] = {
+    attribute.name: Column(attribute.name, **attribute.metadata)
     for attribute in fields(Conditions)
     if attribute.metadata
 }

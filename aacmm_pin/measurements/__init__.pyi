@@ -17,7 +17,7 @@ from .csv_columns import (
     span,
 )
 from .csv_table import is_workbook, measurement_file, read_table
-from .csv_values import check_values, read_values
+from .csv_values import FEWEST_CONTACTS, check_values, read_values
 from .measuring_points import Pool, bars_for, seats_for
 from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from .observations import (
@@ -31,7 +31,6 @@ from .observations import (
 )
 from .orientation import quaternions
 from .probed_points import PREDICTED_ACCURATE, read_probed_points
-from .record_checks import FEWEST_CONTACTS
 from .records import Bar, GivenRecords, Measurements, as_measurements
 from .relations import ANGLE, DISTANCE, TILTS
 from .repeats import (
@@ -41,11 +40,11 @@ from .repeats import (
     originals,
     posture_numbers,
 )
-from .schedule import probe_directions
 from .simulation import (
     SCHEMES,
     SIMULATED_BAR,
     Scheme,
+    probe_directions,
     seed_of,
     simulate_measurements,
     simulate_touches,

@@ -3,111 +3,16 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from itertools import chain
-from typing import Literal
+from typing import Any, Literal
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import RANGES
 from aacmm_pin._support.plausible import Range
-from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.effects import CONDITION_ENTRIES, Covariate
+from aacmm_pin.effects import CONDITION_ENTRIES
+from aacmm_pin.effects import Column as Column
 
 AngleUnit = Literal["deg", "rad"]
-
-SI_OF_UNIT = {"mm": MM, "°": DEG}
-NUMBER_IN_NAME = "(0|[1-9][0-9]*)"
-"""Numbers in place of #."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """Columns of one quantity or label.
-
-    Attributes:
-        field: attribute of measurements, conditions or probed points; "" for
-            :attr:`aacmm_pin.Measurements.extra`.
-        names: one for each component; # stands for the numbers 1, 2, … of joints (temperatures: DH
-            rows).
-        covariate: what residuals are compared with: ``anywhere``: translations of the tip,
-            rotations of joints, lengths; ``joints``: all but lengths; ``groups``: exclusion of
-            records with one label; ``none``. Excluded records are compared with all but ``none``.
-        unit: of the file; "" for labels.
-        range: possible numbers in SI; None for any.
-        may_be_empty: whether a number may be missing; a label always may.
-        above_zero: whether zero is invalid.
-        of_reference: whether it describes the reference, not where the readings put the tip.
-    """
-
-    field: str
-    names: tuple[str, ...]
-    covariate: Covariate
-    unit: str = ""
-    range: Range | None = None
-    may_be_empty: bool = False
-    above_zero: bool = False
-    of_reference: bool = False
-
-    @property
-    def is_label(self) -> bool:
-        """Whether cells are text."""
-        return not self.unit
-
-    @property
-    def is_numbered(self) -> bool:
-        """Whether each joint or row has one."""
-        return "#" in self.names[0]
-
-    @property
-    def is_direction(self) -> bool:
-        """Whether they form a unit vector or quaternion."""
-        return self.unit == "1" and len(self.names) > 1
-
-    @property
-    def si(self) -> float:
-        """One unit of the file in SI."""
-        return SI_OF_UNIT.get(self.unit, 1.0)
-
-    @property
-    def range_in_file(self) -> Range | None:
-        """In the unit of the file."""
-        if self.range is None or self.si == 1.0:
-            return self.range
-        return self.range.of_unit(self.unit, self.si)
-
-    def has(self, name: str) -> bool:
-        """Whether ``name`` is one of its columns."""
-        if self.is_numbered:
-            return number_in(name, self.names[0]) is not None
-        return name in self.names
-
-    def among(self, names: Collection[str]) -> list[str]:
-        """Its columns among ``names``, in order."""
-        if self.is_numbered:
-            return sorted(filter(self.has, names), key=lambda name: (len(name), name))
-        return [name for name in self.names if name in names]
-
-    def quantity(self, name: str) -> str:
-        """The quantity of a column, such as ``torque 2``; else its name."""
-        if not self.field:
-            return name
-        number = number_in(name, self.names[0]) if self.is_numbered else None
-        return f"{self.field} {number}" if number else self.field
-
-
-def _condition(field: str) -> Column:
-    column = CONDITION_ENTRIES[field]
-    return Column(
-        field,
-        column.names,
-        column.covariate,
-        column.unit,
-        column.range or RANGES.get(column.unit),
-        may_be_empty=len(column.names) > 1,
-        of_reference=column.of_reference,
-    )
 
 
 THETA: dict[AngleUnit, str] = {"deg": "theta#_deg", "rad": "theta#_rad"}
@@ -145,41 +50,40 @@ AT_FRONT = ("seat", "marker")
 """Conditions written beside the coordinates."""
 _TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
 _NO_DEGREES = "degrees, in columns theta1_deg …"
-_LENGTH = (plausible.BAR_LENGTH, True)
-_LENGTH_U = (plausible.LENGTH_NOISE, True, True)
-_TURN_U = (plausible.TURN_NOISE, True, True)
-_FEATURE_DIAMETER = Column(
-    "feature_diameter", DIAMETERS[:1], "none", "mm", plausible.DIAMETER, True, of_reference=True
-)
-_PROBE_DIAMETER = Column(
-    "probe_diameter", DIAMETERS[1:], "none", "mm", plausible.PROBE_DIAMETER, True, of_reference=True
-)
 _ONE_TURN = 2.0 * math.pi + 1e-9
 _TURN = Range(-_ONE_TURN, _ONE_TURN, "rad", "degrees")
+
+
+def _reference(
+    field: str, names: tuple[str, ...], unit: str = "", range: Range | None = None, **more: Any
+) -> Column:
+    """Columns of reference data, which a record may lack."""
+    return Column(field, names, "none", unit, range, may_be_empty=True, of_reference=True, **more)
+
+
+_FEATURE_DIAMETER = _reference("feature_diameter", DIAMETERS[:1], "mm", plausible.DIAMETER)
+_PROBE_DIAMETER = _reference("probe_diameter", DIAMETERS[1:], "mm", plausible.PROBE_DIAMETER)
 _ORIENTATION_COLUMNS = (
-    Column("orientation", ROTATION_VECTOR, "none", "rad", _TURN, True, of_reference=True),
-    *(
-        Column("orientation", form, "none", "°", _TURN, True, of_reference=True)
-        for form in ROTATION_ORDERS
-    ),
+    _reference("orientation", ROTATION_VECTOR, "rad", _TURN),
+    *(_reference("orientation", form, "°", _TURN) for form in ROTATION_ORDERS),
 )
 DEGREES = Column("q", (THETA["deg"],), "none", "°", plausible.READING)
 RADIANS = Column("q", (THETA["rad"],), "none", "rad", Range(-_TURNS, _TURNS, "rad", _NO_DEGREES))
 READING_COLUMNS = (DEGREES, RADIANS)
 RECORD_COLUMNS = (
-    Column("reference", REFERENCE, "none", "mm", plausible.COORDINATE, True, of_reference=True),
-    Column("reference_u", REFERENCE_U, "none", "mm", *_LENGTH_U, of_reference=True),
-    Column("orientation", ORIENTATION, "none", "1", may_be_empty=True, of_reference=True),
-    Column("orientation_u", (ORIENTATION_U,), "none", "rad", *_TURN_U, of_reference=True),
-    *map(_condition, AT_FRONT),
+    _reference("reference", REFERENCE, "mm", plausible.COORDINATE),
+    _reference("reference_u", REFERENCE_U, "mm", plausible.LENGTH_NOISE, above_zero=True),
+    _reference("orientation", ORIENTATION, "1"),
+    _reference("orientation_u", (ORIENTATION_U,), "rad", plausible.TURN_NOISE, above_zero=True),
+    *map(CONDITION_ENTRIES.__getitem__, AT_FRONT),
     Column("bar", ("bar",), "groups", of_reference=True),
-    Column("bar_end", ("bar_end",), "none", of_reference=True),
-    Column("bar_length", ("bar_length_mm",), "none", "mm", *_LENGTH, of_reference=True),
-    Column("bar_length_u", (BAR_U,), "none", "mm", *_LENGTH_U, of_reference=True),
+    _reference("bar_end", ("bar_end",)),
+    _reference("bar_length", ("bar_length_mm",), "mm", plausible.BAR_LENGTH),
+    _reference("bar_length_u", (BAR_U,), "mm", plausible.LENGTH_NOISE, above_zero=True),
     _FEATURE_DIAMETER,
     _PROBE_DIAMETER,
-    Column("feature_kind", (FEATURE_KIND,), "none", of_reference=True),
-    *(_condition(name) for name in CONDITION_ENTRIES if name not in AT_FRONT),
+    _reference("feature_kind", (FEATURE_KIND,)),
+    *(column for name, column in CONDITION_ENTRIES.items() if name not in AT_FRONT),
     Column("operator", ("operator",), "joints"),
     Column("record", ("record",), "none"),
 )
@@ -187,15 +91,11 @@ RECORD_COLUMNS = (
 
 Others are kept unchanged, as covariates that may act anywhere.
 """
+PROBED_POINT_LABELS = (FEATURE, "test", "position", "repeat", "length_id", "part")
 PROBED_POINT_COLUMNS = (
-    Column("feature", (FEATURE,), "none"),
-    Column("test", ("test",), "none"),
-    Column("position", ("position",), "none"),
-    Column("repeat", ("repeat",), "none"),
-    Column("length_id", ("length_id",), "none"),
-    Column("part", ("part",), "none"),
+    *(Column(name, (name,), "none") for name in PROBED_POINT_LABELS),
     _FEATURE_DIAMETER,
-    Column("length", ("length_mm",), "none", "mm", *_LENGTH),
+    Column("length", ("length_mm",), "none", "mm", plausible.BAR_LENGTH, True),
     Column("u_length", ("u_length_mm",), "none", "mm", plausible.LENGTH_NOISE, True),
     _PROBE_DIAMETER,
 )
@@ -204,7 +104,7 @@ RELATION_COLUMNS = (
     Column("a", ("feature_a",), "none"),
     Column("b", ("feature_b",), "none"),
     Column("distance", ("distance_mm",), "none", "mm", plausible.COORDINATE, True),
-    Column("distance_u", ("u_distance_mm",), "none", "mm", *_LENGTH_U),
+    Column("distance_u", ("u_distance_mm",), "none", "mm", plausible.LENGTH_NOISE, True, True),
     Column("angle", ("angle_deg",), "none", "°", Range(0.0, math.pi, "rad")),
     Column("angle_u", ("u_angle_deg",), "none", "°", plausible.TURN_NOISE, above_zero=True),
 )
@@ -250,12 +150,6 @@ def named(form: str, count: int) -> list[str]:
     """``form`` with the numbers 1 … ``count``."""
     numbers = map(str, range(1, count + 1))
     return [form.replace("#", number) for number in numbers]
-
-
-def number_in(name: str, form: str) -> str | None:
-    """The number in a name of this form, as text: Python refuses thousands of digits."""
-    match = re.fullmatch(form.replace("#", NUMBER_IN_NAME), name)
-    return match[1] if match else None
 
 
 def span(names: Sequence[str]) -> str:

@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from aacmm_pin._support import plausible
 from aacmm_pin._support.file_problems import Problems, first_few, shortened
 from aacmm_pin._support.units import count
 from aacmm_pin.measurements.csv_columns import (
@@ -26,7 +25,6 @@ from aacmm_pin.measurements.csv_columns import (
     Column,
     column_of,
     named,
-    number_in,
     numbered_forms,
     single_names,
     span,
@@ -58,33 +56,28 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
     joints = len(theta)
     for form in numbered_forms(MEASUREMENT_FILE):
         columns = column_of(form.replace("#", "1")).among(texts)
-        there = {*columns}
-        missing = [name for name in named(form, len(columns)) if name not in there]
-        if missing:
-            numbers = [shortened(number_in(name, form) or "") for name in columns]
+        of_each_joint = joints and form != LINK_TEMPERATURE
+        expected = named(form, joints if of_each_joint else len(columns))
+        if columns and columns != expected:
+            each = f", one for each of the {joints} joints" if of_each_joint else ""
+            present = first_few(map(shortened, columns))
             problems.add(
                 span(columns),
-                f"the numbers are {', '.join(numbers)}; expected numbers from 1 without a gap; add "
-                f"{missing[0]}",
-            )
-        if form != LINK_TEMPERATURE and columns and joints and len(columns) != joints:
-            problems.add(
-                span(columns),
-                f"{len(columns)} columns; expected one for each of the {joints} joints",
+                f"the columns are {present}; expected {span(expected)} without a gap{each}",
             )
     of_rows = column_of(LINK_TEMPERATURE.replace("#", "1")).among(texts)
     if not joints:
-        came = _renaming([*map(str, names)], nq)
+        there = first_few(map(repr, names)) or "nothing"
         problems.add(
             "",
-            f"no angles; expected columns theta1_deg … or theta1_rad …{came}; configurations "
-            "computes the angles of a pose",
+            f"no angles; expected columns theta1_deg … or theta1_rad …; the header has {there}; "
+            "configurations computes the angles of a pose",
         )
     elif nq is not None and joints != nq:
-        expected = span(named(THETA["rad" if radians else "deg"], nq))
+        all_joints = span(named(THETA["rad" if radians else "deg"], nq))
         problems.add(
             span(theta),
-            f"the file has angles of {joints} joints; expected {expected}, because the arm has "
+            f"the file has angles of {joints} joints; expected {all_joints}, because the arm has "
             f"{count(nq, 'joint')}",
         )
     _check_companions({*texts}, problems)
@@ -106,11 +99,7 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
 def checked_names(
     names: Sequence[object], columns: Sequence[Column], problems: Problems
 ) -> list[str]:
-    """The names as text, known names in place of similar ones.
-
-    Raises:
-        MeasurementFileError: too many are unknown; other mistakes go to ``problems``.
-    """
+    """The names as text, known names in place of similar ones; mistakes go to ``problems``."""
     texts = [name if isinstance(name, str) else "" for name in names]
     for place, name in enumerate(names, start=1):
         if not isinstance(name, str) or not name.strip():
@@ -121,15 +110,6 @@ def checked_names(
         if times > 1 and name.strip():
             problems.add(name, f"{times} columns have this name; expected each name once")
     unknown = [name for name in dict.fromkeys(texts) if column_of(name, columns) is UNKNOWN_COLUMN]
-    most = plausible.MOST_UNKNOWN
-    if len(unknown) > most:
-        first = ", ".join(map(shortened, unknown[:3]))
-        problems.add(
-            "",
-            f"{len(unknown)} columns with unknown names, such as {first}; expected at most {most}; "
-            "delete columns on which the residuals do not depend",
-        )
-        problems.stop()
     meant = {name: near_miss(name, texts, columns) or name for name in unknown}
     for name, intended in meant.items():
         if intended != name:
@@ -187,22 +167,6 @@ def _letters(name: str) -> str:
     for sign, letters in SPELLED.items():
         text = text.replace(sign, letters)
     return "".join(c for c in text if c.isalnum())
-
-
-def _renaming(names: Sequence[str], nq: int | None) -> str:
-    """How to rename unknown numbered columns that may be the angles, or ""."""
-    alike: dict[str, list[str]] = {}
-    for name in names:
-        form, numbers = re.subn("[0-9]+", "#", name)
-        if numbers == 1 and column_of(name) is UNKNOWN_COLUMN:
-            alike.setdefault(form, []).append(name)
-    joints = nq or max(map(len, alike.values()), default=0)
-    angles = [same for same in alike.values() if len(same) == joints > 1]
-    if not angles:
-        return f"; the first line has {first_few(map(repr, names))}" if names else ""
-    degrees, radians = (span(named(form, joints)) for form in THETA.values())
-    came = " or ".join(f"{shortened(same[0])} … {shortened(same[-1])}" for same in angles)
-    return f"; if {came} are the angles, rename them {degrees}, or in radians {radians}"
 
 
 def _check_companions(there: set[str], problems: Problems) -> None:

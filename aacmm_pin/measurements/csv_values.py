@@ -1,4 +1,6 @@
-"""The cells of a measurement or acceptance file as numbers, in its units, and labels."""
+"""The cells of a measurement or acceptance file as numbers, in its units, and labels; checks of
+units of angles, references, seats and bars.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,42 @@ from aacmm_pin._support.checks import MOST_LENGTH_ERROR, Array, is_no_unit
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.plausible import Range
 from aacmm_pin.measurements.csv_columns import (
+    APPROACH,
+    BAR_U,
+    DEGREES,
+    DIAMETERS,
+    FEATURE_KIND,
+    MEASUREMENT_FILE,
     ORIENTATION,
+    ORIENTATIONS,
+    PLANE,
+    PROBE_DIRECTION,
+    REFERENCE,
     ROLL_PITCH_YAW,
     ROTATION_VECTOR,
+    THETA,
     Column,
     column_of,
+    named,
     span,
 )
+from aacmm_pin.measurements.csv_header import check_header
+
+ENOUGH_RECORDS = 5
+"""Records that distinguish degrees from radians."""
+ENOUGH_ANGLES = 10
+"""Angles of a joint that show rounding."""
+COARSE_DECIMALS = 4
+"""Rounding to more adds less than the noise of an encoder."""
+WHOLE_TOLERANCE = 1e-6
+"""Of a whole number of steps."""
+LEAST_PART_IN_A_TURN = 0.75
+"""Part of the angles within ±2π if degrees may be radians."""
+SIGNS = (-1.0, 0.0, 1.0)
+"""Directions of approach."""
+BAR_ENDS = ("A", "B")
+FEWEST_CONTACTS = 4
+"""Least contacts of a surface: three determine it, and nothing else."""
 
 Cells = NDArray[np.object_]
 """(n,) of str; "" where there is nothing."""
@@ -146,3 +177,210 @@ def check_numbers(
             "no direction",
             length,
         )
+
+
+# --- records
+
+
+def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Values:
+    """The columns of a measurement file of ``nq`` joints, or of any arm.
+
+    Raises:
+        MeasurementFileError: header or cells are invalid or contradict each other, or no records.
+    """
+    check_header(list(table.columns), nq, problems)
+    if not len(table):
+        problems.add("", "a header without records; expected one row per record")
+    values = read_values(table, MEASUREMENT_FILE, problems)
+    problems.stop()
+    theta = values.names(DEGREES)
+    degrees = values.block(theta) if theta else np.empty((0, 0))
+    if looks_like_radians(degrees):
+        in_radians = span(named(THETA["rad"], len(theta)))
+        problems.add(
+            span(theta),
+            f"all angles of {len(degrees)} records lie within ±{np.abs(degrees).max():.4g}°; "
+            "expected degrees, but these numbers may be radians. If they are radians, rename the "
+            f"columns {in_radians}. If they are degrees, convert them to radians and use these "
+            "names.",
+        )
+    check_values(values, MEASUREMENT_FILE, problems)
+    _check_references(values, problems)
+    for name in values.names(column_of(f"{APPROACH[:-1]}1")):
+        sign = values.columns[name]
+        problems.at(~np.isin(sign, SIGNS), name, "{:g}; expected -1, 0 or 1", sign)
+    _check_features(values, problems)
+    if "bar" in values.columns:
+        _check_bars(values, problems)
+    problems.stop()
+    return values
+
+
+def looks_like_radians(degrees: Array) -> bool:
+    """Whether ``degrees`` (n, nq) are radians: 5 records or more, the largest from 1 to 2π.
+
+    Measurements rotate several joints by tens of degrees.
+    """
+    if len(degrees) < ENOUGH_RECORDS:
+        return False
+    largest = np.abs(degrees).max()
+    return bool(1.0 < largest <= 2.0 * np.pi)
+
+
+def mostly_like_radians(degrees: Array) -> bool:
+    """Whether most of ``degrees`` (n, nq) are below 2π: radians of few records, or an endless
+    wrist.
+    """
+    sizes = np.abs(degrees[degrees != 0.0])
+    if not sizes.size or sizes.max() <= 1.0:
+        return False
+    return bool(np.mean(sizes <= 2.0 * np.pi) >= LEAST_PART_IN_A_TURN)
+
+
+def rounding_steps(angles: Array) -> Array:
+    """Power of ten to which angles (n, nq) of each joint are rounded (nq,), or 0."""
+    steps = np.zeros(angles.shape[1])
+    for decimals in range(COARSE_DECIMALS, -1, -1):
+        scaled = angles * 10.0**decimals
+        is_whole = np.abs(scaled - np.rint(scaled)) < WHOLE_TOLERANCE
+        steps[is_whole.all(axis=0)] = 10.0**-decimals
+    different = pd.DataFrame(angles).nunique().to_numpy()
+    return np.where(different < ENOUGH_ANGLES, 0.0, steps)
+
+
+def _check_references(values: Values, problems: Problems) -> None:
+    """No tip is at the origin in every record, but for one seat there."""
+    coordinates = values.block(REFERENCE)
+    complete = np.isfinite(coordinates).all(axis=1)
+    number = np.count_nonzero(complete)
+    seat = values.label("seat")
+    seats = {*seat[complete]}
+    of_one_seat = len(seats) == 1 and "" not in seats
+    if number > 1 and not coordinates[complete].any() and not of_one_seat:
+        problems.add(
+            span(REFERENCE),
+            f"all {number} references are 0, 0, 0; expected the coordinates of each point; leave "
+            "unknown coordinates empty; if all records are of one point, label this point in the "
+            "column `seat`",
+        )
+    placed = np.isfinite(coordinates).any(axis=1)
+    for form in ORIENTATIONS:
+        oriented = np.isfinite(values.block(form)).all(axis=1)
+        problems.at(
+            oriented & ~placed & (seat == ""),
+            span(form),
+            f"an orientation without a position; expected also {span(REFERENCE)} or seat",
+        )
+    single = ~pd.Series(seat).duplicated(keep=False).to_numpy()
+    problems.at(
+        (seat != "") & single & ~placed & (values.label("bar") == ""),
+        "seat",
+        "only this record has the label {!r}, and it has no coordinates; expected two or more "
+        "records with this label, or an empty cell",
+        seat,
+    )
+
+
+def _check_features(values: Values, problems: Problems) -> None:
+    """A probe diameter without that of a feature needs a direction."""
+    kind = values.label(FEATURE_KIND)
+    is_kind = np.isin(kind, [PLANE, ""])
+    problems.at(~is_kind, FEATURE_KIND, f"{{!r}}; expected {PLANE} or an empty cell", kind)
+    plane = kind == PLANE
+    seat = values.label("seat")
+    diameters = values.block(DIAMETERS)
+    sphere, probe = np.isfinite(diameters).T
+    probe &= ~plane
+    problems.at(
+        sphere & ~probe,
+        DIAMETERS[1],
+        "empty cell in a row with the diameter of a feature; expected both diameters",
+    )
+    directed = np.nan_to_num(values.block(PROBE_DIRECTION)).any(axis=1)
+    problems.at(
+        ~sphere & probe & ~(directed & (seat == "")),
+        DIAMETERS[0],
+        "empty cell in a row with the diameter of a probe; expected both diameters, or "
+        f"{span(PROBE_DIRECTION)} in a row without feature and seat",
+    )
+    labels = pd.Series(seat)
+    stated = np.column_stack([diameters, values.block(REFERENCE)])
+    for name, numbers in zip((*DIAMETERS, *REFERENCE), stated.T, strict=True):
+        problems.of_other_values(name, numbers, sphere & np.isfinite(numbers), labels, "feature")
+    placed = np.isfinite(values.block(REFERENCE)).any(axis=1)
+    problems.at(
+        plane & (placed | sphere),
+        FEATURE_KIND,
+        "plane in a row with coordinates or a diameter; expected empty cells there",
+    )
+    problems.at(
+        plane & (values.label("bar") != ""),
+        "bar",
+        "a bar in a row of a plane; expected an empty cell",
+    )
+    contacts = labels.groupby(labels).transform("size").to_numpy()
+    unplaced = ~labels.isin(seat[placed]).to_numpy()
+    features = (
+        ("sphere", sphere, DIAMETERS[0], "a diameter", " without coordinates of its centre"),
+        (PLANE, plane, FEATURE_KIND, PLANE, ""),
+    )
+    for name, rows, column, value, which in features:
+        problems.at(
+            rows & (seat == ""),
+            column,
+            f"{value} in a row without a label in the column feature; expected a label",
+        )
+        problems.at(
+            labels.isin(seat[rows]).to_numpy() & (seat != "") & ~rows,
+            column,
+            f"empty cell in a row of the {name} {{!r}}; expected {value} in all rows of this "
+            f"{name}",
+            seat,
+        )
+        problems.at(
+            rows & (contacts < FEWEST_CONTACTS) & unplaced,
+            "seat",
+            f"the {name} {{!r}} has {{}} records{which}; expected 4 or more",
+            seat,
+            contacts,
+        )
+
+
+def _check_bars(values: Values, problems: Problems) -> None:
+    bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
+    length, u = values.block(["bar_length_mm", BAR_U]).T
+    of_bar = bar != ""
+    cells = {"bar_end": (end, end != ""), "bar_length_mm": (length, np.isfinite(length))}
+    for name, (stated, is_stated) in cells.items():
+        problems.at(
+            ~of_bar & is_stated, name, "{} in a row without bar; expected an empty cell", stated
+        )
+    for name, empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
+        problems.at(
+            of_bar & empty, name, "empty cell in a row of the bar {!r}; expected a value", bar
+        )
+    groups = pd.Series(bar)
+    for name, numbers in (("bar_length_mm", length), (BAR_U, u)):
+        problems.of_other_values(name, numbers, of_bar & np.isfinite(numbers), groups, "bar")
+    problems.of_other_values(
+        "seat", seat, of_bar & (seat != ""), groups + "\0" + end, "end of a bar"
+    )
+    is_end = of_bar & np.isin(end, BAR_ENDS)
+    problems.at(of_bar & ~is_end, "bar_end", "{!r}; expected A or B", end)
+    ends = pd.Series(end)
+    one_end = ends.groupby(bar).transform("nunique").to_numpy() == 1
+    problems.at(
+        is_end & one_end & ~groups.duplicated().to_numpy(),
+        "bar_end",
+        "the bar {!r} has records of end {} only; expected records of A and B",
+        bar,
+        end,
+    )
+    ends_of_seat = ends.groupby([bar, seat]).transform("nunique").to_numpy()
+    problems.at(
+        is_end & (ends_of_seat == 2) & (seat != ""),
+        "seat",
+        "{!r} is at both ends of the bar {!r}; expected two seats",
+        seat,
+        bar,
+    )

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, vector
-from aacmm_pin.errors import ShapeError
 
 ENCODER = 8e-6
 """Default u of a reading [rad]: a good optical encoder, 1.6″."""
@@ -33,18 +32,6 @@ class Noise:
     reference: float = REFERENCE_NOISE
     probe: float = PROBE
 
-    def __post_init__(self) -> None:
-        encoder = np.array(self.encoder, dtype=np.float64)
-        if encoder.ndim != 1:
-            raise ShapeError(
-                f"encoder noise has shape {encoder.shape}; expected (nq,) [rad]; for one number "
-                "use Noise.of"
-            )
-        object.__setattr__(self, "encoder", encoder)
-        plausible.ENCODER_NOISE.check(encoder, "encoder noise")
-        for name in ("reference", "probe"):
-            plausible.LENGTH_NOISE.check(getattr(self, name), f"{name} noise")
-
     @staticmethod
     def of(
         nq: int,
@@ -59,6 +46,10 @@ class Noise:
             ShapeError: ``encoder`` has another number of entries.
             AacmmError: a number is negative, not finite, or implausible.
         """
-        of_encoders = np.full(nq, encoder, dtype=float) if np.ndim(encoder) == 0 else encoder
-        checked = vector(of_encoders, nq, "encoder noise", "rad")
-        return Noise(checked, float(reference), float(probe))
+        if np.ndim(encoder) == 0:
+            encoder = np.full(nq, encoder, dtype=np.float64)
+        of_joints = vector(encoder, nq, "encoder noise", "rad")
+        plausible.ENCODER_NOISE.check(of_joints, "encoder noise")
+        plausible.LENGTH_NOISE.check(reference, "reference noise")
+        plausible.LENGTH_NOISE.check(probe, "probe noise")
+        return Noise(of_joints, float(reference), float(probe))

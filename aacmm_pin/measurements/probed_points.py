@@ -21,8 +21,7 @@ from aacmm_pin.measurements.csv_columns import (
     is_reading,
 )
 from aacmm_pin.measurements.csv_header import checked_names
-from aacmm_pin.measurements.csv_values import cells_of, check_values, read_values
-from aacmm_pin.measurements.record_checks import FEWEST_CONTACTS
+from aacmm_pin.measurements.csv_values import FEWEST_CONTACTS, cells_of, check_values, read_values
 
 NEEDED = {
     "sphere": ("feature", "feature_diameter_mm", "probe_diameter_mm"),

@@ -50,7 +50,11 @@ from aacmm_pin.measurements.csv_values import (
     Values,
     check_numbers,
     check_values,
+    looks_like_radians,
+    mostly_like_radians,
+    read_records,
     read_values,
+    rounding_steps,
 )
 from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.orientation import as_quaternions
@@ -58,12 +62,6 @@ from aacmm_pin.measurements.probed_points import (
     as_records,
     has_probed_points,
     with_features_as_seats,
-)
-from aacmm_pin.measurements.record_checks import (
-    looks_like_radians,
-    mostly_like_radians,
-    read_records,
-    rounding_steps,
 )
 from aacmm_pin.measurements.relations import Relation, read_relations
 from aacmm_pin.measurements.repeats import posture_numbers
@@ -487,8 +485,6 @@ class Measurements(Shown):
         Angles are in degrees, or in radians if :meth:`read` would take degrees for radians.
         """
         table = self.to_frame("rad" if looks_like_radians(self.readings / DEG) else "deg")
-        dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])
-        table[dates.columns] = dates.astype("string")  # without the hour where all are of midnight
         texts = table.select_dtypes(exclude="number").to_numpy().ravel()
         # A lone carriage return ends a line for readers, but is no reason to quote for the writer.
         returns = any("\r" in str(text) for text in texts)
@@ -660,17 +656,6 @@ def _notes(values: Values, angles: Column) -> tuple[Note, ...]:
 # --- from arrays
 
 
-class _ArrayProblems(Problems):
-    """Mistakes in arrays, with columns such as ``reference[#, 0]``."""
-
-    def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
-        """Refuse the first bad row."""
-        if bad.any():
-            row = int(bad.argmax())
-            text = message.format(*(v[row] for v in values))
-            raise ShapeError(f"{column.replace('#', str(row))}: {text}")
-
-
 def _checked(column: Column, values: ArrayLike, n: int) -> Any:
     """Values of a column as a new array, NaN if unknown."""
     name = column.field
@@ -686,6 +671,8 @@ def _checked(column: Column, values: ArrayLike, n: int) -> Any:
         raise ShapeError(f"{name} has {len(array)} rows; expected {n}, one per record")
     array[unknown] = np.nan
     places = [f"{name}[#, {k}]" for k in range(width)] if width > 1 else [f"{name}[#]"]
-    problems = _ArrayProblems("", np.arange(n))
+    problems = Problems("", np.arange(n))
     check_numbers(column, places, array.reshape(n, width), column.range, problems)
+    for row, place, text in problems.found:
+        raise ShapeError(f"{place.replace('#', str(row))}: {text}")
     return array

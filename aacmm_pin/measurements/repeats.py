@@ -11,7 +11,7 @@ import pandas as pd
 import scipy
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.units import DEG, UM
+from aacmm_pin._support.units import DEG
 from aacmm_pin.measurements.csv_columns import APPROACH, ORIENTATION, REFERENCE, THETA, named
 
 if TYPE_CHECKING:
@@ -23,17 +23,11 @@ SAME_POSTURE = 1e-3
 A UR10 sent to one pose 255 times reads within 3e-4 rad, a Fanuc equal angles; other poses of the
 UR10 differ by more than 0.03 rad. The tip moves by about a millimetre.
 """
-WHOLE_TOLERANCE = 1e-6
-"""For whole and half numbers of steps: a double at 100 m has 1e-8 µm."""
 FINGERPRINT_STEP = 1e-9
 """Smaller differences are none [rad, m]."""
 FINGERPRINT_DIGITS = 12
 """Hexadecimal: among 100 000 records two agree by chance in one of 50 000 files."""
 UNKNOWN_IN_FINGERPRINT = -(2.0**62)
-ANGLE_STEPS = (1e-3, 1e-4, 1e-5, 1e-6)
-"""Rounding of angles in another export [degree] …"""
-REFERENCE_STEPS = (10 * UM, UM, UM / 10, UM / 100)
-"""… and of references [m]."""
 ANGLE_DECIMALS = 9
 """Of degrees after removal of whole turns."""
 MOST_VALUES = 12
@@ -45,35 +39,15 @@ SHARED_BY_COPIES = (*REFERENCE, *ORIENTATION, "seat", "marker", "bar", "bar_end"
 def originals(records: Measurements) -> Index:
     """Number of the record of which each is a copy (n,); its own if none.
 
-    Copies agree in readings (but for whole turns), reference, labels and approach. One may be
-    rounded: references to 1e-2 to 1e-5 mm, angles to 1e-3 to 1e-6 degrees. They come from files
-    appended to another export.
+    Copies agree in readings (but for whole turns), reference, labels and approach. They come from
+    files appended to another export.
     """
-    single = _nearest_difference(records.readings, 2.0 * SAME_POSTURE) > DEG * ANGLE_STEPS[0]
-    if single.all():
-        return np.arange(records.n)
-    degrees = np.asarray(
-        np.round(np.mod(records.readings / DEG, 360.0), ANGLE_DECIMALS) % 360.0, np.float64
-    )
-    angles = named(THETA["deg"], records.nq)
     table = records.to_frame().reindex(columns=[*SHARED_BY_COPIES, *named(APPROACH, records.nq)])
     table.loc[records.known, list(ORIENTATION)] = np.nan
-    table["single"] = np.where(single, np.arange(records.n), -1)
-    table[angles] = degrees
+    degrees = np.mod(records.readings / DEG, 360.0)
+    # Rounding may give 360.
+    table[named(THETA["deg"], records.nq)] = np.round(degrees, ANGLE_DECIMALS) % 360.0
     group = _group_numbers(table)
-    angle_steps = [degrees / step for step in ANGLE_STEPS]
-    reference_steps: list[Array] = []
-    if records.known.any():
-        reference_steps = [records.reference / step for step in REFERENCE_STEPS]
-    others = _group_numbers(table.drop(columns=angles))
-    for values in angle_steps:
-        group = _joined(group, others, values)
-    of_angles = _group_numbers(table.drop(columns=[*REFERENCE]))
-    labels = _group_numbers(table.drop(columns=[*angles, *REFERENCE]))
-    for reference in reference_steps:
-        group = _joined(group, of_angles, reference)
-        for values in angle_steps:
-            group = _joined(group, labels, np.hstack([values, reference]))
     _, first, number = np.unique(group, return_index=True, return_inverse=True)
     return np.asarray(first[number], dtype=np.intp)
 
@@ -81,25 +55,6 @@ def originals(records: Measurements) -> Index:
 def _group_numbers(table: pd.DataFrame) -> Index:
     by = table.groupby(list(table.columns), sort=False, dropna=False)
     return np.asarray(by.ngroup(), dtype=np.intp)
-
-
-def _joined(group: Index, equal_otherwise: Index, values: Array) -> Index:
-    """Groups (n,) after rows of ``values`` (n, k) join those of their rounded numbers, if
-    ``equal_otherwise`` (n,). Programs round a half up, to even, or down.
-    """
-    finite = np.isfinite(values).all(axis=1)
-    is_whole = finite & (np.abs(values - np.rint(values)) < WHOLE_TOLERANCE).all(axis=1)
-    between = np.flatnonzero(finite & ~is_whole)
-    if not is_whole.any() or not between.size:
-        return group
-    apart = np.column_stack([values, 2.0 * equal_otherwise])
-    tree = scipy.spatial.KDTree(apart[is_whole])
-    half = 0.5 + 2 * WHOLE_TOLERANCE
-    distance, nearest = tree.query(apart[between], p=np.inf, distance_upper_bound=half)
-    has_near = np.isfinite(distance)
-    joined = np.arange(group.max() + 1)
-    joined[group[between[has_near]]] = group[is_whole][nearest[has_near]]
-    return np.asarray(joined[group], dtype=np.intp)
 
 
 def _nearest_difference(q: Array, most: float) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -24,13 +24,26 @@ from aacmm_pin.measurements.measuring_points import (
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.measurements.schedule import sessions, workshop_conditions
 from aacmm_pin.postures import brought_to
 
 Scheme = Literal["free", "seats", "ball-bar", "single-point"]
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 SIMULATED_BAR = plausible.BAR_LENGTH._replace(least=SEATS_APART)
 """Lengths of bars, whose ends are seats some distance apart [m]."""
+MOST_IN_SESSION = 200
+RECORD_INTERVAL = (20.0, 40.0)
+"""[s]"""
+PAUSE_LENGTH = (180.0, 900.0)
+"""[s]"""
+PAUSES = 1 / 40
+"""Per record."""
+BREAK = (3600.0, 3 * 3600.0)
+"""Between sessions [s]; the arm stays on."""
+DAY = 24 * 3600.0
+OVERSHOOT = 0.2
+"""Share of joints whose last motion is reversed."""
+TEMPERATURE_RANGE = 3.0
+"""Largest difference from the reference temperature of the arm [K]."""
 
 
 def simulate_measurements(
@@ -46,7 +59,6 @@ def simulate_measurements(
     known: bool = True,
     bar_length: float | None = None,
     above: float | None = None,
-    temperature_range: float = 3.0,
     orientation_noise: float | None = None,
 ) -> Measurements:
     """Simulate measurements of an arm with the errors of ``model``, plus noise.
@@ -62,9 +74,8 @@ def simulate_measurements(
 
     Errors are exact (:meth:`ErrorModel.predict`). Before encoder noise, the tip misses the seat
     (``free``: the target of the tracker) by the probe noise. Causes with ``of_reference`` change
-    the stated coordinates. Postures avoid the obstacles of
-    :class:`Room`, and stay 1e-3 rad off the limits. For conditions see
-    :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a session has at most 200 records.
+    the stated coordinates. Postures avoid the obstacles of :class:`Room`, and stay 1e-3 rad off the
+    limits. For conditions see :func:`workshop_conditions`; a session has at most 200 records.
 
     Args:
         model: the arm with its errors.
@@ -80,7 +91,6 @@ def simulate_measurements(
         bar_length: [m]; only for ``ball-bar``.
         above: height of a table over the base origin, against gravity [m], above which the tip
             stays.
-        temperature_range: largest difference from the reference temperature of the arm [K].
         orientation_noise: standard uncertainty about each axis of stated orientations [rad], or
             None.
 
@@ -116,7 +126,7 @@ def simulate_measurements(
     source = f"simulated {model.arm.name}, scheme {scheme}, seed {seed}{assumed}"
     if orientation_noise is not None:
         plausible.TURN_NOISE.check(orientation_noise, "orientation_noise")
-    shop = _Workshop(model, noise, temperature_range, rng, source, orientation_noise)
+    shop = _Workshop(model, noise, rng, source, orientation_noise)
     if scheme == "free":
         return shop.free(Room(model.arm, above).postures(records, rng)[0])
     counts = np.bincount(np.arange(records) % points)
@@ -140,14 +150,13 @@ def simulate_touches(
         AacmmError: a point cannot be touched near its posture.
     """
     source = f"simulated {model.arm.name}, probed points"
-    return _Workshop(model, noise, 3.0, rng, source).at(points, q)
+    return _Workshop(model, noise, rng, source).at(points, q)
 
 
 @dataclass(frozen=True, eq=False)
 class _Workshop:
     model: ErrorModel
     noise: Noise
-    temperature_range: float
     rng: np.random.Generator
     source: str
     orientation_noise: float | None = None
@@ -214,7 +223,7 @@ class _Workshop:
         return q
 
     def _conditions(self, session: Index, q: Array, seat: Labels | None) -> Conditions:
-        return workshop_conditions(self.model, session, q, seat, self.temperature_range, self.rng)
+        return workshop_conditions(self.model, session, q, seat, self.rng)
 
     def _normal(self, u: float, like: Array) -> Array:
         return u * self.rng.normal(size=like.shape)
@@ -263,10 +272,8 @@ def _check_numbers(
             f"seats is {points}; expected an even number, because each ball bar has two seats"
         )
     if (bar_length is not None) != (scheme == "ball-bar"):
-        if bar_length is None:
-            raise AacmmError(f"bar_length is missing; expected a length for scheme {scheme!r}")
         raise AacmmError(
-            f"bar_length is {bar_length:g} m; expected none, because scheme {scheme!r} has no bars"
+            f"bar_length is {bar_length}; expected a length [m] for scheme 'ball-bar', else None"
         )
     if bar_length is not None:
         SIMULATED_BAR.check(bar_length, "bar_length")
@@ -283,3 +290,60 @@ def seed_of(rng: np.random.Generator) -> int | None:
     ):
         return None
     return seed.entropy if repr(type(bits)(seed).state) == repr(bits.state) else None
+
+
+def sessions(records: int) -> Index:
+    """Session of each record, from 0, of equal sizes: (records,)."""
+    count = -(-records // MOST_IN_SESSION)
+    return np.sort(np.arange(records) % count)
+
+
+def workshop_conditions(
+    model: ErrorModel,
+    session: Index,
+    q: Array,
+    seat: Labels | None,
+    rng: np.random.Generator,
+) -> Conditions:
+    """Conditions of records in order.
+
+    Time counts from switching on. The temperature stays within :data:`TEMPERATURE_RANGE` of the
+    reference: offset (4/10), drift (3/10), sine of the day (2/10) and noise (1/10), all random. The
+    approach is the sign of the motion since the record before (first: the mean posture), reversed
+    for one joint in five. Probe directions are random, if ``model`` needs them. ``session`` is
+    ascending (n,); q is (n, nq) [rad].
+    """
+    n = len(session)
+    steps = rng.uniform(*RECORD_INTERVAL, size=n)
+    steps += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE_LENGTH, size=n)
+    steps += (np.diff(session, prepend=session[:1]) > 0) * rng.uniform(*BREAK, size=n)
+    time = np.cumsum(steps)
+    offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
+    warmth = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
+    warmth += 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
+    warmth += rng.uniform(-0.1, 0.1, size=n)
+    way = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
+    came_back = rng.random(q.shape) < OVERSHOOT
+    labels = None
+    if session.any():
+        labels = np.array([str(number + 1) for number in session], dtype=object)
+    conditions = Conditions(
+        n,
+        time=time,
+        temperature=model.arm.reference_temperature + TEMPERATURE_RANGE * warmth,
+        approach=np.where(came_back, -way, way) + 0.0,
+        seat=seat,
+        session=labels,
+    )
+    needs = {need for effect in model.effects for need in effect.needs}
+    if "probe_direction" in needs:
+        # A stream of its own: all other numbers are the same without it.
+        directions = probe_directions(n, rng.spawn(1)[0])
+        conditions = replace(conditions, probe_direction=directions)
+    return conditions.with_usual(needs, q.shape[1])
+
+
+def probe_directions(n: int, rng: np.random.Generator) -> Array:
+    """Random unit vectors (n, 3), as directions of probing."""
+    vectors = rng.normal(size=(n, 3))
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

@@ -198,7 +198,6 @@ FILES: list[tuple[str | bytes, int | None, str]] = [
         1,
         "'Arm 7; July'; expected the names of the columns (row 3)",
     ),
-    (SMALL.replace("\n", "\ndeg,deg,mm,mm,mm\n", 1), 2, "'deg', 'deg', 'mm', 'mm', 'mm'"),
     ('# arm\nschema = "aacmm-pin/arm/1"\na_mm = 90,004\n', None, "is an arm file (TOML)"),
 ]
 
@@ -291,8 +290,8 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
     ),
     ("theta1_rad,theta2_rad", 1, "theta1_rad … theta2_rad", "2 joints; expected theta1_rad"),
     ("theta1_deg,seat,seat", None, "seat", "2 columns"),
-    ("J1 [deg],J2 [deg],x_mm", None, "", "rename them theta1_deg … theta2_deg"),
-    ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "add theta2_deg"),
+    ("J1 [deg],J2 [deg],x_mm", None, "", "the header has 'J1 [deg]', 'J2 [deg]'"),
+    ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "without a gap"),
     (
         "theta1_deg,theta2_rad,theta3_deg",
         None,

@@ -27,7 +27,7 @@ from aacmm_pin.errors import (
     MissingConditionError,
     UnknownNameError,
 )
-from aacmm_pin.measurements import schedule as workshop
+from aacmm_pin.measurements import simulation as workshop
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulation import simulate_measurements
 from tests.arm_files import changed, serial_urdf
