@@ -29,6 +29,7 @@ from aacmm_pin.diagnosis.nonlinear_parameters import (
     noise_is_known,
     refined_causes,
     refined_rivals,
+    steps_past_excluded,
     with_likeliest,
     with_nonlinear_u,
 )
@@ -255,6 +256,12 @@ def _extended(
         return replace(choice, fit=_with_shared_error(first, choice))
     within = choice.with_values(effects)
     at = refitted(problem_of, within, used=used)
+    if used is None:
+        for moved in steps_past_excluded(choice, at, effects):
+            moved_within = choice.with_values(moved)
+            refit = refitted(problem_of, moved_within)
+            if refit.used.sum() > at.used.sum():
+                effects, within, at = moved, moved_within, refit
     if gone := _gone(at, effects):
         at = refitted(problem_of, within, gone, used)
         # A cause that has replaced a known one has another nonlinear parameter without it.

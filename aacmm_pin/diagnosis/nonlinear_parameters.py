@@ -29,6 +29,8 @@ RIVALS = 2
 """So many other causes that could replace a cause are refined too."""
 PARTS_OF_STEP = 200
 """Parts of the distance of two tried values, over which their evidence is summed."""
+UNREFUSED = 3.0
+"""The used records refuse a time of a step if its log evidence is so far below the largest."""
 SAME_VALUE = 0.01
 """Values closer than this part of their prior standard deviation are not refitted."""
 
@@ -101,6 +103,32 @@ def refined_rivals(choice: Choice) -> list[Effect]:
         ends = np.cumsum([len(effects) for effects in rivals[k]])[:-1]
         refined += map(likeliest, rivals[k], np.split(log_odds, ends))
     return refined
+
+
+def steps_past_excluded(choice: Choice, at: Fit, causes: Sequence[Effect]) -> list[list[Effect]]:
+    """The causes, each time with one step moved so that other excluded records come before it: to
+    the likeliest of these times, unless the used records refuse it.
+    """
+    records = at.problem.measurements
+    excluded = records.take(np.flatnonzero(at.excluded))
+    steps = [k for k, effect in enumerate(causes) if effect.nonlinear.gap(effect, records)]
+    if not excluded.n or not steps:
+        return []
+    times_excluded = excluded.conditions.times
+    tried = {k: causes[k].nonlinear.refine(causes[k].at(()), records) for k in steps}
+    acting = [(effect.at(()),) for effect in causes]
+    moved = []
+    for k, log_odds in evidences(at, choice.noise, acting, tried).items():
+        nonlinear = causes[k].nonlinear
+        times = [nonlinear.value(effect) for effect in tried[k]]
+        excluded_before = np.searchsorted(times_excluded, times)
+        as_now = np.searchsorted(times_excluded, nonlinear.value(causes[k]))
+        for count in np.setdiff1d(excluded_before, as_now):
+            log_odds_there = np.where(excluded_before == count, log_odds, -np.inf)
+            best = int(np.argmax(log_odds_there))
+            if log_odds_there[best] > log_odds.max() - UNREFUSED:
+                moved.append([*causes[:k], tried[k][best], *causes[k + 1 :]])
+    return moved
 
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:

@@ -613,6 +613,21 @@ def test_an_early_slip_is_no_drift(sino6, seed):
 
 
 @NO_WAVES
+def test_good_records_beside_a_slip_are_no_gross_errors(sino6):
+    """A first time of the slip on their wrong side made them look so."""
+    slip = EncoderSlip(3, 1500.0, values=(2e-4,))
+    data = simulate_measurements(
+        ErrorModel(sino6, (slip,)), "free", 90, rng=np.random.default_rng(0), **NOISE
+    )
+    result = diagnose(sino6, data, **NOISE, hold_out=False)
+    assert result.choice.fit.used.all()
+    (finding,) = result.findings
+    low, high = finding.effect.between_s
+    assert low < 1500.0 < high
+    assert not np.any((low < data.conditions.time) & (data.conditions.time < high))
+
+
+@NO_WAVES
 @pytest.mark.parametrize(
     "shares", [again("last few"), again("time"), again("operator"), "joint 2", again("place")]
 )
