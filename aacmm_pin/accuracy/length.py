@@ -57,7 +57,7 @@ class LengthUncertainty(Shown):
     @cached_property
     def u(self) -> Array:
         """The standard uncertainty for each pair of postures, ``(n, m)`` [m]."""
-        a, b = (_on_principal_axes(self.sources, end) for end in self.contributions)
+        a, b = map(self.sources.independent, self.contributions)
         shared = _shared(self.sources)
         variance_a = np.square(a).sum(axis=1)
         separate = variance_a[:, None] + np.square(b).sum(axis=1)
@@ -123,8 +123,8 @@ def length_uncertainty(
         raise ShapeError(f"qb has {len(b)} postures; expected {len(a)}, as many as qa")
     sources = ErrorSources.of(model, at, encoder_noise, a, None)
     direction, _ = _directions(sources.positions(b) - sources.positions(a))
-    first = _on_principal_axes(sources, _contributions(sources, a, direction))
-    second = _on_principal_axes(sources, _contributions(sources, b, direction))
+    first = sources.independent(_contributions(sources, a, direction))
+    second = sources.independent(_contributions(sources, b, direction))
     shared = _shared(sources)
     shared_squares = np.square(second[:, shared] - first[:, shared])
     record_squares = np.square(first[:, ~shared]) + np.square(second[:, ~shared])
@@ -176,11 +176,6 @@ def _contributions(sources: ErrorSources, q: Array, direction: Array) -> Array:
     sensitivity = sources.sensitivity(q)
     along = direction[:, None, :] @ sensitivity
     return along[:, 0] * sources.u
-
-
-def _on_principal_axes(sources: ErrorSources, contributions: Array) -> Array:
-    """Contributions (n, p) [m] of independent principal axes for correlated sources."""
-    return contributions if sources.axes is None else contributions @ sources.axes
 
 
 def _shared(sources: ErrorSources) -> Mask:

@@ -227,11 +227,13 @@ class ErrorSources(Shown):
             generators = generators @ self.axes[np.ix_(pick, pick)]
         return generators
 
+    def independent(self, contributions: Array) -> Array:
+        """Contributions (…, p) of one u of each source as those of independent principal axes."""
+        return contributions if self.axes is None else contributions @ self.axes
+
     def covariance_of(self, sensitivity: Array) -> Array:
         """S Σ Sᵀ of the position (JCGM 102:2011, 6.2): (n, 3, 3) [m²]."""
-        scaled = sensitivity * self.u
-        if self.axes is not None:
-            scaled = scaled @ self.axes
+        scaled = self.independent(sensitivity * self.u)
         return scaled @ scaled.transpose(0, 2, 1)
 
     def shared_variance(self, sensitivity: Array) -> Array:
@@ -283,22 +285,8 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
         raise AacmmError(
             f"{model.name}: {error}; use ErrorModel.load in place of Arm.load"
         ) from None
-    if model.file is None or not (model.file.effects or model.file.discrepancy):
-        return alone, []
-    from aacmm_pin.effects import (
-        CAUSES,  # loads every cause
-        discrepancy_of,
-    )
-
-    labels = []
-    for entry in model.file.effects:
-        if entry.cause in CAUSES and CAUSES[entry.cause].of_reference:
-            continue
-        fields = [name for name in ("joint", "link", "seat", "marker") if name in entry.structure]
-        place = "".join(f":{entry.structure[name]}" for name in fields[:1])
-        labels.append(entry.cause + place)
-    labels += [discrepancy_of(entry).label for entry in model.file.discrepancy]
-    return alone, labels
+    of_file = ErrorModel.of(model).effects
+    return alone, [effect.label for effect in of_file if not effect.of_reference]
 
 
 def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tuple[Effect, ...]:
