@@ -72,7 +72,7 @@ OF_MODELS: list[Callable[[Any], Any]] = [
     planned,
     lambda model: aacmm_pin.map_workspace(model, (2, 2)).data["comprehensive_mm3"].values,
     lambda model: joint_commands(model, model, np.full((1, 6), 0.3))[0],
-    lambda model: len(scenes.arm_scene(model, np.zeros((1, 6))).embedded(100)) > 0,
+    lambda model: len(scenes.arm_scene(model, np.zeros((1, 6))).embedded()) > 0,
 ]
 OF_ARMS: list[Callable[[Any], Any]] = [
     lambda arm: aacmm_pin.configuration_circle(arm, POINT, count=6).q,

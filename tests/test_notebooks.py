@@ -102,4 +102,4 @@ def test_every_picture_is_shown(executed):
 def test_a_cell_draws_outside_functions():
     assert draws("for f in found.findings:\n    plots.plot_cause(found, f)")
     assert draws("ax = plt.subplots(2)[1]")
-    assert not draws("def look():\n    plots.plot_rms(found)\nfound.plotted(x)")
+    assert not draws("def look():\n    plots.plot_groups(found)\nfound.plotted(x)")

@@ -330,7 +330,7 @@ class Diagnosis(Shown):
         """Plot a cause with the partial residuals of the records.
 
         Without causes, the plot shows the covariate of the residuals; without a covariate, the
-        residuals of the three models.
+        parts of the residual of the nominal arm.
 
         Args:
             finding: index of the finding, from 0 (the strongest cause).

@@ -162,10 +162,9 @@ def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
 
 def history_blocks(history: History) -> Iterator[Block]:
     """Test values outside their control limits, and control charts."""
-    from aacmm_pin.report.plots.control_charts import charts_drawn, plot_history
+    from aacmm_pin.report.plots import plot_history
 
     charts = history.charts()
-    drawn = charts_drawn(charts)
     several = len({chart.arm for chart in charts}) > 1
     outside = []
     for chart in charts:
@@ -184,17 +183,10 @@ def history_blocks(history: History) -> Iterator[Block]:
         )
     head = "Outside the control limits:" if outside else "Control limits:"
     yield Paragraph(" ".join(sentences) or "No test value is outside its limits.", head=head)
-    omitted: dict[str, list[str]] = {}
-    for chart in charts:
-        if len(chart.values) > 1 and chart not in drawn:
-            by = f" by {brief(chart.arm, SHORT_TEXT)}" if several else ""
-            omitted.setdefault(by, []).append(chart.figure)
-    caption = CHART_CAPTION
-    if omitted:
-        names = [", ".join(figures) + by for by, figures in omitted.items()]
-        caption += f" The figure leaves out {'; '.join(names)}."
-    if drawn:
-        yield Figure(lambda: plot_history(history), "Control charts of the test values", caption)
+    if any(len(chart.values) > 1 for chart in charts):
+        yield Figure(
+            lambda: plot_history(history), "Control charts of the test values", CHART_CAPTION
+        )
 
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:

@@ -396,12 +396,6 @@ def _residuals(result: Calibration) -> Iterator[Block]:
             "The dots show the residuals of each seat. If the residuals of a seat are larger after "
             "calibration, the stated coordinates of this seat may be wrong.",
         )
-    yield Figure(
-        lambda: plots.plot_normalised_residuals(result, blank_axes(6.4, 3.4)),
-        "Histogram of normalised residuals against the χ distribution",
-        "The bars show residuals normalised by the covariance of each record. The line shows the χ "
-        "distribution that normally distributed noise would give.",
-    )
     yield from repeatability_blocks(result.repeatability)
 
 
@@ -425,15 +419,6 @@ def _parameters(result: Calibration) -> Iterator[Block]:
         "Change of each parameter over its stated uncertainty",
         "The dots show the change of each parameter, and the bars show U (k = 2) after "
         "calibration. If the arm file states a half-width, the grey band shows the half-width.",
-    )
-    size = 0.22 * len(rows)
-    width, height = min(9.0, 3.0 + size), min(8.2, 2.2 + size)
-    yield Figure(
-        lambda: plots.plot_correlation(result, blank_axes(width, height)),
-        "Heat map of the correlation of the parameters",
-        "The colour shows the correlation of each pair of parameters. If two parameters are "
-        "strongly correlated, their sum or difference has a smaller uncertainty than each "
-        "parameter.",
     )
 
 

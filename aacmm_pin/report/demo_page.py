@@ -42,7 +42,6 @@ from aacmm_pin.report.diagnosis_page import (
     answers,
     causes_drawn,
     diagnosis_document,
-    rms_figure,
 )
 from aacmm_pin.report.document import (
     Block,
@@ -58,7 +57,7 @@ from aacmm_pin.report.document import (
 from aacmm_pin.report.formats.html import page
 from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
 from aacmm_pin.report.numbers import percent
-from aacmm_pin.report.scenes import circle_scene, map_scene
+from aacmm_pin.report.scenes import circle_scene
 
 SEED = 1
 """Seed of every random number."""
@@ -76,7 +75,6 @@ SIZE, JOINT = 1e-4, 3
 FILES = {
     "diagnosis.html": "the whole diagnosis, with the aliases of its causes",
     "postures.html": "3D scene of the arm in its postures at the working point",
-    "workspace.html": "3D scene of the arm in each cell of the workspace",
     "site/index.html": "the documentation (the README states how to build it into this folder)",
     "configurations.csv": "every posture at the working point, angles in degrees",
     "accuracy.json": "accuracy at the working point",
@@ -219,7 +217,6 @@ def _measured(diagnosis: Diagnosis, hidden: Effect, planned: str) -> Iterator[Bl
         pd.DataFrame(rows, columns=["", "cause", "values"]),
         "The hidden cause, and the causes that diagnose found, with U (k = 2)",
     )
-    yield rms_figure(diagnosis)
     yield from causes_drawn(diagnosis)
 
 
@@ -265,7 +262,6 @@ def run_demo(
             "diagnosis.json": json_text(diagnosis),
             "diagnosis.html": page(diagnosis_document(result, diagnosis, when)),
             "postures.html": circle_scene(circle, accuracy).html(),
-            "workspace.html": map_scene(map_, arm).html(),
         }
         files = sorted([*texts, "map.nc", "measured.csv", "index.html"])
         story = [

@@ -67,7 +67,7 @@ from aacmm_pin.report.numbers import (
     percent,
 )
 from aacmm_pin.report.plots.groups import held_out_parts, part_in_words, place_in_words
-from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
+from aacmm_pin.report.plots.partial_residuals import state_of, varies
 from aacmm_pin.report.plots.residual_vectors import models, two_models
 from aacmm_pin.report.verdicts import (
     beside_threshold,
@@ -442,23 +442,11 @@ def _result(result: Diagnosis, planned: str) -> Iterator[Block]:
         for part in result.budget
     ]
     yield Table(pd.DataFrame(rows), BUDGET, explained=BUDGET_EXPLAINED)
-    yield rms_figure(result)
     yield frame_in_words(result.of_model)
     hints = [] if result.extended.noise_is_stated else [UNSTATED]
     if any(corrects_seat(finding.effect) for finding in result.findings):
         hints.append(SEAT_ERRORS)
     yield Paragraph(" ".join(hints), detail=True)
-
-
-def rms_figure(result: Diagnosis) -> Figure:
-    """Sizes of the residuals by the three models."""
-    return Figure(
-        lambda: plots.plot_rms(result, blank_axes(6.8, 2.0)),
-        "RMS residuals of the three models",
-        "The bars show the RMS residuals of the nominal arm, of the recalibrated arm, and of an "
-        "arm that causes extend. The fit estimates an unknown frame or target for each arm. The "
-        "last bar shows the RMS residual that noise alone would give.",
-    )
 
 
 def _groups(result: Diagnosis) -> Iterator[Block]:
@@ -531,22 +519,10 @@ def _other_causes(result: Diagnosis) -> Iterator[Block]:
 
 
 def causes_drawn(result: Diagnosis) -> Iterator[Block]:
-    """A figure of each cause that depends on something, and one of all geometric values."""
-    state = state_of(result.extended)
+    """A figure of each cause that depends on something."""
     for finding in result.findings:
-        effect = finding.effect
-        constant = is_constant(effect, state) and not corrects_seat(effect)
-        if not (result.geometric(finding) or constant):
+        if varies(result, finding):
             yield _cause_drawn(result, finding)
-    number = sum(map(result.geometric, result.findings))
-    if number:
-        height = 1.4 + 0.45 * number
-        yield Figure(
-            lambda: plots.plot_geometry(result, blank_axes(7.4, height)),
-            "Geometric values beyond their stated uncertainty",
-            "The dots show geometric values that changed by more than their stated uncertainties "
-            "allow.",
-        )
 
 
 def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:

@@ -148,11 +148,10 @@ class Figure:
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """A 3D scene on a page, in a frame of ``height`` [px]."""
+    """A 3D scene on a page."""
 
     scene: Callable[[], Scene]
     caption: str
-    height: int = 520
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,10 @@ def repeatability_blocks(repeats: Repeatability | None) -> list[Block]:
     if repeats is None:
         return []
     figure = Figure(
-        lambda: plots.plot_repeats(repeats, blank_axes(8.6, 3.4)),
-        "Deviations of repeats from the mean of their posture over time, beside the residuals",
-        "The left panel shows tip minus target of each repeat, minus the mean of its posture. If "
-        "the drift is significant, a line for each posture shows the drift. The right panel shows "
-        "the distribution of these deviations and of the residuals after calibration, for all "
-        "coordinates.",
+        lambda: plots.plot_repeats(repeats, blank_axes(7.4, 3.4)),
+        "Deviations of repeats from the mean of their posture over time",
+        "Each dot shows one coordinate of tip minus target of a repeat, minus the mean of its "
+        "posture. If the drift is significant, a line for each posture shows the drift.",
     )
     return [Paragraph(repeatability_in_words(repeats)), figure]
 

@@ -133,8 +133,8 @@ def test_what_is_said_and_drawn(sino6):
     np.testing.assert_allclose(np.linalg.norm(content["sd_mm"]), content["rms_mm"])
     assert content["residual_mm"] == pytest.approx(check.calibrated_rms * 1e3)
     assert content["rms_mm"] < content["residual_mm"]
-    over, _ = plot_repeats(repeats).axes
+    over = plot_repeats(repeats)
     dots = [line for line in over.lines if len(line.get_xdata()) == len(repeats.posture)]
     for axis, line in enumerate(dots):
-        np.testing.assert_allclose(line.get_ydata(), repeats.deviations[:, axis] * 1e3)
+        np.testing.assert_allclose(line.get_ydata(), repeats.deviations[:, axis] * 1e6)
     assert len(over.lines) == 3 + 3 * POSTURES

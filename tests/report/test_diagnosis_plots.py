@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
-from matplotlib.collections import LineCollection
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
@@ -29,7 +28,6 @@ from aacmm_pin.effects import (
     JointCompliance,
     JointHysteresis,
     JointPeriodicError,
-    JointZeroOffset,
     SeatError,
     StylusBending,
     ThermalExpansion,
@@ -40,7 +38,6 @@ from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.document import blank_axes
 from aacmm_pin.report.plots import (
     plot_cause,
-    plot_geometry,
     plot_groups,
     plot_held_out,
     plot_unexplained,
@@ -235,20 +232,3 @@ def test_correction_of_a_covariate(blind):
     np.testing.assert_allclose(ax.lines[2].get_ydata(), shape["growth_um_per_m"])
     with pytest.raises(AacmmError, match="moon"):
         plot_unexplained(result, "moon")
-
-
-def test_geometry_stands_over_what_was_stated(sound, sino6):
-    effect = JointZeroOffset(2, values=(3e-4,), u=(1e-5,))
-    finding = Finding(effect, {"offset_rad": (3e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
-    ax = plot_geometry(replace(sound, findings=(finding,)))
-    assert [tick.get_text() for tick in ax.get_yticklabels()] == [
-        "zero offset of joint 2\n+300.0 ± 20.0 µrad"
-    ]
-    (stated,) = (p.half_width for p in sino6.parameters if p.name == "theta_offset2")
-    assert stated is not None
-    ((bar,),) = (
-        lines.get_segments() for lines in ax.collections if isinstance(lines, LineCollection)
-    )
-    np.testing.assert_allclose(bar[:, 0], np.array([2.8e-4, 3.2e-4]) / stated)
-    with pytest.raises(AacmmError, match="no geometric value"):
-        plot_geometry(sound)

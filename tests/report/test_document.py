@@ -190,7 +190,7 @@ def test_no_column_of_a_table_with_long_names_is_cut(page, tmp_path):
 
 @pytest.mark.parametrize("suffix", formats.suffixes())
 def test_every_format_has_the_text_of_every_block(suffix):
-    scene = SimpleNamespace(embedded=lambda height: "")
+    scene = SimpleNamespace(embedded=lambda: "")
     blocks = [
         Heading("heading"),
         Paragraph("paragraph", head="opening"),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection
+from matplotlib.quiver import Quiver, QuiverKey
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import calibrate
@@ -17,9 +17,8 @@ from aacmm_pin.report.parameter_tables import parameter_table
 from aacmm_pin.report.plots import (
     BLUE,
     VERMILLION,
-    plot_correlation,
     plot_parameter_changes,
-    plot_residual_vectors,
+    plot_residual_views,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
@@ -44,19 +43,21 @@ def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats):
     used = at_seats.fit.used
     table = at_seats.residuals[used]
     tips = at_seats.fit.problem.model.predict(at_seats.fit.problem.measurements.q)[used] / MM
-    for when, plane in (("before", "xy"), ("after", "xz"), ("after", "yz")):
-        ax = plot_residual_vectors(at_seats, when, plane)
-        columns = ["xyz".index(axis) for axis in plane]
-        factor = float(ax.get_title().rpartition("magnified ")[2][:-1])
-        (lines,) = (c for c in ax.collections if isinstance(c, LineCollection))
-        ends = np.array(lines.get_segments())
+    panels = plot_residual_views(at_seats).axes
+    columns = [("before", "xy"), ("after", "xy"), ("before", "xz"), ("after", "xz")]
+    factors = {ax.get_title().rpartition("× ")[2] for ax in panels}
+    assert len(factors) == 1
+    for ax, (when, plane) in zip(panels, columns, strict=True):
+        assert ax.get_title().startswith(when)
+        (arrows,) = (c for c in ax.collections if isinstance(c, Quiver))
         expected = table[[f"{axis}_{when}_mm" for axis in plane]].to_numpy()
-        np.testing.assert_allclose(ends[:, 1] - ends[:, 0], factor * expected, rtol=1e-6, atol=1e-6)
-        assert np.abs(ends[:, 0] - tips[:, columns]).max() < 0.5
-        ((number, unit),) = (t.get_text().split() for t in ax.texts)
-        bar = next(line for line in ax.lines if line.get_marker() == "|")
-        drawn_length = factor * float(number) * {"mm": 1.0, "µm": 1e-3}[unit]
-        assert np.ptp(bar.get_xdata()) == pytest.approx(drawn_length)
+        np.testing.assert_allclose(np.column_stack([arrows.U, arrows.V]), expected, atol=1e-9)
+        assert 1 / arrows.scale == pytest.approx(float(*factors))
+        axes = ["xyz".index(axis) for axis in plane]
+        assert np.abs(arrows.get_offsets() - tips[:, axes]).max() < 0.5
+        (key,) = (each for each in ax.get_children() if isinstance(each, QuiverKey))
+        number, unit = key.text.get_text().split()
+        close(key.U, float(number) * {"mm": 1.0, "µm": 1e-3}[unit], 1e-12)
 
 
 def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave):
@@ -109,20 +110,3 @@ def test_without_stated_uncertainties_changes_stand_in_small_units(of_robot):
         np.testing.assert_allclose(changes, factor * table["change"], rtol=1e-9)
         open_ = [bar.lines[0].get_markerfacecolor() == "white" for bar in ax.containers]
         assert open_ == list(table["known"] == "in combination")
-
-
-def test_correlation_hides_what_is_not_told(of_robot, at_seats):
-    ax = plot_correlation(of_robot)
-    drawn(ax.figure)
-    (image,) = ax.images
-    assert image.get_clim() == (-1, 1)
-    hidden = np.ma.getmaskarray(image.get_array())
-    names = list(of_robot.correlation.index)
-    assert [names[i] for i in np.flatnonzero(hidden.all(axis=0))] == ["ry6"]
-    assert "grey" in ax.get_title()
-    assert "correlation [1]" in [other.get_ylabel() for other in ax.figure.axes]
-    told = plot_correlation(at_seats)
-    assert "grey" not in told.get_title()
-    whole = told.images[0].get_array()
-    assert not np.ma.getmaskarray(whole).any()
-    np.testing.assert_allclose(np.diag(whole), 1.0)

@@ -247,13 +247,16 @@ def test_every_result_can_be_pickled(values, arm):
 
 
 OF_CALIBRATION = (
-    plots.plot_residual_vectors,
     plots.plot_residuals_over_joints,
-    plots.plot_normalised_residuals,
     plots.plot_parameter_changes,
-    plots.plot_correlation,
 )
-OF_DIAGNOSIS = (plots.plot_rms, plots.plot_groups, plots.plot_residual_views, plots.plot_held_out)
+OF_DIAGNOSIS = (
+    plots.plot_error_budget,
+    plots.plot_groups,
+    plots.plot_residual_views,
+    plots.plot_residuals_by_row,
+    plots.plot_held_out,
+)
 
 
 def drawings(values: dict[str, Any]) -> list[tuple[str, Callable[..., Any]]]:
@@ -316,7 +319,7 @@ def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(found, values):
     assert "compliance under gravity of joint 2" in found.plot().get_title()
     assert "encoder eccentricity of joint 3" in found.plot(1).get_title()
     nothing = replace(found, findings=())
-    assert nothing.plot().get_xlabel() == "RMS residual [mm]"
+    assert nothing.plot().get_xlabel() == "RMS displacement of the tip [mm]"
     with pytest.raises(AacmmError, match="finding is 2; expected a number from 0 below 2"):
         found.plot(2)
     with pytest.raises(

@@ -28,7 +28,6 @@ from aacmm_pin import (
     circle_accuracy,
     configuration_circle,
     diagnose,
-    map_workspace,
     reaching_postures,
     simulate_measurements,
 )
@@ -227,30 +226,7 @@ def test_postures_of_an_arm_without_a_dh_table():
     assert not any(path.startswith("path") for path in commands(scene, "set_object"))
 
 
-# --- map, diagnosis, calibration
-
-
-@cache
-def small_map() -> Any:
-    return map_workspace(Arm.load("sino6"), (5, 6), 6)
-
-
-def test_the_cells_of_a_map(sino6):
-    found = small_map()
-    scene, of_cells = scenes.map_scene(found, sino6), found.data["comprehensive_mm3"]
-    values = np.where(found.data["reachable"].values == 1, of_cells.values, np.nan)
-    low, high = np.nanmin(values), np.nanmax(values)
-    bar = scene.bar
-    assert (bar.low, bar.high) == pytest.approx((low, high))
-    vertices, _, painted = mesh(scene, "map/cells")
-    assert len(vertices) == 4 * np.isfinite(values).sum()
-    centres = vertices.reshape(-1, 4, 3).mean(axis=1) / MM
-    assert np.abs(centres[:, 1]).max() == 0.0
-    for centre, colour in zip(centres, painted[::4], strict=True):
-        here = of_cells.sel(x_mm=centre[0], z_mm=centre[2], method="nearest")
-        assert abs(float(here["x_mm"]) - centre[0]) < 1e-3
-        assert abs(float(here["z_mm"]) - centre[2]) < 1e-3
-        close(colour, colormaps["viridis"]((float(here) - low) / (high - low))[:3], 1e-6)
+# --- diagnosis, calibration
 
 
 @cache
@@ -352,7 +328,6 @@ def test_what_is_refused(sino6, zero6):
     calls = [
         (AacmmError, "no posture", lambda: scenes.circle_scene(nowhere)),
         (ShapeError, "within limits", lambda: scenes.circle_scene(circle, other)),
-        (AacmmError, "SINO6", lambda: scenes.map_scene(small_map(), zero6)),
         (UnknownNameError, "extended", lambda: scenes.residual_scene(diagnosed(), "best")),
     ]
     for error, words, call in calls:

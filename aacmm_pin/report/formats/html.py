@@ -101,8 +101,8 @@ def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]
                 data |= _table(block, on_page)
             case Figure(png=png):
                 data["uri"] = data_uri(png, "image/png")
-            case SceneView(scene=scene, height=height):
-                data["markup"] = Markup(scene().embedded(height))
+            case SceneView(scene=scene):
+                data["markup"] = Markup(scene().embedded())
             case Folded(blocks=folded):
                 data["blocks"] = _prepared(folded, on_page=on_page)
             case Download(content=bytes(content)):

@@ -1,8 +1,5 @@
 from .accuracy_plots import QUANTITIES, plot_accuracy_of_postures, plot_budget, plot_map
 from .calibration_plots import (
-    plot_correlation,
-    plot_geometry,
-    plot_normalised_residuals,
     plot_parameter_changes,
     plot_repeats,
     plot_residuals_by_seat,
@@ -17,9 +14,8 @@ from .groups import (
     plot_groups,
     plot_held_out,
     plot_residuals_by_row,
-    plot_rms,
 )
-from .residual_vectors import plot_residual_vectors, plot_residual_views
+from .residual_vectors import plot_residual_views
 from .style import BLUE, GREY, INK, VERMILLION
 
 __all__ = [
@@ -32,23 +28,18 @@ __all__ = [
     "plot_budget",
     "plot_cause",
     "plot_circle",
-    "plot_correlation",
     "plot_diagnosis",
     "plot_error_budget",
-    "plot_geometry",
     "plot_groups",
     "plot_held_out",
     "plot_history",
     "plot_map",
-    "plot_normalised_residuals",
     "plot_parameter_changes",
     "plot_repeats",
-    "plot_residual_vectors",
     "plot_residual_views",
     "plot_residuals_by_row",
     "plot_residuals_by_seat",
     "plot_residuals_over_joint",
     "plot_residuals_over_joints",
-    "plot_rms",
     "plot_unexplained",
 ]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3, UM
 from aacmm_pin.accuracy import AccuracyVolume, Quantity, WorkspaceMap, paired
 from aacmm_pin.effects import row_in_words
@@ -25,7 +24,6 @@ from aacmm_pin.report.plots.style import (
     VERMILLION,
     VOLUME_COLOURS,
     VOLUME_LABEL,
-    VOLUME_NAME,
     axes_of,
     draw_bars,
     legend_below,
@@ -33,10 +31,8 @@ from aacmm_pin.report.plots.style import (
 )
 
 BudgetBy = Literal["parameter", "joint", "kind"]
-COMPONENT_MARKERS = "os^DvP*h"
-"""Markers that distinguish closed curves."""
-MARKERS = 18
-"""Markers along a component."""
+MARKERS = "os^DvP*h"
+"""Markers that distinguish components."""
 NOT_THERE = "no mark: no posture within limits"
 ABOVE = 1.15
 """Upper end of the axes, in largest values."""
@@ -52,8 +48,7 @@ def plot_accuracy_of_postures(
     point.
 
     The abscissa is the swivel angle, or without an elbow the length along each curve of
-    self-motion, or the number of a single posture. Each of two to eight components has its own
-    marker.
+    self-motion, or the number of a single posture. Each component has its own marker.
 
     Raises:
         ShapeError: ``accuracy`` is for other postures.
@@ -72,46 +67,24 @@ def plot_accuracy_of_postures(
         abscissa, last = component.astype(np.float64), int(postures.component.max())
         component = np.ones_like(component)
         ax.set(xlabel="number of the posture", xlim=(0.5, last + 0.5), xticks=range(1, last + 1))
-    handles = _draw_over(abscissa, component, accuracy, ax)
-    legend_below(ax, handles=handles, title=None if postures.within_limits.all() else NOT_THERE)
-    ax.set_title(f"{accuracy.sources.arm.name}: accuracy of the postures, {accuracy.method}")
-    return ax
-
-
-def _draw_over(
-    abscissa: Array, component: Index, accuracy: AccuracyVolume, ax: Axes
-) -> list[Line2D]:
-    """Draw volume (left) and u (right), with a marker for each of a few components (n,); return the
-    lines of the legend.
-    """
-    right, numbers, handles = ax.twinx(), np.unique(component), []
-    size = 1.5 if len(numbers) > 1 else 4.0 if len(abscissa) > 20 else 8.0
-    for axes, values, marker, colour, label in (
-        (ax, accuracy.volume / MM3, "o", BLUE, VOLUME_NAME),
-        (right, accuracy.u / UM, "x", VERMILLION, U_NAME),
-    ):
-        handles += axes.plot(abscissa, values, marker, ms=size, mew=0.9, color=colour, label=label)
-        # From zero, so that a change by two per cent looks like one.
-        axes.set_ylim(0.0, ABOVE * values.max(initial=0.0) or None)
-    # The scales have the colours of what they are of.
+    right = ax.twinx()
+    volume, u = accuracy.volume / MM3, accuracy.u / UM
+    for number, marker in zip(np.unique(component), cycle(MARKERS), strict=False):
+        chosen = component == number
+        style: dict[str, Any] = {"marker": marker, "ls": "", "ms": 3.5, "mfc": "none"}
+        label = f"component {number}"
+        ax.plot(abscissa[chosen], volume[chosen], color=BLUE, label=label, **style)
+        right.plot(abscissa[chosen], u[chosen], color=VERMILLION, **style)
+    # From zero, so that a change by two per cent looks like one.
+    ax.set_ylim(0.0, ABOVE * volume.max(initial=0.0) or None)
+    right.set_ylim(0.0, ABOVE * u.max(initial=0.0) or None)
     ax.set_ylabel(VOLUME_LABEL, color=BLUE)
     right.set_ylabel(f"{U_NAME} [µm]", color=VERMILLION)
-    if 1 < len(numbers) <= len(COMPONENT_MARKERS):
-        handles = []
-        for k, number in enumerate(numbers):
-            of_component = np.flatnonzero(component == number)
-            of_component = of_component[np.argsort(abscissa[of_component], kind="stable")]
-            step = max(1, len(of_component) // MARKERS)
-            # Shifted, so that coincident components do not hide each other.
-            marked = of_component[k * step // len(numbers) :: step]
-            style: dict[str, Any] = {"marker": COMPONENT_MARKERS[k], "ms": 6, "ls": ""}
-            volume, u = accuracy.volume[marked] / MM3, accuracy.u[marked] / UM
-            handles += ax.plot(
-                abscissa[marked], volume, color=BLUE, label=f"component {number}", **style
-            )
-            right.plot(abscissa[marked], u, color=VERMILLION, mfc="none", **style)
     ax.grid(alpha=0.3)
-    return handles
+    if component.any():
+        legend_below(ax, title=None if postures.within_limits.all() else NOT_THERE)
+    ax.set_title(f"{accuracy.sources.arm.name}: accuracy of the postures, {accuracy.method}")
+    return ax
 
 
 @plain

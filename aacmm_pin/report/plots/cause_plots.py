@@ -14,14 +14,8 @@ from aacmm_pin._support.units import UM, count
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import Effect, corrects_seat, in_words
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.plots.calibration_plots import plot_geometry
-from aacmm_pin.report.plots.groups import plot_rms
-from aacmm_pin.report.plots.partial_residuals import (
-    PartialResidual,
-    is_constant,
-    partial_residual,
-    state_of,
-)
+from aacmm_pin.report.plots.groups import plot_error_budget
+from aacmm_pin.report.plots.partial_residuals import PartialResidual, partial_residual, varies
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREEN,
@@ -31,25 +25,23 @@ from aacmm_pin.report.plots.style import (
     VOLUME_COLOURS,
     aside,
     axes_of,
-    draw_beyond,
     legend_below,
     name_places,
     numbers_by_size,
     plain,
+    with_cut_off,
 )
 
 FEWEST_COVARIATE_VALUES = 12
 """A covariate with fewer values is shown value by value."""
 SHOWN_QUANTILES = (0.01, 0.99)
-"""Quantiles of the records in the figure; the others are marked at its edge."""
+"""Quantiles of the records in the figure; the others may be cut off."""
 ROOM_BEYOND_CURVE = 0.8
 """Room for records beyond the curve, in heights of the curve."""
 FEWEST_IN_PART = 3
 AXIS_COLOURS = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
 MOST_PARTS = 24
 """Intervals of a covariate for means, at most."""
-CURVE_GAP = 0.1
-"""Gap without records, in parts of the range, at which the curve breaks off."""
 OF_RECORD = "_of_record"
 COLUMN_UNITS = {
     "deg": "°",
@@ -69,28 +61,24 @@ COLUMN_UNITS = {
 
 @plain
 def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) -> Axes:
-    """Plot the strongest cause with the partial residuals of the records.
+    """Plot the strongest cause; see :func:`plot_cause`.
 
-    Without causes, the plot shows structure without a cause. Without structure, or if the cause
-    displaces all records alike, it shows the residuals of the three models. ``finding``: index from
-    0 (the strongest cause).
+    Without causes, the plot shows structure without a cause, and without structure the parts of the
+    residual of the nominal arm. ``finding``: index from 0 (the strongest cause).
 
     Raises:
         AacmmError: the diagnosis has no finding with this index.
     """
     if not result.findings and not finding:
-        unexplained = [*result.unexplained.shapes]
-        return plot_unexplained(result, unexplained[0], ax) if unexplained else plot_rms(result, ax)
+        for name in result.unexplained.shapes:
+            return plot_unexplained(result, name, ax)
+        return plot_error_budget(result, ax)
     if not 0 <= finding < len(result.findings):
         raise AacmmError(
             f"finding is {finding}; expected a number from 0 below {len(result.findings)}, the "
             "number of findings"
         )
-    cause = result.findings[finding]
-    over_something = corrects_seat(cause.effect) or result.geometric(cause)
-    if not over_something and is_constant(cause.effect, state_of(result.extended)):
-        return plot_rms(result, ax)
-    return plot_cause(result, cause, ax)
+    return plot_cause(result, result.findings[finding], ax)
 
 
 @plain
@@ -99,47 +87,33 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
 
     Faint dots are records (:func:`aacmm_pin.report.plots.partial_residuals.partial_residual`);
     circles are weighted means in intervals of the covariate, with standard uncertainties. For an
-    error of a seat, the plot shows the seat; for a geometric value, its stated and estimated value.
+    error of a seat, the plot shows the seat. For a geometric value or another cause that displaces
+    all records equally, it shows the parts of the residual of the nominal arm.
     """
     if corrects_seat(finding.effect):
         return _plot_seat_error(result, finding.effect, ax)
-    if result.geometric(finding):
-        return plot_geometry(result, ax)
+    if not varies(result, finding):
+        return plot_error_budget(result, ax)
     shown, ax = partial_residual(result, finding.effect), axes_of(ax, (6.4, 3.8))
     x, values = shown.x, np.unique(shown.x)
     label, fewest = f"means of {FEWEST_IN_PART} or more records ± u", FEWEST_IN_PART
     parts: Any = pd.cut(x, int(np.clip(len(x) // 8, 4, MOST_PARTS)), labels=False)
-    curve = pd.Series(shown.fitted, x).sort_index()
     if len(values) <= FEWEST_COVARIATE_VALUES:
         parts, fewest, label = x, 1, "means ± u"
         x = x + aside(len(x), 0.12 * float(np.ptp(values)))
         ax.set_xticks(values)
-    else:
-        gaps = np.flatnonzero(np.diff(curve.index) > CURVE_GAP * np.ptp(values))
-        beyond = pd.Series(np.nan, curve.index[gaps])
-        curve = pd.concat([curve, beyond]).sort_index(kind="stable")
     means = _weighted_means(shown, parts, fewest)
-    gap = " (gap: no record near)" if curve.isna().any() else ""
-    ax.axhline(0.0, color=INK, lw=0.6)
-    ax.plot(x, shown.value, ".", ms=3, color=GREY, alpha=0.5, label="records", zorder=1)
-    ax.plot(curve, "-", color=BLUE, lw=2.0, label=f"fitted cause{gap}", zorder=2)
-    ax.errorbar(
-        means["x"],
-        means["value"],
-        means["u"],
-        fmt="o",
-        ms=4,
-        lw=1.2,
-        capsize=2.5,
-        color=VERMILLION,
-        label=label,
-        zorder=3,
-    )
     ends = [means["value"] - means["u"], means["value"] + means["u"]]
     limits = _limits(np.concatenate([shown.fitted, *ends]), shown.value)
-    draw_beyond(ax, [(x, shown.value, GREY)], limits)
-    ax.set(xlabel=shown.x_label, ylabel=shown.y_label)
-    legend_below(ax, columns=2)
+    records = with_cut_off("records", shown.value, limits)
+    ax.axhline(0.0, color=INK, lw=0.6)
+    ax.plot(x, shown.value, ".", ms=3, color=GREY, alpha=0.5, label=records, zorder=1)
+    curve = pd.Series(shown.fitted, shown.x).sort_index()
+    ax.plot(curve, "-", color=BLUE, lw=2.0, label="fitted cause", zorder=2)
+    bars: dict[str, Any] = {"fmt": "o", "ms": 4, "lw": 1.2, "capsize": 2.5, "zorder": 3}
+    ax.errorbar(means["x"], means["value"], means["u"], color=VERMILLION, label=label, **bars)
+    ax.set(xlabel=shown.x_label, ylabel=shown.y_label, ylim=limits)
+    legend_below(ax, columns=3)
     ax.set_title(f"{result.model.arm.name}: {in_words(finding.effect, result.model.arm)}")
     return ax
 
@@ -222,7 +196,7 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
 
 
 def _plot_over_one(
-    shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes
+    shape: pd.DataFrame, over: list[str], quantities: list[str], ylabel: str, ax: Axes
 ) -> None:
     x, step, spread = shape[over[0]].to_numpy(), 0.0, np.zeros(len(shape))
     style: dict[str, Any] = {"lw": 2}
@@ -231,20 +205,18 @@ def _plot_over_one(
         step, spread = 0.22, aside(len(x), 0.14)
         style = {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
         name_places(ax, [str(name) for name in names])
-    series = []
     ax.axhline(0.0, color=INK, lw=0.6)
     for k, (quantity, colour) in enumerate(zip(quantities, AXIS_COLOURS.values(), strict=False)):
         place = x + step * (k - (len(quantities) - 1) / 2)
-        of_records = shape[quantity + OF_RECORD].to_numpy()
-        series.append((place + spread, of_records, colour))
+        of_records = shape[quantity + OF_RECORD]
         ax.plot(place + spread, of_records, ".", ms=2.5, color=colour, alpha=0.3)
-        axis = quantity[0] if len(quantities) > 1 else None
-        ax.plot(place, shape[quantity], color=colour, label=axis, **style)
-    records = shape[[quantity + OF_RECORD for quantity in quantities]]
-    draw_beyond(ax, series, _limits(shape[quantities].to_numpy(), records.to_numpy()))
-    ax.set(xlabel=_head(over[0]), ylabel=label)
-    if ax.get_legend_handles_labels()[0]:
-        legend_below(ax)
+        label = f"correction in {quantity[0]}" if len(quantities) > 1 else "correction"
+        ax.plot(place, shape[quantity], color=colour, label=label, **style)
+    records = shape[[quantity + OF_RECORD for quantity in quantities]].to_numpy()
+    limits = _limits(shape[quantities].to_numpy(), records)
+    ax.plot([], [], ".", color=GREY, label=with_cut_off("records", records, limits))
+    ax.set(xlabel=_head(over[0]), ylabel=ylabel, ylim=limits)
+    legend_below(ax)
 
 
 def _plot_over_two(

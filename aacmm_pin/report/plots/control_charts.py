@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,8 @@ from aacmm_pin.verification import ControlChart, History, brief
 
 NAME = 22
 """Characters of the name of an arm above a panel."""
-MOST_PANELS = 12
-"""Panels, in two rows of up to six."""
+ACROSS = 4
+"""Panels in a row."""
 FINEST = 1e-4
 """Least height of a panel [mm]: one digit of the table."""
 NOT_COUNTED = "nonconforming or outside the limits, not counted"
@@ -42,52 +41,34 @@ MARKS: dict[str, dict[str, Any]] = {
 """Styles by the names in the legend."""
 
 
-def charts_drawn(charts: Sequence[ControlChart]) -> list[ControlChart]:
-    """The charts that :func:`plot_history` draws: of two checks or more, first those with an
-    MPE.
-    """
-    several = [chart for chart in charts if len(chart.values) > 1]
-    return sorted(several, key=lambda chart: bool(np.isnan(chart.mpe)))[:MOST_PANELS]
-
-
 @plain
 def plot_history(history: History, ax: Axes | None = None) -> Figure:
     """Plot the test values of all checks, with the mean and the limits of the earlier checks and
     the MPE.
 
-    Checks have equal distances, and some their date below; the latest is coloured.
+    Checks have equal distances, and some their date below; the latest is coloured. A characteristic
+    with one check has no panel.
     """
-    every_chart = history.charts()
-    charts = charts_drawn(every_chart)
-    missing = sum(len(chart.values) > 1 for chart in every_chart) - len(charts)
+    charts = [chart for chart in history.charts() if len(chart.values) > 1]
     if not charts:
         ax = axes_of(ax, (4.0, 1.0))
         ax.text(0.5, 0.5, "no characteristic has two checks", ha="center", va="center")
         ax.set_axis_off()
         return whole([ax])
-    across = 4 if len(charts) <= 8 else MOST_PANELS // 2
-    panels = panels_of(ax, (9.4 / across, 1.9), len(charts), across)
+    panels = panels_of(ax, (9.4 / ACROSS, 1.9), len(charts), ACROSS)
     several = len({chart.arm for chart in charts}) > 1
     for k, (panel, chart) in enumerate(zip(panels, charts, strict=True)):
         _draw_chart(panel, chart)
         of_arm = f"\n{brief(chart.arm, NAME)}" if several else ""
         panel.set_title(chart.figure + of_arm, fontsize=8)
-        if k % across == 0:
+        if k % ACROSS == 0:
             panel.set_ylabel("|value| [mm]", fontsize=8)
-        if k + across >= len(charts):
+        if k + ACROSS >= len(charts):
             panel.set_xlabel("date (UTC)", fontsize=8)
     drawn = {line.get_label(): line for panel in panels for line in panel.lines}
     handles = [drawn[name] for name in MARKS if name in drawn]
     figure = whole(panels)
-    title = f"{missing} of {missing + len(charts)} charts are left out" if missing else None
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=len(MARKS),
-        fontsize=7,
-        title=title,
-        title_fontsize=7,
-    )
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(MARKS), fontsize=7)
     return figure
 
 

@@ -30,28 +30,6 @@ MODELS = {"nominal": INK, "recalibrated": GREY, "extended": BLUE}
 """The three models with their colours."""
 RANGE_UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
 """Units of the ranges in which records are grouped."""
-MANY, WORST = 40, 3
-"""Of more groups than so many, by size, no names can be read: so many are named."""
-
-
-@plain
-def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Plot the RMS residual of the models, and the value expected from noise alone."""
-    models = [*MODELS] if result.findings else ["nominal", "recalibrated"]
-    sizes = [result.rms[name] for name in (*models, "noise")]
-    colours = [*(MODELS[name] for name in models), VERMILLION]
-    ax = axes_of(ax, (6.8, 2.2))
-    _draw_lengths(ax, [*models, "noise alone"], sizes, colours, "RMS residual")
-    return ax
-
-
-def _draw_lengths(
-    ax: Axes, names: list[str], sizes: list[float], colours: list[str], what: str
-) -> None:
-    """Draw bars of ``sizes`` [m] in the unit of the largest."""
-    unit, scale = length_unit(max(sizes))
-    draw_bars(ax, names, [size / scale for size in sizes], lengths(sizes), colours)
-    ax.set_xlabel(f"{what} [{unit}]")
 
 
 def part_in_words(result: Diagnosis, part: BudgetPart) -> str:
@@ -68,7 +46,9 @@ def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
     names = [part_in_words(result, part) for part in parts]
     colours = [BLUE if part.causes else GREY for part in parts]
     sizes = [part.rms for part in parts]
-    _draw_lengths(ax, names, sizes, colours, "RMS displacement of the tip")
+    unit, scale = length_unit(max(sizes))
+    draw_bars(ax, names, [size / scale for size in sizes], lengths(sizes), colours)
+    ax.set_xlabel(f"RMS displacement of the tip [{unit}]")
     ax.locator_params(axis="x", nbins=5)
     return ax
 
@@ -88,7 +68,7 @@ def plot_residuals_by_row(result: Diagnosis, ax: Axes | None = None) -> Axes:
         ax.plot(residuals[:, axis] / scale, ".", ms=4, color=color, label="xyz"[axis])
     ax.axhline(0.0, color=GREY, lw=0.8)
     by = "the rows" if records.conditions.time is None else "time"
-    ax.set_xlabel(f"record, in the order of {by}")
+    ax.set_xlabel(f"number of the record, in the order of {by} [1]")
     ax.set_ylabel(f"tip minus reference [{unit}]")
     ax.legend(ncols=3)
     return ax
@@ -128,29 +108,21 @@ def _draw_groups(
     panel: Axes, kind: str, table: pd.DataFrame, expected: dict[str, tuple[str, str]]
 ) -> None:
     """Draw the groups of one kind, with lines of ``expected`` values (style, label)."""
-    unit, many = RANGE_UNITS.get(kind.split()[0], ""), len(table) > MANY
+    unit = RANGE_UNITS.get(kind.split()[0], "")
     if unit:  # by the start of the range
         starts = table["group"].str.split(" to ").str[0].astype(float)
         table = table.loc[starts.sort_values().index]
     else:
         table = table.sort_values("group", key=lambda groups: groups.map(numbers_by_size))
-    if many:
-        table = table.sort_values("nominal_mm", ascending=False)
     edges = np.arange(len(table) + 1) - 0.5
     for name, (line, label) in expected.items():
         sizes = table[f"{name}_mm"]
         panel.stairs(sizes, edges, baseline=None, color=VERMILLION, lw=1.2, ls=line, label=label)
-    ms = 2 if many else 4
     for name, colour in MODELS.items():
         sizes = table[f"{name}_mm"]
-        panel.plot(range(len(table)), sizes, "o-", color=colour, lw=1, ms=ms, label=name)
+        panel.plot(range(len(table)), sizes, "o-", color=colour, lw=1, ms=3, label=name)
     names = [group.removesuffix(unit).strip().replace(" to ", "\nto ") for group in table["group"]]
-    if many:
-        worst = "\n".join([f"{len(names)} groups, largest first:", *names[:WORST]])
-        panel.set_xticks([])
-        panel.set_xlabel(worst, fontsize=7)
-    else:
-        name_places(panel, names, letters=48, size=7)
+    name_places(panel, names, letters=48, size=7)
     panel.set_title(f"{kind} [{unit}]" if unit else kind, fontsize=9)
     panel.grid(axis="y", alpha=0.3)
 

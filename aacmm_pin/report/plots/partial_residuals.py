@@ -10,7 +10,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration import Fit
-from aacmm_pin.diagnosis import Diagnosis
+from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import (
     Conditions,
     Displacement,
@@ -20,7 +20,6 @@ from aacmm_pin.effects import (
     point_sensitivity,
     sensitivity,
 )
-from aacmm_pin.errors import AacmmError
 
 MICRO = 1e-6
 KIND_OF_UNIT = {"µm/m": "expansion", "µrad": "rotation", "µm": "translation"}
@@ -73,10 +72,11 @@ class _Amount:
     has_direction: bool = False
 
 
-def is_constant(effect: Effect, state: State) -> bool:
-    """Whether the cause displaces all records alike, as a geometric value does."""
-    displacements = effect.displacements(state)
-    return all(len(displacement.columns) == 1 for displacement in displacements)
+def varies(result: Diagnosis, finding: Finding) -> bool:
+    """Whether a cause displaces records differently; a value of the geometry does not."""
+    displacements = finding.effect.displacements(state_of(result.extended))
+    constant = all(len(displacement.columns) == 1 for displacement in displacements)
+    return not (constant or result.geometric(finding))
 
 
 def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = None) -> State:
@@ -95,17 +95,9 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     With the displacement L of the target per unit of the amount a, noise C and residual e of a
     record, the estimate is ``a - (Lᵀ C⁻¹ e)/(Lᵀ C⁻¹ L)`` with u = ``(Lᵀ C⁻¹ L)^(-1/2)``:
     generalised least squares (partial residual, Larsen, McCleary 1972, Technometrics 14).
-
-    Raises:
-        AacmmError: the cause displaces all records alike.
     """
     fit = result.extended
     state = state_of(fit)
-    if is_constant(effect, state):
-        raise AacmmError(
-            f"{effect.label} displaces all records equally; expected a cause that depends on "
-            "something"
-        )
     cause = _amount(effect, state)
     lever = cause.lever @ fit.point.frame.rotation.T
     weighted = np.linalg.solve(fit.residual_noise[:, :3, :3], lever[:, :, None])[:, :, 0]
@@ -157,15 +149,15 @@ def _common_direction(columns: Array) -> Array | None:
 
     It rotates by 1 rad, or else translates by 1 m; its largest component is positive.
     """
-    each = columns.transpose(1, 0, 2).reshape(6, -1)
-    left, size, _ = np.linalg.svd(each, full_matrices=False)
-    if size[0] == 0.0 or (size[1:] > 1e-9 * size[0]).any():
+    twists = columns.transpose(0, 2, 1).reshape(-1, 6)
+    longest = twists[np.argmax(np.linalg.norm(twists, axis=1))]
+    length = float(np.linalg.norm(longest[3:])) or float(np.linalg.norm(longest))
+    if not length:
         return None
-    first = left[:, 0]
-    direction = np.where(np.abs(first) > 1e-9, first, 0.0)
-    largest = direction[np.argmax(np.abs(direction))]
-    length = float(np.linalg.norm(direction[3:])) or float(np.linalg.norm(direction))
-    return np.asarray(direction * np.sign(largest) / length)
+    direction = longest / length * np.sign(longest[np.argmax(np.abs(longest))])
+    multiples = twists @ direction / (direction @ direction)
+    beside = twists - multiples[:, None] * direction
+    return direction if np.abs(beside).max() < 1e-9 * length else None
 
 
 def _abscissa(effect: Effect, state: State, cause: _Amount) -> tuple[Array, str]:
@@ -214,10 +206,7 @@ def is_of_angle(effect: Effect, state: State) -> bool:
 
 def unit_of_load(unit: str, amount: str) -> str:
     """Unit that times a ``unit`` gives that of the ``amount``: ``(N·m)²`` for ``rad/(N·m)²``."""
-    above, *below = re.split(r"/(?![^(]*\))", unit)  # at slashes outside brackets
-    if above not in (amount, "1"):
+    above, _, load = unit.partition("/")
+    if above != amount:
         return f"{amount}/({unit})"
-    if not below:
-        return amount if above == "1" else "1"
-    factors = [amount, *below] if above == "1" else below
-    return "·".join(factors) if len(factors) > 1 else re.sub(r"^\(([^()]*)\)$", r"\1", factors[0])
+    return re.sub(r"^\(([^()]*)\)$", r"\1", load) or "1"

@@ -1,14 +1,13 @@
-"""Residuals of a calibration or diagnosis as lines in space; views of an arm with places."""
+"""Residuals of a calibration or diagnosis as arrows; views of an arm with places."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.checks import Array
@@ -24,9 +23,6 @@ from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
     INK,
-    VERMILLION,
-    axes_of,
-    legend_below,
     panels_of,
     plain,
     round_down,
@@ -34,8 +30,8 @@ from aacmm_pin.report.plots.style import (
     whole,
 )
 
-Plane = Literal["xy", "xz", "yz"]
-VIEWS: dict[Plane, str] = {"xy": "plan (xy)", "xz": "side (xz)", "yz": "side (yz)"}
+VIEWS = {(0, 1): "plan (xy)", (0, 2): "side (xz)"}
+"""Axes of the reference frame in each view."""
 LONGEST_VECTOR = 0.08
 """Length of nearly all residuals, as part of the picture."""
 POSTURES_DRAWN = 3
@@ -87,83 +83,43 @@ MANY_PLACES = 8
 
 
 @plain
-def plot_residual_vectors(
-    result: Calibration | Diagnosis,
-    model: str | None = None,
-    plane: Plane = "xz",
-    factor: float | None = None,
-    ax: Axes | None = None,
-) -> Axes:
-    """Plot residuals as lines from each target towards the tip, in a projection, with the arm in
-    some postures.
+def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
+    """Plot residuals of :func:`two_models` as arrows from each target towards the tip, equally
+    magnified, in top and side view with the arm in some postures, in the area of ``ax``.
 
     For a diagnosis, a target is the stated place, or without one the estimate from all records of
-    the seat. A dot marks the magnified tip, a cross an excluded record.
-
-    Args:
-        model: ``before`` or ``after`` (default) for a calibration; ``nominal``, ``recalibrated`` or
-            ``extended`` (default) for a diagnosis.
-        plane: two axes of the reference frame.
-        factor: magnification of the residuals; default a suitable one.
-
-    Raises:
-        UnknownNameError: the model or the plane is unknown.
+    the seat.
     """
-    fits = models(result)
-    name, last_fit = model or [*fits][-1], [*fits.values()][-1]
-    fit = model_named(result, name)
-    if plane not in get_args(Plane):
-        raise UnknownNameError("plane", plane, list(get_args(Plane)))
-    axes, ax = ["xyz".index(axis) for axis in plane], axes_of(ax, (6.0, 5.6))
-    deviation = deviations_of(result, fit)
-    place = fit.point.prediction.tips - deviation
-    factor = factor or magnification_of(place[last_fit.used], deviation[last_fit.used])
-    for posture in postures_of(last_fit):
-        line = posture[:, axes].T / MM
-        ax.plot(*line, "o-", color=GREY, lw=3, ms=4, alpha=0.5, solid_capstyle="round", zorder=1)
-    used, excluded = some_of(np.flatnonzero(last_fit.used), MOST_VECTORS), last_fit.excluded
-    number = last_fit.used.sum()
-    some = f"\n{len(used)} of {number} records are drawn" if len(used) < number else ""
-    if excluded.any():
-        label = f"{excluded.sum()} excluded"
-        crosses = place[excluded][:, axes].T / MM
-        ax.plot(*crosses, "x", ms=7, mew=1.8, color=VERMILLION, label=label)
-        legend_below(ax)
-    _draw_vectors(ax, place[used][:, axes] / MM, deviation[used][:, axes] / MM, factor)
-    ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
-    words = f"{name}, {VIEWS[plane]}"
-    ax.set_title(f"{words}, residuals magnified {factor:g}×{some}")
-    return ax
-
-
-@plain
-def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
-    """Plot the residual vectors of :func:`two_models` in top and side view, equally magnified, in
-    the area of ``ax``.
-    """
-    names, panels = two_models(result), panels_of(ax, (4.3, 4.0), 4, 2)
-    used, fit = [*models(result).values()][-1].used, models(result)[names[0]]
-    deviation = deviations_of(result, fit)[used]
-    factor = magnification_of(fit.point.prediction.tips[used] - deviation, deviation)
-    planes: tuple[Plane, ...] = ("xy", "xz")
-    for panel, (plane, name) in zip(panels, product(planes, names), strict=True):
-        plot_residual_vectors(result, name, plane, factor, panel)
+    panels = panels_of(ax, (4.3, 4.0), 4, 2)
+    fits, last_fit = models(result), [*models(result).values()][-1]
+    names, used = two_models(result), last_fit.used
+    shown = some_of(np.flatnonzero(used), MOST_VECTORS)
+    first = fits[names[0]]
+    deviation = deviations_of(result, first)[used]
+    factor = magnification_of(first.point.prediction.tips[used] - deviation, deviation)
+    for panel, (plane, name) in zip(panels, product(VIEWS, names), strict=True):
+        for posture in postures_of(last_fit):
+            line = posture[:, plane].T / MM
+            panel.plot(*line, color=GREY, lw=3, alpha=0.5, solid_capstyle="round", zorder=1)
+        fit = fits[name]
+        off = deviations_of(result, fit)[shown]
+        start = fit.point.prediction.tips[shown] - off
+        _draw_vectors(panel, start[:, plane] / MM, off[:, plane] / MM, factor)
+        across, along = ("xyz"[axis] for axis in plane)
+        panel.set(xlabel=f"{across} [mm]", ylabel=f"{along} [mm]", aspect="equal")
+        panel.set_title(f"{name}, {VIEWS[plane]}, residuals × {factor:g}")
     return whole(panels)
 
 
 def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
-    """Draw magnified lines (n, 2) [mm] with dots at their ends, and a scale bar."""
-    ends = start + factor * off
-    segments = [*np.stack([start, ends], axis=1)]
-    ax.add_collection(LineCollection(segments, colors=BLUE, linewidths=0.9, alpha=0.75, zorder=2))
-    ax.plot(*start.T, "o", ms=2.5, color=INK, zorder=2)
-    ax.plot(*ends.T, ".", ms=2.3, color=BLUE, zorder=2)
-    low, size = start.min(axis=0), float(np.ptp(start, axis=0).max()) or 1.0
+    """Draw magnified arrows (n, 2) [mm], and above them one for the scale."""
+    units: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "units": "inches"}
+    scale = 1 / factor
+    arrows = ax.quiver(*start.T, *off.T, color=BLUE, scale=scale, width=0.014, zorder=2, **units)
+    size = float(np.ptp(start, axis=0).max()) or 1.0
     bar = round_down(0.12 * size / factor)
-    end, y = low[0] + factor * bar, low[1] - 0.11 * size
-    ax.plot([low[0], end], [y, y], "|-", color=INK, lw=1.2, ms=7)
-    text = length(bar * MM)
-    ax.annotate(text, (end, y), (5, 0), textcoords="offset points", va="center", fontsize=8)
+    ax.update_datalim(start + factor * off)
+    ax.quiverkey(arrows, 0.1, 0.95, bar, length(bar * MM), labelpos="E")
     ax.margins(0.08)
 
 

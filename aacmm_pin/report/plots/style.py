@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.text_escaping import printable
 from aacmm_pin.errors import AacmmError
 
 BLUE, VERMILLION, GREEN, GREY, INK = "#0072b2", "#d55e00", "#009e73", "#9a9a9a", "#262626"
@@ -31,10 +30,8 @@ STYLE: dict[str, Any] = {
     "legend.frameon": False,
 }
 """Settings of matplotlib."""
-LONGEST_LINE, LONGEST_AT_TICK, LONGEST_UPRIGHT = 96, 48, 24
-"""Most characters in a line of a title, in a name at a tick, and in one that may stand upright."""
-EDGE = 0.03
-"""Distance from the edge of marks for values beyond it, in heights of the scale."""
+LONGEST_AT_ROW, LONGEST_AT_PLACE = 48, 24
+"""Most characters of a name beside a row, and of one below the axes, which may stand upright."""
 P = ParamSpec("P")
 Drawn = TypeVar("Drawn", Axes, Figure)
 
@@ -55,7 +52,7 @@ def without_latex() -> Iterator[None]:
 
 
 def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
-    """The drawing function in this style, with :func:`literal` text."""
+    """The drawing function in this style, with text in which a dollar sign begins no formula."""
 
     @wraps(draw)
     def drawn(*args: P.args, **named: P.kwargs) -> Drawn:
@@ -63,19 +60,10 @@ def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
             picture = draw(*args, **named)
         for text in cast(list[Text], picture.findobj(Text)):
             text.set_usetex(False)
-            text.set_text(literal(text.get_text()))
+            text.set_parse_math("$" not in text.get_text())
         return picture
 
     return drawn
-
-
-def literal(text: str, most: int = LONGEST_LINE) -> str:
-    """Text without formulas for matplotlib, with lines of at most so many characters."""
-    lines, half = printable(text).split("\n"), most // 2
-    for number, line in enumerate(lines):
-        if len(line) > most:  # omit the middle
-            lines[number] = f"{line[:half]}…{line[half + 1 - most :]}"
-    return re.sub(r"(?<!\\)\$", r"\$", "\n".join(lines))
 
 
 def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
@@ -133,38 +121,32 @@ def draw_bars(
 
 def name_rows(ax: Axes, names: Sequence[str], size: float = 9.0) -> None:
     """Names of the rows 0, 1, 2, …, the first on top."""
-    rows = range(len(names))
-    ax.set_yticks(rows, [literal(name, LONGEST_AT_TICK) for name in names], fontsize=size)
+    ax.set_yticks(range(len(names)), shortened(names, LONGEST_AT_ROW), fontsize=size)
     ax.invert_yaxis()
-
-
-def draw_beyond(
-    ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tuple[float, float]
-) -> None:
-    """Set the ``limits`` of y, and mark values beyond by diamonds at the edge; ``series``: x (n,),
-    y (n,), colour.
-    """
-    low, high = limits
-    edge, number = EDGE * (high - low), 0
-    for x, y, colour in series:
-        beyond = (y < low) | (y > high)
-        inside = np.clip(y[beyond], low + edge, high - edge)
-        ax.plot(x[beyond], inside, "D", ms=4, color=colour)
-        number += int(beyond.sum())
-    if number:
-        ax.plot([], [], "D", ms=4, color=INK, label=f"{number} beyond the scale, at its edge")
-    ax.set_ylim(low, high)
 
 
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
     """Names of the places 0, 1, 2, …; upright if longer than ``letters``, only some if three times
     as long.
     """
-    names = [literal(name, LONGEST_UPRIGHT) for name in names]
+    names = shortened(names, LONGEST_AT_PLACE)
     width = sum(2 + max(map(len, name.split("\n"))) for name in names)
     some = slice(None, None, -(-3 * len(names) // letters))
     rotation = 90 if width > letters else 0
     ax.set_xticks(range(len(names))[some], names[some], fontsize=size, rotation=rotation)
+
+
+def shortened(names: Iterable[str], most: int) -> list[str]:
+    """The names, with an ellipsis in the middle of those of more than ``most`` characters."""
+    half = most // 2
+    return [f"{name[:half]}…{name[-half:]}" if len(name) > most else name for name in names]
+
+
+def with_cut_off(name: str, values: Array, limits: tuple[float, float]) -> str:
+    """Name of a series for the legend, with the number of ``values`` beyond the ``limits`` of y."""
+    low, high = limits
+    beyond = int(((values < low) | (values > high)).sum())
+    return f"{name} ({beyond} beyond the scale)" if beyond else name
 
 
 def aside(count: int, width: float) -> Array:

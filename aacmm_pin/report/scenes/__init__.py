@@ -2,7 +2,6 @@
 
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene
-from aacmm_pin.report.scenes.map_scene import map_scene
 from aacmm_pin.report.scenes.residual_scene import residual_scene
 from aacmm_pin.report.scenes.scene import (
     ColourBar,
@@ -21,7 +20,6 @@ __all__ = [
     "View",
     "arm_scene",
     "circle_scene",
-    "map_scene",
     "residual_scene",
     "shared_script",
 ]

@@ -6,12 +6,11 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from meshcat.geometry import Sphere
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM3, UM, count
 from aacmm_pin.accuracy import ELLIPSOID_COVERAGE_FACTOR, AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint
-from aacmm_pin.report.plots.circle import neighbours
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
@@ -123,10 +122,24 @@ def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
     return origin[axes[widest]], f"joint {widest + 1}"
 
 
+def _neighbours(circle: PosturesAtPoint, members: Index) -> Index:
+    """Numbers of the postures at both ends of each piece of the path, (pieces, 2)."""
+    pairs = [np.empty((0, 2), dtype=np.intp)]
+    curves = getattr(circle, "curves", ())
+    if isinstance(circle, ConfigurationCircle):
+        curves = circle.components.curves
+    for number in np.unique(circle.component[members]):
+        along = members[circle.component[members] == number]
+        if curves and curves[number - 1].closed:
+            along = np.append(along, along[0])
+        pairs.append(np.column_stack([along[:-1], along[1:]]))
+    return np.concatenate(pairs)
+
+
 def _draw_path(
     scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
 ) -> None:
-    pairs = neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS))
+    pairs = _neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS))
     works = circle.within_limits[pairs].all(axis=1)
     within, outside = pairs[works], pairs[~works]
     if len(outside):

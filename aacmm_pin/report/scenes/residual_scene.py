@@ -14,7 +14,6 @@ from aacmm_pin.report.plots.residual_vectors import (
     magnification_of,
     model_named,
     models,
-    postures_of,
     rms_of,
 )
 from aacmm_pin.report.plots.style import some_of
@@ -22,7 +21,6 @@ from aacmm_pin.report.scenes.robot_bodies import BodyStyle, bodies_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
 from aacmm_pin.report.scenes.stage import (
     draw_ball,
-    draw_ghosts,
     flat,
     joint_texts,
     moving,
@@ -48,7 +46,7 @@ def residual_scene(
     from the largest residual to the smallest.
 
     A line leads from each target towards the tip, as in
-    :func:`aacmm_pin.report.plots.plot_residual_vectors`.
+    :func:`aacmm_pin.report.plots.plot_residual_views`.
 
     Args:
         model: ``before`` or ``after`` (default) for a calibration; ``nominal``, ``recalibrated`` or
@@ -80,7 +78,6 @@ def residual_scene(
 
     title = f"{arm.name}: residuals, {name}"
     scene = stage(title, _caption(result, judge, len(chosen)), bodies, points, target)
-    draw_ghosts(scene, bodies.radius, map(frame.back, postures_of(judge)))
     size_mm = distances_mm[name][chosen]
     scene.bar = ColourBar.of(f"distance between tip and {start} [mm]", size_mm, SIZE_COLOURS)
     colours = scene.bar.colours(size_mm)

@@ -32,13 +32,14 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.units import DEG
-from aacmm_pin.errors import ShapeError
 
 Mark = Literal["ball", "line", "area"]
+ELEVATION = 18 * DEG
+"""Of the camera above the horizontal."""
 STOPS = 24
 """Colours of a bar on the page."""
-NOTEBOOK_HEIGHT = 560
-"""Height of a scene in a notebook [px]."""
+FRAME_HEIGHT = 540
+"""Height of a scene in a notebook or on a page [px]."""
 MESHCAT_ID = re.compile(rb"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 """meshcat's id of a geometry, material or object, with the time and the network address."""
 SIGHT_DIRECTIONS = np.array([*product(range(-2, 3), repeat=3)])
@@ -107,23 +108,12 @@ class Frames:
         placements: by path, ``(n, 4, 4)`` [m]; rotations may contain a scale.
         texts: displayed numbers by name, ``(n,)`` each.
         colours: matplotlib colours along the slider ``(n,)``.
-        start: index of the first frame shown.
     """
 
     placements: Mapping[str, Array]
     texts: Mapping[str, Sequence[str]]
     colours: Sequence[str] | Array
-    start: int = 0
     per_second: float = 20.0
-
-    def __post_init__(self) -> None:
-        for what, per_frame in (("placements", self.placements), ("texts", self.texts)):
-            for name, values in per_frame.items():
-                if len(values) != len(self):
-                    raise ShapeError(
-                        f"{what} of {name}: {len(values)} frames; expected {len(self)}, as many "
-                        "as colours"
-                    )
 
     def __len__(self) -> int:
         return len(self.colours)
@@ -134,7 +124,6 @@ class Frames:
         rows = {path: each[:, :3].astype("<f4") for path, each in self.placements.items()}
         return {
             "count": len(self),
-            "start": self.start,
             "perSecond": self.per_second,
             "labels": [*self.texts],
             "readings": [*zip(*self.texts.values(), strict=True)],
@@ -151,25 +140,23 @@ class View:
     Attributes:
         points: ``(n, 3)`` [m].
         azimuth: of the camera, from +x towards +y [rad].
-        elevation: of the camera above the horizontal [rad].
         room: margin around the points, for thick bodies [m].
     """
 
     points: Array
     azimuth: float
-    elevation: float = 18 * DEG
     room: float = 0.0
 
     @property
     def data(self) -> dict[str, Any]:
         """For the page: the outermost points, and the unit vector towards the camera."""
-        level = np.cos(self.elevation)
+        level = np.cos(ELEVATION)
         x, y = level * np.cos(self.azimuth), level * np.sin(self.azimuth)
         # One direction at a time: the points may be hundreds of thousands.
         outermost = np.unique([(self.points @ sight).argmax() for sight in SIGHT_DIRECTIONS])
         return {
             "points": self.points[outermost].tolist(),
-            "direction": [x, y, np.sin(self.elevation)],
+            "direction": [x, y, np.sin(ELEVATION)],
             "room": self.room,
         }
 
@@ -208,10 +195,6 @@ class Scene:
     def __getitem__(self, path: str) -> Any:
         return self.meshcat[path]
 
-    def __str__(self) -> str:
-        frames = len(self.frames) if self.frames else 0
-        return f"{self.title}: {len(self.commands)} commands, {frames} frames"
-
     def explain(self, colour: str, text: str, mark: Mark = "ball") -> None:
         """Put a colour and its meaning first in the legend."""
         self.swatches.insert(0, Swatch(colour, text, mark))
@@ -240,19 +223,19 @@ class Scene:
         with whole_file(path, force) as temporary:
             temporary.write_text(encodable(self.html()), encoding="utf-8")
 
-    def embedded(self, height: int = NOTEBOOK_HEIGHT) -> str:
-        """The scene as HTML in a frame of this ``height`` [px], for a page with one
+    def embedded(self) -> str:
+        """The scene as HTML in a frame, for a page with one
         :func:`aacmm_pin.report.scenes.shared_script`.
         """
         page = htmlsafe_json_dumps(self._page("<!-- viewer -->", plays=False))
-        frame = self._frame("class=aacmm-scene", height)
+        frame = self._frame("class=aacmm-scene")
         return (
             f'<div style="position: relative">{POSTER}{frame}\n'
             f'<script type="application/json">{page}</script></div>'
         )
 
     def _repr_html_(self) -> str:
-        return self._frame(f'srcdoc="{escape(self.html())}"', NOTEBOOK_HEIGHT)
+        return self._frame(f'srcdoc="{escape(self.html())}"')
 
     def show(self, browser: bool = True) -> Visualizer:
         """Show the scene live with meshcat's own server, in the first posture.
@@ -281,8 +264,8 @@ class Scene:
             scene=self, viewer=Markup(viewer), data=data, drawing=Markup(_script("scene.js"))
         )
 
-    def _frame(self, content: str, height: int) -> str:
-        style = f"position: relative; width: 100%; height: {height}px; border: 0"
+    def _frame(self, content: str) -> str:
+        style = f"position: relative; width: 100%; height: {FRAME_HEIGHT}px; border: 0"
         title = escape(self.title)
         return f'<iframe title="{title}" {content} allowfullscreen style="{style}"></iframe>'
 

@@ -32,10 +32,12 @@ THICKNESS = 0.014
 """Radius of a tube over the length of the arm."""
 DRAWN = 0.3
 """Shorter pieces, in radii, are hidden in a joint."""
+STYLUS_WIDTH, HALF_JOINT = 0.4, 1.9
+"""Radius of the last body, and half length of a joint, in radii of the tubes."""
 AXES_GRADIENT = "linear-gradient(to right, red 33%, lime 33% 66%, blue 66%)"
 TO_SCALE = "Lengths of the arm are to scale, but thicknesses of tubes and joints are not."
 ROOM_ROUND_ARM = 3.4
-"""Margin in radii of a tube around the arm's lines, for joints and foot."""
+"""Margin in radii of a tube around the arm's lines, for joints and flange."""
 ANGLED = 35 * DEG
 """Angle of the camera beside the direction in which the arm reaches."""
 CELL, CELLS = 0.5, 40
@@ -61,7 +63,7 @@ class Bodies(ArmLines):
         return [
             Swatch(TUBE, "tubes", "line"),
             Swatch(JOINT, "joints (cylinders along their axes)", "area"),
-            Swatch(STYLUS, "last body (thinner towards the tip)", "line"),
+            Swatch(STYLUS, "last body", "line"),
         ]
 
     @property
@@ -71,59 +73,46 @@ class Bodies(ArmLines):
 
     def outline(self, q: Array) -> Array:
         """Points (k, 3) [m] around the bodies at checked ``q`` (n, nq)."""
-        return np.vstack([self.corners(q).reshape(-1, 3), self.foot])
+        return self.corners(q).reshape(-1, 3)
 
     def draw(self, scene: Scene) -> None:
         """Put the bodies into a scene, each to be moved by the transform of ``arm/body i``."""
         moves, last = set(self.arm.chain.moving_axes()), len(self.lines) - 1
         for number, line in enumerate(self.lines):
-            body, radius = scene[f"arm/body {number}"], self.radius
-            pieces = [pair for pair in pairwise(line) if self._shows(*pair)]
+            body, radius, material = scene[f"arm/body {number}"], self.radius, solid(TUBE)
             if number == last:
-                radius *= 0.7
-                if pieces:
-                    stylus = rod(*pieces.pop(), 0.35 * self.radius, 0.3 * self.radius)
-                    _put(body["stylus"], *stylus, solid(STYLUS))
+                radius, material = STYLUS_WIDTH * self.radius, solid(STYLUS)
+            pieces = [pair for pair in pairwise(line) if self._shows(*pair)]
             for count, (start, end) in enumerate(pieces, start=1):
-                _put(body[f"tube {count}"], *rod(start, end, radius), solid(TUBE))
-                _put(body[f"corner {count}"], Sphere(radius), placed_at(end), solid(TUBE))
+                _put(body[f"tube {count}"], *rod(start, end, radius), material)
+                _put(body[f"corner {count}"], Sphere(radius), placed_at(end), material)
             if number == 0:
-                self._draw_foot(body)
+                self._draw_foot(body["foot"])
             elif chain.axis(number) in moves:
                 self._draw_joint(body["joint"], number)
         draw_tip(scene, self)
 
     def _draw_joint(self, node: Any, number: int) -> None:
         """A cylinder along the axis, or a square bar for a prismatic joint."""
-        half, radius = (1.9, 1.45) if number < len(self.lines) - 1 else (1.4, 1.1)
-        end = self.radius * np.array([0.0, 0.0, half])
-        shape, placement = rod(-end, end, radius * self.radius)
+        end = HALF_JOINT * self.radius * np.array([0.0, 0.0, 1.0])
+        shape, placement = rod(-end, end, 1.45 * self.radius)
         if self.arm.chain.slides[self.arm.chain.moved[chain.axis(number)]]:
             shape.radialSegments = 4
         _put(node, shape, placement, solid(JOINT))
 
-    @property
-    def foot(self) -> Array:
-        """Upper end of the foot, and middle of the flange below (2, 3) [m].
-
-        The arm stands on the origin of the base if a line leads from there to joint 1, else on a
-        short post.
+    def _draw_foot(self, node: Any) -> None:
+        """A flange at the origin of the base if a line leads from there to joint 1, else below
+        joint 1.
         """
-        if self._shows(*self.lines[0][[0, -1]]):
-            return np.zeros((2, 3))
-        rotations, origins = self.arm.chain.at_zero
-        axis, origin = rotations[chain.axis(1), :, 2], origins[chain.axis(1)]
-        up = -axis if axis @ self.arm.up < 0 else axis
-        return np.array([origin, origin - 4.2 * self.radius * up])
-
-    def _draw_foot(self, body: Any) -> None:
-        top, bottom = self.foot
-        down = self.lines[0][0] - self.lines[0][-1]
-        if (bottom != top).any():
-            down = bottom - top
-            _put(body["post"], *rod(top, bottom, 1.5 * self.radius), solid(BASE))
-        thick = 0.8 * self.radius * down / np.linalg.norm(down)
-        _put(body["flange"], *rod(bottom, bottom + thick, 3.4 * self.radius), solid(BASE))
+        start, end = self.lines[0][[0, -1]]
+        up, top = end - start, start
+        if not self._shows(start, end):
+            rotations, origins = self.arm.chain.at_zero
+            axis = rotations[chain.axis(1), :, 2]
+            up = -axis if axis @ self.arm.up < 0 else axis
+            top = origins[chain.axis(1)] - HALF_JOINT * self.radius * up
+        thick = 0.8 * self.radius * up / np.linalg.norm(up)
+        _put(node, *rod(top - thick, top, 3.4 * self.radius), solid(BASE))
 
     def _shows(self, start: Array, end: Array) -> bool:
         return float(np.linalg.norm(end - start)) > DRAWN * self.radius
@@ -240,9 +229,9 @@ def solid(colour: str, opacity: float = 1.0, *, flat: bool = False) -> Any:
     )
 
 
-def flat(colour: str = "white", opacity: float = 1.0, *, by_vertex: bool = False) -> Any:
+def flat(colour: str = "white", *, by_vertex: bool = False) -> Any:
     """Material of data: exactly the colour of the legend, without light."""
-    return MeshBasicMaterial(color=colour_number(colour), opacity=opacity, vertexColors=by_vertex)
+    return MeshBasicMaterial(color=colour_number(colour), vertexColors=by_vertex)
 
 
 def ahead(colour: str, opacity: float) -> Any:
@@ -265,16 +254,11 @@ def placed_at(points: Array) -> Array:
     return placements
 
 
-def rod(
-    start: Array, end: Array, radius: float, end_radius: float | None = None
-) -> tuple[Any, Array]:
-    """A cylinder from ``start`` to ``end`` (3,) [m], or a cone with another end radius; its
-    placement (4, 4).
-    """
-    length = float(np.linalg.norm(end - start))
+def rod(start: Array, end: Array, radius: float) -> tuple[Any, Array]:
+    """A cylinder from ``start`` to ``end`` (3,) [m], and its placement (4, 4)."""
     placement = placed_at((start + end) / 2)
     placement[:3, :3] = _toward(end - start)
-    return Cylinder(length, radiusBottom=radius, radiusTop=end_radius or radius), placement
+    return Cylinder(float(np.linalg.norm(end - start)), radius), placement
 
 
 def prisms(

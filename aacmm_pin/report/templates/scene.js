@@ -139,7 +139,7 @@
   data.commands.forEach((command) => viewer.handle_command_bytearray(bytes(command)));
   viewer.set_3d_pane_size();
   if (frames) {
-    show(frames.start);
+    show(0);
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches || location.hash === "#still";
     if (data.plays && frames.count > 1 && !still) play(true);
   }
