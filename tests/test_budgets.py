@@ -26,7 +26,7 @@ TOKENS: dict[str, int] = {
     "effects": 29700,
     "postures": 23250,
     "measurements": 23250,
-    "accuracy": 12300,
+    "accuracy": 12200,
     "calibration": 56950,
     "diagnosis": 49100,
     "planning": 11800,

@@ -80,10 +80,7 @@ class LengthUncertainty(Shown):
         cross_products = np.outer(a.mean(axis=0) * shared, b.mean(axis=0) * shared)
         mean_products = a.T @ a / len(a) + b.T @ b / len(b)
         mean_products -= cross_products + cross_products.T
-        correlation = self.sources.correlation
-        if correlation is None:
-            correlation = np.eye(len(mean_products))
-        return self.sources.budget(mean_products * correlation, by)
+        return self.sources.budget(mean_products, by)
 
     def __str__(self) -> str:
         sources = self.sources

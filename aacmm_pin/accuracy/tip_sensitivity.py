@@ -236,18 +236,15 @@ class ErrorSources(Shown):
         scaled = self.independent(sensitivity * self.u)
         return scaled @ scaled.transpose(0, 2, 1)
 
-    def shared_variance(self, sensitivity: Array) -> Array:
-        """``S_k Σ_kl S_l``, summed over coordinates and postures: (p, p) [m²]."""
-        scaled = sensitivity * self.u
-        if self.correlation is None:
-            return np.diag(np.square(scaled).sum(axis=(0, 1)))
-        products = scaled.transpose(0, 2, 1) @ scaled
-        return np.asarray(products.sum(axis=0) * self.correlation)
-
-    def budget(self, together: Array, by: str = "parameter") -> pd.DataFrame:
-        """Table of :meth:`AccuracyVolume.budget` from parts of a variance (p, p) [m²]."""
+    def budget(self, products: Array, by: str = "parameter") -> pd.DataFrame:
+        """Table of :meth:`AccuracyVolume.budget` from products of the contributions of two sources,
+        summed over coordinates (p, p) [m²].
+        """
         import pandas as pd
 
+        together = np.diag(np.diag(products))
+        if self.correlation is not None:
+            together = products * self.correlation
         table = pd.DataFrame(
             {
                 "parameter": [p.name for p in self.parameters],

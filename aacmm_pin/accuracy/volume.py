@@ -126,10 +126,13 @@ class AccuracyVolume(Shown):
                 a cause of the whole arm), ``u_mm`` is its RMS contribution alone, ``share`` sums to
                 1.
         """
-        together = np.zeros((len(self.sources.parameters),) * 2)
+        count = len(self.sources.parameters)
+        products = np.zeros((count, count))
         for q, conditions in _parts(self.q, self.conditions):
-            together += self.sources.shared_variance(self.sources.sensitivity(q, conditions))
-        return self.sources.budget(together / max(len(self.q), 1), by)
+            sensitivity = self.sources.sensitivity(q, conditions)
+            contributions = (sensitivity * self.sources.u).reshape(-1, count)
+            products += contributions.T @ contributions
+        return self.sources.budget(products / max(len(self.q), 1), by)
 
     def to_frame(self) -> pd.DataFrame:
         """Return a table of postures: ``theta1_deg`` …, ``volume_mm3``, ``u_mm``, and

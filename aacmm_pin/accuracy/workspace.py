@@ -80,8 +80,7 @@ class Variable(NamedTuple):
     """A variable of a map.
 
     Attributes:
-        name: in the file.
-        source: key in the results of a cell.
+        name: in the file, and in the results of :func:`_cells`.
         unit: key of :data:`UNITS`.
         text: long name.
         kind: type of its numbers.
@@ -89,7 +88,6 @@ class Variable(NamedTuple):
     """
 
     name: str
-    source: str
     unit: str
     text: str
     kind: type = float
@@ -97,38 +95,20 @@ class Variable(NamedTuple):
 
 
 VARIABLES = (
-    Variable("reachable", "reachable", "1", "1 if within reach (limits ignored)", np.int8),
-    Variable("complete", "complete", "1", "0 if postures are missing", np.int8),
-    Variable("sector_works", "works", "1", "1 if within the limits", np.int8, ("sector",)),
-    Variable("working_sectors", "count", "1", "number of working sectors", np.int32),
-    Variable("flexibility", "flexibility", "1", "working / theoretical sectors (eq. 1)"),
-    Variable("arc_fraction", "arc_fraction", "1", "working / theoretical swivel range"),
-    Variable("comprehensive_mm3", "comprehensive", "mm3", "comprehensive accuracy (eq. 15)"),
-    Variable("best_mm3", "best", "mm3", "smallest accuracy volume of sectors"),
-    Variable("worst_mm3", "worst", "mm3", "largest accuracy volume of sectors"),
-    Variable("smallest_u_mm", "least_u", "mm", "smallest standard uncertainty of sectors"),
-    Variable("largest_u_mm", "most_u", "mm", "largest standard uncertainty of sectors"),
-    Variable(
-        "smallest_u_theta_deg",
-        "least_u_q",
-        "degree",
-        "posture with the smallest u",
-        more=("joint",),
-    ),
-    Variable(
-        "best_theta_deg",
-        "best_q",
-        "degree",
-        "posture with the smallest volume",
-        more=("joint",),
-    ),
-    Variable(
-        "worst_theta_deg",
-        "worst_q",
-        "degree",
-        "posture with the largest volume",
-        more=("joint",),
-    ),
+    Variable("reachable", "1", "1 if within reach (limits ignored)", np.int8),
+    Variable("complete", "1", "0 if postures are missing", np.int8),
+    Variable("sector_works", "1", "1 if within the limits", np.int8, ("sector",)),
+    Variable("working_sectors", "1", "number of working sectors", np.int32),
+    Variable("flexibility", "1", "working / theoretical sectors (eq. 1)"),
+    Variable("arc_fraction", "1", "working / theoretical swivel range"),
+    Variable("comprehensive_mm3", "mm3", "comprehensive accuracy (eq. 15)"),
+    Variable("best_mm3", "mm3", "smallest accuracy volume of sectors"),
+    Variable("worst_mm3", "mm3", "largest accuracy volume of sectors"),
+    Variable("smallest_u_mm", "mm", "smallest standard uncertainty of sectors"),
+    Variable("largest_u_mm", "mm", "largest standard uncertainty of sectors"),
+    Variable("smallest_u_theta_deg", "degree", "posture with the smallest u", more=("joint",)),
+    Variable("best_theta_deg", "degree", "posture with the smallest volume", more=("joint",)),
+    Variable("worst_theta_deg", "degree", "posture with the largest volume", more=("joint",)),
 )
 
 
@@ -338,40 +318,43 @@ def _cells(
     axis: Array | None,
     points: Array,
 ) -> dict[str, Array]:
-    """Results of cells with centres at ``points`` (n, 3) [m], by the sources of
-    :data:`VARIABLES`.
+    """Values of cells with centres at ``points`` (n, 3) [m], by the names of :data:`VARIABLES`, in
+    m, m³ and rad.
     """
     arm = ErrorModel.arm_of(model)
     reach = reach_of_points(arm, points, sectors, MAP, axis)
     working = reach.sectors
-    n = len(points)
     q = working.q
     arrays: dict[str, Any] = {
         "reachable": reach.reachable,
         "complete": reach.complete,
-        "works": working.working,
+        "sector_works": working.working,
+        "working_sectors": working.working.sum(axis=1),
         "flexibility": working.zeta,
         "arc_fraction": reach.arc_fraction,
     }
-    for name in ("comprehensive", "best", "worst", "least_u", "most_u"):
-        arrays[name] = np.full(n, np.nan)
-    for name in ("best_q", "worst_q", "least_u_q"):
-        arrays[name] = np.full((n, q.shape[1]), np.nan)
+    for variable in VARIABLES:
+        shape = (len(points), arm.nq) if variable.more else len(points)
+        arrays.setdefault(variable.name, np.full(shape, np.nan))
     if not len(q):
         return arrays
     at = _frame(arm, axis)
     accuracy = accuracy_volume(model, q, conditions=conditions, at=at, method=method)
-    volume = accuracy.volume
-    u = accuracy.u
+    volume, u = accuracy.volume, accuracy.u
     best = _smallest(working.point * sectors + working.sector, volume)
     cell = working.point[best]
     weights = configuration_weights(q[best, 2], points[cell], cell)
-    arrays["comprehensive"][cell] = np.bincount(cell, weights * volume[best])[cell]
-    for name, values in {"best": volume, "worst": -volume, "least_u": u, "most_u": -u}.items():
+    arrays["comprehensive_mm3"][cell] = np.bincount(cell, weights * volume[best])[cell]
+    for name, posture, values in (
+        ("best_mm3", "best_theta_deg", volume),
+        ("worst_mm3", "worst_theta_deg", -volume),
+        ("smallest_u_mm", "smallest_u_theta_deg", u),
+        ("largest_u_mm", None, -u),
+    ):
         place = _smallest(working.point, values)
         arrays[name][working.point[place]] = np.abs(values[place])
-        if f"{name}_q" in arrays:
-            arrays[f"{name}_q"][working.point[place]] = q[place]
+        if posture is not None:
+            arrays[posture][working.point[place]] = q[place]
     return arrays
 
 
@@ -466,11 +449,10 @@ def _middles(low: float, high: float, count: int) -> Array:
 def _dataset(merged: dict[str, Array], x: Array, z: Array, joints: int) -> xr.Dataset:
     import xarray as xr
 
-    merged = merged | {"count": merged["works"].sum(axis=1)}
     axes = zip(MAP_AXES.items(), (x, z), strict=True)
     variables = {}
     for variable in VARIABLES:
-        values: Array = merged[variable.source].astype(variable.kind)
+        values: Array = merged[variable.name].astype(variable.kind)
         if variable.unit != "1":
             values = values / UNITS[variable.unit]
         dims = (*MAP_AXES, *variable.more)
@@ -480,7 +462,7 @@ def _dataset(merged: dict[str, Array], x: Array, z: Array, joints: int) -> xr.Da
     swivel = {"units": "degree", "long_name": "swivel of the sector's centre"}
     coordinates = {
         **{name: (name, at / MM, {"units": "mm", "long_name": text}) for (name, text), at in axes},
-        "sector_deg": ("sector", sector_centres(merged["works"].shape[1]) / DEG, swivel),
+        "sector_deg": ("sector", sector_centres(merged["sector_works"].shape[1]) / DEG, swivel),
         "joint": ("joint", np.arange(1, joints + 1, dtype=np.int32)),
     }
     return xr.Dataset(variables, coordinates)
