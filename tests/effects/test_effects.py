@@ -350,7 +350,7 @@ def test_fields_that_make_no_sense():
         (partial(JointCompliance, 2, torque="spring"), "expected 'gravity' or 'measured'"),
         (
             partial(JointCompliance, 2, torque="measured", bodies=(2, 3)),
-            "measured cannot be combined",
+            "expected only one of bodies",
         ),
     ]
     for make, words in refused:

@@ -288,7 +288,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"scheme": "ball-bar"}, "bar_length"),
     (
         {"scheme": "seats", "bar_length": 0.4},
-        "0.4 m; expected none",
+        "0.4; expected a length",
     ),
     ({"scheme": "ball-bar", "bar_length": 5.0}, "0 bars of 5000 mm; expected 5"),
     ({"scheme": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm"),
