@@ -111,11 +111,6 @@ class ReferenceFrame(_Moved):
     prior_weight = 0.2
     terms = (*shifts(1e-3), *rotations(1e-3))
 
-    @classmethod
-    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """One candidate for all records."""
-        yield (cls(),)
-
 
 @dataclass(frozen=True)
 class StylusOffset(_Moved):

@@ -315,7 +315,18 @@ class ErrorModel(Shown):
         Raises:
             AacmmError: no angle within the limits of a joint is in the known range.
         """
-        limits = self.arm.limits.copy()
+        limits = self.known_within(self.arm.limits)
+        if np.array_equal(limits, self.arm.limits):
+            return self
+        return replace(self, arm=replace(self.arm, limits=limits))
+
+    def known_within(self, limits: Array) -> Array:
+        """Limits of the joints reduced to the known ranges of the causes, ``(nq, 2)`` [rad].
+
+        Raises:
+            AacmmError: no angle within the limits of a joint is in the known range.
+        """
+        limits = limits.copy()
         for k, joint, known in self._known_ranges():
             low, high = np.array(known) + 2 * AT_LIMIT * np.array([1.0, -1.0])
             limits[joint] = max(limits[joint, 0], low), min(limits[joint, 1], high)
@@ -326,9 +337,7 @@ class ErrorModel(Shown):
                     f"{self.arm.name}: no angle within the limits of joint {joint + 1} is in the "
                     f"range of {where}; expected a common range"
                 )
-        if np.array_equal(limits, self.arm.limits):
-            return self
-        return replace(self, arm=replace(self.arm, limits=limits))
+        return limits
 
     def sensitivity(
         self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None
@@ -338,13 +347,8 @@ class ErrorModel(Shown):
         For arguments and errors see :meth:`predict`.
         """
         state = self.state(q, conditions, at)
-        columns = [sensitivity(effect, state) for effect in self.effects]
-        if not state.twists:
-            return np.concatenate([self.arm.sensitivity(state.q, at), *columns], axis=2)
-        # A target 0.1 m from the tip has another lever than the tip: the geometry too acts on the
-        # arm as displaced.
-        geometry = [sensitivity(effect, state) for effect in of_geometry(self.arm)]
-        return np.concatenate([*geometry, *columns], axis=2)
+        effects = (*of_geometry(self.arm), *self.effects)
+        return np.concatenate([sensitivity(effect, state) for effect in effects], axis=2)
 
     def state(
         self,

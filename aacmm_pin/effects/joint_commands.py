@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
@@ -68,11 +66,7 @@ def joint_commands(
     commands = q.copy()
     arrived = np.zeros(len(q), dtype=bool)
     endless = np.tile([-np.inf, np.inf], (model.arm.nq, 1))
-    bounds = (
-        replace(model, arm=replace(model.arm, limits=endless))
-        .restricted_to_known_range()
-        .arm.limits.T
-    )
+    bounds = model.known_within(endless).T
     for _ in range(MOST_STEPS):
         state = model.state(commands, conditions)
         shift = position - state.position

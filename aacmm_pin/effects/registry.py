@@ -121,29 +121,25 @@ def _checked(method: _Method, name: str) -> _Method:
 
 
 def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
+    width: tuple[int, ...] = (6,)
     if method == "displacements":
-        place = moved.place
-        given = moved.columns
-        what = "columns"
-        width: tuple[int, ...] = (6, len(effect.terms))
+        place, numbers, width = moved.place, moved.columns, (6, len(effect.terms))
     else:
-        (place, given), what, width = moved, "twists", (6,)
-    numbers = np.asarray(given)
+        place, numbers = moved
     last = state.arm.chain.tip
     shapes = ((state.n, *width), (1, *width))
-    if numbers.shape not in shapes:
-        came = f"{method}: {what} have shape {numbers.shape}"
+    if np.shape(numbers) not in shapes:
+        came = f"{method}: the shape is {np.shape(numbers)}"
         raise CauseError(effect.label, f"{came}; expected {shapes[0]} or {shapes[1]}")
     if place not in range(last + 1):
         raise CauseError(effect.label, f"{method}: place is {place!r}; expected 0 to {last}")
-    rows = np.abs(numbers.reshape(len(numbers), -1))
-    wrong = np.flatnonzero(~(rows <= LARGEST_COLUMN).all(axis=1))
-    if wrong.size:
-        where = f"in {wrong.size} of {len(rows)} records (first: record {wrong[0] + 1})"
+    possible = np.abs(numbers) <= LARGEST_COLUMN
+    if not possible.all():
+        record = np.argwhere(~possible)[0, 0] + 1
         raise CauseError(
             effect.label,
-            f"{method}: {what} have numbers that are not finite or exceed {LARGEST_COLUMN:g} "
-            f"{where}; expected finite numbers within ±{LARGEST_COLUMN:g}",
+            f"{method}: numbers that are not finite, or too large (first: record {record}); "
+            f"expected finite numbers within ±{LARGEST_COLUMN:g}",
         )
 
 

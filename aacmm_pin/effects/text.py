@@ -213,18 +213,15 @@ def effects_of_file(arm: Arm, path: str) -> tuple[Effect, ...]:
     """
     if arm.file is None:
         return ()
-    entries = {}
+    effects = []
     for section in ("effects", "discrepancy"):
         for k, entry in enumerate(getattr(arm.file, section), start=1):
-            entries[f"{section}[{k}]"] = entry
-    effects = []
-    for key, entry in entries.items():
-        try:
-            effects.append(_effect_of_entry(entry, arm))
-        except (AacmmError, TypeError, ValueError) as error:
-            is_name = getattr(error, "name", "") == getattr(entry, "cause", None)
-            place = f"{key}.cause" if is_name else key
-            raise ArmFileError(path, place, str(error)) from None
+            try:
+                effects.append(_effect_of_entry(entry, arm))
+            except (AacmmError, TypeError, ValueError) as error:
+                is_name = getattr(error, "name", "") == getattr(entry, "cause", None)
+                key = f"{section}[{k}]" + ".cause" * is_name
+                raise ArmFileError(path, key, str(error)) from None
     return tuple(effects)
 
 

@@ -182,7 +182,7 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose, folder, tmp_
             moment,
             "np.nan * moment[:, None]",
             given,
-            ":3: displacements: columns have numbers that are not finite",
+            ":3: displacements: numbers that are not finite",
         ),
         (
             last,
