@@ -135,11 +135,14 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
 
 
 def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[FileLine]:
-    """Rows of the first sheet that are not empty: numbers as Python writes them, formulas as
-    values, cells up to the last name of the header.
+    """Rows and columns of the first sheet that are not empty: numbers as Python writes them,
+    formulas as values.
     """
     try:
-        import openpyxl  # optional
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of styles and extensions
+            book = pd.ExcelFile(io.BytesIO(content), engine="openpyxl")
+            sheet = book.parse(0, header=None, dtype=object, keep_default_na=False)
     except ImportError:
         raise MeasurementFileError(
             path,
@@ -148,12 +151,6 @@ def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[FileLine]
             "this is an Excel workbook; expected a CSV file; save the workbook as CSV, or run "
             "pip install 'aacmm-pin[excel]'",
         ) from None
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of styles and extensions
-            book = openpyxl.load_workbook(io.BytesIO(content), read_only=True, data_only=True)
-            sheets = book.worksheets
-            sheet = [*sheets[0].iter_rows(values_only=True)]
     except Exception as error:  # whatever the reader makes of the bytes
         raise MeasurementFileError(
             path,
@@ -162,22 +159,13 @@ def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[FileLine]
             f"openpyxl cannot read this file: {error}; expected an Excel workbook (*.xlsx) or a "
             "CSV file in UTF-8",
         ) from None
-    if len(sheets) > 1:
-        ways.append(f"from sheet {sheets[0].title!r}, the first of {len(sheets)}")
-    width = 0
-    rows = []
-    for line, values in enumerate(sheet, start=1):
-        cells = ["" if value is None else str(value) for value in values]
-        while cells and not cells[-1].strip():
-            cells.pop()
-        if not cells:
-            continue
-        row = FileLine(line, cells)
-        if not row.is_comment:
-            width = width or len(cells)
-            cells += [""] * (width - len(cells))
-        rows.append(row)
-    return rows
+    if len(book.sheet_names) > 1:
+        first, *_ = book.sheet_names
+        ways.append(f"from sheet {first!r}, the first of {len(book.sheet_names)}")
+    cells = sheet.astype(str)
+    stated = cells != ""
+    cells = cells.loc[stated.any(axis=1), stated.any(axis=0)]
+    return [FileLine(row + 1, [*values]) for row, *values in cells.itertuples()]
 
 
 def _separation(text: str) -> tuple[str, bool]:

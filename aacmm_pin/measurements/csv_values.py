@@ -101,12 +101,8 @@ def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Proble
 
 def cells_of(column: pd.Series) -> Cells:
     """Cells as unchanged text; "" if empty."""
-    cells = np.array(column, dtype=object)
-    if set(map(type, cells)) <= {str}:
-        return cells
-    missing = column.isna().to_numpy()
-    texts = ["" if empty else str(cell) for cell, empty in zip(cells, missing, strict=True)]
-    return np.array(texts, dtype=object)
+    stated = column.astype(object).where(column.notna(), "")
+    return np.array([*map(str, stated)], dtype=object)
 
 
 def _numbers(name: str, cells: Cells, column: Column, problems: Problems) -> Array:
@@ -350,11 +346,6 @@ def _check_bars(values: Values, problems: Problems) -> None:
     bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
     length, u = values.block(["bar_length_mm", BAR_U]).T
     of_bar = bar != ""
-    cells = {"bar_end": (end, end != ""), "bar_length_mm": (length, np.isfinite(length))}
-    for name, (stated, is_stated) in cells.items():
-        problems.at(
-            ~of_bar & is_stated, name, "{} in a row without bar; expected an empty cell", stated
-        )
     for name, empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
         problems.at(
             of_bar & empty, name, "empty cell in a row of the bar {!r}; expected a value", bar

@@ -22,6 +22,9 @@ TILTS = ("tilt 1", "tilt 2")
 """Parallel planes state two angles, about directions in them."""
 SURELY_OBLIQUE = np.radians(1.0)
 """An angle nearer to 0 or 180° is that of parallel planes [rad]."""
+Complex = NDArray[np.complex128]
+COMPLEX_STEP = 1e-30
+"""Its square is nothing [m]."""
 
 
 class Relation(NamedTuple):
@@ -145,41 +148,44 @@ def of_planes(
     """Distances and angles of pairs of planes (m,) [m, rad], and derivatives by both points (m, 2,
     3).
 
-    Distances are along the mean normal.
+    The derivatives are complex steps, exact to rounding (Squire, Trapp 1998).
 
     Args:
         kind: of each number (m,).
         stated: (m,): an angle may be that of either side.
         points: of the planes (m, 2, 3) [m]; normals point there from the ``anchors``.
     """
-    way = points - anchors
-    height = np.linalg.norm(way, axis=2, keepdims=True)
-    normal = way / height
-    first, second = normal[:, 0], normal[:, 1]
-    between = points[:, 1] - points[:, 0]
-    cosine = np.sum(first * second, axis=1)
-    same = np.where(cosine < 0.0, -1.0, 1.0)[:, None]
-    mean = (first + same * second) / 2
-    values = np.sum(between * mean, axis=1)
-    ahead = np.where(values < 0.0, -1.0, 1.0)[:, None]
-    by_points = np.stack([-ahead * mean, ahead * mean], axis=1)
-    by_normals = np.stack([ahead * between, ahead * same * between], axis=1) / 2
-    values = np.abs(values)
-    across = np.cross(first, np.eye(3)[np.abs(first).argmin(axis=1)])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    for tilt, axis in zip(TILTS, (across, np.cross(first, across)), strict=True):
-        rows = kind == tilt
-        values[rows] = np.sum(same * axis * second, axis=1)[rows]
-        by_normals[rows] = np.stack([-axis, same * axis], axis=1)[rows]
-    rows = kind == ANGLE
+    by_points = np.empty_like(points)
+    for end, axis in np.ndindex(2, 3):
+        moved = points.astype(np.complex128)
+        moved[:, end, axis] += COMPLEX_STEP * 1j
+        by_points[:, end, axis] = _between(kind, stated, moved, anchors).imag / COMPLEX_STEP
+    return _between(kind, stated, points.astype(np.complex128), anchors).real, by_points
+
+
+def _between(kind: NDArray[np.str_], stated: Array, points: Complex, anchors: Array) -> Complex:
+    """Distances along the mean normal, and angles (m,)."""
+    normals = _units(points - anchors)
+    first, second = normals[:, 0], normals[:, 1]
+    way = points[:, 1] - points[:, 0]
+    cosine = _dot(first, second)
+    same = np.where(cosine.real < 0.0, -1.0, 1.0)
+    distance = _dot(way, first + same[:, None] * second) / 2
+    distance = np.where(distance.real < 0.0, -distance, distance)
     # Each plane lies behind the other, as at a convex edge, unless the angle is then another one.
-    outwards = -np.sign(np.sum(between * first, axis=1) * np.sum(between * second, axis=1))
-    turn = np.arccos(np.clip(outwards * cosine, -1.0, 1.0))
-    beyond = np.abs(np.pi - turn - stated) + SURELY_OBLIQUE < np.abs(turn - stated)
-    outwards = np.where(beyond, -outwards, outwards)
-    values[rows] = np.where(beyond, np.pi - turn, turn)[rows]
-    steep = outwards / np.sqrt(np.maximum(1.0 - cosine**2, np.finfo(float).tiny))
-    by_normals[rows] = -(steep[:, None, None] * normal[:, ::-1])[rows]
-    by_points[kind != DISTANCE] = 0.0
-    along = np.sum(by_normals * normal, axis=2, keepdims=True) * normal
-    return values, by_points + (by_normals - along) / height
+    outwards = -np.sign((_dot(way, first) * _dot(way, second)).real)
+    angle = np.arccos(outwards * cosine)
+    other = np.pi - angle
+    is_other = np.abs(other.real - stated) + SURELY_OBLIQUE < np.abs(angle.real - stated)
+    across = _units(np.cross(first, np.eye(3)[np.abs(first).argmin(axis=1)]))
+    tilts = [same * _dot(axis, second) for axis in (across, np.cross(first, across))]
+    values = [distance, np.where(is_other, other, angle), *tilts]
+    return np.select([kind == one for one in (DISTANCE, ANGLE, *TILTS)], values)
+
+
+def _dot(a: Complex, b: Complex) -> Complex:
+    return np.asarray(np.sum(a * b, axis=-1))
+
+
+def _units(vectors: Complex) -> Complex:
+    return np.asarray(vectors / np.sqrt(_dot(vectors, vectors))[..., None])

@@ -47,9 +47,8 @@ def originals(records: Measurements) -> Index:
     degrees = np.mod(records.readings / DEG, 360.0)
     # Rounding may give 360.
     table[named(THETA["deg"], records.nq)] = np.round(degrees, ANGLE_DECIMALS) % 360.0
-    group = _group_numbers(table)
-    _, first, number = np.unique(group, return_index=True, return_inverse=True)
-    return np.asarray(first[number], dtype=np.intp)
+    rows = pd.Series(np.arange(records.n))
+    return rows.groupby(_group_numbers(table)).transform("first").to_numpy(dtype=np.intp)
 
 
 def _group_numbers(table: pd.DataFrame) -> Index:
@@ -98,17 +97,17 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
     few = [name for name in records.extra if records.extra[name].nunique() <= MOST_VALUES]
     columns = [*SHARED_BY_COPIES, "session", "operator", *named(APPROACH, records.nq), *few]
     table = records.to_frame().reindex(columns=columns).assign(posture=records.postures)
-    contact = np.cumsum(np.diff(_group_numbers(table), prepend=-1) != 0) - 1
-    unique = np.unique(contact, return_index=True, return_inverse=True, return_counts=True)
-    _, first, number, count = unique
-    if count.max(initial=1) == 1:
+    is_new = np.diff(_group_numbers(table), prepend=-1) != 0
+    contact = np.cumsum(is_new) - 1
+    readings = np.bincount(contact)
+    if is_new.all():
         return records, np.zeros(0, dtype=np.intp)
     means: dict[str, Any] = {
-        name: pd.DataFrame(getattr(records, name)).groupby(number).mean().to_numpy()
+        name: pd.DataFrame(getattr(records, name)).groupby(contact).mean().to_numpy()
         for name in ("q", "of_encoders")
         if getattr(records, name) is not None
     }
-    return replace(records.take(first), **means), np.flatnonzero(count[number] > 1)
+    return replace(records.take(is_new), **means), np.flatnonzero(readings[contact] > 1)
 
 
 def fingerprints(records: Measurements) -> tuple[str, ...]:

@@ -522,12 +522,6 @@ BARS: list[tuple[dict[str, list[str]], int, str, str]] = [
     ),
     ({"seat": ["p", "p", "q", "r"]}, 5, "seat", "r, but row 4 states q"),
     ({"seat": ["p"] * 4}, 2, "seat", "'p' is at both ends"),
-    (
-        {"bar": ["b", "b", "b", ""], "bar_length_mm": ["50", "50", "50", ""]},
-        5,
-        "bar_end",
-        "B in a row without bar",
-    ),
 ]
 
 
