@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index
 
 MAX_MISS = 0.1
@@ -25,8 +26,13 @@ NEARLY = 0.25
 """Pairs of roots with a smaller imaginary part are candidates: rounding separates double roots
 [rad].
 """
-GRID, STEPS = 48, 6
-"""Angles between two of which there are at most two roots, and steps to each."""
+ROOT_CELL = np.pi / 24
+"""Roots in one of these are less sharp, and come last [rad]."""
+PHASES = np.linspace(-np.pi, np.pi, 8, endpoint=False)
+"""Angles φ0, of which each form has the best [rad]."""
+COS, SIN, ONE = np.cos(PHASES), np.sin(PHASES), np.ones(len(PHASES))
+IN_HALF_ANGLE = np.array([[ONE, 0 * ONE, ONE], [COS, -2 * SIN, -COS], [SIN, 2 * COS, -SIN]])
+"""(1 + t²) (1, cos φ, sin φ) by (1, t, t²), with t = tan((φ - φ0)/2): (3, 3, angles)."""
 
 
 def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Array, Index]:
@@ -111,56 +117,30 @@ def _quadratic_form(plane: Array, u: Array, h: Array) -> Array:
 def _roots(form: Array) -> tuple[Array, Index]:
     """Angles φ with (1, cos φ, sin φ) form (…)ᵀ ≈ 0, and the row of each.
 
-    Between grid angles the form, a wave of first and second order, has one root at a change of
-    sign, and up to two where its curvature allows. Steps go to the osculating parabola's root with
-    the right slope, or its vertex.
+    Angles close to no other come first.
+
+    In t = tan((φ - φ0)/2) the form is a quartic, whose roots are the eigenvalues of its companion
+    matrix. Its leading coefficient is the value of the form half a turn from φ0.
     """
-    size = np.abs(form).max(axis=(1, 2), keepdims=True)
-    # Of an arm without lengths there is nothing left.
-    form = form / np.where(size > 1e-200, size, 1.0)
-    (one, c, s), (_, cc, cs), (_, _, ss) = form.transpose(1, 2, 0)
-    constant = one + 0.5 * (cc + ss)
-    terms = np.stack([constant, 2 * c, 2 * s, 0.5 * (cc - ss), cs])
-    step = 2 * np.pi / GRID
-    grid = step * np.arange(GRID + 1) - np.pi
-    wave = np.stack(
-        [np.ones(GRID + 1), np.cos(grid), np.sin(grid), np.cos(2 * grid), np.sin(2 * grid)]
-    )
-    value = terms.T @ wave
-    slope = terms[[2, 1, 4, 3]].T @ (wave[1:] * [[1], [-1], [2], [-2]])
-    # |form|' step/2.
-    half = 0.5 * step * np.sign(value) * slope
-    bend = np.hypot(terms[1], terms[2]) + 4 * np.hypot(terms[3], terms[4])  # at most
-    # Where half is below this, the form may come to zero within half a step.
-    margin = 0.125 * step**2 * bend[:, None] - np.abs(value)
-    passes = (value[:, :-1] < 0) != (value[:, 1:] < 0)
-    may_turn_after = ~passes & (half < margin)[:, :-1]
-    may_turn_before = ~passes & (-half < margin)[:, 1:]
-    kind, row, interval = np.nonzero(np.stack([passes, may_turn_after, may_turn_before]))
-    begin = value[row, interval]
-    end = value[row, interval + 1]
-    terms = terms[:, row]
-    part = begin / np.where(kind == 0, begin - end, 1.0)
-    phi = grid[interval] + step * np.where(kind == 0, part, kind - 1)
-    sense = np.where((begin < 0) == (kind < 2), 1.0, -1.0)
-    for _ in range(STEPS):
-        c = np.cos(phi)
-        s = np.sin(phi)
-        c2 = 2 * c**2 - 1
-        s2 = 2 * c * s
-        first = terms[1] * c + terms[2] * s
-        second = terms[3] * c2 + terms[4] * s2
-        f = terms[0] + first + second
-        slope = terms[2] * c - terms[1] * s + 2 * (terms[4] * c2 - terms[3] * s2)
-        bend = -first - 4 * second
-        square = slope**2 - 2 * f * bend
-        with np.errstate(divide="ignore", invalid="ignore"):
-            change = -2 * f / (slope + sense * np.sqrt(np.maximum(square, 0.0)))
-            change = np.where(square < 0, -slope / bend, change)
-        phi = phi + np.clip(np.nan_to_num(change), -step, step)
-    from_middle = np.abs(phi - grid[interval] - 0.5 * step)
-    good = (square > -((NEARLY * bend) ** 2)) & (from_middle < 0.5 * step + 1e-6)
-    return phi[good], row[good]
+    half_a_turn_on = IN_HALF_ANGLE[:, 2]
+    values = np.einsum("ik,nij,jk->nk", half_a_turn_on, form, half_a_turn_on)
+    best = np.abs(values).argmax(axis=1)
+    basis = IN_HALF_ANGLE[:, :, best]
+    products = np.einsum("ikn,nij,jln->nkl", basis, form, basis)
+    leading = products[:, 2, 2]
+    companion = np.tile(np.eye(4, k=-1), (len(form), 1, 1))
+    for power in range(4):
+        antidiagonal = np.trace(products[:, ::-1], offset=power - 2, axis1=1, axis2=2)
+        companion[:, power, 3] = -antidiagonal / np.where(leading == 0.0, 1.0, leading)
+    half = np.arctan(np.linalg.eigvals(companion).astype(np.complex128))
+    phi = np.sort(wrapped(PHASES[best, None] + 2 * half.real) + 2j * half.imag, axis=1)
+    near = np.abs(phi.imag) < NEARLY
+    beside = near[:, 1:] & near[:, :-1] & (np.diff(np.floor(phi.real / ROOT_CELL)) == 0.0)
+    is_first = np.pad(beside, [(0, 0), (0, 1)])
+    is_second = np.pad(beside, [(0, 0), (1, 0)])
+    sharp = near & ~is_first & ~is_second
+    _, row, number = np.nonzero(np.stack([sharp, is_first, is_second]))
+    return phi.real[row, number], row
 
 
 def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
