@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.plausible import MPE
@@ -27,7 +25,7 @@ from aacmm_pin.verification.characteristics import (
     definitions,
 )
 from aacmm_pin.verification.doubts import check_unit, doubts
-from aacmm_pin.verification.evaluators import LENGTH_KEY, Evaluated, without_value
+from aacmm_pin.verification.evaluators import LENGTH_KEY, Error, Evaluated
 from aacmm_pin.verification.places import PointsInFile
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
@@ -60,22 +58,17 @@ class CharacteristicValue:
         source: coordinates: of the file, or of the arm of this name.
         evaluated: test value and standard uncertainty [m], and missing points.
         mpe: maximum permissible error [m], or nan.
-        places: probed points of each error, of which the value is the largest.
     """
 
     source: str
     definition: Definition
     evaluated: Evaluated
     mpe: float = math.nan
-    places: tuple[PointsInFile, ...] = ()
 
     @property
     def where(self) -> PointsInFile | None:
         """Probed points of the largest error; None if all determine the value."""
-        if not self.places:
-            return None
-        sizes = np.abs(self.evaluated.errors[:, 0])
-        return self.places[int(sizes.argmax())]
+        return self.evaluated.largest.place
 
     @property
     def verdict(self) -> Verdict | None:
@@ -84,9 +77,9 @@ class CharacteristicValue:
 
         Each error has its own U: the value conforms if every error does.
         """
-        if math.isnan(self.evaluated.value) or math.isnan(self.mpe):
+        if not self.evaluated.errors or math.isnan(self.mpe):
             return None
-        return _verdict(*self._sizes, self.mpe)
+        return _verdict(self.evaluated.errors, self.mpe)
 
     def row(self) -> dict[str, Any]:
         """Row of a table, lengths in mm, nan if missing."""
@@ -98,8 +91,8 @@ class CharacteristicValue:
             "standard": definition.standard,
             "test": definition.test_name,
             "definition": definition.text,
-            "value_mm": evaluated.value / MM,
-            "U_mm": GUARD_BAND_FACTOR * evaluated.u / MM,
+            "value_mm": evaluated.largest.value / MM,
+            "U_mm": GUARD_BAND_FACTOR * evaluated.largest.u / MM,
             "mpe_mm": self.mpe / MM,
             "verdict": self.verdict,
             "where": "" if self.where is None else str(self.where),
@@ -116,32 +109,20 @@ class CharacteristicValue:
         return row | {"clause": row["test"], "where": where}
 
     @property
-    def _sizes(self) -> tuple[Array, Array]:
-        """Magnitude and U of each error (n,) [m]."""
-        errors = self.evaluated.errors
-        return np.abs(errors[:, 0]), GUARD_BAND_FACTOR * np.nan_to_num(errors[:, 1])
-
-    @property
     def stated(self) -> int:
         """Number of errors with a stated u."""
-        uncertainties = self.evaluated.errors[:, 1]
-        return int(np.isfinite(uncertainties).sum())
+        return sum(not math.isnan(error.u) for error in self.evaluated.errors)
 
     @property
-    def decided_by(self) -> tuple[float, float, int] | None:
-        """Magnitude, U [m] and index of a smaller error whose U forbids a better verdict, or
-        None.
-        """
-        size, guard = self._sizes
-        largest = int(size.argmax())
-        if self.verdict == _verdict(size[[largest]], guard[[largest]], self.mpe):
+    def decided_by(self) -> Error | None:
+        """A smaller error whose U forbids a better verdict, or None."""
+        errors = self.evaluated.errors
+        if self.verdict == _verdict([self.evaluated.largest], self.mpe):
             return None
         # Non-conformity is proven by the lower end of an interval, all else fails by the upper end.
-        sign = -1.0 if self.verdict == "non-conformity" else 1.0
-        other = int((size + sign * guard).argmax())
-        if other == largest:
-            return None
-        return float(size[other]), float(guard[other]), other
+        end = _lower_end if self.verdict == "non-conformity" else _upper_end
+        deciding = max(errors, key=end)
+        return None if deciding is self.evaluated.largest else deciding
 
     @property
     def missing(self) -> str:
@@ -160,10 +141,24 @@ def shown_verdict(verdict: str | None) -> str:
     return SHOWN_AS.get(verdict or "", verdict or "")
 
 
-def _verdict(size: Array, guard: Array, mpe: float) -> Verdict:
-    if (size + guard <= mpe).all():
+def _expanded(error: Error) -> float:
+    """U [m] of an error; a u not stated is zero."""
+    return 0.0 if math.isnan(error.u) else GUARD_BAND_FACTOR * error.u
+
+
+def _lower_end(error: Error) -> float:
+    return abs(error.value) - _expanded(error)
+
+
+def _upper_end(error: Error) -> float:
+    return abs(error.value) + _expanded(error)
+
+
+def _verdict(errors: Sequence[Error], mpe: float) -> Verdict:
+    if all(_upper_end(error) <= mpe for error in errors):
         return "conformity"
-    return "non-conformity" if (size - guard > mpe).any() else "neither"
+    proven = any(_lower_end(error) > mpe for error in errors)
+    return "non-conformity" if proven else "neither"
 
 
 def _worst(
@@ -311,20 +306,17 @@ def accept(
             if standard is None and definition.name not in limits and not there:
                 continue
             try:
-                evaluated = _in_range(
-                    definition.evaluate(of_test), definition, of_test, measuring_range
-                )
+                evaluated = definition.evaluate(of_test)
+                if definition.test in IN_RANGE and measuring_range is not None:
+                    evaluated = _in_range(evaluated, of_test["length"].max(), measuring_range)
             except AacmmError as error:
-                had = len(of_test)
-                if definition.counted == "length":
-                    had = int(of_test.groupby([*LENGTH_KEY]).ngroups)
-                evaluated = without_value(had, 0, why="see the notes")
+                is_length = definition.counted == "length"
+                had = of_test.groupby([*LENGTH_KEY]).ngroups if is_length else len(of_test)
+                evaluated = Evaluated(had, why_incomplete="see the notes")
                 why = Note("figure_without_value", {"error": str(error)}).with_place(source)
                 unfit.setdefault(why, []).append(definition.name)
             limit = limits.get(definition.name, math.nan)
-            parts = [of_test[of_test["row"].isin(rows)] for rows in evaluated.rows]
-            places = tuple(map(PointsInFile.of, parts))
-            figures.append(CharacteristicValue(source, definition, evaluated, limit, places))
+            figures.append(CharacteristicValue(source, definition, evaluated, limit))
     notes = [*points.notes]
     notes += [note.with_place(first) for note in doubts(of_first, measuring_range)]
     notes += [why.with_place(", ".join(names)) for why, names in unfit.items()]
@@ -356,14 +348,8 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
     return dict(mpe)
 
 
-def _in_range(
-    evaluated: Evaluated,
-    definition: Definition,
-    probed_points: pd.DataFrame,
-    measuring_range: float | None,
-) -> Evaluated:
-    longest = probed_points["length"].max()
-    if definition.test not in IN_RANGE or measuring_range is None or evaluated.missing:
+def _in_range(evaluated: Evaluated, longest: float, measuring_range: float) -> Evaluated:
+    if evaluated.missing:
         return evaluated
     if longest > measuring_range:
         raise AacmmError(
@@ -374,14 +360,14 @@ def _in_range(
     if longest >= least:
         return evaluated
     why = f"the longest length is {plain_mm(longest)} mm; expected {plain_mm(least)} mm or more"
-    return without_value(evaluated.had, 0, why=why)
+    return Evaluated(evaluated.had, why_incomplete=why)
 
 
 def _notes(
     figures: Sequence[CharacteristicValue], measuring_range: float | None
 ) -> tuple[Note, ...]:
     judged = [figure for figure in figures if figure.verdict is not None]
-    unstated = [f for f in judged if math.isnan(f.evaluated.u) and not f.stated]
+    unstated = [f for f in judged if not f.stated]
     partly = [f for f in judged if f.stated and f.stated < len(f.evaluated.errors)]
     by_code: dict[str, list[CharacteristicValue]] = {"guard_band_zero": [], "no_guard_band": []}
     for figure in unstated:
@@ -393,18 +379,17 @@ def _notes(
         names = [*dict.fromkeys(figure.definition.name for figure in of_code)]
         if names:
             notes.append(Note(code, {"figures": names}))
-    far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.value), MM)]
+    far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.largest.value), MM)]
     for name, mpe in {f.definition.name: f.mpe for f in far}.items():
         notes.append(Note("mpe_large", {"figure": name, "mpe": mpe, "times": FAR_BELOW}))
     for figure in judged:
         if figure.decided_by is not None:
-            error, expanded, place = figure.decided_by
             data = {
                 "figure": figure.definition.name,
                 "source": figure.source,
-                "error": error,
-                "expanded": expanded,
-                "where": figure.places[place],
+                "error": abs(figure.decided_by.value),
+                "expanded": _expanded(figure.decided_by),
+                "where": figure.decided_by.place,
             }
             notes.append(Note("other_error_decides", data))
     if measuring_range is None and any(f.definition.test in IN_RANGE for f in figures):

@@ -5,7 +5,7 @@ Nobody compared them with the standards; every verdict states this.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -15,21 +15,14 @@ import pandas as pd
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.verification.evaluators import (
-    POSITIONS,
-    REPEATS,
-    SPHERE,
+    Error,
     Evaluated,
+    Evaluator,
     Needed,
-    OfLengths,
-    OfPoints,
     deviation_of_part,
     distances_from_mean,
     errors_of_lengths,
     form_of_sphere,
-    has_part,
-    lengths_not_measured,
-    lengths_with_one_end,
-    missing_places,
     size_of_sphere,
     spread_of_centres,
     standard_deviation,
@@ -76,70 +69,73 @@ class Definition:
 
 UNCALIBRATED = ("P_Form", "L_Dia", "SPAT", "SinglePoint")
 """Beginnings of names without calibrated value."""
+SPHERE = ("feature", "position")
 TWO_SPHERES = Needed(((SPHERE, 2),), 25)
 FIVE_REPEATS = Needed(((SPHERE, 1), (("repeat",), 5)), 5)
 THREE_REPEATS = Needed((((*SPHERE, "repeat"), 3),), 9)
 THREE_POINTS = Needed(((("position",), 3),), 10)
-FIVE_LENGTHS = Needed(((("length_id",), 5), (("position",), POSITIONS)), REPEATS)
+FIVE_LENGTHS = Needed(((("length_id",), 5), (("position",), 7)), 3)
+TWENTY_PLACES = Needed(((("length_id", "position"), 20),), 1)
+TWO_LENGTHS = Needed(((("length_id",), 2),), 1)
 
 
-def _of_part(accurate: bool) -> OfPoints:
-    deviation = partial(deviation_of_part, accurate=accurate)
-    return OfPoints(THREE_POINTS, deviation, partial(has_part, accurate=accurate))
+def _of_points(errors: Callable[[pd.DataFrame], Iterable[Error]], needed: Needed) -> Evaluator:
+    """Of the outermost groups that are needed."""
+    return Evaluator(errors, (needed,), by=needed.levels[0][0])
 
 
 DEFINITIONS = (
     Definition(
         "P_Form.Sph.1x25", ISO, "probing form error", "sphere",
-        OfPoints(TWO_SPHERES, form_of_sphere),
+        _of_points(form_of_sphere, TWO_SPHERES),
     ),
     Definition(
         "P_Size.Sph.1x25", ISO, "probing size error", "sphere",
-        OfPoints(TWO_SPHERES, size_of_sphere),
+        _of_points(size_of_sphere, TWO_SPHERES),
     ),
     Definition(
         "L_Dia.5x5", ISO, "articulated location error", "location",
-        OfPoints(FIVE_REPEATS, spread_of_centres),
+        _of_points(spread_of_centres, FIVE_REPEATS),
     ),
     Definition(
         "E_Uni", ISO, "unidirectional length measurement error", "length-uni",
-        OfLengths(FIVE_LENGTHS.missing, lengths_not_measured, False, errors_of_lengths), "length",
+        Evaluator(errors_of_lengths, (FIVE_LENGTHS,), both_sides=False), "length",
     ),
     Definition(
         "E_Bi", ISO, "bidirectional length measurement error", "length-bi",
-        OfLengths(FIVE_LENGTHS.missing, lengths_not_measured, True, errors_of_lengths), "length",
+        Evaluator(errors_of_lengths, (FIVE_LENGTHS,), both_sides=True), "length",
     ),
     Definition(
         "EffectiveDiameter", ASME, "effective diameter performance test", "effective-diameter",
-        OfPoints(THREE_REPEATS, size_of_sphere),
+        _of_points(size_of_sphere, THREE_REPEATS),
     ),
     Definition(
         "SPAT.Max", ASME, "single-point articulation performance test", "single-point",
-        OfPoints(THREE_POINTS, distances_from_mean),
+        _of_points(distances_from_mean, THREE_POINTS),
     ),
     Definition(
         "SPAT.2s", ASME, "single-point articulation performance test", "single-point",
-        OfPoints(THREE_POINTS, partial(standard_deviation, times=2)),
+        _of_points(partial(standard_deviation, times=2), THREE_POINTS),
     ),
     Definition(
         "Volumetric.Max", ASME, "volumetric performance test", "volumetric",
-        OfLengths(missing_places, lengths_with_one_end, False, errors_of_lengths), "length",
+        Evaluator(errors_of_lengths, (TWENTY_PLACES, TWO_LENGTHS), both_sides=False), "length",
     ),
     Definition(
         "Volumetric.2RMS", ASME, "volumetric performance test", "volumetric",
-        OfLengths(missing_places, lengths_with_one_end, False, twice_rms_of_lengths), "length",
+        Evaluator(twice_rms_of_lengths, (TWENTY_PLACES, TWO_LENGTHS), both_sides=False), "length",
     ),
     Definition(
         "SinglePoint.Sigma", PAPER, "single point (equations 16 and 17)", "single-point",
-        OfPoints(THREE_POINTS, standard_deviation),
+        _of_points(standard_deviation, THREE_POINTS),
     ),
     Definition(
         "SinglePoint.Part", PAPER, "single point (equations 18 and 19)", "single-point",
-        _of_part(accurate=True), column="part",
+        _of_points(partial(deviation_of_part, accurate=True), THREE_POINTS), column="part",
     ),
     Definition(
         "SinglePoint.Rest", PAPER, "single point (equations 18 and 19)", "single-point",
-        _of_part(accurate=False), column="part",
+        _of_points(partial(deviation_of_part, accurate=False), THREE_POINTS), column="part",
     ),
 )  # fmt: skip
 

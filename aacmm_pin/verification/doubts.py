@@ -10,6 +10,7 @@ import pandas as pd
 import scipy
 from scipy.special import stdtr
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.verification.evaluators import LENGTH_KEY, measured_lengths, size_error
@@ -30,8 +31,8 @@ WRONG_SIZE = 1e-3
 """No arm measures a diameter so wrong [m]."""
 LEAST_DISTANCE_FROM_SPHERE = 5e-5
 """Shorter distances of a point from its sphere give no note [m]."""
-TIMES_SMALLER = 50.0
-"""Points that scatter so much less than others may be in another unit."""
+LEAST_FREE = 1e-6
+"""Part of a residual that its own point leaves, against division by 0."""
 CHANCE = 1e-4
 """Probability of a distance from the sphere that gives a note."""
 TIMES_ITS_LIKE = 10.0
@@ -70,9 +71,8 @@ def doubts(probed_points: pd.DataFrame, measuring_range: float | None) -> Iterat
     if copies:
         yield Note("touches_copied", {"copies": copies, "touches": len(at)})
     for test, of_test in probed_points.groupby("test", sort=False):
-        by_position = of_test.groupby("position", sort=False)[["x", "y", "z"]]
         extent = float(np.ptp(coordinates_of(of_test), axis=0).max())
-        several = by_position.ngroups > 1
+        several = of_test["position"].nunique() > 1
         data = {"test": test, "extent": extent}
         if extent < CLOSE and (several or test != "single-point"):
             yield Note("test_small", data)
@@ -80,13 +80,6 @@ def doubts(probed_points: pd.DataFrame, measuring_range: float | None) -> Iterat
             yield Note("test_small_in_range", {**data, "range": measuring_range})
         if test != "single-point":
             yield from _of_spheres(of_test)
-        elif several:
-            extents = by_position.agg(np.ptp).max(axis=1)
-            for position, extent in extents.items():
-                others = float(extents.drop(position).median())
-                if 0.0 < extent * TIMES_SMALLER < others:  # of copies there is a note
-                    data = {"extent": float(extent), "others": others}
-                    yield Note("position_small", data).with_place(f"position {position}")
 
 
 def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
@@ -104,9 +97,10 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
     forms = np.array([sphere.form for _, sphere in spheres])
     wrong_sizes = []
     for k, (group, sphere) in enumerate(spheres):
-        point, distance = _outlier(group, sphere)
-        if point is not None:
-            place = str(PointsInFile.of(point))
+        outlier = _outlier(coordinates_of(group), sphere)
+        if outlier is not None:
+            number, distance = outlier
+            place = str(PointsInFile.of(group.iloc[[number]]))
             yield Note("touch_off_sphere", {"distance": distance}).with_place(place)
         elif len(spheres) > 2:
             usual = float(np.median(np.delete(forms, k)))
@@ -124,24 +118,23 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
         yield Note(code, {"difference": abs(error)}).with_place(f"{PointsInFile.of(group)}{more}")
 
 
-def _outlier(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
-    """The point farther from the sphere of the others than by chance, and its distance."""
-    points = coordinates_of(group)
+def _outlier(points: Array, sphere: FittedSphere) -> tuple[int, float] | None:
+    """The number of the one of ``points`` (n, 3) [m] that is farther from the sphere of the others
+    than by chance, and its distance.
+    """
+    dof = len(points) - 5
+    if dof < 1:
+        return None
     free = np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
-    studentised = np.zeros(len(free))
-    np.divide(np.abs(sphere.residuals), free, where=free > 0, out=studentised)
-    suspect = int(studentised.argmax())
-    dof = len(group) - 5
+    suspect = int((np.abs(sphere.residuals) / np.maximum(free, LEAST_FREE)).argmax())
     try:
-        others = fitted_sphere(np.delete(points, suspect, axis=0)) if dof > 0 else None
+        others = fitted_sphere(np.delete(points, suspect, axis=0))
     except AacmmError:  # the others lie in a plane
-        others = None
-    if others is None:
-        return None, 0.0
+        return None
     radius = float(np.linalg.norm(points[suspect] - others.center))
     distance = abs(radius - others.diameter / 2)
     variance = others.residuals @ others.residuals / dof
     scatter = max(float(np.sqrt(variance)), 1e-12)
-    chance = 2 * len(group) * stdtr(dof, -distance * free[suspect] / scatter)
+    chance = 2 * len(points) * stdtr(dof, -distance * free[suspect] / scatter)
     far = distance > LEAST_DISTANCE_FROM_SPHERE and chance < CHANCE
-    return (group.iloc[[suspect]] if far else None), distance
+    return (suspect, distance) if far else None

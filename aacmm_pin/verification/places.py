@@ -28,7 +28,7 @@ class PointsInFile:
             label = points[name].iloc[0]
             if label and (points[name] == label).all():
                 shared[name] = label
-        return cls(shared, rows_of(points))
+        return cls(shared, tuple(points["row"].tolist()))
 
     def __str__(self) -> str:
         names = [named(self.labels)] if self.labels else []
@@ -39,11 +39,6 @@ def named(labels: Mapping[str, str]) -> str:
     """Labels with their columns."""
     names = [f"{name.removesuffix('_id')} {label}" for name, label in labels.items()]
     return ", ".join(names)
-
-
-def rows_of(points: pd.DataFrame) -> tuple[int, ...]:
-    """Lines in the file."""
-    return tuple(points["row"].tolist())
 
 
 def coordinates_of(points: pd.DataFrame) -> Array:

@@ -15,6 +15,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
+from aacmm_pin._support.plausible import BAR_LENGTH, DIAMETER, PROBE_DIAMETER
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm, GivenArm, as_arm, joint_bounds
@@ -246,22 +247,15 @@ class _Layout:
             longest = 2 / 3 * (2 * self.reach if measuring_range is None else measuring_range)
             lengths = [step * np.ceil(longest * k / LENGTHS / step) for k in parts]
         bars = sorted(lengths)
-        different = len(set(bars)) == len(bars) == len(parts)
-        if not (different and np.isfinite(bars).all() and min(bars) > 0):
+        BAR_LENGTH.check(bars, "length")
+        DIAMETER.check(self.sphere_diameter, "feature diameter")
+        PROBE_DIAMETER.check(self.probe_diameter, "probe diameter")
+        if not len(set(bars)) == len(bars) == len(parts):
             came = ", ".join(f"{x / MM:g}" for x in bars)
             purpose = "both standards" if standard is None else STANDARDS[standard]
             raise AacmmError(
-                f"lengths are {came} mm; expected {len(parts)} different lengths above 0 for "
-                f"{purpose}"
+                f"lengths are {came} mm; expected {len(parts)} different lengths for {purpose}"
             )
-        sizes = {
-            "length": bars,
-            "feature_diameter": [self.sphere_diameter],
-            "probe_diameter": [self.probe_diameter],
-        }
-        for column in PROBED_POINT_COLUMNS:
-            if column.field in sizes and column.range is not None:
-                column.range.check(sizes[column.field], column.field.replace("_", " "))
         self.spheres(wanted)
         if "single-point" in wanted:
             self.single_points()
@@ -284,16 +278,9 @@ class _Layout:
         for other in self.taken:
             inside &= np.linalg.norm(tips - other, axis=1) > LEAST_SEPARATION * self.reach
         tips = tips[inside][:CANDIDATES]
-        zone = f"{low:.0%} to {high:.0%} of the reach"
-        if not len(tips):
-            raise AacmmError(
-                f"{self.pool.arm.name}: no posture within the limits has the tip at {zone}, at the "
-                f"height of joint 2 and at {LEAST_SEPARATION * 100:.0f} % of the reach from other "
-                "places; expected one or more; check the joint limits of the arm"
-            )
-        order = np.argsort(self.pool.thinness(tips))
-        best = tips[order[:TRIED]]
-        (found,) = self.pool.places(best[:, None], 1, each, f"places at {zone}")
+        best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]]
+        zone = f"places at {low:.0%} to {high:.0%} of the reach"
+        (found,) = self.pool.places(best[:, None], 1, each, zone)
         self.taken.append(found.points[0])
         return found.points[0], found.postures[0]
 

@@ -16,6 +16,10 @@ FEWEST_POINTS = 4
 """For a sphere of unknown centre and diameter."""
 PLANE_TOLERANCE = 1e-6
 """Smallest over largest extent of points in a plane, which fit no sphere."""
+MOST_DIAMETER_FACTOR = 4.0
+"""Largest u of a diameter over that of points. With more, 25 points are within about 45° of their
+middle, nine within 60°.
+"""
 INSIDE = 1e-10
 """Part of the radius outside which a point still counts as on it."""
 
@@ -33,6 +37,11 @@ class FittedSphere(NamedTuple):
     diameter_factor: float
     residuals: Array
     leverages: Array
+
+    @property
+    def on_small_cap(self) -> bool:
+        """The points do not determine the diameter."""
+        return self.diameter_factor > MOST_DIAMETER_FACTOR
 
 
 def fitted_sphere(points: ArrayLike) -> FittedSphere:
