@@ -158,6 +158,8 @@ EXPECTED = {
     "string_type": "text",
     "string_pattern_mismatch": "text of the form {pattern}",
     "too_long": "at most {max_length} entries",
+    "too_short": "at least {min_length} entries",
+    "json_invalid": "numbers in brackets",
     "tuple_type": "an array, such as [] or [0.5]",
     "greater_than": "more than {gt:g}",
     "greater_than_equal": "{ge:g} or more",

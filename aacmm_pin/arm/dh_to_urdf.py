@@ -13,8 +13,9 @@ model adds it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from xml.etree import ElementTree as ET
+from xml.sax.saxutils import quoteattr
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import ArmFile, DHRow
@@ -27,10 +28,9 @@ SHORTEST_DRAWN = 0.005
 BODY_RADIUS = 0.03
 """Radius of the solid sphere whose inertia a body has; statics needs mass and centre alone [m]."""
 
-Triple = tuple[float, ...]
-_ZERO: Triple = (0.0, 0.0, 0.0)
-_ALONG_X: Triple = (0.0, math.pi / 2, 0.0)
-_COLORS = {
+ZERO = (0.0, 0.0, 0.0)
+ALONG_X = (0.0, math.pi / 2, 0.0)
+COLORS = {
     "tube": "0.55 0.58 0.62 1",
     "joint": "0.13 0.23 0.36 1",
     "stylus": "0.75 0.1 0.15 1",
@@ -42,140 +42,121 @@ def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
     """URDF of ``arm`` [m, rad]: joints with limits, visuals, inertials of stated masses; perhaps
     with ``tip`` shifted by its ``stylus_offset``.
     """
-    robot = ET.Element("robot", name=_printable(arm.name))
     source = _printable(arm.source or arm.name)
     source = source.replace("--", "- -").replace("--", "- -")  # which no comment can hold
-    robot.append(ET.Comment(f" made by aacmm-pin urdf from: {source} "))
-    for name, rgba in _COLORS.items():
-        ET.SubElement(ET.SubElement(robot, "material", name=name), "color", rgba=rgba)
-    link = ET.SubElement(robot, "link", name="base_link")
-    _draw(link, "base", 0.05, 0.06, (0.0, 0.0, -0.03))
+    parts = [f"<!-- made by aacmm-pin urdf from: {source} -->"]
+    for name, rgba in COLORS.items():
+        parts.append(f'<material name="{name}"><color rgba="{rgba}"/></material>')
+    stand = _cylinder("base", 0.05, 0.06, (0.0, 0.0, -0.03))
+    parts.append(f'<link name="base_link">{stand}</link>')
+    frame = "base_link"
     for number, row in enumerate(arm.joints, start=1):
-        link = _add_row(
-            robot, link, number, row, arm.convention == "standard-dh", number == len(arm.joints)
-        )
-    offset = _ZERO  # of the tip in the last frame [m]
+        is_last = number == len(arm.joints)
+        parts += _links_of_row(row, number, frame, arm.convention == "standard-dh", is_last)
+        frame = f"frame{number}"
+    offset: Sequence[float] = ZERO  # of the tip in the last frame [m]
     for effect in arm.effects if with_stylus_offset else ():
         if effect.cause == "stylus_offset" and effect.structure.get("marker") is None:
-            offset = tuple(effect.parameters.get(f"{axis}_mm", 0.0) * MM for axis in "xyz")
-    tip = fixed_link(robot, link, "tip", offset, _ZERO)
-    _draw(tip, "stylus", STYLUS_RADIUS)
-    return xml_text(robot)
+            offset = [effect.parameters.get(f"{axis}_mm", 0.0) * MM for axis in "xyz"]
+    ball = _visual("stylus", f'<sphere radius="{STYLUS_RADIUS:.17g}"/>', ZERO, ZERO)
+    parts.append(link_text("tip", frame, offset, ZERO, content=ball))
+    return robot_text(_printable(arm.name), parts)
 
 
-def xml_text(robot: ET.Element) -> str:
-    """The file of the root element of a URDF."""
+def robot_text(name: str, parts: Iterable[str]) -> str:
+    """The file of a URDF with these elements."""
+    parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
+    robot = ET.XML(f"<robot name={quoteattr(name)}>{''.join(parts)}</robot>", parser)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
 
-def _add_row(
-    robot: ET.Element, parent: ET.Element, number: int, row: DHRow, standard: bool, last: bool
-) -> ET.Element:
+def link_text(
+    name: str,
+    parent: str,
+    xyz: Sequence[float],
+    rpy: Sequence[float],
+    *,
+    content: str = "",
+    joint: str = "",
+    kind: str = "fixed",
+    limits: Sequence[float] | None = None,
+) -> str:
+    """A link on ``parent``, and its joint: fixed, or with ``limits`` about or along z [rad, m]."""
+    motion = ""
+    if limits is not None:
+        bounds = f'lower="{limits[0]:.17g}" upper="{limits[1]:.17g}"'
+        motion = f'<axis xyz="0 0 1"/><limit {bounds} effort="0" velocity="10"/>'
+    return f"""
+<link name="{name}">{content}</link>
+<joint name="{joint or f"{name}_fixed"}" type="{kind}">
+  <parent link="{parent}"/><child link="{name}"/>{_origin(xyz, rpy)}{motion}
+</joint>"""
+
+
+def _links_of_row(row: DHRow, number: int, parent: str, standard: bool, is_last: bool) -> list[str]:
     a = row.a_mm * MM
     d = row.d_mm * MM
     tilt = (row.alpha_rad, 0.0, 0.0)
+    links = []
     if not standard:
-        parent = fixed_link(robot, parent, f"twist{number}", (a, 0.0, 0.0), tilt)
-        if abs(a) > SHORTEST_DRAWN:
-            _draw(parent, "tube", TUBE_RADIUS, abs(a), (-a / 2, 0.0, 0.0), _ALONG_X)
-    names = f"link{number}", f"joint{number}"
-    origin = _ZERO, (0.0, 0.0, row.theta_offset_rad)
-    if row.limits is None:
-        link = ET.SubElement(robot, "link", name=names[0])
-        _joint(robot, names[1], "fixed", parent, link, *origin)
-    else:
-        link = moving_link(robot, parent, *names, row.kind, row.limits, *origin)
-        _draw(link, "joint", 0.026, 0.06)
-    material, radius = ("stylus", STYLUS_RADIUS) if last else ("tube", TUBE_RADIUS)
-    if abs(d) > SHORTEST_DRAWN:
-        _draw(link, material, radius, abs(d), (0.0, 0.0, d / 2))
-    if standard and abs(a) > SHORTEST_DRAWN:
-        _draw(link, material, radius, abs(a), (a / 2, 0.0, d), _ALONG_X)
-    frame = fixed_link(
-        robot, link, f"frame{number}", (a if standard else 0.0, 0.0, d), tilt if standard else _ZERO
-    )
-    if row.mass_kg is not None:
-        inertial = ET.SubElement(frame, "inertial")
-        _origin(inertial, tuple(c * MM for c in row.com_mm or _ZERO), _ZERO)
-        ET.SubElement(inertial, "mass", value=_text(row.mass_kg))
-        moment = _text(0.4 * row.mass_kg * BODY_RADIUS**2)
-        ET.SubElement(
-            inertial, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0"
+        tube = _cylinder("tube", TUBE_RADIUS, a, (-a / 2, 0.0, 0.0), ALONG_X)
+        links.append(link_text(f"twist{number}", parent, (a, 0.0, 0.0), tilt, content=tube))
+        parent = f"twist{number}"
+    material, radius = ("stylus", STYLUS_RADIUS) if is_last else ("tube", TUBE_RADIUS)
+    drawn = "" if row.fixed else _cylinder("joint", 0.026, 0.06)
+    drawn += _cylinder(material, radius, d, (0.0, 0.0, d / 2))
+    if standard:
+        drawn += _cylinder(material, radius, a, (a / 2, 0.0, d), ALONG_X)
+    links.append(
+        link_text(
+            f"link{number}",
+            parent,
+            ZERO,
+            (0.0, 0.0, row.theta_offset_rad),
+            content=drawn,
+            joint=f"joint{number}",
+            kind="fixed" if row.fixed else row.kind,
+            limits=row.limits,
         )
-    return frame
-
-
-def moving_link(
-    robot: ET.Element,
-    parent: ET.Element,
-    name: str,
-    joint: str,
-    kind: str,
-    limits: Sequence[float],
-    xyz: Sequence[float],
-    rpy: Sequence[float],
-) -> ET.Element:
-    """Append a link that rotates about, or slides along, z of ``parent`` [rad, m]."""
-    link = ET.SubElement(robot, "link", name=name)
-    moving = _joint(robot, joint, kind, parent, link, xyz, rpy)
-    ET.SubElement(moving, "axis", xyz="0 0 1")
-    lower, upper = limits
-    ET.SubElement(
-        moving, "limit", lower=_text(lower), upper=_text(upper), effort="0", velocity="10"
     )
-    return link
+    end, turn = ((a, 0.0, d), tilt) if standard else ((0.0, 0.0, d), ZERO)
+    links.append(link_text(f"frame{number}", f"link{number}", end, turn, content=_inertial(row)))
+    return links
 
 
-def fixed_link(
-    robot: ET.Element, parent: ET.Element, name: str, xyz: Sequence[float], rpy: Sequence[float]
-) -> ET.Element:
-    """Append a link fixed to ``parent``."""
-    link = ET.SubElement(robot, "link", name=name)
-    _joint(robot, f"{name}_fixed", "fixed", parent, link, xyz, rpy)
-    return link
+def _inertial(row: DHRow) -> str:
+    if row.mass_kg is None:
+        return ""
+    centre = [c * MM for c in row.com_mm or ZERO]
+    i = f"{0.4 * row.mass_kg * BODY_RADIUS**2:.17g}"
+    return f"""
+<inertial>{_origin(centre, ZERO)}<mass value="{row.mass_kg:.17g}"/>
+  <inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>
+</inertial>"""
 
 
-def _joint(
-    robot: ET.Element,
-    name: str,
-    kind: str,
-    parent: ET.Element,
-    child: ET.Element,
-    xyz: Sequence[float],
-    rpy: Sequence[float],
-) -> ET.Element:
-    joint = ET.SubElement(robot, "joint", name=name, type=kind)
-    ET.SubElement(joint, "parent", link=parent.attrib["name"])
-    ET.SubElement(joint, "child", link=child.attrib["name"])
-    _origin(joint, xyz, rpy)
-    return joint
-
-
-def _draw(
-    link: ET.Element,
+def _cylinder(
     material: str,
     radius: float,
-    length: float | None = None,
-    xyz: Triple = _ZERO,
-    rpy: Triple = _ZERO,
-) -> None:
-    visual = ET.SubElement(link, "visual")
-    _origin(visual, xyz, rpy)
-    geometry = ET.SubElement(visual, "geometry")
-    if length is None:
-        ET.SubElement(geometry, "sphere", radius=_text(radius))
-    else:
-        ET.SubElement(geometry, "cylinder", radius=_text(radius), length=_text(length))
-    ET.SubElement(visual, "material", name=material)
+    length: float,
+    xyz: Sequence[float] = ZERO,
+    rpy: Sequence[float] = ZERO,
+) -> str:
+    if abs(length) <= SHORTEST_DRAWN:
+        return ""
+    shape = f'<cylinder radius="{radius:.17g}" length="{abs(length):.17g}"/>'
+    return _visual(material, shape, xyz, rpy)
 
 
-def _origin(element: ET.Element, xyz: Sequence[float], rpy: Sequence[float]) -> None:
-    ET.SubElement(element, "origin", xyz=_text(*xyz), rpy=_text(*rpy))
+def _visual(material: str, shape: str, xyz: Sequence[float], rpy: Sequence[float]) -> str:
+    return f"""
+<visual>{_origin(xyz, rpy)}<geometry>{shape}</geometry><material name="{material}"/></visual>"""
 
 
-def _text(*values: float) -> str:
-    return " ".join(f"{value:.17g}" for value in values)
+def _origin(xyz: Sequence[float], rpy: Sequence[float]) -> str:
+    place, turn = (" ".join(f"{value:.17g}" for value in values) for values in (xyz, rpy))
+    return f'<origin xyz="{place}" rpy="{turn}"/>'
 
 
 def _printable(text: str) -> str:

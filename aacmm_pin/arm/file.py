@@ -6,7 +6,6 @@ Files have mm and rad (degrees in keys ``…_deg``); properties of :class:`ArmFi
 from __future__ import annotations
 
 import importlib.resources
-import math
 import os
 import re
 import reprlib
@@ -69,25 +68,6 @@ MOST_BYTES = 32_000_000
 UR_FILES = (".yaml", ".yml", ".conf")
 DECIMAL_COMMA = re.compile(r"=\s*([+-]?[0-9]{1,9},[0-9]{1,17})")
 """A value with a decimal comma, unknown to TOML."""
-TABLE = re.compile(
-    rb"(?:[ \t\r]*(?:#[^\n]*)?\n)*+"  # comments
-    rb"(?=[^=\n]*(?:\n|$))[^,;\t\n]*[,;\t]"
-)
-"""A file whose first line has several cells, as CSV."""
-
-MOST_EFFECTS = 1000
-"""In a file; `diagnose` finds a handful."""
-
-MOST_DISCREPANCIES = 100
-"""`diagnose` writes one for each covariate, and one more."""
-MOST_COEFFICIENTS = 10_000
-"""Of a discrepancy; all covariates have about a thousand."""
-
-MOST_FACTORS = 4
-"""Of a product of functions; of two joints there are two."""
-
-LARGEST_DEG = 1e6
-"""Whole numbers of TOML may be larger than any float."""
 
 # TOML has arrays only; strict validation would refuse them where a tuple is meant.
 _FROM_ARRAY = Field(strict=False)
@@ -107,25 +87,22 @@ class _WithAngles(_Part):
     def _in_radians(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        in_degrees = {
-            key: f"{key[:-4]}_rad"
-            for key in data
-            if key.endswith("_deg") and f"{key[:-4]}_rad" in cls.model_fields
-        }
-        in_radians = {key: value for key, value in data.items() if key not in in_degrees}
-        for key, name in in_degrees.items():
+        in_radians = dict(data)
+        for key in data:
+            name = f"{key.removesuffix('_deg')}_rad"
+            if not key.endswith("_deg") or name not in cls.model_fields:
+                continue
             if name in data:
                 raise ValueError(f"both {key} and {name} are stated; expected one of these keys")
-            numbers = data[key] if isinstance(data[key], list) else [data[key]]
+            degrees = in_radians.pop(key)
+            numbers = degrees if isinstance(degrees, list) else [degrees]
             if any(type(number) not in (int, float) for number in numbers):
                 raise ValueError(
-                    f"{key} is {reprlib.repr(data[key])}; expected numbers as in {name}, but in "
+                    f"{key} is {reprlib.repr(degrees)}; expected numbers as in {name}, but in "
                     "degrees"
                 )
-            radians = [
-                number * DEG if abs(number) < LARGEST_DEG else math.inf for number in numbers
-            ]
-            in_radians[name] = radians if isinstance(data[key], list) else radians[0]
+            radians = [number * DEG for number in numbers]
+            in_radians[name] = radians if isinstance(degrees, list) else radians[0]
         return in_radians
 
 
@@ -252,9 +229,7 @@ class EffectEntry(_Part):
         return structure
 
 
-_Coefficients = Annotated[
-    tuple[FiniteFloat, ...], Field(strict=False, max_length=MOST_COEFFICIENTS)
-]
+_Coefficients = Annotated[tuple[FiniteFloat, ...], _FROM_ARRAY]
 
 
 class DiscrepancyPart(_Part):
@@ -265,19 +240,15 @@ class DiscrepancyPart(_Part):
     """
 
     acts_on: Name
-    functions: Annotated[list[dict[str, Any]], Field(max_length=MOST_FACTORS)] = Field(
-        default_factory=list
-    )
-    directions: Annotated[
-        tuple[_Coefficients, ...], Field(strict=False, max_length=MOST_COEFFICIENTS)
-    ] = ()
+    functions: list[dict[str, Any]] = Field(default_factory=list)
+    directions: Annotated[tuple[_Coefficients, ...], _FROM_ARRAY] = ()
 
 
 class DiscrepancyEntry(_Part):
     """Unexplained structure as smooth functions of recorded quantities."""
 
     depends_on: Name
-    parts: Annotated[list[DiscrepancyPart], Field(min_length=1, max_length=MOST_EFFECTS)]
+    parts: Annotated[list[DiscrepancyPart], Field(min_length=1)]
     values_si: Annotated[_Coefficients, Field(min_length=1)]
     standard_uncertainty_si: Annotated[tuple[StandardUncertainty, ...], _FROM_ARRAY] = ()
 
@@ -370,16 +341,12 @@ class AnyArmFile(_Part):
     couplings: Annotated[list[Coupling], Field(max_length=MOST_COUPLINGS)] = Field(
         default_factory=list
     )
-    effects: Annotated[list[EffectEntry], Field(max_length=MOST_EFFECTS)] = Field(
-        default_factory=list
-    )
-    discrepancy: Annotated[list[DiscrepancyEntry], Field(max_length=MOST_DISCREPANCIES)] = Field(
-        default_factory=list
-    )
+    effects: list[EffectEntry] = Field(default_factory=list)
+    discrepancy: list[DiscrepancyEntry] = Field(default_factory=list)
     covariance: Covariance | None = None
 
 
-Kind = TypeVar("Kind", bound=AnyArmFile)
+Kind = TypeVar("Kind", bound=BaseModel)
 
 
 class Urdf(_WithAngles):
@@ -475,19 +442,11 @@ class ArmFile(AnyArmFile):
             }
             key = max(lengths, key=lambda name: abs(lengths[name]))
             raise ValueError(f"{key} is {lengths[key]:g} mm, so that {refused}")
-        size = self.size
-        if size * MM < SMALLEST_ARM:
+        if self.size * MM < SMALLEST_ARM:
             raise ValueError(
-                f"the sum of all a_mm and d_mm is {size:g} mm; expected at least "
+                f"the sum of all a_mm and d_mm is {self.size:g} mm; expected at least "
                 f"{SMALLEST_ARM / MM:g} mm"
             )
-        for number, row in enumerate(self.joints, start=1):
-            for key in ("a_mm", "d_mm"):
-                if row.uncertainty is not None and (half := getattr(row.uncertainty, key)) > size:
-                    raise ValueError(
-                        f"joints[{number}].uncertainty.{key} is {half:g}; expected at most "
-                        f"{size:g} mm, the sum of all lengths of the arm"
-                    )
         return self
 
     @property
@@ -619,39 +578,32 @@ def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, A
         return tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise refused(f"byte {error.start} is not UTF-8; expected a TOML file in UTF-8") from None
-    except RecursionError:
-        raise refused("too many nested levels; expected a TOML file with fewer levels") from None
-    # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
-    except ValueError as error:
-        said = str(error).partition("; use sys.")[0]
-        place = re.search("at line ([0-9]+)", said)
+    except (ValueError, RecursionError) as error:  # also of tables in thousands of tables
+        place = re.search("at line ([0-9]+)", str(error))
         number = int(place[1]) if place else 0
         if comma := DECIMAL_COMMA.search(["", *text.split("\n")][number]):
             raise refused(
                 f"line {number}: {comma[1]!r}; expected a number with a decimal point"
             ) from None
-        raise refused(f"{said}; expected TOML") from None
+        raise refused(f"{error}; expected TOML") from None
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
     """Validate the content of an arm file at ``path``, where relative paths of a URDF start."""
-
-    def refused(message: str) -> ArmFileError:
-        if path.lower().endswith(".urdf"):
-            return ArmFileError(
-                path,
-                "",
-                f"this is a URDF; expected an arm file (TOML); use --urdf {path} --frame NAME (in "
-                "Python Arm.from_urdf)",
-            )
-        return ArmFileError(path, "", message)
-
     refuse_ur_file(path)
-    if TABLE.match(content):
+    suffix = Path(path).suffix.lower()
+    if suffix == ".csv":
         raise ArmFileError(
             path, "", "this is a table (CSV); expected an arm file (TOML); state ARM before DATA"
         )
-    data = toml_of(content, refused)
+    if suffix == ".urdf":
+        raise ArmFileError(
+            path,
+            "",
+            f"this is a URDF; expected an arm file (TOML); use --urdf {path} --frame NAME (in "
+            "Python Arm.from_urdf)",
+        )
+    data = toml_of(content, lambda message: ArmFileError(path, "", message))
     if "urdf" not in data:
         return validated(ArmFile, data, path)
     file = validated(UrdfArmFile, data, path)
@@ -685,7 +637,7 @@ def validated(kind: type[Kind], data: dict[str, Any], path: str) -> Kind:
         raise ArmFileError(path, key, message) from None
 
 
-def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
+def _problem(item: Any, kind: type[BaseModel]) -> tuple[str, str]:
     parts = [f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in item["loc"]]
     key = "".join(parts).removeprefix(".")
     match item["type"]:

@@ -6,20 +6,20 @@ from __future__ import annotations
 
 import configparser
 import itertools
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree as ET
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
+from pydantic import BaseModel, Field, FiniteFloat, Json
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import screws, skew
 from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw, roll_pitch_yaw
-from aacmm_pin.arm.dh_to_urdf import fixed_link, moving_link, xml_text
+from aacmm_pin.arm.dh_to_urdf import link_text, robot_text
+from aacmm_pin.arm.file import validated
 from aacmm_pin.arm.pinocchio_model import built_model
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError
 
@@ -28,7 +28,6 @@ UR_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wr
 UR_BASES = ("base_link_inertia", "base")
 """Frames of the first link."""
 UR_LIMITS = (-2.0 * np.pi, 2.0 * np.pi)
-UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 UR_ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 UR_ROBOTS = {
     "ur3": ((-0.24365, -0.21325), (0.1519, 0.11235, 0.08535, 0.0819)),
@@ -46,6 +45,48 @@ FAR_FROM_TABLE = 0.05
 """A link farther off is wrong, not calibrated [m]."""
 LONGEST_LINK = 3.0
 """Between two joints [m]."""
+
+Length = Annotated[float, Field(ge=-LONGEST_LINK, le=LONGEST_LINK)]
+Turn = Annotated[float, Field(ge=-2.0 * np.pi, le=2.0 * np.pi)]
+SixNumbers = Json[Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]]
+
+
+class LinkInRosFile(BaseModel):
+    """The placement of a joint in the link before [m, rad]."""
+
+    x: Length
+    y: Length
+    z: Length
+    roll: Turn
+    pitch: Turn
+    yaw: Turn
+
+
+class LinksInRosFile(BaseModel):
+    """The links, and the name of the calibration."""
+
+    shoulder: LinkInRosFile
+    upper_arm: LinkInRosFile
+    forearm: LinkInRosFile
+    wrist_1: LinkInRosFile
+    wrist_2: LinkInRosFile
+    wrist_3: LinkInRosFile
+    hash: Any = None
+
+
+class RosFile(BaseModel):
+    """A kinematics file of the ROS description."""
+
+    kinematics: LinksInRosFile
+
+
+class ControllerFile(BaseModel):
+    """Differences from the table of the maker in ``calibration.conf`` [rad, m]."""
+
+    delta_theta: SixNumbers
+    delta_d: SixNumbers
+    delta_a: SixNumbers
+    delta_alpha: SixNumbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,13 +153,23 @@ class UrKinematics:
 
     def urdf(self) -> str:
         """The URDF from ``base`` to ``tool0``."""
-        root = ET.Element("robot", name=self.name)
-        link = ET.SubElement(root, "link", name="base")
+        parts = ['<link name="base"/>']
+        parent = "base"
         for joint, child, placement in zip(UR_JOINTS, UR_LINKS, self.placements, strict=False):
-            names = f"{child}_link", f"{joint}_joint"
-            link = moving_link(root, link, *names, "revolute", UR_LIMITS, *_xyz_rpy(placement))
-        fixed_link(root, link, "tool0", *_xyz_rpy(self.placements[-1]))
-        return xml_text(root)
+            name = f"{child}_link"
+            parts.append(
+                link_text(
+                    name,
+                    parent,
+                    *_xyz_rpy(placement),
+                    joint=f"{joint}_joint",
+                    kind="revolute",
+                    limits=UR_LIMITS,
+                )
+            )
+            parent = name
+        parts.append(link_text("tool0", parent, *_xyz_rpy(self.placements[-1])))
+        return robot_text(self.name, parts)
 
     def arm(self) -> Arm:
         """Return the arm with its tip at ``tool0``."""
@@ -129,7 +180,7 @@ class UrKinematics:
         kinematics: dict[str, Any] = {}
         for link, placement in zip(UR_LINKS, self.placements, strict=False):
             xyz, rpy = _xyz_rpy(placement)
-            kinematics[link] = dict(zip(UR_KEYS, (*xyz, *rpy), strict=True))
+            kinematics[link] = dict(zip(LinkInRosFile.model_fields, (*xyz, *rpy), strict=True))
         kinematics["hash"] = self.name
         return str(yaml.safe_dump({"kinematics": kinematics}, sort_keys=False))
 
@@ -168,13 +219,6 @@ def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
     if robot not in UR_ROBOTS:
         hint = f"state the robot of {place} with --ur-robot"
         raise UnknownNameError("robot", robot, list(UR_ROBOTS), hint)
-    (a2, a3), (d1, d4, d5, d6) = UR_ROBOTS[robot]
-    nominal = {
-        "theta": np.zeros(6),
-        "d": np.array([d1, 0.0, 0.0, d4, d5, d6]),
-        "a": np.array([0.0, a2, a3, 0.0, 0.0, 0.0]),
-        "alpha": np.array(UR_ALPHA),
-    }
     parser = configparser.ConfigParser(
         strict=False, interpolation=None, inline_comment_prefixes=("#", ";")
     )
@@ -183,16 +227,12 @@ def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
     except configparser.Error as error:
         raise ArmFileError(place, "", " ".join(str(error).split())) from None
     stated = {key: value for section in parser.values() for key, value in section.items()}
-    deltas = []
-    for key in (f"delta_{name}" for name in nominal):
-        if key not in stated:
-            raise ArmFileError(place, key, "missing; expected six numbers")
-        try:
-            values = json.loads(stated[key])
-        except json.JSONDecodeError:
-            values = stated[key]
-        deltas.append(_numbers(values, place, key))
-    by_maker = np.array([*nominal.values()])
+    deltas = [*validated(ControllerFile, stated, place).model_dump().values()]
+    (a2, a3), (d1, d4, d5, d6) = UR_ROBOTS[robot]
+    by_maker = np.zeros((4, 6))
+    by_maker[1] = d1, 0.0, 0.0, d4, d5, d6
+    by_maker[2, 1:3] = a2, a3
+    by_maker[3] = UR_ALPHA
     by_table = placements_of_dh(by_maker)
     placements = placements_of_dh(by_maker + deltas)
     for link, placement, expected in zip(UR_LINKS, placements, by_table, strict=False):
@@ -212,39 +252,13 @@ def _of_yaml(text: str, place: str) -> UrKinematics:
         content = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ArmFileError(place, "", str(error)) from None
-    kinematics = content.get("kinematics") if isinstance(content, dict) else None
-    if not isinstance(kinematics, dict):
-        raise ArmFileError(place, "kinematics", f"missing; expected links {', '.join(UR_LINKS)}")
+    content = content if isinstance(content, dict) else {}
+    kinematics = validated(RosFile, content, place).kinematics.model_dump()
     placements = []
     for link in UR_LINKS:
-        key = f"kinematics.{link}"
-        values = kinematics.get(link)
-        stated = values if isinstance(values, dict) else {}
-        missing = [name for name in UR_KEYS if name not in stated]
-        if missing:
-            raise ArmFileError(place, key, f"{', '.join(missing)} missing; expected numbers")
-        numbers = _numbers([stated[name] for name in UR_KEYS], place, key)
-        if np.linalg.norm(numbers[:3]) > LONGEST_LINK or np.abs(numbers[3:]).max() > 2.0 * np.pi:
-            raise ArmFileError(
-                place,
-                key,
-                f"{numbers.tolist()}; expected x, y, z below {LONGEST_LINK:g} m, and angles below "
-                "2π rad",
-            )
+        x, y, z, roll, pitch, yaw = kinematics[link].values()
         placement = np.eye(4)
-        placement[:3, :3] = from_roll_pitch_yaw(numbers[3:])
-        placement[:3, 3] = numbers[:3]
+        placement[:3, :3] = from_roll_pitch_yaw(np.array([roll, pitch, yaw]))
+        placement[:3, 3] = x, y, z
         placements.append(placement)
-    return UrKinematics(str(kinematics.get("hash") or "robot"), [*placements, np.eye(4)])
-
-
-def _numbers(values: object, place: str, key: str) -> Array:
-    """Six finite numbers; YAML reads 1e-05 as text."""
-    numbers = values if isinstance(values, list) else []
-    try:
-        parsed = np.array([float(v) for v in numbers if not isinstance(v, bool)])
-    except (TypeError, ValueError):
-        parsed = np.empty(0)
-    if len(numbers) != 6 or parsed.size != 6 or not np.isfinite(parsed).all():
-        raise ArmFileError(place, key, f"{values!r}; expected six numbers")
-    return parsed
+    return UrKinematics(str(kinematics["hash"] or "robot"), [*placements, np.eye(4)])

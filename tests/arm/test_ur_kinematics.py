@@ -133,7 +133,7 @@ def test_the_maker_s_table(robot, tmp_path):
 def test_a_file_that_lacks_a_value_is_refused(controller, tmp_path, sino6):
     text = controller.read_text()
     controller.write_text(text.replace("delta_a", "delta_b"))
-    with pytest.raises(ArmFileError, match=r"calibration.conf: delta_a: missing; expected six"):
+    with pytest.raises(ArmFileError, match=r"calibration.conf: delta_a: missing"):
         UrKinematics.read(controller, "ur5").urdf()
     with pytest.raises(UnknownNameError, match="ur5e"):
         UrKinematics.read(controller, "ur6").urdf()
@@ -141,7 +141,7 @@ def test_a_file_that_lacks_a_value_is_refused(controller, tmp_path, sino6):
     for content, message in (
         ("a: 1", "kinematics: missing"),
         ("{", "x.yaml"),
-        ("kinematics: {shoulder: 1}", "kinematics.shoulder: x, y, z, roll, pitch, yaw missing"),
+        ("kinematics: {shoulder: 1}", "kinematics.shoulder: 1; expected"),
     ):
         other.write_text(content)
         with pytest.raises(ArmFileError, match=message):
@@ -175,7 +175,7 @@ def test_what_cannot_be_written_is_refused_or_stated(controller, tmp_path):
     path = tmp_path / "b.yaml"
     text = (tmp_path / "a.yaml").read_text()
     path.write_text(text.replace("roll: 1.57", "roll: 91.57"))
-    with pytest.raises(ArmFileError, match="2π rad"):
+    with pytest.raises(ArmFileError, match=r"kinematics.upper_arm.roll: 91.57.*expected 6.28"):
         UrKinematics.read(path)
 
 
