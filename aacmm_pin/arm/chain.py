@@ -38,7 +38,6 @@ BASE = 0
 V_X, V_Y, V_Z, OMEGA_X, OMEGA_Y, OMEGA_Z = range(6)
 """Components of a twist."""
 Z = 2
-ALONG_Z = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 NO_PLACE = -1
 """Of a parameter or joint that does not move the tip."""
 LARGE_BATCH = 14_000
@@ -268,36 +267,20 @@ class Chain:
         frames = np.empty((self.places, 4, 3, n))
         before = np.zeros((4, 3, n))
         before[:3] = np.eye(3)[:, :, None]
-        constants, varying = self._with_constant(twists)
-        values, varying = self._with_joints(self.drive.angles(q).T, varying)
+        values = self.drive.angles(q).T
         cosine = np.cos(values)
         sine = np.sin(values)
         for place, joint in enumerate(self.moved.tolist()):
             here = frames[place]
-            np.matmul(constants[place].T, before.reshape(4, -1), out=here.reshape(4, -1))
+            np.matmul(self.constant[place].T, before.reshape(4, -1), out=here.reshape(4, -1))
             if joint >= 0 and self.slides[joint]:
                 here[3] += values[joint] * here[Z]
             elif joint >= 0:
                 _turn(here, Z, cosine[joint], sine[joint])
-            if place in varying:
-                _displace(here, varying[place])
+            if place in twists:
+                _displace(here, twists[place])
             before = here
         return frames
-
-    def _with_joints(
-        self, values: Array, twists: Mapping[int, Array]
-    ) -> tuple[Array, Mapping[int, Array]]:
-        """Joint values (m, n) plus rotations of displacements about joint axes, and the other
-        twists.
-        """
-        others = dict(twists)
-        for place, twist in twists.items():
-            joint = self.moved[place]
-            if joint >= 0 and not self.slides[joint] and _screw_axis(twist) == Z:
-                values = values.copy()
-                values[joint] += twist[:, OMEGA_Z]
-                others[place] = twist * ALONG_Z
-        return values, others
 
     def _twists(self, errors: Array) -> dict[int, Array]:
         """Twists (n, 6) of the places by parameter ``errors`` (n, p)."""
@@ -308,30 +291,6 @@ class Chain:
             twists[here] = np.zeros((6, len(errors))).T  # components contiguous
             twists[here][:, component[parameters_here]] = errors[:, parameters_here]
         return twists
-
-    def _with_constant(self, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
-        """Constant transforms with displacements common to all records, and the other twists.
-
-        After a joint, only a screw about its own z commutes with the joint.
-        """
-        steady = [place for place, twist in twists.items() if len(twist) == 1]
-        if not steady:
-            return self.constant, twists
-        places = np.array(steady)
-        same = np.concatenate([twists[place] for place in steady])
-        before_joint = (self.moved[places] < 0) | ~same[:, [0, 1, 3, 4]].any(axis=1)
-        places = places[before_joint]
-        constants = self.constant.copy()
-        constants[places] = constants[places] @ exp(same[before_joint])
-        return constants, {place: twist for place, twist in twists.items() if place not in places}
-
-
-def _screw_axis(twists: Array) -> int | None:
-    """The own axis of all twists (n, 6), or None."""
-    acting = np.flatnonzero(twists.any(axis=0)) % 3
-    if acting.size == 0:
-        return Z
-    return int(acting[0]) if (acting == acting[0]).all() else None
 
 
 def _turn(frames: Array, about: int, cosine: Array, sine: Array) -> None:
@@ -347,8 +306,11 @@ def _turn(frames: Array, about: int, cosine: Array, sine: Array) -> None:
 
 def _displace(frames: Array, twists: Array) -> None:
     """Displace frames (4, 3, n) in place by twists (n, 6) in their own axes."""
-    about = _screw_axis(twists)
-    if about is None:
+    acting = np.flatnonzero(twists.any(axis=0)) % 3
+    if not acting.size:
+        return
+    about = int(acting[0])
+    if (acting != about).any():
         motions = np.broadcast_to(exp(twists), (frames.shape[2], 4, 4))
         frames[:] = np.einsum("nij,icn->jcn", motions, frames)
         return
@@ -373,51 +335,39 @@ def _differentiate(
     """
     places = len(constant)
     n = len(angles)
-    frames = np.empty((places + 1, 4, 3, LANES))
-    frames[0] = 0.0
-    lever = np.empty((3, LANES))
-    cosine = np.empty(LANES)
-    sine = np.empty(LANES)
-    turned = np.empty(LANES)
-    for k in range(3):
-        frames[0, k, k] = 1.0
+    frames = np.zeros((places + 1, 4, 3, LANES))
+    for i in range(3):
+        frames[0, i, i] = 1.0
     for first in range(0, n, LANES):
         width = min(LANES, n - first)
         for place in range(places):
             before = frames[place]
             here = frames[place + 1]
-            number = joint[place]
-            for k in range(4):
-                for i in range(3):
-                    sum_ = here[k, i]
-                    sum_[:] = 0.0
-                    for m in range(4):
-                        factor = constant[place, m, k]
-                        term = before[m, i]
-                        if factor != 0.0:
-                            for lane in range(width):
-                                sum_[lane] += factor * term[lane]
-            if number >= 0 and prismatic[number]:
-                for i in range(3):
-                    for lane in range(width):
-                        here[3, i, lane] += angles[first + lane, number] * here[2, i, lane]
-            elif number >= 0:
+            transform = constant[place]
+            for i in range(3):
                 for lane in range(width):
-                    angle = angles[first + lane, number]
-                    cosine[lane] = math.cos(angle)
-                    sine[lane] = math.sin(angle)
+                    for k in range(4):
+                        along = transform[3, k] * before[3, i, lane]
+                        for m in range(3):
+                            along += transform[m, k] * before[m, i, lane]
+                        here[k, i, lane] = along
+            number = joint[place]
+            for lane in range(width if number >= 0 else 0):
+                angle = angles[first + lane, number]
+                if prismatic[number]:
+                    for i in range(3):
+                        here[3, i, lane] += angle * here[2, i, lane]
+                    continue
+                cosine = math.cos(angle)
+                sine = math.sin(angle)
                 for i in range(3):
-                    u = here[0, i]
-                    v = here[1, i]
-                    for lane in range(width):
-                        turned[lane] = cosine[lane] * u[lane] + sine[lane] * v[lane]
-                    for lane in range(width):
-                        v[lane] = cosine[lane] * v[lane] - sine[lane] * u[lane]
-                    for lane in range(width):
-                        u[lane] = turned[lane]
+                    u = here[0, i, lane]
+                    v = here[1, i, lane]
+                    here[0, i, lane] = cosine * u + sine * v
+                    here[1, i, lane] = cosine * v - sine * u
         tip = frames[places, 3]
-        for i in range(3):
-            for lane in range(width):
+        for lane in range(width):
+            for i in range(3):
                 position[first + lane, i] = tip[i, lane]
         for k in range(len(twists)):
             place = twists[k, 0]
@@ -426,25 +376,15 @@ def _differentiate(
                 continue
             along = frames[place + 1, component % 3]
             origin = frames[place + 1, 3]
-            if component < 3:
-                for i in range(3):
-                    column = columns[i, k, first : first + width]
-                    for lane in range(width):
-                        column[lane] = along[i, lane]
-                continue
-            for i in range(3):
-                for lane in range(width):
-                    lever[i, lane] = tip[i, lane] - origin[i, lane]
             for i in range(3):
                 j = (i + 1) % 3
                 m = (i + 2) % 3
-                u = along[j]
-                v = along[m]
-                w = lever[j]
-                x = lever[m]
-                column = columns[i, k, first : first + width]
                 for lane in range(width):
-                    column[lane] = u[lane] * x[lane] - v[lane] * w[lane]
+                    column = along[i, lane]
+                    if component >= 3:
+                        column = along[j, lane] * (tip[m, lane] - origin[m, lane])
+                        column -= along[m, lane] * (tip[j, lane] - origin[j, lane])
+                    columns[i, k, first + lane] = column
 
 
 LOOP = Loop(
