@@ -54,6 +54,18 @@ def placements(arm: Arm, q: Array) -> Array:
     return np.stack([np.broadcast_to(np.eye(4), frames[0].shape), *frames], axis=1)
 
 
+def placement_sensitivity(arm: Arm, q: Array, at: str = "") -> Array:
+    """∂(origin of frame ``at``)/∂(twists of all placements), (n, 3, 6 nq) [m/m, m/rad]."""
+    model, data = arm.model, arm.model.createData()
+    frame = arm.poses(q, at or None).frame_id
+    columns = np.empty((len(q), 3, 6 * (model.njoints - 1)))
+    for k, each in enumerate(q):
+        pin.framesForwardKinematics(model, data, each)
+        regressor = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+        columns[k] = regressor[:3]
+    return columns
+
+
 def dh_sensitivity(arm: Arm, q: Array, frames: list[str]) -> dict[str, Array]:
     """∂(origin of each frame)/∂(a, d, alpha, theta of each row), each (n, 3, 4 rows) [m/m, m/rad],
     from models made anew.

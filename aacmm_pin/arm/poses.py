@@ -53,19 +53,3 @@ class Poses(Shown):
                 model, data, q, self.frame_id, pin.LOCAL_WORLD_ALIGNED
             ).reshape(6, -1)
         return jacobians
-
-    @cached_property
-    def placement_sensitivity(self) -> Array:
-        """Derivative of the position by the twists of all placements, ``(n, 3, 6 nq)`` [m/m,
-        m/rad].
-        """
-        model = self.model
-        data = self.model.createData()
-        columns = np.empty((len(self.q), 3, 6 * (model.njoints - 1)))
-        for k, q in enumerate(self.q):
-            pin.forwardKinematics(model, data, q)
-            pin.updateFramePlacement(model, data, self.frame_id)
-            columns[k] = pin.computeFrameKinematicRegressor(
-                model, data, self.frame_id, pin.LOCAL_WORLD_ALIGNED
-            )[:3]
-        return columns

@@ -38,6 +38,7 @@ from tests.benchmarks.environments import (
 )
 from tests.benchmarks.real_like import OPTIONS, real_like, with_errors
 from tests.benchmarks.robots.robot import Robot
+from tests.oracle import placement_sensitivity
 
 OURS = "aacmm_pin"
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -191,7 +192,7 @@ def sensitivities(table: Table) -> None:
             loop_positions, regressors = pinocchio_loop(arm, q[:200])
             np.testing.assert_allclose(position[:200], loop_positions, rtol=0, atol=1e-12)
             np.testing.assert_allclose(
-                arm.poses(q[:200]).placement_sensitivity, regressors, rtol=0, atol=1e-12
+                placement_sensitivity(arm, q[:200]), regressors, rtol=0, atol=1e-12
             )
             ways[PINOCCHIO] = lambda q=q: pinocchio_loop(arm, q)
         table.beside(f"{n} postures", ways)
