@@ -641,15 +641,13 @@ def linearise(links: Array, row: int, count: int, space: Array) -> float:
         space[TIP + i, 0], space[TIP + i, 1], space[TIP + i, 2] = x, y, z
         space[TIP + i, 3] = space[EQUATIONS + i, n] = o
     for j in range(n):
-        z0 = space[AXES, j]
-        z1 = space[AXES + 1, j]
-        z2 = space[AXES + 2, j]
-        l0 = space[TIP, 3] - space[AXES + 3, j]
-        l1 = space[TIP + 1, 3] - space[AXES + 4, j]
-        l2 = space[TIP + 2, 3] - space[AXES + 5, j]
-        space[EQUATIONS, j] = z1 * l2 - z2 * l1
-        space[EQUATIONS + 1, j] = z2 * l0 - z0 * l2
-        space[EQUATIONS + 2, j] = z0 * l1 - z1 * l0
+        for i in range(3):
+            k = (i + 1) % 3
+            m = (i + 2) % 3
+            lever_k = space[TIP + k, 3] - space[AXES + 3 + k, j]
+            lever_m = space[TIP + m, 3] - space[AXES + 3 + m, j]
+            moved = space[AXES + k, j] * lever_m - space[AXES + m, j] * lever_k
+            space[EQUATIONS + i, j] = moved
     if count == POINT_AND_AXIS:
         point_along_z(space)
     elif count > POINT_AND_AXIS:

@@ -26,7 +26,6 @@ from aacmm_pin.postures.newton_search import (
     Isolated,
     Search,
     SelfMotion,
-    SolutionSet,
     search,
 )
 from aacmm_pin.postures.pose_equations import PoseConditions
@@ -162,13 +161,16 @@ def reaching_postures(
     conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
     equations = conditions.equations()
     curves: tuple[Curve, ...] = ()
-    finds: Isolated | SelfMotion
-    if conditions.free == 0:
-        finds = Isolated(equations, q=np.empty((0, arm.nq)))
-        outcome = search(finds, arm.nq, most_starts)
+    finds = Isolated(equations) if conditions.free == 0 else SelfMotion(equations)
+    outcome = search(finds, arm.nq, most_starts)
+    notes = []
+    if finds.family is not None:
+        data = {"families": finds.families, "arrivals": outcome.arrived}
+        posture = in_degrees(finds.family)
+        notes.append(Note("singular_families_unlisted", {**data, "posture": posture}))
+    if isinstance(finds, Isolated):
         q = finds.q
         component = np.arange(len(q))
-        notes = _families(finds, outcome)
         near = np.flatnonzero(flattest(equations, q)[0] < NEARLY_SINGULAR)
         if near.size:
             notes.append(Note("nearly_singular", {"postures": (near + 1).tolist()}))
@@ -176,15 +178,11 @@ def reaching_postures(
             data = {"stalled": outcome.stalled, "starts": outcome.starts}
             notes.append(Note("starts_stalled", data))
     else:
-        finds = SelfMotion(equations)
-        outcome = search(finds, arm.nq, most_starts)
         curves = tuple(finds.curves)
-        q = np.empty((0, arm.nq))
-        component = np.arange(0)
-        missing = 0
+        q, component, missing = np.empty((0, arm.nq)), np.arange(0), 0
         if curves:
             q, component, missing = evenly(equations, finds.curves, count, lambda q: q)
-        notes = _families(finds, outcome) + open_curve_notes(curves) + missing_notes(missing)
+        notes += open_curve_notes(curves) + missing_notes(missing)
     notes += [Note("arm_degenerate")] * outcome.degenerate
     reason = "" if len(q) else "; ".join(map(str, notes)) or f"{outcome}, out of reach"
     q = into_limits(q, arm.limits)
@@ -272,14 +270,6 @@ def _rotation(values: ArrayLike) -> Array:
         raise ShapeError(f"rotation: {what}; expected a right-handed orthonormal matrix")
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ right)
-
-
-def _families(finds: SolutionSet, found: Search) -> list[Note]:
-    if finds.family is None:
-        return []
-    data = {"families": finds.families, "arrivals": found.arrived}
-    posture = in_degrees(finds.family)
-    return [Note("singular_families_unlisted", {**data, "posture": posture})]
 
 
 def _swivel(arm: Arm, q: Array, point: Array) -> Array:

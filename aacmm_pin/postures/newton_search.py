@@ -130,7 +130,8 @@ class Isolated(SolutionSet):
         q: (m, k) [rad].
     """
 
-    q: Array = field(kw_only=True)
+    def __post_init__(self) -> None:
+        self.q = np.empty((0, len(self.equations.links) - 1))
 
     def add(self, q: Array) -> int:
         """See :meth:`SolutionSet.add`."""
@@ -238,12 +239,8 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
     equations = finds.equations
     starts = arrived = stalled = since_new = 0
     spread = spread_angles(most_starts, joints)
-    while (
-        starts < most_starts
-        and since_new < ENOUGH
-        and (arrived or starts < STARTS_WITHOUT_ARRIVAL)
-        and not finds.ended
-    ):
+    settled = False
+    while starts < most_starts and not (settled or finds.ended):
         some = spread[starts : starts + ROUND]
         q, good = equations.polish(some)
         residual = np.abs(equations(q[~good])[0]).max(axis=1, initial=0.0)
@@ -255,6 +252,7 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
         since_new = len(q) - newest + (0 if newest else since_new)
         starts = starts + len(some)
         arrived = arrived + len(q)
-    ended = finds.ended or (since_new < ENOUGH and (arrived > 0 or starts < STARTS_WITHOUT_ARRIVAL))
+        settled = since_new >= ENOUGH or (not arrived and starts >= STARTS_WITHOUT_ARRIVAL)
+    ended = finds.ended or not settled
     flat = degenerate(equations, spread[:ROUND])
     return Search(starts, arrived, stalled, tuple(finds.hits), since_new, ended, flat)

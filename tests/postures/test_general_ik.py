@@ -286,7 +286,7 @@ def test_all_single_solutions_and_how_often():
     """
     for a, b in ((1.0, 2.0), (1.0, 0.004)):
         system = apart(cosine(np.cos(a)), cosine(np.cos(b)), joints=2)
-        finds = Isolated(system, q=np.empty((0, 2)))
+        finds = Isolated(system)
         found = search(finds, 2)
         assert_same(finds.q, np.array([[i * a, j * b] for i in (1, -1) for j in (1, -1)]))
         starts = spread_angles(newton_search.MOST_STARTS, 2)[: found.starts]
