@@ -222,7 +222,6 @@ class Arm(Shown):
             source=source,
             gravity_m_s2=tuple(model.gravity.linear.tolist()),
             urdf=urdf,
-            joints=[UrdfJoint.model_construct(name=name) for name in model.names[1:]],
         )
         return _corrected(model, file)
 
@@ -246,8 +245,7 @@ class Arm(Shown):
         Raises:
             UnsupportedArmError: the arm has a DH table.
         """
-        joints = [UrdfJoint.model_construct(name=name) for name in self.joint_names]
-        update = {"joints": joints, "covariance": None, "tip_on_target": False}
+        update: dict[str, Any] = {"joints": [], "covariance": None, "tip_on_target": False}
         return _corrected(self.nominal, self.urdf_file.model_copy(update=update), self.mimics)
 
     def with_placements(
@@ -601,23 +599,25 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
     except (UnknownNameError, UnsupportedArmError) as error:
         raise ArmFileError(path, "urdf.frame", str(error)) from None
     names = list(nominal.names[1:])
-    joints = file.joints or [UrdfJoint.model_construct(name=name) for name in names]
-    if [joint.name for joint in joints] != names:
-        stated = ", ".join(joint.name for joint in joints)
+    stated = [joint.name for joint in file.joints]
+    if stated not in ([], names):
         raise ArmFileError(
             path,
             "joints",
-            f"{stated}; expected the joints that move {urdf.frame!r}, which are {', '.join(names)}",
+            f"{', '.join(stated)}; expected the joints that move {urdf.frame!r}, which are "
+            f"{', '.join(names)}",
         )
     try:
         coupling_matrix(file.couplings, (Drive.of(nominal.nq, mimics).independent + 1).tolist())
     except ValueError as error:
         raise ArmFileError(path, "couplings", str(error)) from None
-    file = _with_urdf(file.model_copy(update={"joints": joints}), sha256=sha256)
-    return _corrected(nominal, file, mimics)
+    return _corrected(nominal, _with_urdf(file, sha256=sha256), mimics)
 
 
 def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) -> Arm:
+    if not file.joints:
+        joints = [UrdfJoint.model_construct(name=name) for name in nominal.names[1:]]
+        file = file.model_copy(update={"joints": joints})
     drive = Drive.of(nominal.nq, mimics)
     noise = file.encoder_noise
     model = nominal.copy()
