@@ -110,7 +110,6 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
             "Test values and MPEs (maximum permissible errors)",
             {"verdict": lambda verdict: marked.get(verdict) or shown_verdict(verdict)},
             HEADS,
-            spare="where",
         ),
         Paragraph(RULE_TEXT),
     ]

@@ -96,7 +96,6 @@ class Table:
         heads: of columns, such as ``{"value_mm": "value [mm]"}``; default their names.
         explained: how to read it, for pages.
         most: number of rows to show.
-        spare: head of a column that the shell omits if the table is too wide.
         detail: for pages only.
     """
 
@@ -107,7 +106,6 @@ class Table:
     explained: str = ""
     most: int | None = None
     detail: bool = False
-    spare: str = ""
 
     def cells(self) -> pd.DataFrame:
         """The rows to show, as text, with the heads for readers."""

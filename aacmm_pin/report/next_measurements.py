@@ -1,19 +1,19 @@
-"""The next measurements after a diagnosis, or to distinguish two causes, in a sentence."""
+"""The next measurements after a diagnosis, in a sentence."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from shlex import quote
 
 import numpy as np
 
-from aacmm_pin._support.threads import one_blas_thread
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm import bundled_arms
 from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, too_good
-from aacmm_pin.effects import Effect, corrects_seat, in_words, listed
+from aacmm_pin.effects import Effect, corrects_seat, in_words, listed, text_of
 from aacmm_pin.measurements import LABELS
 from aacmm_pin.report.numbers import capital, lengths
-from aacmm_pin.report.plan_page import advice, mostly_seats
 from aacmm_pin.report.verdicts import WITH_STRUCTURE, doubts_in_words
 
 WORTH_CALIBRATION = 0.7
@@ -27,12 +27,10 @@ LENGTHS_OFF = ("bar_length_off", "relation_off")
 MORE_RECORDS = "take more records, at other postures"
 
 
-@one_blas_thread
 def next_measurements(result: Diagnosis) -> str:
     """A sentence with the next measurements that a diagnosis recommends.
 
-    If the records cannot distinguish two causes, it has a command for a plan, which takes several
-    seconds.
+    If the records cannot distinguish two causes, it has the command for a plan.
     """
     first = _first(result)
     if result.verdict in WITH_STRUCTURE and result.cannot_tell_apart:
@@ -220,22 +218,34 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
                 f"take more records with joint {one.place} evenly over its range, to find how the "
                 "error depends on the angle"
             )
-    problem, shared = result.extended.problem, result.unexplained.shared_by_postures
-    records, setup = problem.measurements, problem.setup
-    if shared is not None:
-        first = np.unique(result.choice.noise.group, return_index=True)[1]
-        records = records.take(first)
-    # Noise beyond what was stated: of references or of contacts at seats, and what postures share.
-    of_postures = 0.0 if shared is None else shared.rms / np.sqrt(3.0)
-    more = float(np.hypot(result.extended.scatter, of_postures))
-    noise: dict[str, Any] = {}
-    if more:
-        name = "probe_noise" if mostly_seats(problem.measurements) else "reference_noise"
-        noise[name] = float(np.hypot(getattr(setup, name) or 0.0, more))
-        if setup.encoder_noise is None:
-            noise["encoder_noise"] = 0.0
-    pair, before = (cause, other), result.before.problem.model
-    return advice(before, pair, records, **setup.keywords | noise)
+    command = _plan_command(result, cause, other)
+    return f"plan records that distinguish {cause.label} from {other.label}: {command}"
+
+
+def _plan_command(result: Diagnosis, cause: Effect, other: Effect) -> str:
+    records, setup = result.extended.problem.measurements, result.extended.problem.setup
+    source, name = records.source, result.model.arm.name.lower()
+    seats, encoder = records.conditions.seat, setup.encoder_noise
+    readings = np.unique([] if encoder is None else encoder)
+    at_seats = seats is not None and np.mean(seats != "") > 0.5
+    noise = {"--u-reference-mm": setup.reference_noise, "--probe-noise-mm": setup.probe_noise}
+    # Scatter beyond what was stated is of the contacts at seats, or of the coordinates.
+    scattered = "--probe-noise-mm" if at_seats else "--u-reference-mm"
+    noise[scattered] = float(np.hypot(noise[scattered] or 0.0, result.extended.scatter))
+    options = {
+        "--causes": f"{text_of(cause)} {text_of(other)}",
+        "--existing": quote(source) if source.endswith(".csv") else "DATA.csv",
+        "--scheme": at_seats and "seats",
+        "--reference-frame": setup.external and setup.reference_frame,
+        "--target": setup.target != "tip" and setup.target,
+        **{option: size and f"{size / MM:.4g}" for option, size in noise.items()},
+        "--encoder-noise": readings.size == 1 and f"{readings[0]:g}",
+        "-o": "plan.csv",
+    }
+    arm = name if name in bundled_arms() else "ARM.toml"
+    words = [f"{option} {value}" for option, value in options.items() if value]
+    prior = "" if setup.prior else " --no-prior"
+    return f"aacmm-pin plan distinguish {arm} {' '.join(words)}{prior}"
 
 
 def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:

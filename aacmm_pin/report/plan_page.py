@@ -1,19 +1,15 @@
-"""Plans of measurements as documents, in one line, and as advice with a command."""
+"""Plans of measurements as documents, and in one line."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm import Arm, bundled_arms
-from aacmm_pin.effects import GivenCause, GivenModel, probability, text_of
-from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.planning import CalibrationPlan, MeasurementPlan, PlannedScheme, plan_measurements
+from aacmm_pin.effects import probability
+from aacmm_pin.planning import CalibrationPlan, MeasurementPlan
 from aacmm_pin.postures import articulations, places
 from aacmm_pin.report.document import (
     Block,
@@ -34,13 +30,6 @@ from aacmm_pin.report.plots.style import BLUE
 RIGHT = "probability of the right decision"
 CONSIDERED = f"Set-ups that the plan considered, with the {RIGHT}"
 PAIRS = "Pairs of causes, and the increase T of χ² if the model has the wrong cause of a pair"
-NOISE_OPTIONS = {"--u-reference-mm": "reference_noise", "--probe-noise-mm": "probe_noise"}
-DEFAULTS = {"scheme": "free", "reference_frame": "base", "target": "tip"}
-"""Values of keywords for which the command needs no option."""
-QUICK = 200
-"""Postures that suffice to state whether a plan would help."""
-LEAST_CHANGE = 0.005
-"""Least increase of the probability of the right decision that is worth new records."""
 FORMS: dict[str, Format] = {"T": three_digits}
 PAIRS_LISTED = 8
 """Pairs of causes to list; the JSON has all."""
@@ -118,100 +107,13 @@ def _power(plan: MeasurementPlan) -> Iterator[str]:
     increase = f"T = {three_digits(plan.after.least)}"
     yield f"If the model has the wrong cause, χ² increases by about {increase}"
     if not plan.decided:
-        yield f"The probability is too small to decide{_more(plan)}"
+        yield "The probability is too small to decide"
+        if plan.enough is not None:
+            yield f"About {plan.enough} new records{_beside(plan)} would be enough"
 
 
-def _more(plan: MeasurementPlan) -> str:
-    if plan.enough is None:
-        return ""
-    beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
-    return f"; about {plan.enough} new records{beside} would be enough"
-
-
-def plan_advice(plan: MeasurementPlan, options: Sequence[str] = ()) -> str:
-    """How to distinguish the two causes of a plan, and the command, with more ``options``."""
-    one, other = plan.split
-    pair = f"{one.label} from {other.label}"
-    if plan.after.same:
-        why = plan.tried[-1].why_not
-        return f"no set-up that the plan considered distinguishes {pair}, because {why}"
-    before = plan.before
-    more_records = f"take more records, at other postures, to distinguish {pair}, because"
-    if before is not None and plan.after.probability - before.probability < LEAST_CHANGE:
-        return (
-            f"{more_records} a plan for these two causes alone found no useful records of the same "
-            "kind"
-        )
-    odds = f"becomes {probability(plan.after.probability)}"
-    if not plan.decided:
-        more = _more(plan)
-        if not more:
-            return f"{more_records} {len(plan.records)} records of the same kind are too few"
-        odds += more
-    if plan.changes_arm:
-        odds += "; diagnose the new records with set_up.toml, separately from the existing ones"
-    where = f", and {plan.setup}" if plan.set_up else ""
-    name = plan.model.arm.name.lower()
-    command = [
-        f"aacmm-pin plan distinguish {name if name in bundled_arms() else 'ARM.toml'}",
-        f"--causes {text_of(one)} {text_of(other)} --records {len(plan.records)}",
-        *options,
-        *(["--arm-out set_up.toml"] if plan.changes_arm else []),
-        "-o plan.csv",
-    ]
-    return (
-        f"to distinguish {pair}, take {len(plan.records)} records at postures in which their "
-        f"effects differ most{where}: {' '.join(command)} "
-        f"(a quick plan for these two causes alone predicts that the {RIGHT} {odds})"
-    )
-
-
-def advice(
-    model: GivenModel,
-    split: tuple[GivenCause, GivenCause],
-    existing: Measurements,
-    **setup: Any,
-) -> str:
-    """:func:`plan_advice` from a quick plan, or why no plan is possible.
-
-    New records are at seats if most existing ones are, else they have coordinates. ``setup``:
-    keywords of :func:`plan_measurements`.
-    """
-    scheme: PlannedScheme = "seats" if mostly_seats(existing) else "free"
-    asked: dict[str, Any] = {"scheme": scheme} | setup
-    try:
-        plan = plan_measurements(
-            model, split, existing=existing, postures=QUICK, progress=False, **asked
-        )
-        return plan_advice(plan, _options(plan.model.arm, asked))
-    except AacmmError as error:
-        one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
-        return f"the package could not plan records that distinguish {one} from {other}: {error}"
-
-
-def mostly_seats(records: Measurements) -> bool:
-    """Whether most records are of seats."""
-    seat = records.conditions.seat
-    return seat is not None and bool(np.mean(seat != "") > 0.5)
-
-
-def _options(arm: Arm, asked: Mapping[str, Any]) -> list[str]:
-    options = []
-    for name, usual in DEFAULTS.items():
-        if asked.get(name, usual) != usual:
-            options.append(f"--{name.replace('_', '-')} {asked[name]}")
-    for option, name in NOISE_OPTIONS.items():
-        if asked.get(name) is not None:
-            options.append(f"{option} {asked[name] / MM:g}")
-    noise = asked.get("encoder_noise")
-    if noise is not None:  # one number that is not the arm's
-        readings, stated = np.unique(noise), arm.encoder_noise
-        known = stated is not None and np.array_equal(readings, np.unique(stated))
-        if readings.size == 1 and not known:
-            options.append(f"--encoder-noise {readings[0]:g}")
-    if not asked.get("prior", True):
-        options.append("--no-prior")
-    return options
+def _beside(plan: CalibrationPlan | MeasurementPlan) -> str:
+    return f" in addition to the {plan.existing} existing ones" if plan.existing else ""
 
 
 # Calibration, and where to go --------------------------------------------
@@ -228,12 +130,12 @@ def calibration_plan_document(plan: CalibrationPlan) -> Document:
 
 def calibration_plan_line(plan: CalibrationPlan) -> str:
     """Number of records, and observability and u compared with random records."""
-    beside = f" in addition to the {plan.existing} existing ones" if plan.existing else ""
     return (
-        f"Take {len(plan.records)} records to calibrate {plan.model.arm.name}{beside}. After "
-        f"calibration, the standard uncertainty u of the tip is {plan.u / MM:.4f} mm (RMS over the "
-        f"postures). Random records would give {float(np.median(plan.u_random)) / MM:.4f} mm. The "
-        f"observability index O1 is {plan.ratio:.2f} times as large as with random records"
+        f"Take {len(plan.records)} records to calibrate {plan.model.arm.name}{_beside(plan)}. "
+        "After calibration, the standard uncertainty u of the tip is "
+        f"{plan.u / MM:.4f} mm (RMS over the postures). Random records would give "
+        f"{float(np.median(plan.u_random)) / MM:.4f} mm. The observability index O1 is "
+        f"{plan.ratio:.2f} times as large as with random records"
     )
 
 

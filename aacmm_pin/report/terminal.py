@@ -6,7 +6,6 @@ import os
 import re
 from typing import Literal
 
-import pandas as pd
 from rich.box import SIMPLE
 from rich.cells import cell_len
 from rich.console import Console
@@ -21,10 +20,10 @@ WIDTH = 118
 """Characters of a table in a pipe or a file."""
 GAP = 2
 """Characters between columns."""
-SPARE = 28
-"""Room that a spare column needs."""
 LONGEST_WORD = 40
 """Longer words are broken."""
+NAME = re.compile(r"\S*_\S*")
+"""A name in a sentence."""
 LABEL = re.compile(r"[a-z_]+:?\w*")
 """A cause with place, or a parameter."""
 
@@ -54,7 +53,7 @@ def show(document: Document, notes_alone: bool = False) -> None:
 
 
 def _print_table(table: Table) -> None:
-    """Print a table; narrow wide columns to whole words, then to whole names."""
+    """Print a table; narrow wide columns to whole names."""
     if table.caption:
         say(f"{table.caption}:")
     width_is_known = stdout().isatty() or "COLUMNS" in os.environ
@@ -66,37 +65,30 @@ def _print_table(table: Table) -> None:
         emoji=False,
     )
     cells = table.cells().map(printable).rename(columns=printable)
-    others = cells.drop(columns=table.spare, errors="ignore")
-    if sum(_widths(others).values()) + GAP * len(cells.columns) + SPARE > console.width:
-        cells = others
-    widths = _widths(cells)
-    for kept in (r"\S+", r"\S*_\S*"):
-        least = {head: _least(head, [*cells[head]], kept) for head in widths}
-        while sum(widths.values()) + GAP * len(widths) > console.width:
-            wide = {head: width for head, width in widths.items() if width > least[head]}
-            if not wide:
-                break
-            widths[max(wide, key=wide.__getitem__)] -= 1
-    console.width = max(console.width, sum(widths.values()) + GAP * len(widths))
+    columns = {str(head): [*texts] for head, texts in cells.items()}
+    widths = {head: max(map(cell_len, [head, *texts])) for head, texts in columns.items()}
+    least = {head: _least(head, texts) for head, texts in columns.items()}
+    gaps = GAP * len(widths)
+    while sum(widths.values()) + gaps > console.width:
+        wide = {head: width for head, width in widths.items() if width > least[head]}
+        if not wide:  # the terminal breaks the lines; nothing is left out
+            console.width = sum(widths.values()) + gaps
+            break
+        widths[max(wide, key=wide.__getitem__)] -= 1
     grid = Grid(box=SIMPLE, pad_edge=False, collapse_padding=True)
-    for head, width in widths.items():
-        way: Literal["right", "left"] = "right" if are_numbers(cells[head]) else "left"
-        grid.add_column(head, justify=way, width=width, overflow="fold")
+    for head, texts in columns.items():
+        way: Literal["right", "left"] = "right" if are_numbers(texts) else "left"
+        grid.add_column(head, justify=way, width=widths[head], overflow="fold")
     for row in cells.itertuples(index=False):
         grid.add_row(*row)
-    # A terminal that is too narrow for the names breaks the lines; nothing is left out.
     console.print(grid, crop=False)
     if len(cells) < len(table.frame):
         say(f"  … and {len(table.frame) - len(cells)} more rows of this table")
 
 
-def _widths(cells: pd.DataFrame) -> dict[str, int]:
-    return {str(head): max(map(cell_len, [head, *texts])) for head, texts in cells.items()}
-
-
-def _least(head: str, texts: list[str], kept: str) -> int:
-    """Width that keeps numbers, labels, words of the head and matches of ``kept`` whole."""
+def _least(head: str, texts: list[str]) -> int:
+    """Width that keeps numbers, labels, names and the words of the head whole."""
     in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
-    words = texts if in_one else re.findall(kept, "\n".join(texts))
+    words = texts if in_one else NAME.findall("\n".join(texts))
     lengths = [min(LONGEST_WORD, cell_len(word)) for word in words]
     return max([*map(cell_len, head.split()), *lengths])

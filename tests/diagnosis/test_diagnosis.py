@@ -86,7 +86,6 @@ def test_look_alikes_are_said(tmp_path):
     assert any(
         {"base_compliance", "bearing_tilt:1"} <= set(group) for group in found["cannot_tell_apart"]
     )
-    assert "rotate the mount" in found["next_measurements"]
     assert "aacmm-pin plan" in found["next_measurements"]
 
 

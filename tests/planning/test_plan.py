@@ -37,7 +37,6 @@ from aacmm_pin.errors import (
 from aacmm_pin.planning import MeasurementPlan
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.separability import power_of
-from aacmm_pin.report.plan_page import advice, plan_advice
 from tests.arm_files import RIGID, changed
 from tests.notes import data_of
 from tests.oracle import close
@@ -276,7 +275,7 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6):
     stays = planned(sino6, split, as_it_stands=True)
     assert stays.after.same
     assert not stays.decided
-    assert "the same effect in every posture" in plan_advice(stays)
+    assert "the same effect in every posture" in stays.tried[-1].why_not
 
 
 def test_conditions_that_causes_depend_on_are_varied(sino6):
@@ -438,22 +437,6 @@ def test_what_cannot_be_is_refused(sino6, zero6):
     for error, said, arm, split, options in cases:
         with pytest.raises(error, match=said):
             planned(arm, split, **options)
-
-
-# --- the sentence of a diagnosis
-
-
-def test_advice(sino6):
-    split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
-    free = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(1))
-    text = advice(sino6, split, free, **NOISE)
-    labels = "joint_compliance:2,compliance_rad_per_nm=2e-06 encoder_eccentricity:2"
-    noise = "--u-reference-mm 0.012 --encoder-noise 8e-06"
-    assert (
-        f"aacmm-pin plan distinguish sino6 --causes {labels} --records 40 {noise} -o plan.csv"
-        in text
-    )
-    assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
 
 
 @pytest.mark.parametrize("degrees", [0.0, 10.0])

@@ -152,7 +152,9 @@ def test_doubt_is_told_with_the_rivals(eccentric):
     beside = replace(result, verdict="unexplained", doubts=("more causes",))
     for words in ("compliance under gravity of joint 2", "0.700", "0.290"):
         assert words in verdict_in_words(result)
-    assert all(label.replace("__", ":") in next_measurements(beside) for label in [*shares][:2])
+    command = next_measurements(beside)
+    assert all(label.replace("__", ":") in command for label in [*shares][:2])
+    assert "aacmm-pin plan distinguish sino6" in command
     assert ranking(replace(eccentric, verdict="unexplained"))["p"].tolist()[0] == "< 1e-16"
 
 
