@@ -112,7 +112,7 @@ class Finding(Shown):
         return self.effect.label
 
     def __str__(self) -> str:
-        return str(report().diagnosis_line.finding_line(self))
+        return str(report().diagnosis_page.finding_line(self))
 
 
 @dataclass(frozen=True)
@@ -320,7 +320,7 @@ class Diagnosis(Shown):
         return table.assign(reason=str(Note("outlier")))
 
     def __str__(self) -> str:
-        return str(report().diagnosis_line.diagnosis_line(self))
+        return str(report().diagnosis_page.diagnosis_line(self))
 
     def summary(self) -> dict[str, Any]:
         """The content of the JSON file, of schema ``aacmm-pin/diagnosis/1``."""

@@ -22,7 +22,6 @@ from aacmm_pin.diagnosis import (
 )
 from aacmm_pin.effects import (
     Discrepancy,
-    JointErrorCurve,
     cause_in_words,
     corrects_seat,
     in_words,
@@ -59,7 +58,6 @@ from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import (
     capital,
     length,
-    length_unit,
     lengths,
     other_notes,
     p_equals,
@@ -73,12 +71,10 @@ from aacmm_pin.report.verdicts import (
     beside_threshold,
     covariate_in_words,
     labels_in_words,
-    named_set,
-    other_sets,
     verdict_in_words,
 )
 
-WAVES_LISTED = 6
+WAVES_LISTED = 4
 """Waves of an error curve to list."""
 MAX_ALIASES = 3
 LEAST_SHOWN, LEAST_CORRELATION = 1e-3, 0.9
@@ -87,13 +83,6 @@ SETS, LEAST_SET = 6, 0.01
 """Sets of causes that are listed: so many, of at least this probability."""
 WORST = 5
 """Groups in the table; the figure has all."""
-PREDICTED = ("predicted", "the prediction from the stated uncertainties and the noise", "dashed")
-ONLY_NOISE = ("noise", "the noise alone (the arm states no uncertainty)", "dotted")
-"""What residuals are compared with: in a head, in words, and its line in the figure."""
-UNSTATED = (
-    "You did not state all noise. The fit estimated the unstated noise from the scatter of the "
-    "residuals of the extended arm."
-)
 SEAT_ERRORS = (
     "The residuals at a seat are distances from the estimated position of the seat. An error of "
     "stated seat coordinates therefore hardly changes the residuals and the gain."
@@ -174,6 +163,17 @@ def diagnosis_document(
 # Sentences ------------------------------------------------------------
 
 
+def diagnosis_line(result: Diagnosis) -> str:
+    """Verdict, residuals and gain."""
+    return f"{result.verdict}: {verdict_in_words(result)} {summary_line(result)}"
+
+
+def finding_line(finding: Finding) -> str:
+    """Cause, place, probability and values."""
+    words = [f"probability {probability(finding.probability)}", finding_values(finding)]
+    return f"{finding.label} ({', '.join(filter(None, words))})"
+
+
 def certainty_in_words(result: Diagnosis) -> str:
     """The probability of the least probable named cause; "" without causes."""
     if not result.findings:
@@ -195,25 +195,6 @@ def open_forms_in_words(result: Diagnosis) -> str:
         error = f"an error that depends on {place.depends_on}: {forms}"
         sentences.append(f"{capital(location)} certainly has {error}.")
     return " ".join(sentences)
-
-
-def next_set_in_words(result: Diagnosis) -> str:
-    """The most probable other set of causes, relative to the named set; "" if none is probable, or
-    the verdict names it.
-    """
-    named, others = named_set(result), other_sets(result)
-    likely = next(iter(others), ())
-    if result.verdict == "ambiguous" or others.get(likely, 0.0) < THRESHOLDS.rival:
-        return ""
-    more = labels_in_words(result, sorted({*likely} - named))
-    fewer = labels_in_words(result, sorted(named - {*likely}))
-    if more and fewer:
-        text = f"{more} may act in place of {fewer}"
-    elif more:
-        text = f"{more} may act{' in addition' if named else ''}"
-    else:
-        text = f"{fewer} may be absent" if likely else "all named causes may be absent"
-    return f"{capital(text)} (probability {probability(others[likely])})."
 
 
 def summary_line(result: Diagnosis) -> str:
@@ -249,17 +230,14 @@ def gain_in_words(result: Diagnosis) -> str:
     if not held.beyond_doubt and high >= -THRESHOLDS.least_gain:
         sentences.append("The gain is not significant.")
     if held.excluded:
-        sentences.append(_excluded_but_counted(held.excluded))
+        few = count(held.excluded, "record")
+        sentences.append(f"The gain includes {few} that only the extended arm excludes.")
     if result.findings and result.extended.too_many_excluded:
         sentences.append(
             "The gain may not hold at new postures, because the extended arm excludes too many "
             "records."
         )
     return " ".join(sentences)
-
-
-def _excluded_but_counted(number: int) -> str:
-    return f"The gain includes {count(number, 'record')} that only the extended arm excludes."
 
 
 def unexplained_in_words(left: Unexplained) -> Iterator[str]:
@@ -296,13 +274,11 @@ def unexplained_in_words(left: Unexplained) -> Iterator[str]:
 def _saved_in_words(result: Diagnosis) -> Iterator[str]:
     parts, lost = [part.covariate for part in result.unexplained.discrepancy], result.not_saved
     saved = " and on ".join(covariate_in_words(name) for name in parts if name not in lost)
-    if saved and any(isinstance(effect, Discrepancy) for effect in result.model.effects):
-        yield f"The extended arm contains the discrepancy that depends on {saved}."
-    elif saved:
-        yield (
-            f"The extended arm does not contain the discrepancy that depends on {saved}; to save "
-            "it, use --with-discrepancy."
-        )
+    if saved:
+        is_saved = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
+        contains = "contains" if is_saved else "does not contain"
+        how = "" if is_saved else "; to save it, use --with-discrepancy"
+        yield f"The extended arm {contains} the discrepancy that depends on {saved}{how}."
     if parts and lost:
         yield (
             f"No arm file can contain the discrepancy that depends on {listed(lost)}, because new "
@@ -311,6 +287,16 @@ def _saved_in_words(result: Diagnosis) -> Iterator[str]:
 
 
 # Tables ------------------------------------------------------------
+
+
+def finding_values(finding: Finding) -> str:
+    """Values of a cause ± U (k = 2); of an error curve, its strongest waves."""
+    waves = strongest_waves(finding.effect)
+    if not waves:
+        return values_in_words(finding.effect, finding.parameters, finding.slides)
+    unit = "µm" if finding.slides else "µrad"
+    sizes = [f"{order:.3g} ({size / UM:.1f} {unit})" for order, size in waves[:WAVES_LISTED]]
+    return f"waves per turn: {', '.join(sizes)}"
 
 
 def ranking(result: Diagnosis) -> pd.DataFrame:
@@ -323,7 +309,7 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
         rows.append(
             {
                 "cause": in_words(effect, result.model.arm),
-                "value ± U (k = 2)": values_in_words(effect, finding.parameters, finding.slides),
+                "value ± U (k = 2)": finding_values(finding),
                 "displacement_mm": rms(np.linalg.norm(moved[used], axis=1)) / MM,
                 "probability": probability(finding.probability),
                 "p": p_value(finding.p_value),
@@ -412,7 +398,6 @@ def answers(result: Diagnosis, planned: str) -> list[Block]:
         f"{capital(result.verdict.replace('-', ' '))}.": verdict_in_words(result),
         "Probability:": certainty_in_words(result),
         "Form not certain:": open_forms_in_words(result),
-        "Other possible causes:": next_set_in_words(result),
         "Residuals and gain:": summary_line(result),
         "Next:": f"{capital(planned)}.",
     }
@@ -443,10 +428,8 @@ def _result(result: Diagnosis, planned: str) -> Iterator[Block]:
     ]
     yield Table(pd.DataFrame(rows), BUDGET, explained=BUDGET_EXPLAINED)
     yield frame_in_words(result.of_model)
-    hints = [] if result.extended.noise_is_stated else [UNSTATED]
     if any(corrects_seat(finding.effect) for finding in result.findings):
-        hints.append(SEAT_ERRORS)
-    yield Paragraph(" ".join(hints), detail=True)
+        yield Paragraph(SEAT_ERRORS, detail=True)
 
 
 def _groups(result: Diagnosis) -> Iterator[Block]:
@@ -455,35 +438,32 @@ def _groups(result: Diagnosis) -> Iterator[Block]:
     if table.empty:
         yield Paragraph("The file has too few records to compare groups.", detail=True)
         return
-    predicted, beside, line = PREDICTED
-    if table["predicted_mm"].equals(table["noise_mm"]):
-        predicted, beside, line = ONLY_NOISE
     height = 0.5 - 2.2 * (-table["by"].nunique() // 3)
     yield Figure(
         lambda: plots.plot_groups(result, blank_axes(9.3, height)),
         "RMS residuals of groups of records by joint range, time, temperature and seat",
         "Each dot shows the RMS residual of a group of two or more records. Black dots are of the "
         "nominal arm, grey dots of the recalibrated arm, and blue dots of the extended arm. "
-        f"Compare the black dots with the {line} line, which shows {beside}. Compare the blue dots "
-        "with the dotted line, which shows the noise alone. If a blue dot is far above the dotted "
-        "line, the extended arm does not explain the residuals of this group.",
+        "The dashed line shows the prediction for the nominal arm from the stated uncertainties "
+        "and the noise. The dotted line shows the noise alone. If a blue dot is far above the "
+        "dotted line, the extended arm does not explain the residuals of this group.",
     )
     worse = table[table["times_predicted"] > 1.0]
     if worse.empty:
         yield Paragraph(
-            f"No group of records has an RMS residual of the nominal arm above {beside}."
+            "No group of records has an RMS residual of the nominal arm above the prediction."
         )
         return
-    unit, scale = length_unit(max(result.rms.values()))
-    where = [*map(place_in_words, worse["by"], worse["group"])]
-    shown = pd.DataFrame({"group": where, "records": worse["records"]})
-    heads = {"nominal": "nominal", "predicted": predicted, "extended": "extended"}
-    for name, head in heads.items():
-        shown[f"{head} [{unit}]"] = worse[f"{name}_mm"] * (MM / scale)
-    ratio = f"nominal / {predicted}"
-    caption = f"Groups of records with an RMS residual of the nominal arm above {beside}"
-    shown[ratio] = worse["times_predicted"]
-    yield Table(shown, caption, {ratio: ".2f"}, most=WORST)
+    shown = worse[["records", "nominal_mm", "predicted_mm", "extended_mm", "times_predicted"]]
+    shown.insert(0, "group", [*map(place_in_words, worse["by"], worse["group"])])
+    yield Table(
+        shown,
+        "Groups of records with an RMS residual of the nominal arm above the prediction from the "
+        "stated uncertainties and the noise",
+        {"times_predicted": ".2f"},
+        {"times_predicted": "nominal / predicted"},
+        most=WORST,
+    )
 
 
 def _causes(result: Diagnosis) -> Iterator[Block]:
@@ -492,27 +472,12 @@ def _causes(result: Diagnosis) -> Iterator[Block]:
         yield Paragraph("No cause has a probability of 0.5 or more.", detail=True)
     yield Table(places_table(result), PLACES_LISTED, explained=PLACES_EXPLAINED)
     yield Table(ranking(result), "Causes of error in the extended arm", explained=RANKED)
-    waves = []
-    for curve in (finding.effect for finding in result.findings):
-        strongest = strongest_waves(curve)
-        if isinstance(curve, JointErrorCurve) and strongest:
-            orders = [f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in strongest[:WAVES_LISTED]]
-            sizes = listed(orders)
-            name = capital(in_words(curve, result.model.arm))
-            apart = 4.0 * np.pi / (curve.upper_rad - curve.lower_rad)
-            waves.append(
-                f"{name} has its strongest waves at {sizes} periods per turn. In this range of "
-                f"angles, waves less than {apart:.2g} periods per turn apart form one."
-            )
-    yield Bullets(waves)
     yield from causes_drawn(result)
 
 
 def _other_causes(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Other possible causes")
     yield Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
-    alike = [labels_in_words(result, labels) for labels in result.cannot_tell_apart]
-    yield Bullets([f"These records do not distinguish {labels}." for labels in alike])
     yield Table(
         alias_table(result), ALIASES_LISTED, {"correlation": ".2f"}, explained=ALIASES_EXPLAINED
     )
@@ -567,8 +532,6 @@ def _held_out(result: Diagnosis) -> Iterator[Block]:
         "The gain is 1 - (RMS residual of the extended arm) / (RMS residual of the recalibrated "
         "arm).",
     ]
-    if held.excluded:
-        sentences.append(_excluded_but_counted(held.excluded))
     if held.gross_errors:
         few = count(held.gross_errors, "record")
         sentences.append(f"The gain does not include {few} that both arms exclude.")
@@ -596,8 +559,8 @@ def _left(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Unexplained residuals and excluded records")
     yield from unexplained_document(left).blocks
     yield Paragraph(" ".join(_saved_in_words(result)))
-    for name, way in left.acts_on.items():
-        yield _shape(result, name, way)
+    for name in left.acts_on:
+        yield _structure_drawn(result, name)
     yield from excluded_records(result.excluded)
     yield Figure(
         lambda: plots.plot_residuals_by_row(result, blank_axes(7.4, 3.2)),
@@ -607,12 +570,12 @@ def _left(result: Diagnosis) -> Iterator[Block]:
     )
 
 
-def _shape(result: Diagnosis, name: str, way: str) -> Figure:
+def _structure_drawn(result: Diagnosis, name: str) -> Figure:
     on = covariate_in_words(name)
     return Figure(
         lambda: plots.plot_unexplained(result, name, blank_axes(7.4, 4.0)),
         f"Structure that depends on {on} and that no cause explains",
-        f"In the structure that depends on {on}, {way}. Each dot is a record.",
+        f"Each dot shows the structure in a record that depends on {on}.",
     )
 
 
