@@ -146,41 +146,29 @@ def verdict(result: Calibration) -> str:
     if exclusions.doubtful:
         doubts += f"{exclusions_in_words(exclusions)} Run aacmm-pin diagnose to find the cause. "
         others = f" on the other {count(exclusions.used, 'record')}"
-    held = result.held_out[-1] if result.held_out else None
-    if held is None:
+    if not result.held_out:
         before, after = lengths([result.rms_before, result.rms])
         return (
             f"{doubts}For {name}{others}, the RMS residual of the used records is {before} before "
             f"and {after} after calibration. No records were held out, and new records may have "
             "larger residuals."
         )
-    sizes = [result.rms_before, result.rms, held.rms_before, held.rms_after]
-    before, after, held_before, held_after = lengths(sizes)
+    held = result.held_out[-1]
+    before, after = lengths([held.rms_before, held.rms_after])
     gain = 1.0 - held.rms_after / held.rms_before
     makes = "makes" if gain >= WORTH else "does not make"
     return (
         f"{doubts}Calibration{others} {makes} {name} more accurate: the RMS residual of held-out "
-        f"{HELD_OUT_KINDS[held.kind]} is {held_before} before and {held_after} after calibration "
-        f"(gain {percent(gain)}). The RMS residual of the used records is {before} before and "
-        f"{after} after calibration."
+        f"{HELD_OUT_KINDS[held.kind]} is {before} before and {after} after calibration "
+        f"(gain {percent(gain)})."
     )
 
 
 def exclusions_in_words(exclusions: Exclusions) -> str:
-    """Why excluded records are no gross errors."""
-    excluded, shared = exclusions.excluded, exclusions.shared
-    records = count(excluded + exclusions.used, "record")
-    many = ", too many for gross errors" if exclusions.too_many else ""
-    sentences = [f"The fit excluded {excluded} of {records}{many}."]
-    if shared is not None:
-        which = "All" if shared.excluded == excluded else f"{shared.excluded} of the"
-        sentences.append(f"{which} excluded records have {shared.where}.")
-    if exclusions.narrowed:
-        joints = listed([str(narrowed.joint) for narrowed in exclusions.narrowed])
-        sentences.append(
-            f"The used records cover only a small part of the range of joint {joints}."
-        )
-    return " ".join(sentences)
+    """That excluded records are no gross errors; notes state why."""
+    records = count(exclusions.excluded + exclusions.used, "record")
+    why = "too many for gross errors" if exclusions.too_many else "probably for a common cause"
+    return f"The fit excluded {exclusions.excluded} of {records}, {why}."
 
 
 def fit_in_words(result: Calibration) -> str:
@@ -335,30 +323,26 @@ def _result(result: Calibration) -> Iterator[Block]:
     if result.fit.has_scatter:
         noise = "The stated noise and the estimated scatter"
     used = "records used in the fit"
-    distances = [(used, result.rms_before / MM, result.rms / MM)]
-    turns = []
+    turns = result.turns or dict.fromkeys(("nominal", "calibrated"), np.nan)
+    sizes = [result.rms_before / MM, result.rms / MM]
+    rows: list[Any] = [(used, *sizes, turns["nominal"] / UM, turns["calibrated"] / UM)]
     for held in result.held_out:
-        name = f"held-out {HELD_OUT_KINDS[held.kind]}"
-        parts = f"{name} ({held.groups} parts)"
-        distances.append((parts, held.rms_before / MM, held.rms_after / MM))
-        if held.turned:
-            turns.append((name, rms(held.turn_before) / UM, rms(held.turn_after) / UM))
-    table = pd.DataFrame(distances, columns=["records", "before_mm", "after_mm"])
-    yield Table(
-        table.assign(gain=1.0 - table["after_mm"] / table["before_mm"]),
-        "RMS distance between tip and target, before and after calibration",
-        {"gain": percent},
-        explained=f"{COMPARED} {noise} would give {length(result.noise)}.",
-    )
+        parts = f"held-out {HELD_OUT_KINDS[held.kind]} ({held.groups} parts)"
+        sizes = [held.rms_before / MM, held.rms_after / MM]
+        both = [held.turn_before, held.turn_after] if held.turned else []
+        rows.append((parts, *sizes, *(rms(turn) / UM for turn in both)))
+    rotations = ["rotation before [µrad]", "rotation after [µrad]"]
+    table = pd.DataFrame(rows, columns=["records", "before_mm", "after_mm", *rotations])
+    table.insert(3, "gain", 1.0 - table["after_mm"] / table["before_mm"])
+    would_be = length(result.noise)
     if result.turns is not None:
-        of_used = (used, result.turns["nominal"] / UM, result.turns["calibrated"] / UM)
-        heads = ["before [µrad]", "after [µrad]"]
-        yield Table(
-            pd.DataFrame([of_used, *turns], columns=["records", *heads]),
-            "RMS rotation from the stated orientation",
-            dict.fromkeys(heads, ".1f"),
-            explained=f"{noise} would give {result.turns['noise'] / UM:.1f} µrad.",
-        )
+        would_be += f" and {result.turns['noise'] / UM:.1f} µrad"
+    yield Table(
+        table.dropna(axis=1, how="all"),
+        "RMS distance between tip and target, before and after calibration",
+        {"gain": percent, **dict.fromkeys(rotations, ".1f")},
+        explained=f"{COMPARED} {noise} would give {would_be}.",
+    )
     yield Notes(other_notes(result.notes))
 
 
