@@ -81,8 +81,8 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     return Document(
         "Accuracy",
         [
-            str(accuracy),
-            what_k_covers(),
+            f"{accuracy}.",
+            _what_k_covers(),
             comprehensive,
             Table(postures, EXTREMES),
             HIGHEST if "swivel [°]" in postures else "",
@@ -123,14 +123,14 @@ def length_document(length: LengthUncertainty) -> Document:
     ends, budget = in_one_unit(pd.DataFrame(rows), _budget(length))
     caption = "Pairs of postures at the points A and B with the smallest and the largest U"
     tables = [Table(ends, caption), _budget_table(budget)]
-    return Document("Length", [str(length), *tables, *map(str, length.sources.caveats)])
+    return Document("Length", [f"{length}.", *tables, *map(str, length.sources.caveats)])
 
 
 def _degrees(angles: Iterable[float]) -> str:
     return " ".join(f"{angle:.0f}" for angle in angles)
 
 
-def what_k_covers() -> str:
+def _what_k_covers() -> str:
     """The coverage probability of U of a position, in words."""
     along, isotropic = (f"{100 * part:.1f}" for part in COVERED)
     return (
@@ -155,4 +155,4 @@ def map_document(map_: WorkspaceMap) -> Document:
     table = Table(spread(pd.DataFrame(data), "all cells"))
     cells = {str(sectors): [number] for sectors, number in map_.working_sectors().items()}
     by_sectors = Table(pd.DataFrame(cells), CELLS)
-    return Document("Map", [str(map_), table, by_sectors])
+    return Document("Map", [f"{map_}.", table, by_sectors])

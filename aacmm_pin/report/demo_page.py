@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,7 +22,7 @@ from aacmm_pin.accuracy import (
     circle_accuracy,
     map_workspace,
 )
-from aacmm_pin.arm import COVERAGE_FACTOR, Arm, load_arm_file, urdf_text
+from aacmm_pin.arm import Arm, load_arm_file, urdf_text
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import (
@@ -31,17 +30,17 @@ from aacmm_pin.effects import (
     EncoderEccentricity,
     ErrorModel,
     in_words,
-    listed,
     values_in_words,
 )
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.postures import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
-from aacmm_pin.report.accuracy_page import EXTREMES, HIGHEST, postures_at_the_ends, what_k_covers
+from aacmm_pin.report.accuracy_page import accuracy_document, map_document
 from aacmm_pin.report.diagnosis_page import (
     answers,
     causes_drawn,
     diagnosis_document,
+    finding_values,
 )
 from aacmm_pin.report.document import (
     Block,
@@ -56,17 +55,17 @@ from aacmm_pin.report.document import (
 )
 from aacmm_pin.report.formats.html import page
 from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
-from aacmm_pin.report.numbers import percent
 from aacmm_pin.report.scenes import circle_scene
 
 SEED = 1
 """Seed of every random number."""
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
 """Point of the wrist in the DH base frame [m]: the first measured one in the paper of SINO6."""
-MAPS: tuple[Quantity, ...] = ("smallest_u_mm", "flexibility")
-"""Quantities whose maps the page shows."""
-LARGEST = 3
-"""Largest parameters of the budget to name."""
+MAPS: dict[Quantity, str] = {
+    "smallest_u_mm": "the smallest standard uncertainty u of the position",
+    "flexibility": "the flexibility",
+}
+"""Quantities whose maps the page shows, in words."""
 RECORDS, SEATS = 200, 10
 READING_NOISE = 8e-6
 """Simulated and stated standard uncertainty of one reading [rad]."""
@@ -122,102 +121,51 @@ class DemoSummary:
 
 def _at_the_point(
     circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]
-) -> Iterator[Block]:
+) -> list[Block]:
     def draw() -> Any:
         figure = Drawing(figsize=(7.2, 6.6), layout="constrained")
         return plots.plot_circle(circle, accuracy, ax=figure.add_subplot(projection="3d"))
 
-    curves, volume = len(circle.components.curves), summary["volume_mm3"]
-    least, most = (COVERAGE_FACTOR * summary["u_mm"][end] for end in ("min", "max"))
-    budget = summary["budget"][:LARGEST]
-    largest = listed([f"{row['parameter']} ({percent(row['share'])})" for row in budget])
-    yield Heading("Accuracy at one point")
-    yield Paragraph(
-        f"{circle}. With the wrist at this point, the elbow can move along {curves} closed curves."
-    )
-    yield Paragraph(
-        f"The expanded uncertainty of the position is U (k = 2) = {least:.3f} to {most:.3f} mm, "
-        "depending on the posture.",
-        finding=True,
-    )
-    yield what_k_covers()
-    yield Paragraph(
-        "If all parameters are within their half-widths, the position error is in an accuracy "
-        f"volume of {volume['min']:.4f} to {volume['max']:.4f} mm³, depending on the posture. The "
-        "comprehensive accuracy volume (weighted mean over the postures) is "
-        f"{volume['comprehensive']:.4f} mm³. The largest shares of the variance come from "
-        f"{largest}. The parameter theta_offset is the zero offset of a joint.",
-        finding=True,
-    )
-    yield Figure(
-        draw,
-        f"The elbow's path round the working point and {circle.arm.name} in five postures",
-        "The figure shows five postures and the path of the elbow. The colour of "
-        "the path shows the accuracy volume of each posture within the joint limits.",
-    )
-    yield Table(postures_at_the_ends(summary), EXTREMES, explained=HIGHEST)
-    yield Figure(
-        lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
-        "Bars of the shares of the variance by parameter",
-        "The bars show the share of each parameter in the variance, and the standard uncertainty "
-        "that this parameter alone causes.",
+    return [
+        Heading("Accuracy at one point"),
+        f"{circle}.",
+        Figure(
+            draw,
+            f"The elbow's path round the working point and {circle.arm.name} in five postures",
+            "The figure shows five postures and the path of the elbow. The colour of "
+            "the path shows the accuracy volume of each posture within the joint limits.",
+        ),
+        *accuracy_document(accuracy, summary).blocks,
+    ]
+
+
+def _drawn_map(map_: WorkspaceMap, quantity: Quantity, words: str) -> Figure:
+    return Figure(
+        lambda: plots.plot_map(map_, quantity, blank_axes(6.0, 6.0)),
+        f"Map of {words} over distance from joint axis 1 and z",
+        f"The map shows {words} in each cell. Joint 1 rotates the arm about the z axis, so that "
+        "one half-plane represents the whole workspace.",
     )
 
 
-def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> Iterator[Block]:
-    x, z = (axis.size for axis in map_.axes)
-    u_mm, cells = map_.data["smallest_u_mm"], map_.working_sectors()
-    least, most = COVERAGE_FACTOR * float(u_mm.min()), COVERAGE_FACTOR * float(u_mm.max())
-    flexibility = float(map_.data["flexibility"].mean())
-
-    def draw() -> Drawing:
-        figure = Drawing(figsize=(10.0, 6.0), layout="constrained")
-        x, y, z = circle.point / MM
-        for panel, quantity in zip(figure.subplots(1, 2), MAPS, strict=True):
-            plots.plot_map(map_, quantity, panel)
-            panel.plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
-        return figure
-
-    yield Heading("Accuracy over the workspace")
-    yield Paragraph(
-        "Joint 1 rotates the arm about the z axis, so that one half-plane represents the whole "
-        f"workspace. The map has {x} × {z} cells."
-    )
-    yield Paragraph(
-        f"In the best posture of each cell, U (k = 2) = {least:.3f} to {most:.3f} mm. "
-        f"{cells[map_.sectors]} of {sum(cells.values())} reachable cells have postures within the "
-        f"joint limits in all sectors. The mean flexibility is {flexibility:.3f}.",
-        finding=True,
-    )
-    yield Figure(
-        draw,
-        f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and "
-        "flexibility",
-        "The maps show the smallest standard uncertainty u of the position and the flexibility in "
-        "each cell. The star is the working point, rotated into the half-plane about joint axis "
-        "1.",
-    )
-
-
-def _measured(diagnosis: Diagnosis, hidden: Effect, planned: str) -> Iterator[Block]:
+def _measured(diagnosis: Diagnosis, hidden: Effect, lines: list[Block]) -> list[Block]:
     name = diagnosis.model.arm.name
     true = {key: (value, 0.0) for key, value in hidden.file_values().items()}
     rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
     for finding in diagnosis.findings:
-        values = values_in_words(finding.effect, finding.parameters)
-        rows.append(("found", in_words(finding.effect), values))
-    yield Heading("Diagnosis of simulated records")
-    yield Paragraph(
+        rows.append(("found", in_words(finding.effect), finding_values(finding)))
+    return [
+        Heading("Diagnosis of simulated records"),
         f"A virtual {name} has an eccentric encoder. The geometry of the virtual arm differs from "
         f"the arm file within the half-widths. The arm probes {SEATS} seats of known coordinates "
-        f"in {RECORDS} records. The diagnosis uses only the records and the arm file."
-    )
-    yield from answers(diagnosis, planned)
-    yield Table(
-        pd.DataFrame(rows, columns=["", "cause", "values"]),
-        "The hidden cause, and the causes that diagnose found, with U (k = 2)",
-    )
-    yield from causes_drawn(diagnosis)
+        f"in {RECORDS} records. The diagnosis uses only the records and the arm file.",
+        *lines,
+        Table(
+            pd.DataFrame(rows, columns=["", "cause", "values"]),
+            "The hidden cause, and the causes that diagnose found, with U (k = 2)",
+        ),
+        *causes_drawn(diagnosis),
+    ]
 
 
 def run_demo(
@@ -264,23 +212,26 @@ def run_demo(
             "postures.html": circle_scene(circle, accuracy).html(),
         }
         files = sorted([*texts, "map.nc", "measured.csv", "index.html"])
+        lines = answers(result, diagnosis["next_measurements"])
         story = [
             *_at_the_point(circle, accuracy, of_point),
-            *_over_the_workspace(map_, circle),
-            *_measured(result, hidden, diagnosis["next_measurements"]),
+            Heading("Accuracy over the workspace"),
+            *map_document(map_).blocks,
+            *(_drawn_map(map_, quantity, words) for quantity, words in MAPS.items()),
+            *_measured(result, hidden, lines),
         ]
         texts["index.html"] = page(_index(arm, story, files, when))
         map_.save(out / "map.nc")
         data.save(out / "measured.csv")
         for name, text in texts.items():
             (out / name).write_text(encodable(text), encoding="utf-8")
-    findings = [
-        f"{block.head} {block.text}".strip()
-        for block in story
-        if isinstance(block, Paragraph) and block.finding
-    ]
+    findings = (
+        f"{accuracy}.",
+        f"{map_}.",
+        *(f"{line.head} {line.text}" for line in lines if isinstance(line, Paragraph)),
+    )
     return DemoSummary(
-        folder, tuple(files), tuple(findings), of_point, of_map, time.perf_counter() - started
+        folder, tuple(files), findings, of_point, of_map, time.perf_counter() - started
     )
 
 

@@ -70,9 +70,9 @@ def test_demo_data_agree(demo):
     assert json.loads((demo.folder / "map.json").read_text(encoding="utf-8")) == demo.map
     index = Page((demo.folder / "index.html").read_text(encoding="utf-8")).text
     lines = str(demo).splitlines()
-    assert [line in index for line in lines] == [True] * 7 + [False]  # the end
+    assert [line in index for line in lines] == [True] * 6 + [False]  # the end
     assert "index.html" in lines[-1]
-    ends = " to ".join(f"{2 * accuracy['u_mm'][end]:.3f}" for end in ("min", "max"))
+    ends = " to ".join(f"{2 * accuracy['u_mm'][end]:.4f}" for end in ("min", "max"))
     assert f"U (k = 2) = {ends} mm" in lines[0]
 
 
