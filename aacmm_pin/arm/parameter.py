@@ -53,9 +53,10 @@ class Parameter(Shown):
 def wide_half_width_notes(parameters: Sequence[Parameter]) -> list[Note]:
     """Notes on half-widths larger than those of an arm as assembled."""
     notes = []
-    for code, unit in (("length_half_widths_large", "m"), ("angle_half_widths_large", "rad")):
+    for unit, shown in (("m", "mm"), ("rad", "°")):
         stated = {p.name: p.half_width or 0.0 for p in parameters if p.unit == unit}
         wide = {name: width for name, width in stated.items() if width > WIDEST_HALF_WIDTHS[unit]}
         if wide:
-            notes.append(Note(code, {"parameters": [*wide], "most": max(wide.values())}))
+            data = {"parameters": [*wide], "most": max(wide.values()), "unit": shown}
+            notes.append(Note("half_widths_large", data))
     return notes

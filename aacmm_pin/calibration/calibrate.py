@@ -329,11 +329,9 @@ def notes_of_records(after: Fit) -> Iterator[Note]:
         # NaN: not stated.
         u = float(np.median(reference_u(records, after.problem.setup, np.nan)[stating]))
         residual = rms(after.system.deviation[stating])
-        data = {"u": u, "residual": residual}
-        if u < BEST_REFERENCE and u < residual / UNIT_RATIO:
-            yield Note("reference_noise_small", data | {"times": residual / u})
-        elif 0.0 < residual < u / UNIT_RATIO:
-            yield Note("reference_noise_large", data | {"times": u / residual})
+        too_small = u < BEST_REFERENCE and u < residual / UNIT_RATIO
+        if too_small or 0.0 < residual < u / UNIT_RATIO:
+            yield Note("reference_noise_odd", {"u": u, "residual": residual})
     arm = after.problem.model.arm
     yield from whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
     yield from records.conditions.odd_temperatures(arm.reference_temperature)

@@ -194,7 +194,7 @@ class Calibration(Shown):
         """The excluded records: row, labels, residual [mm] and reason."""
         table = self.residuals[self.fit.excluded]
         columns = [c for c in ("row", "record", "seat", "marker", "session") if c in table]
-        reason = str(Note("excluded"))
+        reason = str(Note("outlier"))
         return (
             table[[*columns, "after_mm"]]
             .rename(columns={"after_mm": "residual_mm"})

@@ -76,8 +76,8 @@ class Narrowed:
     @property
     def note(self) -> Note:
         """That it does."""
-        code = "slide_narrowed" if self.slides else "joint_narrowed"
-        return Note(code, {"joint": self.joint, "used": self.used, "seen": self.seen})
+        data = {"joint": self.joint, "used": self.used, "seen": self.seen}
+        return Note("joint_narrowed", data | {"unit": "mm" if self.slides else "°"})
 
 
 @dataclass(frozen=True)

@@ -24,13 +24,6 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 NAMED_QUANTITIES = 2
 """So many quantities that the residuals depend on are named in a sentence, strongest first."""
-SCATTER_CODES = {
-    (False, True): "readings_scatter",
-    (False, False): "readings_scatter_most",
-    (True, True): "readings_of_slide_scatter",
-    (True, False): "readings_of_slide_scatter_most",
-}
-"""Notes on readings that scatter, by whether the joint slides and the noise is stated."""
 BACKGROUND = "background"
 """The part of the discrepancy that is too diffuse to be named."""
 
@@ -76,9 +69,9 @@ class ScatteredReadings(Shown):
     @property
     def note(self) -> Note:
         """Note that readings scatter."""
-        return Note(
-            SCATTER_CODES[self.slides, self.stated], {"joint": self.joint, "scatter": self.scatter}
-        )
+        code = "readings_scatter" if self.stated else "readings_scatter_most"
+        unit = "µm" if self.slides else "µrad"
+        return Note(code, {"joint": self.joint, "scatter": self.scatter, "unit": unit})
 
     def __str__(self) -> str:
         return str(self.note)

@@ -86,7 +86,7 @@ def _of_clock(conditions: Conditions) -> Iterator[Note]:
     if 0 < restarts <= RESTARTS < len(time):
         yield Note("clock_restarts", {"times": restarts})
     elif not 0.0 <= time.min() < LATE * np.ptp(time):
-        yield Note("clock_starts_late" if time.min() > 0.0 else "clock_below_zero")
+        yield Note("clock_offset", {"least": float(time.min())})
 
 
 def _changed(result: Diagnosis) -> Iterator[Note]:

@@ -22,7 +22,7 @@ GAP = 2
 """Characters between columns."""
 LONGEST_WORD = 40
 """Longer words are broken."""
-NAME = re.compile(r"\S*_\S*")
+WHOLE = re.compile(r"\S*_\S*")
 """A name in a sentence."""
 LABEL = re.compile(r"[a-z_]+:?\w*")
 """A cause with place, or a parameter."""
@@ -89,6 +89,6 @@ def _print_table(table: Table) -> None:
 def _least(head: str, texts: list[str]) -> int:
     """Width that keeps numbers, labels, names and the words of the head whole."""
     in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
-    words = texts if in_one else NAME.findall("\n".join(texts))
+    words = texts if in_one else WHOLE.findall("\n".join(texts))
     lengths = [min(LONGEST_WORD, cell_len(word)) for word in words]
     return max([*map(cell_len, head.split()), *lengths])

@@ -114,8 +114,8 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
     if wrong_sizes:
         group, error = max(wrong_sizes, key=lambda wrong: abs(wrong[1]))
         more = f" and {len(wrong_sizes) - 1} more" if len(wrong_sizes) > 1 else ""
-        code = "sphere_too_large" if error > 0 else "sphere_too_small"
-        yield Note(code, {"difference": abs(error)}).with_place(f"{PointsInFile.of(group)}{more}")
+        place = f"{PointsInFile.of(group)}{more}"
+        yield Note("sphere_size_off", {"difference": error}).with_place(place)
 
 
 def _outlier(points: Array, sphere: FittedSphere) -> tuple[int, float] | None:

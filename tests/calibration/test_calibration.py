@@ -440,7 +440,7 @@ def test_temperatures_in_another_unit_are_noted(sino6, rng):
 
 @pytest.mark.parametrize(
     ("factor", "word"),
-    [(1.0, ""), (1e-3, "reference_noise_small"), (700.0, "reference_noise_large")],
+    [(1.0, ""), (1e-3, "reference_noise_odd"), (700.0, "reference_noise_odd")],
 )
 def test_an_uncertainty_of_references_in_another_unit(sino6, factor, word):
     for plan in ("free", "seats"):
