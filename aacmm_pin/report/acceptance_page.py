@@ -9,7 +9,6 @@ from functools import partial
 from importlib.metadata import version
 
 import numpy as np
-import pandas as pd
 
 from aacmm_pin._support.file_problems import first_few
 from aacmm_pin._support.output_files import json_text
@@ -64,6 +63,7 @@ CONDITION_LABELS = {
 """Label and unit of each column that describes the whole check."""
 TITLE = "Test report"
 DEFINED = "Definitions of the characteristics"
+VALUES = ["figure", "verdict", "value_mm", "U_mm", "mpe_mm"]
 HEADS = {
     "figure": "characteristic",
     "value_mm": "value [mm]",
@@ -102,11 +102,13 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
         missing = table.pop("missing")
         table["where"] = table["where"].where(missing == "", "missing: " + missing)
     definitions = table[["figure", "standard", "test", "definition"]].drop_duplicates()
-    values = table[_columns(table, len(result.overall) > 1, details is None)]
+    several = len(result.overall) > 1
+    which = ["coordinates"] if several else ["standard"] if details is not None else []
+    values = table.filter([*VALUES, *which, "had", "where", "missing"]).replace({"": None})
     marked = {"non-conformity": f"{MARK} {shown_verdict('non-conformity')}"}
     blocks: list[Block] = [
         Table(
-            values,
+            values.dropna(axis=1, how="all"),
             "Test values and MPEs (maximum permissible errors)",
             {"verdict": lambda verdict: marked.get(verdict) or shown_verdict(verdict)},
             HEADS,
@@ -141,22 +143,6 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
         f"{details.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}",
         sheet=len(table),
     )
-
-
-def _columns(table: pd.DataFrame, several: bool, plain: bool) -> list[str]:
-    """Columns that are not empty, with the coordinates of ``several`` sets; a ``plain`` document
-    states the standard elsewhere.
-    """
-    columns = ["figure", "verdict", "value_mm", "U_mm", "mpe_mm"]
-    for name in ("verdict", "U_mm", "mpe_mm"):
-        if table[name].isna().all():
-            columns.remove(name)
-    if several:
-        columns.append("coordinates")
-    elif not plain:
-        columns.append("standard")
-    texts = [name for name in ("where", "missing") if name in table and table[name].any()]
-    return [*columns, "had", *texts]
 
 
 def history_blocks(history: History) -> Iterator[Block]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from aacmm_pin._support.units import UM, count
 from aacmm_pin.arm import Arm
-from aacmm_pin.calibration import NO_SCATTER, exclusions_of, rms
+from aacmm_pin.calibration import NO_SCATTER, exclusions_of
 from aacmm_pin.diagnosis import BACKGROUND, THRESHOLDS, Diagnosis, Finding, Unexplained
 from aacmm_pin.diagnosis.result import Verdict
 from aacmm_pin.effects import (
@@ -30,7 +30,6 @@ from aacmm_pin.report.numbers import (
     lengths,
     mistakes_in_words,
     p_equals,
-    percent,
 )
 
 WITH_STRUCTURE = ("unexplained", "partly-explained")
@@ -39,8 +38,6 @@ ALTERNATIVES = 3
 """Other sets of causes to name."""
 LEAST_PART = 0.1
 """Least part of the noise of structure whose size is stated."""
-LEAST_WORTH = 0.005
-"""Residuals that fall by less are about the same."""
 COVARIATES = {
     "record": "the order of the records",
     "place": "the position of the tip",
@@ -116,7 +113,7 @@ def _partly_explained(result: Diagnosis) -> str:
         return f"{structure}. {capital(_wrong(result))}"
     if not result.findings:
         return structure
-    return ". ".join(filter(None, [_wrong(result), _worth(result), capital(structure)]))
+    return f"{_wrong(result)}. {capital(structure)}"
 
 
 def _unexplained(result: Diagnosis) -> str:
@@ -277,23 +274,6 @@ def _size_left(result: Diagnosis) -> tuple[str, bool]:
     shared = result.unexplained.shared_by_postures
     expected = noise * np.hypot(1.0, 0.0 if shared is None else shared.times)
     return text, bool(size > THRESHOLDS.much_more * expected or turned > 0.0)
-
-
-def _worth(result: Diagnosis) -> str:
-    """Part of the residuals that the named causes explain; "" if none."""
-    held = result.held_out
-    sizes, where = [result.rms["recalibrated"], result.rms["extended"]], "in these records"
-    if held is not None:
-        sizes, where = [rms(held.recalibrated), rms(held.extended)], "on held-out records"
-    if sizes[1] > (1.0 - LEAST_WORTH) * sizes[0]:
-        return ""
-    explain = "This cause explains" if len(result.findings) == 1 else "These causes explain"
-    share = percent(1.0 - (sizes[1] / sizes[0]) ** 2)
-    before, after = lengths(sizes)
-    return (
-        f"{explain} {share} of the mean square residual of the recalibrated arm {where} "
-        f"(RMS {before} before, {after} after)"
-    )
 
 
 def _residuals_left(result: Diagnosis) -> str:
