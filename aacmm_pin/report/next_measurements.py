@@ -41,7 +41,6 @@ def next_measurements(result: Diagnosis) -> str:
 def _first(result: Diagnosis) -> str:
     verdict, findings, unexplained = result.verdict, result.findings, result.unexplained
     with_structure, depends_on = verdict in WITH_STRUCTURE, unexplained.depends_on
-    shown = "{} of {} causes of typical magnitude".format(*result.visible)
     repeats = result.choice.noise.repeat
     if too_good(result.extended):
         return (
@@ -94,15 +93,11 @@ def _first(result: Diagnosis) -> str:
             f"find what differed for the records that have {excluded.where}, such as the stand, "
             "the references or an encoder. Diagnose these records and the others separately"
         )
-    if verdict == "inconclusive" and not findings and result.otherwise:
-        return (
-            "check the excluded records, and repeat them at the same postures, because with them "
-            "diagnose would find a cause"
-        )
     if verdict == "inconclusive" and not findings:
-        return f"{MORE_RECORDS}, because these records would show only {shown}"
+        return _because_of_doubts(result)
     if verdict == "no-discrepancy":
         before, after = result.rms["nominal"], result.rms["recalibrated"]
+        shown = "{} of {} causes of typical magnitude".format(*result.visible)
         calibrate = ""
         if after < WORTH_CALIBRATION * before:
             calibrate = (
@@ -154,27 +149,8 @@ def _first(result: Diagnosis) -> str:
             f"measure the coordinates of {listed(seats)} again. Then check the extended arm on new "
             "records"
         )
-    if result.no_better:
-        return (
-            f"{MORE_RECORDS}, because the extended arm does not predict "
-            "held-out records better than the recalibrated arm"
-        )
-    if result.below_zero:
-        negative = " and ".join(effect.label for effect in result.below_zero)
-        return (
-            "check the signs of gravity, torques and temperatures, because the value of "
-            f"{negative} is negative. If the signs are right, {MORE_RECORDS}"
-        )
     if verdict == "inconclusive":
-        doubts = doubts_in_words(result) or ["these records do not confirm the named causes"]
-        return f"{MORE_RECORDS}, because {'; '.join(doubts)}"
-    until = [getattr(finding.effect, "until_s", None) for finding in findings]
-    ends = [end for end in until if end is not None]
-    if ends:
-        return (
-            f"take records after {max(ends):.4g} s, with the same clock, to find whether the drift "
-            "stops or continues"
-        )
+        return _because_of_doubts(result)
     frame, held = result.extended.problem.setup.reference_frame, result.held_out
     option = "" if frame == "base" else f" --reference-frame {frame}"
     known = "in these records" if held is None else "in held-out records"
@@ -186,6 +162,11 @@ def _first(result: Diagnosis) -> str:
         f"the extended arm on the new records. The RMS distance{planes} should be about "
         f"{expected}, as {known}"
     )
+
+
+def _because_of_doubts(result: Diagnosis) -> str:
+    doubts = doubts_in_words(result) or ["these records do not confirm the named causes"]
+    return f"{MORE_RECORDS}, because {'; '.join(doubts)}"
 
 
 def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
