@@ -7,11 +7,17 @@ from typing import Any
 
 import pandas as pd
 
-from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy import COVERED, AccuracyVolume, LengthUncertainty, WorkspaceMap
+from aacmm_pin._support.units import DEG, MM, count
+from aacmm_pin.accuracy import (
+    COVERED,
+    AccuracyVolume,
+    ErrorSources,
+    LengthUncertainty,
+    WorkspaceMap,
+)
 from aacmm_pin.arm import COVERAGE_FACTOR
-from aacmm_pin.postures import Flexibility, PosturesAtPoint, sector_centres
-from aacmm_pin.report.document import NO_NUMBER, Document, Paragraph, Table, document_of
+from aacmm_pin.postures import PosturesAtPoint
+from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import in_one_unit, percent, spread
 
 SHOWN_SOURCES = 8
@@ -46,15 +52,11 @@ def postures_document(postures: PosturesAtPoint) -> Document:
 
 
 @document_of.register
-def flexibility_document(flexibility: Flexibility) -> Document:
-    """The sectors with a posture."""
-    works = {}
-    if flexibility.sectors:  # none of an arm without an elbow that goes round
-        centres = sector_centres(len(flexibility.sectors)) / DEG
-        for centre, yes in zip(centres, flexibility.sectors, strict=True):
-            works[f"{centre:.4g}°"] = ["works" if yes else NO_NUMBER]
-    table = Table(pd.DataFrame(works), "Swivel angle of each sector's centre")
-    return Document("Flexibility", [Paragraph(str(flexibility), head="Flexibility ζ:"), table])
+def sources_document(sources: ErrorSources) -> Document:
+    """The names of the sources of error of an accuracy."""
+    names = ", ".join(parameter.name for parameter in sources.parameters)
+    words = f"has {count(len(sources.parameters), 'source')} of error at {sources.at}: {names}."
+    return Document(sources.arm.name, [Paragraph(words, head=sources.arm.name)])
 
 
 @document_of.register

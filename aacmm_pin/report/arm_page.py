@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Index
 from aacmm_pin._support.units import DEG, MM, UM, count
-from aacmm_pin.accuracy import ErrorSources
-from aacmm_pin.arm import COVERAGE_FACTOR, KINDS, Arm, ArmFile, DHTable, Parameter, Poses
+from aacmm_pin.arm import COVERAGE_FACTOR, KINDS, Arm, ArmFile, DHTable, Poses
 from aacmm_pin.effects import (
     Effect,
     ErrorModel,
@@ -26,7 +25,6 @@ DH_HEADS = dict(zip(KINDS, ("a [mm]", "d [mm]", "α [°]", "θ offset [°]"), st
 """Heads of the columns of a DH table."""
 POSTURES_LISTED = 8
 """Postures, or names, to show."""
-MOST_SOURCES = 40
 
 
 @document_of.register
@@ -125,26 +123,6 @@ def dh_document(dh: DHTable) -> Document:
     return Document("DH table", [Table(table, f"DH table, {dh.convention}")])
 
 
-def _parameters(parameters: Sequence[Parameter]) -> pd.DataFrame:
-    rows = [
-        {
-            "parameter": p.name,
-            "value": quantity(p.value, p.unit),
-            "U (k = 2)": small(COVERAGE_FACTOR * p.u, p.unit),
-            "half-width": None if p.half_width is None else small(p.half_width, p.unit),
-            "scope": p.scope,
-        }
-        for p in parameters
-    ]
-    return pd.DataFrame(rows)
-
-
-@document_of.register
-def parameter_document(parameter: Parameter) -> Document:
-    """A parameter with its uncertainty."""
-    return Document(parameter.name, [Table(_parameters([parameter]))])
-
-
 @document_of.register
 def effect_document(effect: Effect) -> Document:
     """A cause of error with its parameters."""
@@ -153,9 +131,17 @@ def effect_document(effect: Effect) -> Document:
         words += ", ± U (k = 2)"
     if effect.needs:
         words += f"; the cause depends on {', '.join(effect.needs)}"
-    rows = _parameters(effect.parameters()).drop(columns="half-width")
-    rows["typical"] = [small(term.typical, term.unit) for term in effect.terms]
-    return Document(name, [Paragraph(words, head=f"{name}:"), Table(rows)])
+    terms = zip(effect.parameters(), effect.terms, strict=True)
+    rows = [
+        {
+            "parameter": p.name,
+            "value": quantity(p.value, p.unit),
+            "U (k = 2)": small(COVERAGE_FACTOR * p.u, p.unit),
+            "typical": small(term.typical, term.unit),
+        }
+        for p, term in terms
+    ]
+    return Document(name, [Paragraph(words, head=f"{name}:"), Table(pd.DataFrame(rows))])
 
 
 def _values(effect: Effect) -> str:
@@ -198,14 +184,3 @@ def poses_document(poses: Poses) -> Document:
     return Document(
         model.name, [Paragraph(words, head=model.name), Table(pd.DataFrame(table)), more]
     )
-
-
-@document_of.register
-def sources_document(sources: ErrorSources) -> Document:
-    """The sources of error of an accuracy."""
-    words = f"has {count(len(sources.parameters), 'source')} of error at {sources.at}"
-    if sources.not_included:
-        words += f", without {', '.join(sources.not_included)}"
-    name = sources.arm.name
-    table = Table(_parameters(sources.parameters), most=MOST_SOURCES)
-    return Document(name, [Paragraph(words, head=name), table])

@@ -63,8 +63,6 @@ from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatabili
 
 WORTH = 0.05
 """Least reduction of held-out residuals by a useful calibration."""
-COLLINEAR = 0.01
-"""Points are collinear if they leave a line by less than this part of their extent."""
 EXCLUDED_LISTED = 10
 """Excluded records to list; the file of residuals has all."""
 HELD_OUT_KINDS = {
@@ -229,22 +227,10 @@ def open_in_words(result: Calibration) -> str:
             return ""
         several = count(combinations, "combination")
         return f"These records do not determine {several} of parameters that other postures need."
-    words = (
-        "These records do not determine the position of the base in the frame of the references."
+    return (
+        "These records do not determine the position of the base in the frame of the references; "
+        "use references that are not close to a straight line."
     )
-    records = result.fit.problem.measurements
-    points = records.reference[result.fit.used & records.known]
-    sizes = np.zeros(3)
-    if len(points):
-        centred = points - points.mean(axis=0)
-        sizes = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(points))
-    across, along = float(np.linalg.norm(sizes[1:])), float(sizes[0])
-    if across < COLLINEAR * along:
-        words += (
-            " The references are close to a straight line, with an RMS distance of "
-            f"{length(across)} from the line and an RMS extent of {length(along)} along the line."
-        )
-    return words
 
 
 def estimated_causes(result: Calibration) -> pd.DataFrame:

@@ -8,7 +8,7 @@ import numpy as np
 
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.calibrate import notes_of as notes_of_fit
-from aacmm_pin.diagnosis import Diagnosis, estimated, not_tried, too_good
+from aacmm_pin.diagnosis import Diagnosis, not_tried, too_good
 from aacmm_pin.effects import (
     CONDITION_COLUMNS,
     Conditions,
@@ -90,26 +90,17 @@ def _of_clock(conditions: Conditions) -> Iterator[Note]:
 
 
 def _changed(result: Diagnosis) -> Iterator[Note]:
-    """Causes with other known values, and causes beside another of their kind."""
-    stated = result.before.problem.model.effects
-    now = {effect.identity: (effect, u) for effect, u in estimated(result.choice)}
-    named = {finding.effect.identity for finding in result.findings}
+    """Causes with other known values."""
     for finding in result.findings:
-        identity, slides = finding.effect.identity, finding.slides
-        same = [old for old in stated if old.identity == identity]
-        others = [old for old in stated if old.label == finding.label and old.identity not in named]
-        for old in same or others:
+        old, slides = finding.was, finding.slides
+        if old is not None:
             was = _values(old, values_with_u(old, np.diag(np.square(old.u))), slides)
             data = {"cause": finding.label, "was": was}
             if finding.gone:
                 yield Note("known_cause_gone", data)
-            elif same or old.identity not in now:
-                new = _values(finding.effect, finding.parameters, slides)
-                yield Note("known_cause_changed", data | {"now": new})
             else:
-                effect, covariance = now[old.identity]
-                new = _values(effect, values_with_u(effect, covariance), slides)
-                yield Note("known_cause_beside", data | {"now": new})
+                now = _values(finding.effect, finding.parameters, slides)
+                yield Note("known_cause_changed", data | {"now": now})
 
 
 def _values(effect: Effect, values: dict[str, tuple[float, float]], slides: bool) -> str:

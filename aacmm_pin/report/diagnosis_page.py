@@ -64,7 +64,7 @@ from aacmm_pin.report.numbers import (
     p_value,
     percent,
 )
-from aacmm_pin.report.plots.groups import held_out_parts, part_in_words, place_in_words
+from aacmm_pin.report.plots.groups import part_in_words, place_in_words
 from aacmm_pin.report.plots.partial_residuals import state_of, varies
 from aacmm_pin.report.plots.residual_vectors import models, two_models
 from aacmm_pin.report.verdicts import (
@@ -232,11 +232,6 @@ def gain_in_words(result: Diagnosis) -> str:
     if held.excluded:
         few = count(held.excluded, "record")
         sentences.append(f"The gain includes {few} that only the extended arm excludes.")
-    if result.findings and result.extended.too_many_excluded:
-        sentences.append(
-            "The gain may not hold at new postures, because the extended arm excludes too many "
-            "records."
-        )
     return " ".join(sentences)
 
 
@@ -244,14 +239,7 @@ def unexplained_in_words(left: Unexplained) -> Iterator[str]:
     """Sentences on the remaining structure, or that there is none."""
     for one in left.apart:
         yield f"{capital(str(one))} ({p_equals(one.p_value)})."
-    shared, chance = left.excluded, beside_threshold(left)
-    if shared is not None:
-        records = f"{shared.excluded} of {shared.of} excluded records"
-        if shared.excluded == 1:
-            records = "The records around the excluded record"
-        elif shared.excluded == shared.of:
-            records = f"All {shared.of} excluded records"
-        yield f"{records} have {shared.where}."
+    chance = beside_threshold(left)
     if left.acts_on:
         on = f"{listed([*map(covariate_in_words, left.acts_on)])} ({p_equals(left.p_value)})"
         yield f"The residuals depend on {on} in a way that no cause of the library explains."
@@ -264,7 +252,7 @@ def unexplained_in_words(left: Unexplained) -> Iterator[str]:
         yield f"Some groups of records have significantly larger residuals than the others ({p})."
     elif left.left:
         yield f"The residuals have significant structure that no named cause explains ({chance})."
-    elif shared is None:
+    else:
         yield f"The residuals do not depend significantly on a column of the file ({chance})."
     if left.gain is not None and (left.acts_on or left.has_background):
         removes = f"a smooth correction removes {percent(left.gain)}"
@@ -541,16 +529,6 @@ def _held_out(result: Diagnosis) -> Iterator[Block]:
         lambda: plots.plot_held_out(result, blank_axes(7.2, 3.4)),
         "RMS residual of the recalibrated and the extended arm in each held-out part",
         " ".join(sentences),
-    )
-    parts = held_out_parts(result)
-    chosen = [labels_in_words(result, labels) or "nothing" for labels in parts["chosen"]]
-    table = parts[["part", "records", "gain"]].rename(columns={"part": "held-out part"})
-    table["chosen causes"] = chosen
-    yield Table(
-        table,
-        "Causes that diagnose chose without the held-out part",
-        {"gain": percent},
-        detail=True,
     )
 
 

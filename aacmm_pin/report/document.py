@@ -234,12 +234,13 @@ def shown_document(result: Shown) -> Document:
     names = [f.name for f in fields(result)]  # type: ignore[arg-type]
     names += [name for name, member in vars(kind).items() if isinstance(member, property)]
     values = {name: getattr(result, name) for name in names}
-    row = {
-        name: [value]
-        for name, value in values.items()
-        if isinstance(value, str | int | float | tuple | None)
-    }
+    row = {name: [value] for name, value in values.items() if _is_plain(value)}
     return Document(kind.__name__, [Table(pd.DataFrame(row), f"{kind.__name__}, in SI units")])
+
+
+def _is_plain(value: object) -> bool:
+    several = isinstance(value, tuple) and value and all(map(_is_plain, value))
+    return bool(several) or isinstance(value, str | int | float)
 
 
 def cell(value: object, form: Format = "") -> str:

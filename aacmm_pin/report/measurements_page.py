@@ -9,9 +9,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.units import MM, count
-from aacmm_pin.effects import CONDITION_COLUMNS, Conditions
 from aacmm_pin.measurements import BAR, Measurements
-from aacmm_pin.report.document import Document, Paragraph, Table, document_of
+from aacmm_pin.report.document import Document, Table, document_of
 
 VALUES_LISTED = 8
 """Labels to show."""
@@ -25,23 +24,16 @@ def measurements_document(
     mm.
     """
     table, others = records.to_frame(), [*records.extra]
-    seats, bars = records.seats(), records.bars()
-    shown = {
-        "records": str(records.n),
-        "joints": str(records.nq),
-        "with reference": str(records.known.sum()),
-        "seats": "none",
-        "bars": "none",
-    }
-    sizes: dict[str, list[int]] = {"seats": [], "planes": []}
-    for rows in seats.values():
-        sizes["planes" if records.on_plane[rows].all() else "seats"].append(len(rows))
+    shown = {"with reference": f"{records.known.sum()} of {records.n}"}
+    sizes: dict[str, list[int]] = {}
+    for rows in records.seats().values():
+        kind = "planes" if records.on_plane[rows].all() else "seats"
+        sizes.setdefault(kind, []).append(len(rows))
     for kind, of_kind in sizes.items():
-        if of_kind:
-            shown[kind] = f"{len(of_kind)} with {_range(np.array(of_kind))} records each"
-    if bars:
-        mm = np.array([bar.length for bar in bars]) / MM
-        shown["bars"] = f"{len(bars)} with lengths of {_range(mm)} mm"
+        shown[kind] = f"{len(of_kind)} with {_range(np.array(of_kind))} records each"
+    lengths = np.array([bar.length for bar in records.bars()]) / MM
+    if lengths.size:
+        shown["bars"] = f"{lengths.size} with lengths of {_range(lengths)} mm"
     if records.relations:
         distances = sum(bool(np.isfinite(one.distance)) for one in records.relations)
         angles = count(len(records.relations), "angle")
@@ -55,19 +47,6 @@ def measurements_document(
         shown["other columns"] = f"{', '.join(others)} (diagnose compares these with residuals)"
     summary = pd.DataFrame(shown.items(), columns=["item or column", "number or range"])
     return Document("Measurements", [str(records), Table(summary)])
-
-
-@document_of.register
-def conditions_document(conditions: Conditions) -> Document:
-    """The known conditions of records."""
-    values = {
-        CONDITION_COLUMNS[name]: _range(conditions.require(name, "its document"))
-        for name in conditions.present
-    }
-    what = "Conditions" if values else "Only the joint angles are known"
-    head = Paragraph("", head=f"{what} of {count(conditions.n, 'record')}")
-    table = Table(pd.DataFrame(values.items(), columns=["column", "values"]))
-    return Document("Conditions", [head, table])
 
 
 def _range(values: NDArray[Any]) -> str:

@@ -128,13 +128,11 @@ def test_references_on_one_line_leave_the_base_open(sino6, rng, scattered, param
         **noise,
     )
     assert base_is_open(result.fit) is not scattered
-    words = open_in_words(result)
-    assert ("line" in words) is not scattered
+    assert bool(open_in_words(result)) is not scattered
     if not scattered:
         assert not base_placements(result.fit)
         assert frame_in_words(result.fit) == ""
         return
-    assert words == ""
     (base,) = base_placements(result.fit)
     shift, turn = base.u_shift, base.u_rotation
     frame = result.fit.point.frame

@@ -39,7 +39,6 @@ from aacmm_pin import (
 )
 from aacmm_pin._support.display import Shown
 from aacmm_pin.accuracy.length import length_uncertainty_between
-from aacmm_pin.arm import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import PROBED_POINT_COLUMNS
@@ -209,17 +208,13 @@ def test_arms_show_their_geometry(values, sino6):
 
 
 def test_numbers_stand_in_units_that_people_read(values):
-    distance = text_of(Parameter.bounded("d3", "d", 3, "m", 0.70095, 3e-5))
-    assert "700.95000 mm 34.64 µm 30 µm" in distance
-    angle = text_of(Parameter("x", "theta_offset", None, "rad", 0.01, None, 4e-6))
-    assert "0.0100000 rad 8 µrad –" in angle
     assert "100 ± 20 µrad" in text_of(EncoderEccentricity(3, values=(1e-4, 0.0), u=(1e-5, 1e-5)))
     assert "µm" in text_of(SeatError("S1", values=(1e-5, 0.0, 0.0)))
     accuracy, point = values["AccuracyVolume"], values["SinglePoint"]
     for size in (accuracy.u.min(), np.median(accuracy.u), accuracy.u.max(), 2 * accuracy.u.max()):
         assert f"{size * 1e3:.4f}" in text_of(accuracy)
     assert str(point) in text_of(point)
-    assert text_of(values["Flexibility"]).count("works") == sum(values["Flexibility"].sectors)
+    assert str(values["Flexibility"]) in text_of(values["Flexibility"])
 
 
 def test_every_result_can_be_pickled(values, arm):
