@@ -55,12 +55,17 @@ from aacmm_pin.report.numbers import (
     other_notes,
     p_equals,
     percent,
+    quantity,
+    small,
+    small_with_u,
     vector,
 )
-from aacmm_pin.report.parameter_tables import decimals, parameter_table, readable_parameters
+from aacmm_pin.report.parameter_tables import parameter_table
 from aacmm_pin.report.plots.calibration_plots import LEAST_IN_BIN
 from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatability_in_json
 
+IN_COMBINATION = "in combination"
+"""What the records know of a parameter that they do not determine alone."""
 WORTH = 0.05
 """Least reduction of held-out residuals by a useful calibration."""
 EXCLUDED_LISTED = 10
@@ -91,14 +96,13 @@ NOTHING_ESTIMATED = (
     "to estimate them, use --no-prior."
 )
 KNOWN = (
-    "The column 'unit' states the unit of the change, of U and of the half-width. U is the "
-    "expanded uncertainty after calibration. If the model lacks a cause of error, U is too small. "
-    "The stated half-width is the bound in the arm file. If the arm file states a standard "
-    "uncertainty u, the stated half-width is 2u. In the column 'known', 'measured' means that the "
-    "records determine the value. 'hardly' means that the arm file determines the value better "
-    "than the records. 'as stated' means that the records do not reduce the stated uncertainty. "
-    "'in combination' means that the records determine only a combination with other parameters "
-    "(next section)."
+    "U is the expanded uncertainty after calibration. If the model lacks a cause of error, U is "
+    "too small. The stated half-width is the bound in the arm file. If the arm file states a "
+    "standard uncertainty u, the stated half-width is 2u. In the column 'known', 'measured' means "
+    "that the records determine the value. 'hardly' means that the arm file determines the value "
+    "better than the records. 'as stated' means that the records do not reduce the stated "
+    "uncertainty. 'in combination' means that the records determine only a combination with other "
+    "parameters (next section)."
 )
 UNDETERMINED = (
     "These records and the stated uncertainties do not determine the following parameters "
@@ -236,7 +240,7 @@ def open_in_words(result: Calibration) -> str:
 def estimated_causes(result: Calibration) -> pd.DataFrame:
     """Estimated causes of error with their values ± U (k = 2)."""
     vector, arm = result.fit.problem.vector, result.model.arm
-    together = result.parameters["known"] == "in combination"
+    together = result.parameters["known"] == IN_COMBINATION
     rows = []
     for effect, its in zip(result.fit.effects, vector.slices, strict=True):
         if vector.arm_parameters[its.start] is None and not is_of_setup(effect):
@@ -371,19 +375,19 @@ def _residuals(result: Calibration) -> Iterator[Block]:
 
 def _parameters(result: Calibration) -> Iterator[Block]:
     yield Heading("Parameters")
-    rows = readable_parameters(result)
-    if not len(rows):
+    table = parameter_table(result)
+    if not len(table):
         yield NOTHING_ESTIMATED
         return
-    yield _parameter_table(rows)
-    beyond = listed([*rows["parameter"][rows["beyond"]]])
+    yield _parameter_table(table)
+    beyond = listed([*table["parameter"][table["beyond"]]])
     if beyond:
         yield Paragraph(
             f"The change of {beyond} (marked *) exceeds the stated half-width plus U. The model "
             "may lack a cause of error; run aacmm-pin diagnose."
         )
-    of_a_unit = rows["in"].str[1:].value_counts().max()
-    tallest = len(rows) if rows["stated"].notna().any() else of_a_unit
+    of_a_unit = table["unit"].value_counts().max()
+    tallest = len(table) if table["stated"].notna().any() else of_a_unit
     yield Figure(
         lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
         "Change of each parameter over its stated uncertainty",
@@ -392,18 +396,25 @@ def _parameters(result: Calibration) -> Iterator[Block]:
     )
 
 
-def _parameter_table(rows: pd.DataFrame) -> Table:
-    form = decimals(rows)
-    changes = [NO_NUMBER if np.isnan(change) else f"{change:{form}}" for change in rows["change"]]
-    shown = rows.assign(change=np.where(rows["beyond"], "* ", "").astype(object) + changes)
-    shown = shown.sort_values("known", key=lambda known: known == "in combination", kind="stable")
-    return Table(
-        shown[["parameter", "value", "change", "U", "stated", "in", "known"]],
-        "Parameters",
-        dict.fromkeys(("stated", "U"), form),
-        {"stated": "stated half-width or 2u", "U": "U (k = 2)", "in": "unit"},
-        explained=KNOWN,
-    )
+def _parameter_table(table: pd.DataFrame) -> Table:
+    rows = []
+    together = table["known"] == IN_COMBINATION
+    for row in pd.concat([table[~together], table[together]]).to_dict("records"):
+        value = quantity(row["after"], row["unit"])
+        change = small_with_u(row["change"], row["U"], row["unit"])
+        if row["known"] == IN_COMBINATION:
+            value = change = NO_NUMBER
+        stated = small(row["stated"], row["unit"]) if row["stated"] > 0.0 else NO_NUMBER
+        rows.append(
+            {
+                "parameter": row["parameter"],
+                "value": value,
+                "change ± U (k = 2)": f"* {change}" if row["beyond"] else change,
+                "stated half-width or 2u": stated,
+                "known": row["known"],
+            }
+        )
+    return Table(pd.DataFrame(rows), "Parameters", explained=KNOWN)
 
 
 def _undetermined(result: Calibration) -> Iterator[Block]:

@@ -145,6 +145,15 @@ def small(value: float, unit: str) -> str:
     return f"{value * factor:.4g} {name}"
 
 
+def small_with_u(value: float, expanded: float, unit: str) -> str:
+    """A change ± its expanded uncertainty U [SI] with two digits of U: ``13.5 ± 6.0 µm``."""
+    if not expanded > 0.0:
+        return small(value, unit)
+    name, factor = small_unit(unit, expanded)
+    digits = max(0, 1 - int(np.floor(np.log10(expanded * factor))))
+    return f"{value * factor:z.{digits}f} ± {expanded * factor:.{digits}f} {name}"
+
+
 def small_unit(unit: str, largest: float = 0.0) -> tuple[str, float]:
     """The unit of changes up to ``largest`` of a parameter, and how many make one ``unit``."""
     if unit in ("m", "mm"):

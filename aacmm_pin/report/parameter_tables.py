@@ -9,7 +9,6 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
-from aacmm_pin.report.numbers import quantity, small_unit
 
 
 def stated_half_widths(result: Calibration) -> Array:
@@ -30,30 +29,3 @@ def parameter_table(result: Calibration) -> pd.DataFrame:
     table = result.parameters
     stated = stated_half_widths(result) / np.where(table["unit"] == "mm", MM, 1.0)
     return table.assign(stated=stated, beyond=np.abs(table["change"]) > stated + table["U"])
-
-
-def readable_parameters(result: Calibration) -> pd.DataFrame:
-    """The table for readers: values with unit as text; changes and uncertainties in the unit
-    ``in``.
-    """
-    table = parameter_table(result)
-    largest = table[["change", "stated"]].abs().max(axis=1)
-    units = [*map(small_unit, table["unit"], table["U"].where(table["U"] > 0, largest))]
-    together = table["known"] == "in combination"
-    values = [*map(quantity, table["after"], table["unit"])]
-    readable = table[["parameter"]].assign(value=np.where(together, "–", values))
-    readable["in"] = [unit for unit, _ in units]
-    factors = np.array([factor for _, factor in units])
-    shown = table.assign(change=table["change"].where(~together))
-    numbers = shown[["change", "stated", "u", "U"]].mul(factors, axis=0)
-    return pd.concat([readable, numbers, table[["known", "beyond"]]], axis=1)
-
-
-def decimals(table: pd.DataFrame) -> str:
-    """Format of changes and uncertainties of :func:`readable_parameters`: two digits of the smaller
-    u.
-    """
-    u = table["u"].to_numpy()
-    smaller = float(np.quantile(u[u > 0], 0.25)) if (u > 0).any() else 1.0
-    before = int(np.floor(np.log10(smaller)))
-    return f"z.{min(6, max(1, 1 - before))}f"

@@ -113,11 +113,8 @@ def _stands(procedure: Procedure) -> pd.DataFrame:
     heads = ["distance [mm]", "bearing [°]", "height [mm]"]
     where = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
     table = ends[["kind", "position", "end"]].join(where.map(lambda value: f"{value:z.0f}"))
-    table["kind"] = table["kind"].map({kind: name for kind, (name, _) in ARTEFACTS.items()})
-    again = table.duplicated(["kind", "position"])
-    far = table[again].rename(columns={name: f"far {name}" for name in ("end", *heads)})
-    near = table[~again].drop(columns="end").merge(far, "left", on=["kind", "position"])
-    return near.rename(columns={"kind": "artefact"}).fillna("")
+    names = {kind: name for kind, (name, _) in ARTEFACTS.items()}
+    return table.assign(kind=table["kind"].map(names)).rename(columns={"kind": "artefact"})
 
 
 def _sizes(points: pd.DataFrame) -> pd.DataFrame:
