@@ -22,8 +22,6 @@ GAP = 2
 """Characters between columns."""
 LONGEST_WORD = 40
 """Longer words are broken."""
-WHOLE = re.compile(r"\S*_\S*")
-"""A name in a sentence."""
 LABEL = re.compile(r"[a-z_]+:?\w*")
 """A cause with place, or a parameter."""
 
@@ -53,7 +51,7 @@ def show(document: Document, notes_alone: bool = False) -> None:
 
 
 def _print_table(table: Table) -> None:
-    """Print a table; narrow wide columns to whole names."""
+    """Print a table; narrow wide columns to whole words, then to whole names."""
     if table.caption:
         say(f"{table.caption}:")
     width_is_known = stdout().isatty() or "COLUMNS" in os.environ
@@ -65,30 +63,30 @@ def _print_table(table: Table) -> None:
         emoji=False,
     )
     cells = table.cells().map(printable).rename(columns=printable)
-    columns = {str(head): [*texts] for head, texts in cells.items()}
-    widths = {head: max(map(cell_len, [head, *texts])) for head, texts in columns.items()}
-    least = {head: _least(head, texts) for head, texts in columns.items()}
-    gaps = GAP * len(widths)
-    while sum(widths.values()) + gaps > console.width:
-        wide = {head: width for head, width in widths.items() if width > least[head]}
-        if not wide:  # the terminal breaks the lines; nothing is left out
-            console.width = sum(widths.values()) + gaps
-            break
-        widths[max(wide, key=wide.__getitem__)] -= 1
+    widths = {str(head): max(map(cell_len, [head, *texts])) for head, texts in cells.items()}
+    for kept in (r"\S+", r"\S*_\S*"):
+        least = {head: _least(head, [*cells[head]], kept) for head in widths}
+        while sum(widths.values()) + GAP * len(widths) > console.width:
+            wide = {head: width for head, width in widths.items() if width > least[head]}
+            if not wide:
+                break
+            widths[max(wide, key=wide.__getitem__)] -= 1
+    console.width = max(console.width, sum(widths.values()) + GAP * len(widths))
     grid = Grid(box=SIMPLE, pad_edge=False, collapse_padding=True)
-    for head, texts in columns.items():
-        way: Literal["right", "left"] = "right" if are_numbers(texts) else "left"
-        grid.add_column(head, justify=way, width=widths[head], overflow="fold")
+    for head, width in widths.items():
+        way: Literal["right", "left"] = "right" if are_numbers(cells[head]) else "left"
+        grid.add_column(head, justify=way, width=width, overflow="fold")
     for row in cells.itertuples(index=False):
         grid.add_row(*row)
+    # A terminal that is too narrow for the names breaks the lines; nothing is left out.
     console.print(grid, crop=False)
     if len(cells) < len(table.frame):
         say(f"  … and {len(table.frame) - len(cells)} more rows of this table")
 
 
-def _least(head: str, texts: list[str]) -> int:
-    """Width that keeps numbers, labels, names and the words of the head whole."""
+def _least(head: str, texts: list[str], kept: str) -> int:
+    """Width that keeps numbers, labels, words of the head and matches of ``kept`` whole."""
     in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
-    words = texts if in_one else WHOLE.findall("\n".join(texts))
+    words = texts if in_one else re.findall(kept, "\n".join(texts))
     lengths = [min(LONGEST_WORD, cell_len(word)) for word in words]
     return max([*map(cell_len, head.split()), *lengths])
