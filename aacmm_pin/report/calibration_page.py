@@ -265,12 +265,10 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
     """Schema ``aacmm-pin/calibration/1`` of :meth:`Calibration.summary`, with data file and
     seed.
     """
-    table, summary = parameter_table(result), result.summary()
-    rows = zip(summary["parameters"], table["stated"], table["beyond"], strict=True)
-    for row, width, beyond in rows:
-        row |= plain({"stated": width, "beyond_stated": beyond})
+    table = parameter_table(result).rename(columns={"beyond": "beyond_stated"})
     targets = zip(result.fit.problem.targets, result.fit.point.frame.targets, strict=True)
     made_from = {
+        "parameters": table,
         "data": data,
         "seed": seed,
         "verdict": verdict(result),
@@ -279,7 +277,7 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
         "repeatability": repeatability_in_json(result.repeatability),
         "targets": [{"marker": label, "rotation": turned} for label, turned in targets],
     }
-    return summary | dict(plain(made_from))
+    return result.summary() | dict(plain(made_from))
 
 
 def bases_in_json(fit: Fit) -> dict[str, Any]:

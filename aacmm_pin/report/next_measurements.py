@@ -236,35 +236,30 @@ def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:
     labels = [name for name in depends_on if name.split()[0] in LABELS]
     named = {*joints, *moments, *labels, *PLACE, SCALE, *ORDER}
     numbers = [name for name in depends_on if name not in named]
-    steps = []
-    if joints:
-        steps.append(f"probe the same places in postures with other angles of {listed(joints)}")
-    if {*PLACE} & {*depends_on}:
-        steps.append(
+    at_another_time = "repeat some postures at another time"
+    unchanged = "without any other change"
+    proposals = [
+        (joints, f"probe the same places in postures with other angles of {listed(joints)}"),
+        (
+            {*PLACE} & {*depends_on},
             "measure the same postures with the stand or the reference instrument elsewhere, to "
-            "find whether the room or the arm causes the error"
-        )
-    if SCALE in depends_on:
-        steps.append(
+            "find whether the room or the arm causes the error",
+        ),
+        (
+            SCALE in depends_on,
             "measure a length with an independent calibration, to find whether the references or "
-            "the arm have the error"
-        )
-    if moments:
-        steps.append(
+            "the arm have the error",
+        ),
+        (
+            moments,
             "probe the same places with another load, or in postures with another "
-            f"{listed(moments)}"
-        )
-    if labels:
-        steps.append(
-            f"repeat some postures with another {' and another '.join(labels)}, without any other "
-            "change"
-        )
-    if numbers:
-        steps.append(
-            f"repeat some postures at another time, with other values of {listed(numbers)}"
-        )
-    elif {*ORDER} & {*depends_on}:
-        steps.append("repeat some postures at another time, without any other change")
+            f"{listed(moments)}",
+        ),
+        (labels, f"repeat some postures with another {listed(labels)}, {unchanged}"),
+        (numbers, f"{at_another_time}, with other values of {listed(numbers)}"),
+        ({*ORDER} & {*depends_on} and not numbers, f"{at_another_time}, {unchanged}"),
+    ]
+    steps = [text for concerned, text in proposals if concerned]
     if not result.choice.noise.repeat:
         steps.append("also repeat some records without any change")
     return "; ".join(steps)

@@ -27,7 +27,6 @@ from aacmm_pin.report.calibration_page import exclusions_in_words
 from aacmm_pin.report.numbers import (
     capital,
     length,
-    lengths,
     mistakes_in_words,
     p_equals,
 )
@@ -196,10 +195,7 @@ def _wrong(result: Diagnosis) -> str:
             causes.append(finding)
     clauses = []
     if moved:
-        rms_of = {label: part.rms for part in result.budget for label in part.causes}
-        sizes = lengths([rms_of[f.label] for f in moved])
-        names = [in_words(f.effect, arm) for f in moved]
-        changed = [f"{name}, {size} RMS" for name, size in zip(names, sizes, strict=True)]
+        changed = [in_words(finding.effect, arm) for finding in moved]
         clauses.append(f"the set-up changed: {listed(changed)}")
     if causes:
         clauses.append(f"the model of {arm.name} {_lacked(causes, arm)}")
