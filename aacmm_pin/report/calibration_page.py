@@ -438,7 +438,7 @@ def excluded_records(excluded: pd.DataFrame) -> Iterator[Block]:
     if excluded.empty:
         yield Paragraph("The fit excluded no records.", detail=True)
     yield Table(
-        excluded.astype({"row": str}),
+        excluded.drop(columns="reason").astype({"row": str}),
         f"Excluded records ({len(excluded)})",
         heads={"row": "file row"},
         explained=EXCLUDED,
