@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
@@ -310,23 +309,34 @@ def _result(result: Calibration) -> Iterator[Block]:
     noise = "The noise alone"
     if result.fit.has_scatter:
         noise = "The stated noise and the estimated scatter"
-    used = "records used in the fit"
-    turns = result.turns or dict.fromkeys(("nominal", "calibrated"), np.nan)
-    sizes = [result.rms_before / MM, result.rms / MM]
-    rows: list[Any] = [(used, *sizes, turns["nominal"] / UM, turns["calibrated"] / UM)]
-    for held in result.held_out:
-        parts = f"held-out {HELD_OUT_KINDS[held.kind]} ({held.groups} parts)"
-        sizes = [held.rms_before / MM, held.rms_after / MM]
-        both = [held.turn_before, held.turn_after] if held.turned else []
-        rows.append((parts, *sizes, *(rms(turn) / UM for turn in both)))
     rotations = ["rotation before [µrad]", "rotation after [µrad]"]
-    table = pd.DataFrame(rows, columns=["records", "before_mm", "after_mm", *rotations])
+    rows: list[dict[str, Any]] = [
+        {
+            "records": "records used in the fit",
+            "before_mm": result.rms_before / MM,
+            "after_mm": result.rms / MM,
+        }
+    ]
+    if result.turns is not None:
+        turns = (result.turns["nominal"], result.turns["calibrated"])
+        rows[0] |= {head: turn / UM for head, turn in zip(rotations, turns, strict=True)}
+    for held in result.held_out:
+        row: dict[str, Any] = {
+            "records": f"held-out {HELD_OUT_KINDS[held.kind]} ({held.groups} parts)",
+            "before_mm": held.rms_before / MM,
+            "after_mm": held.rms_after / MM,
+        }
+        if held.turned:
+            both = (held.turn_before, held.turn_after)
+            row |= {head: rms(turn) / UM for head, turn in zip(rotations, both, strict=True)}
+        rows.append(row)
+    table = pd.DataFrame(rows)
     table.insert(3, "gain", 1.0 - table["after_mm"] / table["before_mm"])
     would_be = length(result.noise)
     if result.turns is not None:
         would_be += f" and {result.turns['noise'] / UM:.1f} µrad"
     yield Table(
-        table.dropna(axis=1, how="all"),
+        table,
         "RMS distance between tip and target, before and after calibration",
         {"gain": percent, **dict.fromkeys(rotations, ".1f")},
         explained=f"{COMPARED} {noise} would give {would_be}.",
