@@ -40,7 +40,6 @@ class Gain(Shown):
         folds: fold of each record (n,).
         excluded: how many records count here that only the extended arm excludes.
         gross_errors: how many do not count, for both arms exclude them.
-        chosen: labels that were chosen without each fold.
         interval: 95 % interval of the gain, by resampling the folds.
     """
 
@@ -53,7 +52,6 @@ class Gain(Shown):
     folds: Index
     excluded: int
     gross_errors: int
-    chosen: tuple[tuple[str, ...], ...]
     interval: tuple[float, float]
 
     @property
@@ -83,14 +81,12 @@ class Fold:
     """Distances of the records of one fold, as all other records predict them.
 
     Attributes:
-        chosen: labels of the causes and covariates of the others' median probability model.
         by_model: distances by each of the models (m,) [m].
         by_median: by the median probability model of all records, fitted to the others (m,) [m].
         without: the same without one of its causes, by the number of its block.
     """
 
     rows: Index
-    chosen: tuple[str, ...]
     by_model: Mapping[str, Array]
     by_median: Array
     without: Mapping[int, Array]
@@ -144,7 +140,6 @@ def _fold(choice: Choice, before: Fit, of_all: Gram, number: int) -> Fold | None
     )
     return Fold(
         rows=rows,
-        chosen=choice.design.labels(chosen),
         by_model=dict(zip(PREDICTED_BY, by_model, strict=True)),
         by_median=predicted(of_median),
         without={k: predicted(of_median.of(without_block(median, k))) for k in choice.causes},
@@ -171,7 +166,6 @@ def gain_of(
         folds=choice.folds,
         excluded=int((choice.counted & ~choice.fit.used).sum()),
         gross_errors=int((choice.fit.excluded & ~choice.counted).sum()),
-        chosen=tuple(fold.chosen for fold in folds),
         interval=_interval(recalibrated, extended, choice.folds, rng),
     )
 

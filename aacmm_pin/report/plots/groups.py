@@ -134,8 +134,7 @@ def place_in_words(by: str, group: str) -> str:
 
 
 def held_out_parts(result: Diagnosis) -> pd.DataFrame:
-    """The held-out parts: part, records, recalibrated_mm, extended_mm, gain, causes chosen without
-    it.
+    """The held-out parts: part, records, recalibrated_mm, extended_mm.
 
     Raises:
         AacmmError: nothing was held out.
@@ -157,8 +156,6 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
     table = groups.mean().pow(0.5)
     table.insert(0, "records", groups.size())
     table.insert(0, "part", table.index.map(names))
-    table["gain"] = 1 - table["extended_mm"] / table["recalibrated_mm"]
-    table["chosen"] = held.chosen if len(held.chosen) == len(table) else [()] * len(table)
     return table.sort_values(
         "part", key=lambda parts: parts.map(numbers_by_size), ignore_index=True
     )
