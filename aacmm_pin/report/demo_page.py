@@ -102,13 +102,11 @@ ASSUMED = (
 
 @dataclass(frozen=True)
 class DemoSummary:
-    """Sentences and files of the demonstration; ``accuracy`` and ``map`` as in their JSON files."""
+    """Sentences and files of the demonstration."""
 
     folder: Path
     files: tuple[str, ...]
     findings: tuple[str, ...]
-    accuracy: dict[str, Any]
-    map: dict[str, Any]
     seconds: float
 
     def __str__(self) -> str:
@@ -200,13 +198,13 @@ def run_demo(
         hidden, data = _simulated(arm)
         rng = np.random.default_rng(SEED)
         result = diagnose(arm, data, encoder_noise=READING_NOISE, rng=rng, progress=progress)
-        of_point, of_map = accuracy_summary(circle, accuracy, sectors), map_summary(map_)
+        of_point = accuracy_summary(circle, accuracy, sectors)
         diagnosis = result.summary() | {"source": "measured.csv", "seed": SEED}
         texts = {
             f"{arm.name.lower()}.urdf": urdf_text(arm_file),
             "configurations.csv": csv_text(circle.columns()),
             "accuracy.json": json_text(of_point),
-            "map.json": json_text(of_map),
+            "map.json": json_text(map_summary(map_)),
             "diagnosis.json": json_text(diagnosis),
             "diagnosis.html": page(diagnosis_document(result, diagnosis, when)),
             "postures.html": circle_scene(circle, accuracy).html(),
@@ -230,9 +228,7 @@ def run_demo(
         f"{map_}.",
         *(f"{line.head} {line.text}" for line in lines if isinstance(line, Paragraph)),
     )
-    return DemoSummary(
-        folder, tuple(files), findings, of_point, of_map, time.perf_counter() - started
-    )
+    return DemoSummary(folder, tuple(files), findings, time.perf_counter() - started)
 
 
 def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
