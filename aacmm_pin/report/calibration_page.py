@@ -147,21 +147,23 @@ def verdict(result: Calibration) -> str:
     if exclusions.doubtful:
         doubts += f"{exclusions_in_words(exclusions)} Run aacmm-pin diagnose to find the cause. "
         others = f" on the other {count(exclusions.used, 'record')}"
-    if not result.held_out:
+    held = result.held_out[-1] if result.held_out else None
+    if held is None:
         before, after = lengths([result.rms_before, result.rms])
         return (
             f"{doubts}For {name}{others}, the RMS residual of the used records is {before} before "
             f"and {after} after calibration. No records were held out, and new records may have "
             "larger residuals."
         )
-    held = result.held_out[-1]
-    before, after = lengths([held.rms_before, held.rms_after])
+    sizes = [result.rms_before, result.rms, held.rms_before, held.rms_after]
+    before, after, held_before, held_after = lengths(sizes)
     gain = 1.0 - held.rms_after / held.rms_before
     makes = "makes" if gain >= WORTH else "does not make"
     return (
         f"{doubts}Calibration{others} {makes} {name} more accurate: the RMS residual of held-out "
-        f"{HELD_OUT_KINDS[held.kind]} is {before} before and {after} after calibration "
-        f"(gain {percent(gain)})."
+        f"{HELD_OUT_KINDS[held.kind]} is {held_before} before and {held_after} after calibration "
+        f"(gain {percent(gain)}). The RMS residual of the used records is {before} before and "
+        f"{after} after calibration."
     )
 
 

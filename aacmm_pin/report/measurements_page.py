@@ -34,6 +34,10 @@ def measurements_document(
     lengths = np.array([bar.length for bar in records.bars()]) / MM
     if lengths.size:
         shown["bars"] = f"{lengths.size} with lengths of {_range(lengths)} mm"
+    if records.relations:
+        distances = sum(bool(np.isfinite(one.distance)) for one in records.relations)
+        angles = count(len(records.relations), "angle")
+        shown["relations"] = f"{count(distances, 'distance')} and {angles} between planes"
     for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
         shown[name] = _range(table[name].to_numpy())
     for j in [] if prismatic is None else np.flatnonzero(prismatic):
