@@ -48,6 +48,8 @@ PER_MOVING_RANGE = 2.66
 """Three standard deviations in mean moving ranges, 3 / 1.128."""
 HALF = {"SinglePoint.Sigma": "SPAT.2s"}
 """Half of another, without a chart beside it."""
+CHECK_KEY = ["time", "instrument", "arm", "figure"]
+"""Columns of which each value of a check has its own."""
 VALUE_TOLERANCE = 1e-9
 """Of equal values [mm]."""
 
@@ -77,9 +79,8 @@ class ControlChart:
         """Earlier values (n - 1,) that conform, within their own limits."""
         counted = np.zeros(len(self.values) - 1, dtype=bool)
         for k, value in enumerate(self.values[:-1]):
-            counted[k] = not self.failed[k] and not _outside(
-                value, _limits(self.values[:k][counted[:k]])
-            )
+            usual = self.values[:k][counted[:k]]
+            counted[k] = not self.failed[k] and not _outside(value, _limits(usual))
         return counted
 
     @property
@@ -90,9 +91,7 @@ class ControlChart:
     @property
     def centre(self) -> float:
         """Their mean [m], or nan."""
-        if not len(self.usual):
-            return math.nan
-        return float(self.usual.mean())
+        return float(self.usual.mean()) if len(self.usual) else math.nan
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -163,15 +162,9 @@ class History(Shown):
         name = str(path)
         if not Path(path).exists():
             return cls()
-        # The file is written again.
-        if not Path(path).is_file() or is_workbook(measurement_file(name)):
-            raise MeasurementFileError(
-                name,
-                None,
-                "",
-                "this is no regular file, or a workbook; expected the CSV file of a history",
-            )
         content = measurement_file(name)
+        if is_workbook(content):  # which the written file would not be
+            raise MeasurementFileError(name, None, "", "this is a workbook; expected a CSV file")
         for line, text in enumerate(content.splitlines(), start=1):
             if text.lstrip().startswith(b"#"):
                 raise MeasurementFileError(
@@ -184,40 +177,33 @@ class History(Shown):
         table, lines, *_ = read_table(name, content)
         problems = Problems(name, lines)
         if sorted(table.columns) != sorted(HISTORY_COLUMNS):
-            problems.add(
-                "",
-                f"the columns are {', '.join(table.columns)}; expected "
-                f"{', '.join(HISTORY_COLUMNS)}",
-            )
+            columns = ", ".join(table.columns)
+            problems.add("", f"the columns are {columns}; expected {', '.join(HISTORY_COLUMNS)}")
             problems.stop()
-        checks = table.loc[:, list(HISTORY_COLUMNS)]
+        checks = table[list(HISTORY_COLUMNS)].apply(lambda cells: cells.str.strip())
 
         def refuse(bad: pd.Series, column: str, expected: str) -> None:
-            cells = table[column].to_numpy()
-            problems.at(bad.to_numpy(), column, f"{{!r}}{expected}", cells)
+            problems.at(bad.to_numpy(), column, f"{{!r}}{expected}", table[column].to_numpy())
 
-        times = pd.to_datetime(
-            table["time"].str.strip(), format="ISO8601", utc=True, errors="coerce"
-        )
+        times = pd.to_datetime(checks["time"], format="ISO8601", utc=True, errors="coerce")
         refuse(times.isna(), "time", "; expected a time such as 2026-01-31T09:30:00+00:00")
-        checks["time"] = times
         for column in ("value_mm", "U_mm", "mpe_mm"):
-            cells = table[column].str.strip()
-            numbers = pd.to_numeric(cells, errors="coerce").astype(np.float64)
-            may_be_empty = column != "value_mm"
-            readable = numbers.abs().lt(np.inf) | (may_be_empty & (cells == ""))
-            refuse(~readable, column, "; expected a number")
+            numbers = pd.to_numeric(checks[column], errors="coerce").astype(np.float64)
+            may_be_empty = (checks[column] == "") & (column != "value_mm")
+            refuse(~(np.isfinite(numbers) | may_be_empty), column, "; expected a number")
             checks[column] = numbers
-        verdicts: list[str] = ["", *WORST_FIRST]
-        for column, known in (("figure", [d.name for d in DEFINITIONS]), ("verdict", verdicts)):
-            names = ", ".join(filter(None, sorted(known)))
-            refuse(~table[column].isin(known), column, f"; expected one of {names}")
-        twice = checks.duplicated(["time", "instrument", "arm", "figure"]).to_numpy()
+        known = {"figure": [d.name for d in DEFINITIONS], "verdict": ["", *WORST_FIRST]}
+        for column, words in known.items():
+            expected = ", ".join(filter(None, sorted(words)))
+            refuse(~checks[column].isin(words), column, f"; expected one of {expected}")
+        instruments = checks["instrument"]
+        checks["instrument"] = instruments.groupby(instruments.str.casefold()).transform("first")
+        checks["time"] = times
         problems.at(
-            twice,
+            checks.duplicated(CHECK_KEY).to_numpy(),
             "figure",
             "{!r} occurs twice in this check; expected each characteristic once",
-            table["figure"].to_numpy(),
+            checks["figure"].to_numpy(),
         )
         problems.stop()
         return cls(checks, from_file=True)
@@ -236,61 +222,48 @@ class History(Shown):
         if not instrument.isprintable():
             raise AacmmError(f"instrument is {instrument!r}; expected one line of text")
         time = _utc(time)
-        instrument = next(iter(self._of(instrument)["instrument"]), instrument.strip())
+        names = {name.casefold(): name for name in self.checks["instrument"]}
+        instrument = names.get(instrument.strip().casefold(), instrument.strip())
         table = result.to_frame().rename(columns={"coordinates": "arm"}).dropna(subset="value_mm")
-        table = table.assign(time=time, instrument=instrument, version=version("aacmm_pin"))
         table["verdict"] = table["verdict"].astype(object).where(table["verdict"].notna(), "")
-        table = table.loc[:, list(HISTORY_COLUMNS)]
-        for then, check in self._of(instrument).groupby("time"):
-            both = check.reset_index().merge(table, on=["arm", "figure"])
-            same = len(both) > 0 and bool(
-                ((both["value_mm_x"] - both["value_mm_y"]).abs() <= VALUE_TOLERANCE).all()
-            )
-            if same and len(both) == len(table):
-                judged = both[(both["verdict_y"] != "") & (both["verdict_x"] == "")]
-                checks = self.checks.copy()
-                for name in ("U_mm", "mpe_mm", "verdict"):  # a check without a verdict may get one
-                    checks.loc[judged["index"], name] = judged[f"{name}_y"].to_numpy()
-                earlier, appended = check["time"].iloc[0], len(judged) > 0
-                return replace(
-                    self, checks=checks, time=earlier, instrument=instrument, appended=appended
-                )
-            if then == time and same:  # with characteristics that it did not have
-                old = pd.MultiIndex.from_frame(both[["arm", "figure"]])
-                table = table[~pd.MultiIndex.from_frame(table[["arm", "figure"]]).isin(old)]
-            elif then == time and len(both):
+        earlier = self.checks
+        for then, check in earlier[earlier["instrument"] == instrument].groupby("time"):
+            both = check.reset_index().merge(table, on=["arm", "figure"], suffixes=("", "_now"))
+            differences = both["value_mm"] - both["value_mm_now"]
+            is_same = len(both) > 0 and bool((differences.abs() <= VALUE_TOLERANCE).all())
+            if is_same and (then == time or len(both) == len(table)):
+                time = check["time"].iloc[0]
+                judged_now = (both["verdict"] == "") & (both["verdict_now"] != "")
+                earlier = earlier.drop(index=both["index"][judged_now].tolist())
+                break
+            if then == time and len(both):
                 raise AacmmError(
                     f"the history has a check of {instrument or 'this arm'} at {time.isoformat()} "
                     "with other values; state another --time or --instrument"
                 )
-        checks = table if self.checks.empty else pd.concat([self.checks, table], ignore_index=True)
-        return replace(
-            self, checks=checks, time=time, instrument=instrument, appended=len(table) > 0
-        )
-
-    def _of(self, instrument: str) -> pd.DataFrame:
-        names = self.checks["instrument"].astype(str).str.strip().str.casefold()
-        return self.checks[names == instrument.strip().casefold()]
+        table = table.assign(time=time, instrument=instrument, version=version("aacmm_pin"))
+        table = table[list(HISTORY_COLUMNS)]
+        checks = table if earlier.empty else pd.concat([earlier, table], ignore_index=True)
+        checks = checks.drop_duplicates(CHECK_KEY, ignore_index=True)
+        appended = len(checks) > len(earlier)
+        return replace(self, checks=checks, time=time, instrument=instrument, appended=appended)
 
     def charts(self) -> tuple[ControlChart, ...]:
         """Of each characteristic of the latest check, but for :data:`HALF` beside its double."""
         if self.time is None:
             return ()
-        checks = self._of(self.instrument)
-        check: list[Any] = [*checks[checks["time"] == self.time].itertuples()]
-        there = {(latest.arm, latest.figure) for latest in check}
-        earlier = checks[checks["time"] <= self.time].sort_values("time")
-        charts = []
-        for latest in check:
-            if (latest.arm, HALF.get(latest.figure)) in there:
-                continue
-            alike = earlier[(earlier["arm"] == latest.arm) & (earlier["figure"] == latest.figure)]
+        mine = self.checks["instrument"] == self.instrument
+        checks = self.checks[mine & (self.checks["time"] <= self.time)].sort_values("time")
+        charts = {}
+        for (arm, name), alike in checks.groupby(["arm", "figure"]):
             values = np.abs(alike["value_mm"].to_numpy(dtype=np.float64)) * MM
             failed = (alike["verdict"] == "non-conformity").to_numpy()
+            mpe = alike["mpe_mm"].iloc[-1] * MM
             times = tuple(alike["time"])
-            mpe = latest.mpe_mm * MM
-            charts.append(ControlChart(latest.arm, latest.figure, times, values, mpe, failed))
-        return tuple(charts)
+            charts[arm, name] = ControlChart(str(arm), str(name), times, values, mpe, failed)
+        latest = self.checks[mine & (self.checks["time"] == self.time)]
+        keys = [*zip(latest["arm"], latest["figure"], strict=True)]
+        return tuple(charts[arm, name] for arm, name in keys if (arm, HALF.get(name)) not in keys)
 
     def __str__(self) -> str:
         left = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left_range]
