@@ -30,7 +30,7 @@ TOKENS: dict[str, int] = {
     "calibration": 56950,
     "diagnosis": 49100,
     "planning": 11800,
-    "verification": 14250,
+    "verification": 14150,
     "report": 49700,
     "cli": 17600,
 }
