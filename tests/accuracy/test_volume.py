@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy import volume
 from aacmm_pin.accuracy.volume import (
     COVERED,
     ELLIPSOID_COVERAGE_FACTOR,
@@ -302,15 +303,17 @@ def test_memory_grows_only_with_the_result(sino6, monkeypatch):
     assert beyond[1] < 60e6
 
 
-def test_parts_of_a_batch_have_their_own_conditions(sino6):
+def test_parts_of_a_batch_have_their_own_conditions(sino6, monkeypatch):
     """Warmth that grows along the batch: what each posture has by itself, in covariance, budget and
     largest deviation.
     """
-    q = some(sino6, POSTURES_AT_ONCE + 100)
+    monkeypatch.setattr(volume, "POSTURES_AT_ONCE", 50)
+    monkeypatch.setattr(volume._parts, "__defaults__", (50,))
+    q = some(sino6, 150)
     model = ErrorModel(sino6, (ThermalExpansion(values=(1e-5,), u=(5e-6,)),))
     warmth = Conditions(len(q), temperature=np.linspace(20.0, 60.0, len(q)))
     whole = accuracy_volume(model, q, conditions=warmth, method="ellipsoid")
-    last = slice(POSTURES_AT_ONCE, None)
+    last = slice(50, None)
     part = accuracy_volume(model, q[last], conditions=warmth.take(last), method="ellipsoid")
     first = accuracy_volume(model, q[last], conditions=warmth.take(slice(100)), method="ellipsoid")
     np.testing.assert_allclose(whole.covariance[last], part.covariance, rtol=1e-12, atol=1e-25)

@@ -55,6 +55,7 @@ def test_the_same_robot_for_any_number_of_records(tmp_path):
     assert json.loads((tmp_path / "truth_300.json").read_text())["forms"] == "cep-lc"
 
 
+@pytest.mark.long
 def test_plain_model_recovers_a_robot():
     data = MIXED.measured(1200)
     plain = Plain.fitted(data)

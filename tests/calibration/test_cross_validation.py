@@ -17,7 +17,7 @@ from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.measurements import Measurements, originals, simulate_measurements
 from aacmm_pin.report.calibration_page import verdict
-from tests.few_causes import NO_WAVES
+from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
 
 
@@ -164,7 +164,7 @@ def test_held_out_residuals_against_an_explicit_refit(sino6, rng):
     assert np.sqrt(np.mean(distance**2)) == pytest.approx(kinds["records"].rms_after, rel=0.35)
 
 
-@NO_WAVES
+@ECCENTRICITY_ALONE
 def test_one_posture_tells_nothing_of_others(sino6, rng):
     stated = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
     q = sino6.limits.mean(axis=1) + 0.3 + 8e-6 * rng.normal(size=(30, 6))

@@ -35,7 +35,7 @@ from tests.calibration.contacts import (
     planes_of,
 )
 from tests.cli import shell
-from tests.few_causes import ECCENTRICITY_ALONE, NO_WAVES
+from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
 from tests.oracle import close
 
@@ -264,7 +264,7 @@ def test_the_predicted_distance_from_planes_is_that_of_random_arms(sino6, rng, r
     records = read(q, face, of_cubes()) if related else Measurements.from_frame(cube_file(q, face))
     names = [p.name for p in sino6.parameters]
     squares = []
-    for _ in range(25):
+    for _ in range(10):
         errors = dict(zip(names, drawn(sino6, rng), strict=True))
         moved = ErrorModel.of(moved_arm(sino6, errors, sino6.covariance))
         setup = Setup.of(moved.arm, "base", "tip", True, READING, None, CONTACT, None)
@@ -280,14 +280,14 @@ def test_relations_without_contacts_are_left_out(sino6, rng):
     assert not len(calibrated(sino6, few).fit.observations.ends)
 
 
-@NO_WAVES
+@ECCENTRICITY_ALONE
 def test_a_cause_is_found_by_cubes_alone(sino6, rng):
     machine = Machine(sino6)
-    q, face = on_cube(machine, rng, 4)
+    q, face = on_cube(machine, rng)
     readings = q - 3e-4 * np.cos(q - 0.7) * (np.arange(6) == 2) + READING * rng.normal(size=q.shape)
     result = diagnose(
         sino6,
-        read(readings, face, of_cubes(4)),
+        read(readings, face, of_cubes()),
         encoder_noise=READING,
         probe_noise=CONTACT,
         rng=rng,

@@ -16,7 +16,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from tests.calibration.contacts import drawn
 from tests.cli import shell
-from tests.few_causes import NO_WAVES
+from tests.few_causes import ECCENTRICITY_ALONE
 
 READING, REFERENCE = 8e-6, 12e-6
 FAR = (Rotation.from_euler("xyz", [3, -2, 130], degrees=True), np.array([1.5, -0.8, 0.3]))
@@ -88,7 +88,7 @@ def test_the_displacement_of_a_frame_has_its_u(sino6):
     assert 0.001 < chi2.sf(total, 72) < 0.999
 
 
-@NO_WAVES
+@ECCENTRICITY_ALONE
 def test_a_cause_is_found_over_sessions(sino6, rng):
     table, _ = measured(sino6, rng, FAR, NEAR)
     q = np.radians(table["theta3_deg"])

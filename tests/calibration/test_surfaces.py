@@ -25,7 +25,7 @@ from tests.calibration.contacts import (
     file_of,
     planes_of,
 )
-from tests.few_causes import NO_WAVES
+from tests.few_causes import ECCENTRICITY_ALONE, NO_WAVES
 
 
 def test_an_independent_least_squares_with_the_centres_agrees(sino6, rng):
@@ -160,7 +160,7 @@ def test_planes_count_as_an_independent_least_squares_says(sino6, rng):
     values.agree(found, within=0.03)
 
 
-@NO_WAVES
+@ECCENTRICITY_ALONE
 def test_a_cause_is_found_by_planes_and_held_out_planes_are_predicted(sino6, rng):
     machine = Machine(sino6)
     q, plane = machine.on_planes(rng)

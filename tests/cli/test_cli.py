@@ -94,7 +94,7 @@ def test_commands_say_which_point_is_there():
 
 def test_map_writes_netcdf_picture_and_json(tmp_path):
     target, picture = tmp_path / "m.nc", tmp_path / "m.png"
-    summary = found(f"map sino6 {SMALL} --sectors 12 -o {target} --plot {picture}")
+    summary = found(f"map sino6 {SMALL} --sectors 4 -o {target} --plot {picture}")
     assert summary["cells"] == [6, 6]
     assert sum(summary["working_sectors"].values()) + summary["unreachable"] == 36
     assert summary["extent_mm"] == {"x": [0, 1220], "z": [-1220, 1220]}

@@ -77,7 +77,7 @@ def nothing(folder: Path) -> tuple[pd.DataFrame, str]:
 
 def too_few(folder: Path) -> tuple[pd.DataFrame, str]:
     table = simulated(folder, f"--scheme free --records 60 {ECCENTRIC}").head(20)
-    return table, "--reference-frame external"
+    return table, "--reference-frame external --no-cross-validation"
 
 
 def by_operator(folder: Path) -> tuple[pd.DataFrame, str]:
@@ -159,7 +159,7 @@ def agrees(found: dict[str, Any], shown: str) -> None:
     rms = found["rms_mm"]
     assert rms["extended"] <= rms["recalibrated"] + 1e-9
     held = found["held_out"]
-    assert (held is None) == (found["verdict"] == "no-discrepancy")
+    assert (held is None) == (found["verdict"] in ("no-discrepancy", "ambiguous"))
     if held is not None:
         sizes = held["rms_mm"]
         assert held["gain"] == pytest.approx(1.0 - sizes["extended"] / sizes["recalibrated"])

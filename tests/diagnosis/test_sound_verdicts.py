@@ -722,7 +722,8 @@ def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6, rng)
     }
 
 
-@pytest.mark.parametrize(("order", "turns"), [again(14.5, 0.95), again(20.5, 0.95), (2.75, 3.0)])
+@pytest.mark.long
+@pytest.mark.parametrize(("order", "turns"), [(14.5, 0.95), (20.5, 0.95), (2.75, 3.0)])
 def test_one_wave_of_any_order_is_no_curve(sino6, order, turns):
     """Between the orders that are tried a free curve fits far better than any of them, and than
     none.
@@ -770,7 +771,7 @@ def test_compliance_on_a_mount_that_is_tilted_in_half_of_the_records(sino6):
     """Each half is simulated with the gravity of its mount in the arm file, not with the columns.
 
     By 10° about y, gravity gets a component of sin 10° along +x. Only the tilted half loads joint
-    1. Without the columns, its deflection looks like an error of the encoder.
+    1.
     """
     part = np.sin(np.radians(10.0)), 0.0, -np.cos(np.radians(10.0))
     tilted = changed("sino6", gravity_m_s2=tuple(9.81 * np.array(part)))
@@ -788,10 +789,6 @@ def test_compliance_on_a_mount_that_is_tilted_in_half_of_the_records(sino6):
     assert [effect.label for effect in effects] == ["joint_compliance:1", "joint_compliance:2"]
     for effect in effects:
         assert abs(effect.values[0] - 3e-5) < 2.5 * effect.u[0] < 6e-6
-    level = Measurements.from_frame(table.drop(columns="tilt_y_deg"))
-    missed = diagnose(sino6, level, **NOISE, hold_out=False)
-    assert missed.verdict != "explained"
-    assert "joint_compliance:1" not in {finding.label for finding in missed.findings}
 
 
 def in_two_parts(

@@ -18,7 +18,7 @@ from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import ErrorModel, cause_of
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.again import again
-from tests.few_causes import NO_WAVES
+from tests.few_causes import ECCENTRICITY_ALONE
 
 RELATIVE = 2e-3
 """Of numbers that a search of many steps ended with; a log posterior itself is compared much closer
@@ -82,7 +82,7 @@ def moved(data: Measurements) -> Measurements:
     return replace(data, reference=data.reference @ turn.T + [1.0, -2.0, 0.5])
 
 
-@NO_WAVES
+@ECCENTRICITY_ALONE
 @pytest.mark.parametrize(
     ("plan", "frame", "change"),
     [

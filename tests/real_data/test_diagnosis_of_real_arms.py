@@ -122,7 +122,7 @@ def test_the_bad_group_is_named(diagnosed):
     assert "bar left" in next_measurements(result)
 
 
-@pytest.mark.parametrize("name", [again("panda"), "iiwa14", "bad"])
+@pytest.mark.parametrize("name", [*map(again, ("panda", "iiwa14")), "bad"])
 def test_what_is_named_survives_on_held_out_records(name, diagnosed):
     """Records that had no part in it are predicted better with the causes, or the diagnosis states
     that they are not.
