@@ -48,7 +48,7 @@ from aacmm_pin.report.document import document_of
 from aacmm_pin.verification import AcceptanceResult, Procedure
 from aacmm_pin.verification.acceptance import CharacteristicValue
 from aacmm_pin.verification.characteristics import DEFINITIONS
-from aacmm_pin.verification.evaluators import Evaluated
+from aacmm_pin.verification.evaluators import Error, Evaluated
 from tests.arm_files import changed
 from tests.pages import Page
 
@@ -90,9 +90,7 @@ def values(arm, calibration, found, hidden) -> dict[str, Any]:
     rng = np.random.default_rng(2)
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
-    figure = CharacteristicValue(
-        NASTY, DEFINITIONS[0], Evaluated(1e-5, np.nan, 50, 0, "", np.array([[1e-5, np.nan]])), 2e-5
-    )
+    figure = CharacteristicValue(NASTY, DEFINITIONS[0], Evaluated(50, errors=(Error(1e-5),)), 2e-5)
     touches = pd.DataFrame(
         {
             "test": "single-point",
