@@ -140,37 +140,41 @@ OTHER_FRAME = Mistake("axes", "other_frame", options={"reference_frame": "extern
 
 def single_mistakes(problem: Problem) -> Iterator[Mistake]:
     """Without values that the records choose."""
-    arm = problem.model.arm
     records = problem.measurements
     yield from _of_readings(problem)
-    if isinstance(arm.file, ArmFile):
-        yield from _of_table(arm.file)
-    if arm.dh is None and not arm.mimics:
-        yield from _of_placements(arm)
+    for code, data, changed in _of_arm(problem.model.arm):
+        yield Mistake("arm", code, data, arm=changed)
     if records.known.any():
-        if problem.external:  # where all mirror images are alike
-            yield Mistake("axes", "coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
-        else:
-            changes = [*product(permutations(range(3)), product((1, -1), repeat=3))]
-            for order, signs in changes[1:]:  # the first changes nothing
-                letters = [f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)]
-                axes = np.eye(3)[:, order] * signs
-                yield Mistake("axes", "other_axes", {"axes": ", ".join(letters)}, axes=axes)
-            yield OTHER_FRAME
-        effects = problem.vector.effects
-        has_offset = any(isinstance(effect, StylusOffset) for effect in effects)
-        if problem.setup.target != "unknown" and not has_offset:
-            yield Mistake("target", "target_off_tip", options={"target": "unknown"})
-        units = {} if _is_small(arm.file) else LENGTH_UNITS
-        for (unit, taken), factor in units.items():
-            data = {"unit": unit, "taken": taken}
-            yield Mistake("unit", "coordinates_unit", data, axes=factor * np.eye(3))
-        for k, axis in enumerate("xyz"):
-            yield Mistake("unit", "coordinate_in_metres", {"axis": axis}, axes=_times(k, 1e3, 3))
+        yield from _of_coordinates(problem)
     if records.bars():
         for (unit, taken), factor in LENGTH_UNITS.items():
             data = {"unit": unit, "taken": taken}
             yield Mistake("bars", "bars_unit", data, bar_factor=factor)
+
+
+def _of_coordinates(problem: Problem) -> Iterator[Mistake]:
+    if problem.external:  # where all mirror images are alike
+        yield Mistake("axes", "coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
+    else:
+        yield from _of_axes()
+        yield OTHER_FRAME
+    has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
+    if problem.setup.target != "unknown" and not has_offset:
+        yield Mistake("target", "target_off_tip", options={"target": "unknown"})
+    for (unit, taken), factor in LENGTH_UNITS.items():
+        if not _is_small(problem.model.arm.file):
+            data = {"unit": unit, "taken": taken}
+            yield Mistake("unit", "coordinates_unit", data, axes=factor * np.eye(3))
+    for k, axis in enumerate("xyz"):
+        yield Mistake("unit", "coordinate_in_metres", {"axis": axis}, axes=_times(k, 1e3, 3))
+
+
+def _of_axes() -> Iterator[Mistake]:
+    changes = [*product(permutations(range(3)), product((1, -1), repeat=3))]
+    for order, signs in changes[1:]:  # the first changes nothing
+        letters = [f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)]
+        axes = np.eye(3)[:, order] * signs
+        yield Mistake("axes", "other_axes", {"axes": ", ".join(letters)}, axes=axes)
 
 
 def _of_readings(problem: Problem) -> Iterator[Mistake]:
@@ -247,51 +251,52 @@ def _of_couplings(arm: Arm) -> Iterator[Mistake]:
         yield Mistake("sum", code, data, matrix=matrix)
 
 
-def _of_table(file: ArmFile) -> Iterator[Mistake]:
+def _of_arm(arm: Arm) -> Iterator[tuple[str, _Values, Arm]]:
+    """Code and data of each mistake in the file of the arm, and the arm without it."""
+    if isinstance(arm.file, ArmFile):
+        yield from _of_table(arm.file)
+    if arm.dh is None and not arm.mimics:
+        yield from _of_placements(arm)
+
+
+def _of_table(file: ArmFile) -> Iterator[tuple[str, _Values, Arm]]:
     other = "modified-dh" if file.convention == "standard-dh" else "standard-dh"
     conventions = {"other": other, "convention": file.convention}
     changed = Arm.from_file(file.model_copy(update={"convention": other}))
-    yield Mistake("convention", "other_convention", conventions, arm=changed)
+    yield "other_convention", conventions, changed
     for number in range(len(file.joints)):
-        for kind, code, data, values in _of_row(file, number):
-            arm = _with_values(file, {number: values})
-            yield Mistake(f"{kind} {number}", code, data, arm=arm)
-    for number, row in enumerate(file.joints):
-        exchanged = {"a_mm": row.d_mm, "d_mm": row.a_mm}
-        arm = _with_values(file, {number: exchanged})
-        yield Mistake("table", "row_exchanged", {"row": number + 1}, arm=arm)
+        for code, data, values in _of_row(file, number):
+            yield code, data, _with_values(file, {number: values})
     for j, k in combinations(range(len(file.joints)), 2):
         for keys, code in EXCHANGED.items():
             rows = {row: file.joints[j + k - row].model_dump(include={*keys}) for row in (j, k)}
-            data = {"rows": (j + 1, k + 1), "value": keys[0][0]}
-            yield Mistake("table", code, data, arm=_with_values(file, rows))
+            yield code, {"rows": (j + 1, k + 1), "value": keys[0][0]}, _with_values(file, rows)
     if 0.0 < max(abs(row.alpha_rad) for row in file.joints) < MOST_IN_RADIANS:
-        changed = _scaled(file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
-        yield Mistake("table", "table_in_radians", arm=changed)
+        yield "table_in_radians", {}, _scaled(file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
     for (unit, _), factor in LENGTH_UNITS.items():
         if _is_small(file) and factor > 1.0:
-            changed = _scaled(file, ("a_mm", "d_mm"), factor)
-            yield Mistake("table", "table_unit", {"unit": unit}, arm=changed)
+            yield "table_unit", {"unit": unit}, _scaled(file, ("a_mm", "d_mm"), factor)
 
 
-def _of_row(file: ArmFile, number: int) -> Iterator[tuple[str, str, _Values, _Values]]:
-    """Kind, code and data of each mistake in one row (from 0), and its correct values."""
+def _of_row(file: ArmFile, number: int) -> Iterator[tuple[str, _Values, _Values]]:
+    """Code and data of each mistake in one row (from 0), and its correct values."""
     row = file.joints[number]
+    yield "row_exchanged", {"row": number + 1}, {"a_mm": row.d_mm, "d_mm": row.a_mm}
     twist = {"row": number + 1, "alpha": row.alpha_rad}
     if abs(np.sin(row.alpha_rad)) > LEAST_SINE:
-        yield "alpha", "twist_reversed", twist, {"alpha_rad": -row.alpha_rad}
+        yield "twist_reversed", twist, {"alpha_rad": -row.alpha_rad}
     for key in ("a_mm", "d_mm"):
         stated = getattr(row, key)
         for factor in SLIPS_OF_LENGTHS if abs(stated) * MM > LEAST_LENGTH else ():
             data = {"parameter": f"{key[0]}{number + 1}", "stated": stated * MM}
             data["likely"] = factor * stated * MM
-            yield key, "length_mistyped", data, {key: factor * stated}
+            yield "length_mistyped", data, {key: factor * stated}
     for turn in QUARTERS[1:]:
         alpha = float(np.remainder(row.alpha_rad + turn * DEG + np.pi, TURN) - np.pi)
         if abs(alpha + row.alpha_rad) >= LEAST_SINE:  # not the opposite sign
-            yield "alpha", "twist_mistyped", twist | {"likely": alpha}, {"alpha_rad": alpha}
+            yield "twist_mistyped", twist | {"likely": alpha}, {"alpha_rad": alpha}
     if not row.fixed and not row.slides:
-        yield "kind", "kind_of_joint", {"row": number + 1}, PRISMATIC
+        yield "kind_of_joint", {"row": number + 1}, PRISMATIC
 
 
 def _scaled(file: ArmFile, keys: Sequence[str], factor: float) -> Arm:
@@ -308,19 +313,17 @@ def _is_small(file: object) -> bool:
     return isinstance(file, ArmFile) and file.size * MM < SMALL
 
 
-def _of_placements(arm: Arm) -> Iterator[Mistake]:
+def _of_placements(arm: Arm) -> Iterator[tuple[str, _Values, Arm]]:
     names = [parameter.name for parameter in arm.parameters]
     for joint in range(arm.nq):
         of_joint = names[6 * joint + 3 : 6 * joint + 6]
         for name, degrees in product(of_joint, QUARTERS[1:]):
             data = {"joint": joint + 1, "axis": name[1], "degrees": degrees}
-            changed = moved_arm(arm, {name: degrees * DEG}, None)
-            yield Mistake(f"placement {joint}", "placement_turned", data, arm=changed)
+            yield "placement_turned", data, moved_arm(arm, {name: degrees * DEG}, None)
     for joint, (axis, letter) in product(range(arm.nq - 1), zip(np.eye(3), "xyz", strict=True)):
         if abs(axis @ arm.joint_axes[joint]) < LEAST_SINE:
-            changed = arm.with_joint_axis(joint + 1, axis)
             data = {"joint": joint + 1, "axis": letter}
-            yield Mistake(f"axis {joint}", "axis_mistyped", data, arm=changed)
+            yield "axis_mistyped", data, arm.with_joint_axis(joint + 1, axis)
 
 
 def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake]:
@@ -329,7 +332,7 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
     wrong = None if after is None else wrong_value(after)
     if wrong is not None:
         changed = moved_arm(arm, wrong.errors, arm.covariance)
-        yield Mistake("value", wrong.note.code, wrong.note.data, arm=changed, chosen=True)
+        yield Mistake("arm", wrong.note.code, wrong.note.data, arm=changed, chosen=True)
     rows = arm.chain.moving_rows()
     for joint, factor in enumerate(likely_ratios(problem)):
         ratio = float(arm.coupling_matrix[joint, joint]) * factor
@@ -355,10 +358,10 @@ def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
         data = {"joints": [joint + 1 for joint in order]}
         matrix = np.eye(arm.nq)[np.argsort(order)]
         mistakes.append((Mistake("columns", "columns_in_order", data, matrix=matrix),))
-    for columns in likely_columns(problem):
-        signs = [_reversed(one.joint, arm.nq) for one in columns if one.sign < 0]
-        turns = [_turned(one.joint, one.degrees, arm.nq) for one in columns if one.degrees]
-        mistakes.append((*signs, *turns))
+    for signs, degrees in likely_columns(problem):
+        reversed_ = [_reversed(joint, arm.nq) for joint in np.flatnonzero(signs < 0).tolist()]
+        turned = [_turned(j, int(degrees[j]), arm.nq) for j in np.flatnonzero(degrees).tolist()]
+        mistakes.append((*reversed_, *turned))
     return mistakes
 
 

@@ -7,16 +7,15 @@ few records judge all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
-from itertools import combinations, permutations, product
-from typing import NamedTuple
+from itertools import permutations
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG
-from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.problem import Problem, inverse_distances
 from aacmm_pin.measurements import Measurements
 
 QUARTERS = (0, 90, -90, 180)
@@ -43,31 +42,28 @@ SMALLEST_TRAVEL = 1e-9
 """Least divisor [m]."""
 
 
-class Turned(NamedTuple):
-    """What undoes a wrong column: the sign of a joint's angles (from 0), then a shift [°]."""
-
-    joint: int
-    sign: int
-    degrees: int
-
-
-def likely_columns(problem: Problem) -> list[tuple[Turned, ...]]:
-    """The best combinations of two joints or more, of those alike the simplest first."""
-    tried = [*_combinations(problem.model.arm.chain.prismatic)]
-    nq = problem.model.arm.nq
-    signs = np.ones((len(tried), nq))
-    offsets = np.zeros((len(tried), nq))
-    for number, several in enumerate(tried):
-        for joint, sign, degrees in several:
-            signs[number, joint] = sign
-            offsets[number, joint] = degrees * DEG
-    misfit = _misfits(problem, lambda readings: signs[:, None] * readings + offsets[:, None])
+def likely_columns(problem: Problem) -> list[tuple[Index, Index]]:
+    """Signs (nq,), then shifts (nq,) [°], that undo wrong columns of two joints or more: the best,
+    of those alike the simplest first; none for many joints.
+    """
+    arm = problem.model.arm
+    if arm.nq > MANY_JOINTS:
+        return []
+    # The number of a joint's change: twice that of its quarter turn, and one if it is reversed.
+    changes = np.indices((2 * len(QUARTERS),) * arm.nq, dtype=np.int8).reshape(arm.nq, -1).T
+    joints = np.count_nonzero(changes, axis=1)
+    turned = changes > 1
+    few = (joints <= MOST_TURNED) | ~turned.any(axis=1)
+    tried = (joints > 1) & few & ~turned[:, arm.chain.prismatic].any(axis=1)
+    changes, joints = changes[tried], joints[tried]
+    signs = 1 - 2 * (changes % 2)
+    degrees = np.array(QUARTERS)[changes // 2]
+    misfit = _misfits(problem, lambda readings: signs[:, None] * readings + DEG * degrees[:, None])
     if not misfit.size:
         return []
     alike = misfit <= SIMILAR_RATIO * misfit.min()
-    joints = np.array([len(several) for several in tried])
-    simplest = np.lexsort((misfit, np.where(alike, joints, nq + 1)))
-    return [tried[number] for number in simplest[:NEAREST]]
+    simplest = np.lexsort((misfit, np.where(alike, joints, arm.nq + 1)))[:NEAREST]
+    return [*zip(signs[simplest], degrees[simplest], strict=True)]
 
 
 def likely_orders(problem: Problem) -> list[tuple[int, ...]]:
@@ -116,8 +112,7 @@ def likely_scales(problem: Problem) -> Array | None:
     for _ in range(REWEIGHTED):
         root = np.sqrt(weights)[:, None]
         affine = np.linalg.lstsq(root * references, root * tips)[0]
-        distance = np.linalg.norm(tips - references @ affine, axis=1)
-        weights = 1 / (1 + np.square(distance / max(np.median(distance), SMALLEST_TRAVEL)))
+        weights = inverse_distances(np.linalg.norm(tips - references @ affine, axis=1))
     return np.asarray(np.linalg.norm(affine[:3], axis=1))
 
 
@@ -167,24 +162,6 @@ def _judges(records: Measurements) -> tuple[Index, Index | None]:
     of_seats = [members[:PER_SEAT] for members in seats if len(members) > 1]
     rows = np.concatenate([np.empty(0, dtype=np.intp), *of_seats])
     return rows, np.repeat(np.arange(len(of_seats)), [len(members) for members in of_seats])
-
-
-def _combinations(prismatic: Mask) -> Iterator[tuple[Turned, ...]]:
-    joints = range(len(prismatic))
-    most_turned = max(2, MOST_TURNED - max(0, len(prismatic) - MANY_JOINTS))
-    changes = {}
-    for joint in joints:
-        degrees = QUARTERS[:1] if prismatic[joint] else QUARTERS
-        ways = [Turned(joint, *change) for change in product((1, -1), degrees)]
-        changes[joint] = ways[1:]  # the first changes nothing
-    for count in range(2, min(most_turned, len(prismatic)) + 1):
-        for several in combinations(joints, count):
-            yield from product(*(changes[joint] for joint in several))
-    for count in range(most_turned + 1, len(prismatic) + 1):
-        if len(prismatic) > MANY_JOINTS and count < len(prismatic):
-            continue
-        for several in combinations(joints, count):
-            yield tuple(Turned(joint, -1, 0) for joint in several)
 
 
 def _from_references(tips: Array, reference: Array, external: bool) -> Array:
