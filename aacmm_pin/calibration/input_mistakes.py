@@ -10,9 +10,9 @@ numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -44,7 +44,7 @@ from aacmm_pin.calibration.wrong_columns import SIMILAR_RATIO
 from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.effects import JointPlacement, JointZeroOffset, LinkTilt, StylusOffset
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
-from aacmm_pin.measurements import Measurements, Observations
+from aacmm_pin.measurements import OF_BAR, Measurements, Observations
 
 FAR = 2e-3
 """Scatter, or median distance after a fit, that no arm has [m]."""
@@ -59,6 +59,8 @@ EXPLAINS = 0.2
 TRIED = 3
 FITTED = 8
 """Of those alike; more than four are rare."""
+CACHED = 256
+"""So many tips, and targets, are kept while pairs of mistakes are tried."""
 MOST_GROSS = 0.15
 FEWEST_FOR_MISTAKES = 10
 """With fewer records some mistake fits anything."""
@@ -72,6 +74,7 @@ ORIENTATION_FAR = 0.05
 """Median angle between fitted and stated orientations that no arm has [rad]."""
 
 
+GEOMETRIC_EFFECTS = {JointPlacement, *DH_KIND_OF_EFFECT}
 _Touches = tuple[Problem, Observations]
 
 
@@ -96,20 +99,15 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     session = problem.measurements.conditions.session
     if session is not None and (distances.groupby(session).median() >= FAR).any():
         _require_no_mistake_in_a_session(problem)
-    travel = _travel(problem) if after.scatter > FAR else np.inf
-    unlike = after.scatter > UNLIKE * travel
+    travel = _travel(problem)
+    unlike = after.scatter > max(FAR, UNLIKE * travel)
     fitted = _median(after.system.deviation)
+    if fitted >= FAR:
+        _require_rows_together(problem, fitted)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
         absorbs = _absorbs(after)
-        geometry = [
-            effect
-            for effect in problem.vector.effects
-            if isinstance(effect, (JointPlacement, *DH_KIND_OF_EFFECT))
-        ]
-        # Zeros may have any value.
-        zeros_alone = all(isinstance(effect, JointZeroOffset) for effect in geometry)
-        if fitted >= FAR:
-            _require_rows_together(problem, fitted)
+        geometry = {type(effect) for effect in problem.vector.effects} & GEOMETRIC_EFFECTS
+        zeros_alone = geometry <= {JointZeroOffset}  # which may have any value
         _require_no_mistake(
             problem,
             fitted,
@@ -136,9 +134,10 @@ def _advice(problem: Problem) -> Note:
     for j, k in combinations(range(readings.shape[1]), 2):
         if np.array_equal(readings[:, j], readings[:, k]):
             return Note("unlike_arm_copy", {"joints": [j + 1, k + 1]})
-    if _each_fits(_ends(problem)):
-        return Note("ends_fit_alone")
-    return Note("sessions_unlike" if _each_fits(_by_session(problem)) else "unlike_arm")
+    sessions = _by_session(problem)
+    if _each_fits(sessions or _ends(problem)):
+        return Note("sessions_unlike" if sessions else "ends_fit_alone")
+    return Note("unlike_arm")
 
 
 def mistakes_of(after: Fit) -> Iterator[Note]:
@@ -155,10 +154,8 @@ def _frozen_readings(after: Fit) -> Iterator[Note]:
     """The longest run of one reading of a joint, if others move and most rows are excluded."""
     records = after.problem.measurements
     for joint, readings in enumerate(records.readings.T):
-        starts = np.flatnonzero(np.append(True, np.diff(readings) != 0.0))
-        lengths = np.diff(np.append(starts, records.n))
-        longest = int(np.argmax(lengths))
-        rows = starts[longest] + np.arange(lengths[longest])
+        run = np.cumsum(np.append(True, np.diff(readings) != 0.0))
+        rows = np.flatnonzero(run == np.bincount(run).argmax())
         moves = np.ptp(records.readings[rows], axis=0).any()
         # The first of them may be right.
         frozen = after.excluded[rows[1:]]
@@ -196,13 +193,13 @@ def _by_session(problem: Problem) -> list[Problem]:
 
 
 def _ends(problem: Problem) -> list[Problem]:
-    """The first and last thirds; none of few records, or with sessions."""
+    """The first and last thirds; none of few records."""
     records = problem.measurements
     third = records.n // 3
-    if third < FEWEST_FOR_MISTAKES or records.conditions.session is not None:
+    if third < FEWEST_FOR_MISTAKES:
         return []
-    rows_of_ends = np.arange(third), np.arange(records.n - third, records.n)
-    return [problem.of(records.take(rows)) for rows in rows_of_ends]
+    rows = np.arange(records.n)
+    return [problem.of(records.take(end)) for end in (rows[:third], rows[-third:])]
 
 
 def _each_fits(parts: Sequence[Problem]) -> bool:
@@ -239,20 +236,17 @@ def _require_orientations(after: Fit) -> None:
     median_angle = np.median(after.turns[rows])
     if median_angle < ORIENTATION_FAR:
         return
-    why = "orientation_unlike"
+    reason = Note("orientation_unlike")
     for mistake, other in (
         ("orientation_scalar_last", stated[:, [3, 0, 1, 2]]),
         ("orientation_inverse", stated * [1, -1, -1, -1]),
     ):
-        changed = replace(problem, measurements=replace(problem.measurements, orientation=other))
+        changed = problem.of(replace(problem.measurements, orientation=other))
         poses = changed.poses(point.x, changed.with_targets(point.x, point.frame))
-        angles = np.linalg.norm(poses[rows, 3:], axis=1)
-        if np.median(angles) < ORIENTATION_FAR:
-            why = mistake
-    source = problem.measurements.source
-    reason = Note(why)
+        if np.median(np.linalg.norm(poses[rows, 3:], axis=1)) < ORIENTATION_FAR:
+            reason = Note(mistake)
     raise AacmmError(
-        f"{source}: the orientations do not fit this arm (median error "
+        f"{problem.measurements.source}: the orientations do not fit this arm (median error "
         f"{median_angle / DEG:.3g}°): {reason}"
     )
 
@@ -275,12 +269,10 @@ def _require_no_mistake(
     if records.n < FEWEST_FOR_MISTAKES:
         return
     thinned = problem.of(records.take(_thinned(records)))
-    misfits = _Misfits(thinned)
-    described_distance, described_misfit = misfits.without()
-    if described_distance == np.inf:
-        return
+    misfit = _misfits(thinned)
+    described_distance, described_misfit = misfit()
     described_fits = described_distance < FAR or described_misfit < UNLIKE
-    if described_fits and fitted < FAR:
+    if described_distance == np.inf or (described_fits and fitted < FAR):
         return
     taken_up = fitted < FAR or fitted == np.inf
     as_is = described_distance if taken_up else fitted
@@ -296,26 +288,30 @@ def _require_no_mistake(
         [*pairs(single)] if thorough else [],
     ]
     for tier in tiers:
-        for together in _likely(tier, [misfits.without(*tried)[1] for tried in tier], limit):
+        misfits = {mistakes: misfit(*mistakes)[1] for mistakes in tier}
+        for together in _likely(misfits, limit):
             distances = {}
-            for tried in together:
-                without = _fit_without(_undone(problem, tried), as_is)
+            for mistakes in together:
+                without = _fit_without(_undone(problem, mistakes), as_is)
                 if without is not None:
-                    distances[tried] = _median(without.system.deviation)
+                    distances[mistakes] = _median(without.system.deviation)
             if distances:
                 raise _named(records.source, distances, as_is)
 
 
 def _likely(
-    tier: list[tuple[Mistake, ...]], misfits: list[float], limit: float
+    misfits: Mapping[tuple[Mistake, ...], float], limit: float
 ) -> Iterator[list[tuple[Mistake, ...]]]:
     """The least misfits up to a ``limit``: those alike together, simplest first, then a few."""
-    nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
-    alike = [k for k in nearest if misfits[k] <= SIMILAR_RATIO * misfits[nearest[0]]]
-    alike.sort(key=lambda k: (len(tier[k]), sum(one.free for one in tier[k]), k))
-    yield [tier[k] for k in alike[:FITTED]]
-    for k in nearest[len(alike) : TRIED]:
-        yield [tier[k]]
+    nearest = sorted((one for one in misfits if misfits[one] <= limit), key=misfits.__getitem__)
+    if not nearest:
+        return
+    most = SIMILAR_RATIO * misfits[nearest[0]]
+    alike = [one for one in misfits if misfits[one] <= min(most, limit)]
+    alike.sort(key=lambda mistakes: (len(mistakes), sum(one.free for one in mistakes)))
+    yield alike[:FITTED]
+    for mistakes in nearest[len(alike) : TRIED]:
+        yield [mistakes]
 
 
 def _named(
@@ -335,20 +331,19 @@ def _require_rows_together(problem: Problem, as_is: float) -> None:
     if records.n < FEWEST_FOR_MISTAKES or not records.placed.all():
         return
     for where, step in (("before", 1), ("after", -1)):
-        kept = slice(max(-step, 0), records.n - max(step, 0))
-        touched = slice(max(step, 0), records.n - max(-step, 0))
-        reference, u = records.reference[touched], records.reference_u[touched]
-        shifted = replace(records.take(np.arange(records.n)[kept]), reference=reference)
-        shifted = replace(shifted, reference_u=u)
+        rows = np.arange(max(-step, 0), records.n - max(step, 0))
+        touched = records.take(rows + step)
+        shifted = records.take(rows)
+        shifted = replace(shifted, reference=touched.reference, reference_u=touched.reference_u)
         after = _fit_without(problem.of(shifted), as_is)
-        if after is not None:
-            name = Note("rows_shifted", {"where": where})
-            apart = after.excluded
-            if apart.mean() > MOST_GROSS:
-                rows = shifted.row[~apart].tolist()
-                name = Note("some_rows_shifted", {"rows": rows, "where": where})
-            distance = _median(after.system.deviation)
-            raise MistakenFileError(records.source, str(name), as_is, distance)
+        if after is None:
+            continue
+        name = Note("rows_shifted", {"where": where})
+        if after.excluded.mean() > MOST_GROSS:
+            fitting = shifted.row[~after.excluded].tolist()
+            name = Note("some_rows_shifted", {"rows": fitting, "where": where})
+        distance = _median(after.system.deviation)
+        raise MistakenFileError(records.source, str(name), as_is, distance)
 
 
 def _fit_without(without: Problem, as_is: float) -> Fit | None:
@@ -397,66 +392,59 @@ def _as_described(after: Fit) -> float:
 
 def _median(deviation: Array) -> float:
     """Of the records with a target [m]; infinite without any."""
-    distance = np.linalg.norm(deviation, axis=1)
+    return _median_distance(np.linalg.norm(deviation, axis=1))
+
+
+def _median_distance(distance: Array) -> float:
     distance = distance[np.isfinite(distance)]
     return float(np.median(distance)) if distance.size else np.inf
 
 
-class _Misfits:
-    """Distances by the arm as described, with frame and targets unknown, without some mistakes.
-    Tips, and what was touched, are computed once.
+def _misfits(problem: Problem) -> Callable[..., tuple[float, float]]:
+    """A function of some mistakes: the median distance [m] of tips and targets without them, and
+    over the tips' travel; infinite if there is none. By the arm as described, with frame and
+    targets unknown.
     """
+    of_targets = [
+        item for item in problem.asked if item == "tool" or isinstance(item, StylusOffset)
+    ]
+    records = replace(problem.measurements, orientation=None)
+    bare = problem_of(problem.model, records, of_targets, problem.setup)
 
-    def __init__(self, problem: Problem) -> None:
-        of_targets = [
-            item for item in problem.asked if item == "tool" or isinstance(item, StylusOffset)
-        ]
-        records = replace(problem.measurements, orientation=None)
-        bare = problem_of(problem.model, records, of_targets, problem.setup)
+    @lru_cache(CACHED)
+    def tips_of(*mistakes: Mistake) -> tuple[Problem, Array]:
+        undone = _undone(bare, mistakes)
+        return undone, undone.poses(undone.start, Frame.identity())
 
-        @cache
-        def tips_of(*mistakes: Mistake) -> tuple[Problem, Array]:
-            undone = _undone(bare, mistakes)
-            return undone, undone.poses(undone.start, Frame.identity())
+    @lru_cache(CACHED)
+    def touches_of(*mistakes: Mistake) -> _Touches:
+        undone = _undone(bare, mistakes)
+        return undone, observations_of(undone.measurements, undone.setup)
 
-        @cache
-        def touches_of(*mistakes: Mistake) -> _Touches:
-            undone = _undone(bare, mistakes)
-            return undone, observations_of(undone.measurements, undone.setup)
-
-        self.tips_of = tips_of
-        self.touches_of = touches_of
-
-    def without(self, *mistakes: Mistake) -> tuple[float, float]:
-        """Median distance [m], and over the tips' travel; infinite if there is none."""
+    def without(*mistakes: Mistake) -> tuple[float, float]:
         of_tips = [mistake for mistake in mistakes if mistake.changes_tips]
         of_touches = [mistake for mistake in mistakes if not mistake.changes_tips]
-        # Two together are computed only once, and would fill the cache.
-        tips_of = self.tips_of if len(of_tips) < 2 else self.tips_of.__wrapped__
         try:
-            touches = self.touches_of(*of_touches)
+            touches = touches_of(*of_touches)
             tips, points = _fitted_tips(*tips_of(*of_tips), touches)
         except AacmmError:
             return np.inf, np.inf
-        median = _median(_deviations(tips, points, touches))
+        median = _median_distance(_distances(tips, points, touches[1]))
         travel = float(np.median(np.linalg.norm(tips - np.median(tips, axis=0), axis=1)))
         return median, median / max(travel, 1e-9)
 
+    return without
 
-def _deviations(tips: Array, points: Array, touches: _Touches) -> Array:
-    """Tips minus targets (n, 3) [m], with half of a bar's error at each of its ends."""
-    problem, observations = touches
-    records = problem.measurements
+
+def _distances(tips: Array, points: Array, observations: Observations) -> Array:
+    """Of tips and targets (n,) [m], with half of a bar's error at each of its ends."""
     deviations = observations.with_normals(tips, points).deviations(tips, points)
-    seats = records.seats()
-    for bar in records.bars():
-        # Seats lie where their records put them.
-        a, b = (seats[label] for label in (bar.seat_a, bar.seat_b))
-        distance = np.linalg.norm(np.median(tips[a], axis=0) - np.median(tips[b], axis=0))
-        ends = np.concatenate([a, b])
-        outwards = np.where(deviations[ends] < 0, -1.0, 1.0)
-        deviations[ends] += 0.5 * (distance - bar.length) / np.sqrt(3.0) * outwards
-    return deviations
+    bars = observations.relation == OF_BAR
+    ends = observations.ends[bars]
+    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    of_seats = np.zeros(len(points) + 1)  # the last is of no seat
+    np.add.at(of_seats, ends.T, np.abs(lengths - observations.value[bars]) / 2)
+    return np.asarray(np.linalg.norm(deviations, axis=1) + of_seats[observations.seat])
 
 
 def _fitted_tips(bare: Problem, tips: Array, touches: _Touches) -> tuple[Array, Array]:
