@@ -27,7 +27,7 @@ TOKENS: dict[str, int] = {
     "postures": 22850,
     "measurements": 23050,
     "accuracy": 12200,
-    "calibration": 55810,
+    "calibration": 54450,
     "diagnosis": 49100,
     "planning": 11800,
     "verification": 14150,

@@ -8,7 +8,7 @@ from aacmm_pin.calibration.calibrated_arm import HeldEffects, calibrated_model, 
 from aacmm_pin.calibration.common_readings import Correlation
 from aacmm_pin.calibration.comparison import Comparison, compare
 from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
-from aacmm_pin.calibration.fit import NO_SCATTER, Fit
+from aacmm_pin.calibration.fit import MISFIT, NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
 from aacmm_pin.calibration.least_squares import (
@@ -17,11 +17,10 @@ from aacmm_pin.calibration.least_squares import (
     remaining_triangle,
     solve_lower,
 )
-from aacmm_pin.calibration.linearisation import SeatElimination, seat_columns
+from aacmm_pin.calibration.linearisation import SeatElimination
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import ParameterVector, geometric_parameters
 from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
-from aacmm_pin.calibration.predicted_residuals import predicted_rms
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.repeatability import FEWEST_CYCLES, Repeatability, repeatability_of
 from aacmm_pin.calibration.result import (
@@ -35,7 +34,6 @@ from aacmm_pin.calibration.result import (
 from aacmm_pin.calibration.session_frames import FEWEST_OF_A_FRAME, in_first_frame, session_notes
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
-from aacmm_pin.calibration.solver import MISFIT
 from aacmm_pin.calibration.variance_components import information_of_seats
 
 __all__ = [
@@ -79,7 +77,6 @@ __all__ = [
     "lower_factor",
     "mistakes_of",
     "observations_of",
-    "predicted_rms",
     "problem_of",
     "registered",
     "remaining_triangle",
@@ -87,7 +84,6 @@ __all__ = [
     "residuals_by_record",
     "rms",
     "rms_residual",
-    "seat_columns",
     "session_notes",
     "solve_lower",
 ]

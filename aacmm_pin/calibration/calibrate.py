@@ -21,7 +21,7 @@ from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures, rms
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.fit import Fit, redundant
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit, mistakes_of
 from aacmm_pin.calibration.noise_model import BAR_NOISE, contradictions, reference_u
 from aacmm_pin.calibration.odd_relations import deviations_of_relations
@@ -460,7 +460,7 @@ def notes_of(after: Fit) -> Iterator[Note]:
     held = sum(p.u > 0 and p.name not in estimated for p in problem.model.arm.parameters)
     if held and problem.asked:
         yield Note("geometry_held", {"held": held})
-    if not redundant(after) and not after.excluded.any():
+    if not after.redundant and not after.excluded.any():
         yield Note("gross_errors_unsought")
     with_u = [np.isfinite(bar.u) for bar in problem.measurements.bars()]
     if problem.setup.length_noise is None and not all(with_u):

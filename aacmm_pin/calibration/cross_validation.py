@@ -16,8 +16,9 @@ from aacmm_pin._support.plain_values import of_models
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.linearisation import Point
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
-from aacmm_pin.calibration.solver import Point, solve
+from aacmm_pin.calibration.solver import solve
 from aacmm_pin.measurements import (
     FEWEST_CONTACTS,
     Measurements,

@@ -8,22 +8,15 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.distributions import chi2_isf, f_isf
-from aacmm_pin.calibration.fit import Fit, redundant
+from aacmm_pin.calibration.fit import MEDIAN, Chi2, Fit
+from aacmm_pin.calibration.linearisation import Point
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.solver import (
-    MEDIAN,
-    Chi2,
-    Point,
-    Solution,
-    initial_point,
-    solution_at,
-    solve,
-)
-from aacmm_pin.calibration.studentised_residuals import deleted_distances, studentised_distances
+from aacmm_pin.calibration.solver import initial_point, solve
 from aacmm_pin.calibration.variance_components import (
     EFFICIENCY,
     FALSE_EXCLUSION,
+    deleted_distances,
     root,
     squared_distances,
     variance_components,
@@ -72,7 +65,7 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     )
     if used is None and robust:
         first = estimation.initial_fit(point, has_target, robust=True)
-        if redundant(first):
+        if first.redundant:
             noise, point, used = estimation.without_outliers(first)
             del first  # its rows are as large as those that come
             everyone = None if (used == has_target).all() else estimation.fit_of_all(point)
@@ -95,7 +88,7 @@ class _Estimation:
         x, frame, seats = point.x, point.frame, point.seats
         return NoiseModel.of(self.problem, x, frame, scatters, self.observations, seats)
 
-    def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Solution:
+    def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Fit:
         """With the records' present scatter as noise; if robust, until it falls no more.
 
         From afar, with the stated noise, the search would follow every valley of poorly known
@@ -120,7 +113,7 @@ class _Estimation:
                 break
         return solution
 
-    def without_outliers(self, first: Solution) -> tuple[NoiseModel, Point, Mask]:
+    def without_outliers(self, first: Fit) -> tuple[NoiseModel, Point, Mask]:
         """Noise, end and records of a search without outliers, by the scatter of the better half.
 
         From afar this scatter is the way that remains, beside which nothing is an outlier.
@@ -132,14 +125,14 @@ class _Estimation:
         scatters = self.scatters_of_median(first.noise, first.point, has_target, share)
         for _ in range(MOST_SCATTER_ROUNDS):
             noise = self.noise(solution.point, scatters)
-            solution = solution_at(self.problem, noise, solution.point, solution.weights)
+            solution = Fit.at(self.problem, noise, solution.point, solution.weights)
             solution, used = self.belonging(solution, dof)
             scatters = self.scatters_of_median(noise, solution.point, has_target, share)
             if scatters.tip >= FALLS * noise.scatters.tip:
                 break
         return solution.noise, solution.point, used
 
-    def belonging(self, solution: Solution, dof: float) -> tuple[Solution, Mask]:
+    def belonging(self, solution: Fit, dof: float) -> tuple[Fit, Mask]:
         """The search without outliers beside the noise of ``solution``, whose scatter has ``dof``
         degrees of freedom; and its records.
         """
@@ -181,8 +174,7 @@ class _Estimation:
         limit = chi2_isf(
             FALSE_EXCLUSION / int(has_target.sum()), np.maximum(self.observations.counts, 1)
         )
-        farthest = np.maximum(deleted_distances(fitted), studentised_distances(fitted))
-        return fitted if (farthest <= limit)[has_target].all() else None
+        return fitted if (deleted_distances(fitted) <= limit)[has_target].all() else None
 
     def scatters_of_median(
         self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0
@@ -220,7 +212,7 @@ class _Estimation:
 
     def final_fit(self, noise: NoiseModel, point: Point, used: Mask) -> Fit:
         if not self.noise_is_stated:
-            return self.fit(self.with_variance_components(noise, point, used), used, None)
+            return self.as_far_as_determined(self.with_variance_components(noise, point, used))
         fitted, _ = self.fit_with_stated_noise(point, used)
         if fitted:
             return fitted
@@ -232,14 +224,14 @@ class _Estimation:
         if fitted:
             return fitted
         noise = self.noise(solution.point, solution.noise.scatters)
-        return self.fit(replace(solution, noise=noise), used, chi2)
+        return self.as_far_as_determined(replace(solution, noise=noise, chi2_stated=chi2))
 
-    def with_variance_components(self, noise: NoiseModel, point: Point, used: Mask) -> Solution:
+    def with_variance_components(self, noise: NoiseModel, point: Point, used: Mask) -> Fit:
         weights = used.astype(np.float64)
         solution = solve(self.problem, noise, point, weights)
         for _ in range(MOST_SCATTER_ROUNDS):
             before = np.array(noise.scatters)
-            scatters = variance_components(solution, used, self.observations.unstated)
+            scatters = variance_components(solution, self.observations.unstated)
             noise = self.noise(solution.point, scatters)
             solution = solve(self.problem, noise, solution.point, weights)
             after = np.array(noise.scatters)
@@ -253,38 +245,29 @@ class _Estimation:
         """
         noise = self.noise(point, Scatters())
         weights = used.astype(np.float64)
-        here = solution_at(self.problem, noise, point, weights)
+        here = Fit.at(self.problem, noise, point, weights)
         chi2 = Chi2(here.chi2.value - here.system.solution.reduction, here.chi2.dof)
         if not chi2.acceptable:
             return None, chi2
         solution = solve(self.problem, noise, point, weights)
-        return self.fit(solution, used, solution.chi2), chi2
+        return self.as_far_as_determined(replace(solution, chi2_stated=solution.chi2)), chi2
 
-    def fit(self, solution: Solution, used: Mask, chi2: Chi2 | None) -> Fit:
-        """The result, with what is undetermined left at its start: anisotropic noise would
-        otherwise turn an arm that nothing else holds.
+    def as_far_as_determined(self, fitted: Fit) -> Fit:
+        """With what is undetermined left at its start: anisotropic noise would otherwise turn an
+        arm that nothing else holds.
         """
-        fitted = Fit.of(
-            solution,
-            noise_is_stated=self.noise_is_stated,
-            used=used,
-            excluded=self.observations.has_target & ~used,
-            chi2_stated=chi2,
-            dof=solution.chi2.dof,
-        )
         unknown = fitted.unknown[: self.problem.widths.size].T
-        moved = unknown @ ((solution.point.x - self.problem.start) / self.problem.widths)
+        moved = unknown @ ((fitted.point.x - self.problem.start) / self.problem.widths)
         if np.abs(moved).max(initial=0.0) < STAYED:
             return fitted
         problem = replace(self.problem, held=unknown)
-        held = solve(problem, solution.noise, solution.point, solution.weights)
-        back = solution_at(self.problem, solution.noise, held.point, solution.weights)
+        held = solve(problem, fitted.noise, fitted.point, fitted.weights)
+        back = Fit.at(self.problem, fitted.noise, held.point, fitted.weights)
         return replace(
-            fitted,
-            point=held.point,
-            system=back.system,
-            steps=solution.steps + held.steps,
-            message=solution.message or held.message,
+            back,
+            steps=fitted.steps + held.steps,
+            message=fitted.message or held.message,
+            chi2_stated=fitted.chi2_stated,
         )
 
 

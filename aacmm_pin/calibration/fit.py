@@ -1,62 +1,163 @@
-"""A solved calibration."""
+"""Where a search for the parameters ended, and what follows from there."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import orth
 
 from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.distributions import chi2_isf, chi2_sf
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.identifiability import Undetermined
-from aacmm_pin.calibration.linearisation import linearise
-from aacmm_pin.calibration.problem import OF_WIDTH
-from aacmm_pin.calibration.solver import LEAST_DOF, Chi2, Solution, solution_at
-from aacmm_pin.effects import Effect
+from aacmm_pin.calibration.least_squares import Prior
+from aacmm_pin.calibration.linearisation import Linearisation, Point, linearise
+from aacmm_pin.calibration.noise_model import NoiseModel
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.effects import Effect, of_geometry, sensitivity
+from aacmm_pin.measurements import Observations
 
+MEDIAN = float(chi2_isf(0.5, 3))
+LEAST_DOF = 0.5
+"""With fewer, records do not determine their scatter; unstated widths leave a little above zero."""
+MISFIT = 1e-3
+"""Least chance of χ² that the stated noise explains."""
 MOST_EXCLUDED_PART = 0.15
 """More are no gross errors of single records."""
 FEWEST_TOGETHER = 3
 """Fewer may be one mishap."""
 NO_SCATTER = 5e-8
 """Scatter below this is none [m]: the search for it ends just above zero."""
+OF_WIDTH = 1e-3
+"""Step of a difference, as a part of the parameter's width."""
 ONE_DIRECTION = 1e-2
 """Sine of the angle of two undetermined directions that are one."""
 
 
+class Chi2(NamedTuple):
+    """χ² of residuals, and its degrees of freedom."""
+
+    value: float
+    dof: float
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether its degrees of freedom, if any, allow it."""
+        if self.dof < LEAST_DOF:
+            return True
+        return float(chi2_sf(*self)) >= MISFIT
+
+
 @dataclass(frozen=True, eq=False)
-class Fit(Solution):
-    """A problem solved.
+class Fit:
+    """A problem at the point where a search ended.
 
     Attributes:
-        noise_is_stated: in full, so that ``chi2_stated`` judges the model.
-        used: records that the fit uses (n,).
-        excluded: outliers (n,).
+        weights: of the records (n,); 0 leaves one out.
+        message: why the search ended before it converged; "" if it converged.
         chi2_stated: χ² against the stated noise alone; None if it is not complete.
         estimated_nonlinear: effects, by keys, whose nonlinear parameters come from these records
             too; with the least u of each, by name, if the derivative gives too little.
         added_covariance: of all columns, for an error that several records share (p, p) [units].
     """
 
-    noise_is_stated: bool
-    used: Mask
-    excluded: Mask
-    chi2_stated: Chi2 | None
-    dof: float
+    problem: Problem
+    noise: NoiseModel
+    point: Point
+    weights: Array
+    system: Linearisation
+    steps: int = 0
+    message: str = ""
+    chi2_stated: Chi2 | None = None
     estimated_nonlinear: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     added_covariance: Array | float = 0.0
 
     @staticmethod
-    def of(solution: Solution, **judgement: Any) -> Fit:
-        """From a solution and the other attributes."""
-        attributes = {
-            attribute.name: getattr(solution, attribute.name) for attribute in fields(Solution)
-        }
-        return Fit(**attributes, **judgement)
+    def at(problem: Problem, noise: NoiseModel, point: Point, weights: Array) -> Fit:
+        """As if a search ended at this point."""
+        system = linearise(point, problem.prior(point.x), noise, weights)
+        return Fit(problem, noise, point, weights, system)
+
+    @property
+    def observations(self) -> Observations:
+        """What the records say."""
+        return self.noise.observations
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The estimated effects with the values found."""
+        return self.problem.vector.at(self.point.x)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search ended at a minimum."""
+        return not self.message
+
+    @property
+    def used(self) -> Mask:
+        """Records that the fit uses (n,)."""
+        return self.weights > 0.0
+
+    @property
+    def excluded(self) -> Mask:
+        """Outliers (n,)."""
+        return self.observations.has_target & ~self.used
+
+    @cached_property
+    def noise_is_stated(self) -> bool:
+        """Whether the noise is stated in full, so that :attr:`chi2_stated` judges the model."""
+        return not self.problem.setup.unstated(self.problem.measurements)
+
+    @property
+    def free(self) -> int:
+        """Rows of used records and relations, less the coordinates of seats that they determine."""
+        observations = self.observations
+        rows = int(observations.counts[self.used].sum()) + len(observations.ends)
+        return rows - 3 * int((~observations.known).sum())
+
+    @cached_property
+    def chi2(self) -> Chi2:
+        """χ², and rows that count less the parameters that they determine."""
+        residual = self.system.residual
+        return Chi2(float(residual @ residual), self.free - self.system.determined)
+
+    @cached_property
+    def turn_dof(self) -> float:
+        """The degrees of freedom of turns."""
+        if not self.problem.turns:
+            return 0.0
+        shares = self._of_records(self.system.jacobian @ self.system.independent_steps)
+        stated = self.used & (self.observations.counts == 6)
+        return 3.0 * int(stated.sum()) - float(np.square(shares[:, 3:]).sum())
+
+    def _of_records(self, rows: Array) -> Array:
+        """The rows of the linear model (m, c) of each record (n, 3 or 6, c); zero without."""
+        has_target = self.observations.has_target
+        width = self.noise.whitening.shape[1]
+        count = width * int(has_target.sum())
+        of_records = np.zeros((has_target.size, width, rows.shape[1]))
+        of_records[has_target] = rows[:count].reshape(-1, *of_records.shape[1:])
+        return of_records
+
+    def of_each_record(self, rows: Array) -> Array:
+        """The same of each record by itself, without what it shares with others of a reading."""
+        root_weights = np.sqrt(self.weights)[:, None, None]
+        correlation = self.noise.correlation(self.noise.whitening * root_weights)
+        return correlation.whitened_back(self._of_records(rows))
+
+    def chi2_of(self, records: Mask) -> Chi2:
+        """χ² of some records (n,) and the prior, after a fit to them alone, to first order."""
+        seat = np.where(records, self.observations.seat, -1)
+        one_part = np.zeros(records.size, dtype=np.intp)
+        observations, old, _ = replace(self.observations, seat=seat).divided(one_part)
+        noise = replace(self.noise, observations=observations)
+        point = replace(self.point, seats=self.point.seats[old])
+        there = Fit.at(self.problem, noise, point, records.astype(np.float64))
+        return Chi2(there.system.cost - there.system.solution.reduction, there.chi2.dof)
 
     @property
     def scatter(self) -> float:
@@ -81,7 +182,17 @@ class Fit(Solution):
     @property
     def determines_noise(self) -> bool:
         """Whether the noise is stated, or the records suffice to estimate it."""
-        return self.noise_is_stated or self.dof >= LEAST_DOF
+        return self.noise_is_stated or self.chi2.dof >= LEAST_DOF
+
+    @property
+    def redundant(self) -> bool:
+        """Whether the records suffice to judge which are wrong: no half of them can be fitted
+        whatever they state. A sphere or plane takes three numbers, twice if the noise is not
+        stated.
+        """
+        open_surfaces = self.observations.surfaces & ~self.observations.known
+        taken = (3 if self.noise_is_stated else 6) * int(open_surfaces.sum())
+        return self.chi2.dof >= 0.5 * (self.free + taken)
 
     @property
     def too_many_excluded(self) -> bool:
@@ -114,14 +225,21 @@ class Fit(Solution):
 
     @property
     def by_geometry(self) -> Array:
-        """Displacement of each tip, in the references' frame, by independent geometric errors of
-        unit variance (n, 3, p) [m].
+        """Displacement of each target, in the references' frame, by independent geometric errors
+        of unit variance (n, 3 or 6, p) [m, rad].
         """
         model, records = self.problem.model, self.problem.measurements
         values, vectors = np.linalg.eigh(model.covariance())
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        moved = model.sensitivity(records.q, records.conditions) @ root
-        along = self.point.frame.rotation @ moved
+        state = replace(
+            model.state(records.q, records.conditions), with_rotation=self.problem.turns
+        )
+        effects = (*of_geometry(model.arm), *model.effects)
+        columns = [np.empty((records.n, state.coordinates, 0))]
+        columns += [sensitivity(effect, state) for effect in effects]
+        moved = np.concatenate(columns, axis=2) @ root
+        halves = moved.reshape(records.n, -1, 3, root.shape[1])
+        along = (self.point.frame.rotation @ halves).reshape(moved.shape)
         counting = self.observations.along_normals(along.transpose(0, 2, 1))
         return counting.transpose(0, 2, 1)
 
@@ -131,7 +249,7 @@ class Fit(Solution):
         fitted, the seats' (n,) [m²].
         """
         records = self.problem.measurements
-        variance = np.square(self.by_geometry).sum(axis=(1, 2))
+        variance = np.square(self.by_geometry[:, :3]).sum(axis=(1, 2))
         if self.problem.scales.size == 0:
             u = np.zeros((records.n, 3))
             seat = self.observations.seat
@@ -139,6 +257,22 @@ class Fit(Solution):
             along = self.observations.along_normals(u[:, :, None] * np.eye(3))
             variance += np.square(along).sum(axis=(1, 2))
         return np.asarray(variance)
+
+    @property
+    def predicted_rms(self) -> float:
+        """RMS distance of used tips and targets to expect from the stated uncertainties [m]; nan
+        without uncertainties of the arm, or targets.
+
+        Of errors of the geometry what the fit leaves; of the noise see :meth:`expected_rms`.
+        """
+        if not (self.used.any() and self.problem.model.covariance().any()):
+            return float("nan")
+        by_geometry = self.by_geometry
+        by_estimates, by_held = self._whitened_beside(by_geometry)
+        whitened = self.of_each_record(by_held + by_estimates @ self.response(by_geometry))
+        left = np.linalg.cholesky(self.residual_noise) @ whitened
+        of_geometry = np.square(left[self.used, :3]).sum(axis=(1, 2)).mean()
+        return float(np.sqrt(of_geometry + self.expected_rms(self.noise.without_scatter) ** 2))
 
     @property
     def stated_noise(self) -> Array:
@@ -175,10 +309,9 @@ class Fit(Solution):
         """
         point = self.point
         targets = point.prediction.tips - np.nan_to_num(self.system.deviation)
-        jacobian = self.problem.predict(point.x, point.frame, targets).jacobian
-        there = replace(point, prediction=replace(point.prediction, jacobian=jacobian))
-        at_targets = solution_at(self.problem, self.noise, there, self.weights).system
-        directions = np.hstack([self.system.unknown, at_targets.unknown])
+        there = self.problem.predict(point.x, point.frame, targets)
+        at_targets = self._with_jacobian(there.jacobian, self.system.prior).unknown
+        directions = np.hstack([self.system.unknown, at_targets])
         return np.asarray(orth(directions, rcond=ONE_DIRECTION))
 
     @cached_property
@@ -192,15 +325,26 @@ class Fit(Solution):
         p = self.problem.scales.size
         return self.full_covariance[:p, :p]
 
+    def _with_jacobian(self, jacobian: Array, prior: Prior) -> Linearisation:
+        """The linear model with another derivative of the poses (n, 3 or 6, p)."""
+        prediction = replace(self.point.prediction, jacobian=jacobian)
+        point = replace(self.point, prediction=prediction)
+        return linearise(point, prior, self.noise, self.weights)
+
+    def _whitened_beside(self, columns: Array) -> tuple[Array, Array]:
+        """Rows by the estimates (m, p), and by what displaces the records by ``columns`` (n, 3 or
+        6, q) per unit (m, q).
+        """
+        jacobian = np.concatenate([self.point.prediction.jacobian, columns], axis=2)
+        rows = self._with_jacobian(jacobian, self.system.prior).jacobian
+        by_estimates, by_others = np.split(rows, [self.problem.scales.size], axis=1)
+        return by_estimates, by_others
+
     def response(self, columns: Array) -> Array:
         """Derivative of all estimates by what the fit held (p, q) [units]: ``-(JᵀJ)⁻¹ Jᵀ C``;
         ``columns`` displace the records by one unit (n, 3 or 6, q) [m, rad].
         """
-        point = self.point
-        jacobian = np.concatenate([point.prediction.jacobian, columns], axis=2)
-        prediction = replace(point.prediction, jacobian=jacobian)
-        with_held = linearise(prediction, self.system.prior, self.noise, point.seats, self.weights)
-        by_estimates, by_held = np.split(with_held.jacobian, [self.problem.scales.size], axis=1)
+        by_estimates, by_held = self._whitened_beside(columns)
         steps = self.system.independent_steps
         return -steps @ (steps.T @ (by_estimates.T @ by_held))
 
@@ -244,9 +388,7 @@ class Fit(Solution):
             [self._by_nonlinear(*parameter) for parameter in parameters], axis=2
         )
         jacobian = np.concatenate([point.prediction.jacobian, by_nonlinear], axis=2)
-        prediction = replace(point.prediction, jacobian=jacobian)
-        prior = self.problem.prior(point.x, widths)
-        system = linearise(prediction, prior, self.noise, point.seats, self.weights)
+        system = self._with_jacobian(jacobian, self.problem.prior(point.x, widths))
         covariance = system.covariance(np.pad(self.unknown, ((0, widths.size), (0, 0))))
         for column, (_, effect, name, _) in enumerate(parameters, self.problem.scales.size):
             variance = covariance[column, column]
@@ -266,13 +408,3 @@ class Fit(Solution):
             moved = replace(self.problem, vector=vector)
             poses.append(moved.poses(self.point.x, self.point.frame))
         return (poses[0] - poses[1]) / (2 * OF_WIDTH * width)
-
-
-def redundant(solution: Solution) -> bool:
-    """Whether the records suffice to judge which are wrong: no half of them can be fitted whatever
-    they state. A sphere or plane takes three numbers, twice if the noise is not stated.
-    """
-    stated = not solution.problem.setup.unstated(solution.problem.measurements)
-    open_surfaces = solution.observations.surfaces & ~solution.observations.known
-    taken = (3 if stated else 6) * int(open_surfaces.sum())
-    return solution.chi2.dof >= 0.5 * (solution.system.free + taken)

@@ -10,8 +10,8 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm import rigid_motions, spread_postures
+from aacmm_pin.calibration.linearisation import Point
 from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
-from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects import listed
 
 NEGLIGIBLE_PART = 0.02

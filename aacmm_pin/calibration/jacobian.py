@@ -118,16 +118,6 @@ class Columns:
             twists.append((places.tolist(), per_unit))
         return twists
 
-    @property
-    def alike(self) -> Index:
-        """Numbers of the parameters that displace the arm by one twist in all records."""
-        return np.unique(self.same.number[~self.same.of_reference])
-
-    def bends(self, x: Array) -> bool:
-        """Whether any effect is elastic with the values ``x`` (p,)."""
-        bends = [x[entries].any() for _, entries in self._elastic]
-        return any(bends) or any(effect.elastic for effect in self.given)
-
     def at(self, x: Array) -> State:
         """The arm with all effects, at the values ``x`` (p,)."""
         state = replace(self.state, twists=self._twists(x, False))

@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.calibration.least_squares import LinearModel, Prior
 from aacmm_pin.calibration.noise_model import NoiseModel
-from aacmm_pin.calibration.problem import Prediction
+from aacmm_pin.calibration.problem import Frame, Prediction
 from aacmm_pin.measurements import NOTHING_KNOWN, Observations
 
 OPEN_CENTRE = 3e-4
@@ -162,26 +162,20 @@ class SeatElimination:
         return np.asarray(np.linalg.solve(self._root, best)[:, :, 0])
 
 
-def seat_columns(
-    observations: Observations, points: Array, by_seat: Array
-) -> tuple[Array, Array, Array]:
-    """Derivative by the seats as columns: of records (n, k, s, 3), of stated coordinates (s, 3, s,
-    3), zero if none, of relations (b, s, 3) [1/m]; for :class:`SeatElimination`'s arguments.
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Where a search stands.
+
+    Attributes:
+        x: parameters (p,).
+        seats: points (s, 3) [m].
+        prediction: of the records, by these parameters and this frame.
     """
-    count = len(observations.labels)
-    placed = observations.known
-    ends = observations.ends
-    touched = np.flatnonzero(observations.seat >= 0)
-    relations = np.arange(len(ends))
-    of_records = np.zeros((*by_seat.shape[:2], count, 3))
-    of_records[touched, :, observations.seat[touched]] = by_seat[touched]
-    of_seats = np.zeros((count, 3, count, 3))
-    of_seats[placed, :, placed] = (1.0 / observations.stated_u[placed])[:, :, None] * np.eye(3)
-    of_relations = np.zeros((len(ends), count, 3))
-    _, by_ends = observations.of_relations(points)
-    for end, seats in enumerate(ends.T):
-        of_relations[relations, seats] = by_ends[:, end]
-    return of_records, of_seats, of_relations
+
+    x: Array
+    frame: Frame
+    seats: Array
+    prediction: Prediction
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +188,6 @@ class Linearisation(LinearModel):
             without one.
         deviations: tip minus target (n, 3) [m], NaN without one; with orientations (n, 6), then the
             rotation from the stated one [rad], zero without one.
-        free: rows less the coordinates of seats that they determine.
         seats_cost: χ² with the seats at these points, without the prior.
         along_seats: what the elimination took out of the rows (s, 3, p + 1).
     """
@@ -202,7 +195,6 @@ class Linearisation(LinearModel):
     distance: Array
     turn_distance: Array
     deviations: Array
-    free: int
     seats_cost: float
     elimination: SeatElimination
     along_seats: Array
@@ -219,14 +211,13 @@ class Linearisation(LinearModel):
         return self.elimination.step(along)
 
 
-def linearise(
-    prediction: Prediction, prior: Prior, noise: NoiseModel, points: Array, weights: Array
-) -> Linearisation:
-    """The linear model with the seats at ``points`` (s, 3) [m] and ``weights`` of records (n,)."""
+def linearise(point: Point, prior: Prior, noise: NoiseModel, weights: Array) -> Linearisation:
+    """The linear model at a point, with ``weights`` of records (n,)."""
     observations = noise.observations
-    p = prediction.jacobian.shape[2]
+    jacobian = point.prediction.jacobian
+    p = jacobian.shape[2]
     has_target = observations.has_target
-    deviations = observations.deviations(prediction.poses, points)
+    deviations = observations.deviations(point.prediction.poses, point.seats)
     stated = np.where(has_target[:, None], deviations, 0.0)
     whitened = (noise.whitening @ stated[:, :, None])[:, :, 0]
     tip = whitened[:, :3]
@@ -236,25 +227,26 @@ def linearise(
     root_weights = np.sqrt(np.where(has_target, weights, 0.0))[:, None]
     whitening = noise.whitening * root_weights[:, :, None]
     rows = np.empty((*whitened.shape, p + 1))
-    np.matmul(whitening, prediction.jacobian, out=rows[:, :, :p])
+    np.matmul(whitening, jacobian, out=rows[:, :, :p])
     rows[:, :, p] = whitened * root_weights
     correlation = noise.correlation(whitening)
     rows = correlation.whitened(rows)
     by_seats = correlation.whitened(observations.by_seats(whitening))
-    elimination = SeatElimination(observations, points, by_seats)
+    elimination = SeatElimination(observations, point.seats, by_seats)
     seats_cost = float(np.square(rows[has_target, :, p]).sum()) + elimination.cost
     along_seats, (rows, of_seats, of_relations) = elimination.eliminated(rows)
-    placed = observations.known
-    parts = [rows if has_target.all() else rows[has_target], of_seats[placed], of_relations]
+    parts = [
+        rows if has_target.all() else rows[has_target],
+        of_seats[observations.known],
+        of_relations,
+    ]
     some = [part.reshape(-1, p + 1) for part in parts if part.size]
-    unknown = int((~placed).sum())
     return Linearisation(
         rows=some[0] if len(some) == 1 else np.concatenate([np.empty((0, p + 1)), *some]),
         prior=prior,
         distance=np.where(has_target, tip_distance, np.nan),
         turn_distance=np.where(observations.counts > 3, turn_distance, np.nan),
         deviations=deviations,
-        free=int(observations.counts[has_target].sum()) + len(of_relations) - 3 * unknown,
         seats_cost=seats_cost,
         elimination=elimination,
         along_seats=along_seats,

@@ -9,10 +9,10 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.estimation import fit
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.linearisation import Linearisation
 from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.solver import solution_at
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import ANGLE, DISTANCE, OF_BAR, TILTS
 
@@ -55,7 +55,7 @@ def require_possible_relations(problem: Problem) -> None:
     names = ("ends", "relation", "value", "value_u")
     at = replace(free.observations, **{name: getattr(stated, name) for name in names})
     noise = replace(free.noise, observations=at)
-    system = solution_at(problem, noise, free.point, free.used.astype(np.float64)).system
+    system = Fit.at(problem, noise, free.point, free.weights).system
     # All relations may be wrong alike, by a wrong diameter of the probe, so that no other tells.
     deviations = np.maximum(
         deviations_of_relations(system), _deviations_from_free(system, free.system)

@@ -19,8 +19,6 @@ from aacmm_pin.measurements import Measurements, orientation
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
 """The reference frame has no prior; these only scale its columns [m, rad]."""
-OF_WIDTH = 1e-3
-"""Step of a difference, as a part of the parameter's width."""
 DETERMINED_VARIANCE = 1e-9
 """Least variance of a determined combination of correlated parameters of unit variance."""
 HELD_PRECISION = 1e4
@@ -284,21 +282,6 @@ class Problem:
         for k, label in enumerate(self.targets):
             numbers[marker == label] = k
         return numbers
-
-    def bends(self, x: Array) -> bool:
-        """Whether the arm is elastic with the parameters ``x`` (p,)."""
-        return self._columns.bends(x)
-
-    def elastic_jacobian_correction(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
-        """What the derivative leaves out: a displaced arm bends otherwise (n, 3 or 6, columns)
-        [m/unit]. Only for parameters that displace all records alike.
-        """
-        correction = np.zeros_like(prediction.jacobian)
-        for k in self._columns.alike:
-            step = OF_WIDTH * self.widths[k] * np.eye(x.size)[k]
-            numeric = self.poses(x + step, frame) - self.poses(x - step, frame)
-            correction[:, :, k] = numeric / (2 * step[k]) - prediction.jacobian[:, :, k]
-        return correction
 
     def of(self, measurements: Measurements) -> Problem:
         """The same problem with other records."""

@@ -20,14 +20,13 @@ from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.fit import LEAST_DOF, Fit
 from aacmm_pin.calibration.identifiability import ROTATION, Observability
 from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.repeatability import Repeatability, repeatability_of
 from aacmm_pin.calibration.setup import sessions_of
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
-from aacmm_pin.calibration.solver import LEAST_DOF
 from aacmm_pin.effects import CONDITION_COLUMNS, ErrorModel
 
 if TYPE_CHECKING:

@@ -1,4 +1,6 @@
-"""Scatter beyond the stated noise: variance components that bring χ² to its degrees of freedom."""
+"""Scatter beyond the stated noise: variance components that bring χ² to its degrees of freedom;
+and squared distances of records from their targets, in standard deviations.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,9 @@ import scipy
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.distributions import f_isf
-from aacmm_pin.calibration.noise_model import NoiseModel, Scatters
-from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Solution
+from aacmm_pin.calibration.fit import LEAST_DOF, MEDIAN, Fit
+from aacmm_pin.calibration.noise_model import Scatters
+from aacmm_pin.measurements import NOTHING_KNOWN
 
 FALSE_EXCLUSION = 0.01
 """Probability that any good record of the file is excluded."""
@@ -22,81 +25,78 @@ LEAST_SCATTER = 1e-10
 """Least scatter, for computed data may fit exactly [m]."""
 
 
-def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters:
+def variance_components(fit: Fit, open_: Mask) -> Scatters:
     """Scatters with which χ² of tips, rotations and ``open_`` coordinates of seats (s, 3), without
-    stated uncertainty, equal their degrees of freedom.
+    stated uncertainty, equal their degrees of freedom; those of ``fit`` without any.
     """
-    seat, dof = _of_seats(solution, open_) if open_.any() else (0.0, 0.0)
-    tip, turn = (_variance_component(solution, used, turns, open_, dof) for turns in (False, True))
+    before = fit.noise.scatters
+    seat, dof_of_seats = _of_seats(fit, open_) if open_.any() else (0.0, 0.0)
+    turn_dof = fit.turn_dof
+    dof = fit.chi2.dof - turn_dof - dof_of_seats
+    tip = before.tip if dof < LEAST_DOF else _of_tips(fit, open_, dof)
+    turn = before.turn if turn_dof < LEAST_DOF else _of_turns(fit, turn_dof)
     return Scatters(tip, turn, seat)
 
 
-def _variance_component(
-    solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float
-) -> float:
-    """Of tips [m], or of rotations [rad] given their tips' deviations; that of ``solution`` without
-    degrees of freedom. ``open_`` coordinates of seats have ``dof_of_seats``.
-    """
-    noise = solution.noise
-    stated_noise = noise.without_scatter
-    turn_dof = solution.turn_dof
-    scatters = noise.scatters
-    dof = turn_dof if turns else solution.chi2.dof - turn_dof - dof_of_seats
-    if dof < LEAST_DOF:
-        return scatters.turn if turns else scatters.tip
-    deviation = np.where(used[:, None], solution.system.deviations, 0.0)
-    seats = solution.point.seats
-    ties = (
-        np.where(open_, 0.0, noise.observations.of_seats(seats)),
-        noise.observations.of_relations(seats)[0],
-    )
-    other_chi2 = sum(float(np.square(tie).sum()) for tie in ties)
-    scatter_shape = np.eye(3)
-    if turns:
-        stated_noise[:, :3, :3] += scatters.tip**2 * np.eye(3)
-        other_chi2 = -_chi2(noise, deviation[:, :3], stated_noise[:, :3, :3], used)
-        scatter_shape = np.diag([0.0, 0, 0, 1, 1, 1])
-    else:
-        deviation = deviation[:, :3]
-        stated_noise = stated_noise[:, :3, :3]
+def _of_tips(fit: Fit, open_: Mask, dof: float) -> float:
+    noise = fit.noise
+    seats = fit.point.seats
+    deviation = np.where(fit.used[:, None], fit.system.deviation, 0.0)
+    stated = noise.without_scatter[:, :3, :3]
+    of_seats = np.where(open_, 0.0, noise.observations.of_seats(seats))
+    of_relations, _ = noise.observations.of_relations(seats)
+    of_ties = float(np.square(of_seats).sum() + np.square(of_relations).sum())
 
     def excess(variance: float) -> float:
-        chi2 = _chi2(noise, deviation, stated_noise + variance * scatter_shape, used)
-        return chi2 + other_chi2 - dof
+        return _chi2(fit, deviation, stated + variance * np.eye(3)) + of_ties - dof
 
-    return float(np.sqrt(root(excess, deviation[:, -3:])))
+    return float(np.sqrt(root(excess, deviation)))
 
 
-def _chi2(noise: NoiseModel, deviation: Array, covariance: Array, used: Mask) -> float:
+def _of_turns(fit: Fit, dof: float) -> float:
+    """Given the deviations of their tips."""
+    deviation = np.where(fit.used[:, None], fit.system.deviations, 0.0)
+    stated = fit.noise.without_scatter
+    stated[:, :3, :3] += fit.noise.scatters.tip**2 * np.eye(3)
+    of_tips = _chi2(fit, deviation[:, :3], stated[:, :3, :3])
+
+    def excess(variance: float) -> float:
+        scatter = np.diag(np.repeat([0.0, variance], 3))
+        return _chi2(fit, deviation, stated + scatter) - of_tips - dof
+
+    return float(np.sqrt(root(excess, deviation[:, 3:])))
+
+
+def _chi2(fit: Fit, deviation: Array, covariance: Array) -> float:
     """By the covariance (n, k, k) of deviations (n, k), and what records of one reading share."""
     # Stated noise may be zero, of an exact contact with exact readings.
     least = LEAST_SCATTER**2 * np.eye(deviation.shape[1])
     whitening = np.linalg.inv(np.linalg.cholesky(covariance + least))
-    correlation = noise.correlation(whitening * used[:, None, None])
+    correlation = fit.noise.correlation(whitening * fit.used[:, None, None])
     rows = correlation.whitened(whitening @ deviation[:, :, None])
     return float(np.square(rows).sum())
 
 
-def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
+def _of_seats(fit: Fit, open_: Mask) -> tuple[float, float]:
     """Scatter of the ``open_`` coordinates of seats (s, 3) [m], and their degrees of freedom.
 
     The almost unbiased estimate of a variance component (Horn, Horn and Duncan 1975, J. Am. Stat.
     Assoc. 70). The scatter of the tips counts as one more degree of freedom, for few seats.
     Outliers against the better half, such as a moved seat, do not count.
     """
-    noise = solution.noise
-    system = solution.system
-    placed = solution.noise.observations.known
+    noise = fit.noise
+    system = fit.system
+    placed = fit.noise.observations.known
     ties = 3 * int(placed.sum())
     relations = len(noise.observations.ends)
     first = len(system.residual) - ties - relations
     steps = system.jacobian[first : first + ties] @ system.independent_steps
     by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
-    information, tie, *_ = information_of_seats(solution)
+    information, tie, *_ = information_of_seats(fit)
     variances = np.diagonal(np.linalg.inv(information[placed]), axis1=1, axis2=2)
     parts = 1.0 - tie[placed] * variances - by_parameters
     dof_of_seat = np.where(open_[placed], parts, 0.0).sum(axis=1)
-    residuals = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)
+    residuals = np.where(open_, fit.point.seats - noise.observations.stated, 0.0)
     squares = np.square(residuals[placed]).sum(axis=1)
     dof = float(dof_of_seat.sum())
     is_shown = dof_of_seat > LEAST_DOF_OF_SEAT
@@ -111,21 +111,51 @@ def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
     return float(np.sqrt(variance)), dof
 
 
-def information_of_seats(solution: Solution) -> tuple[Array, Array, Array, Array]:
+def information_of_seats(fit: Fit) -> tuple[Array, Array, Array, Array]:
     """Information on each seat (s, 3, 3) [1/m²], without relations; the diagonal by stated
     coordinates (s, 3); the part of each record at a seat, and the pull by its deviation (records,
     3, 3).
     """
-    observations = solution.observations
+    observations = fit.observations
     touched = np.flatnonzero(observations.seat >= 0)
-    whitening = solution.noise.whitening
+    whitening = fit.noise.whitening
     by_seats = observations.by_seats(whitening)[touched, :3]
-    weighted = solution.weights[touched, None, None] * by_seats.transpose(0, 2, 1)
+    weighted = fit.weights[touched, None, None] * by_seats.transpose(0, 2, 1)
     of_records = weighted @ by_seats
     tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
     information = tie[:, :, None] * np.eye(3)
     np.add.at(information, observations.seat[touched], of_records)
     return information, tie, of_records, -weighted @ whitening[touched, :3, :3]
+
+
+def deleted_distances(fit: Fit) -> Array:
+    """Squared distance of each record from where the *others* put its target, over the variance of
+    both (n,); infinite without a target.
+
+    Without the record, the others of its seat determine an unknown point; bars do not count.
+    """
+    observations = fit.observations
+    covariance = fit.noise.of_residuals[:, :3, :3].copy()
+    deviations = fit.system.deviation.copy()
+    touched = np.flatnonzero(observations.seat >= 0)
+    if touched.size:
+        seat = observations.seat[touched]
+        information, _, of_records, pulls = information_of_seats(fit)
+        others = np.linalg.inv(information[seat] - of_records + NOTHING_KNOWN * np.eye(3))
+        # By one unit of a seat a deviation changes by minus these.
+        changes = -observations.by_seats(np.tile(np.eye(3), (len(deviations), 1, 1)))[touched]
+        moved = changes @ others @ pulls @ deviations[touched][:, :, None]
+        deviations[touched] += moved[:, :, 0]
+        covariance[touched] += changes @ others @ changes.transpose(0, 2, 1)
+    covariance = observations.counting(covariance)
+    deviations = observations.along_normals(deviations[:, None, :])[:, 0]
+    has_target = observations.has_target
+    turns = np.nan_to_num(fit.system.turn_distance[has_target])
+    distances = np.full(len(deviations), np.inf)
+    distances[has_target] = (
+        squared_distances(deviations[has_target], covariance[has_target]) + turns
+    )
+    return distances
 
 
 def squared_distances(deviation: Array, covariance: Array) -> Array:

@@ -77,7 +77,7 @@ def budget_of(
     nominal_square = rms_residual(nominal, used) ** 2
     dof = max(choice.posterior.median_model.dof, 1.0)
     remaining_square = rms(np.linalg.norm(choice.deviations[used, :3], axis=1)) ** 2
-    noise = remaining_square * max(nominal.dof, 1.0) / dof
+    noise = remaining_square * max(nominal.chi2.dof, 1.0) / dof
     parts = sorted(_displacing(choice, structure), key=lambda part: -part.mean_square)
     if shared is not None:
         of_posture = min(shared.rms**2, noise)

@@ -21,7 +21,6 @@ from aacmm_pin.calibration import (
     first_fit,
     in_first_frame,
     mistakes_of,
-    predicted_rms,
     problem_of,
     repeatability_of,
     rms_residual,
@@ -50,7 +49,7 @@ class Check(Shown):
             record has a target.
         calibrated_rms: the same with fitted geometry.
         predicted_rms: expected ``rms`` by the stated uncertainties, see
-            :func:`~aacmm_pin.calibration.predicted_residuals.predicted_rms` [m]; nan if the arm
+            :attr:`~aacmm_pin.calibration.Fit.predicted_rms` [m]; nan if the arm
             states none.
         missing: condition that the records do not state, and the causes that need it.
         notes: what was assumed, and what looks unusual.
@@ -123,7 +122,7 @@ def check_measurements(
     notes += _limit_notes(model.arm, records)
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
-    predicted = predicted_rms(as_stated)
+    predicted = as_stated.predicted_rms
     if unknown := _noise_not_stated(model, records, setup):
         notes.append(Note("prediction_without_noise", {"of": unknown}))
     judged = calibrated.chi2_stated

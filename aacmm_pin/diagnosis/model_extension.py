@@ -347,7 +347,7 @@ def _climbed(
     """
     design = design_of(at, library, all_covariates)
     candidates = Candidates.of(design, library)
-    previous = before or _Before(at.point.prediction.poses, at.dof)
+    previous = before or _Before(at.point.prediction.poses, at.chi2.dof)
     blocks_of_causes = [b for b in design.blocks if b.candidate < design.causes]  # the first ones
     identities = [library[b.candidate][b.variant].identity for b in blocks_of_causes]
     start = tuple(sorted(identities.index(effect.identity) for effect in effects))

@@ -8,7 +8,6 @@ import numpy as np
 
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import f_sf
-from aacmm_pin.calibration.solver import chi2_of
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import label_groups
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -47,10 +46,10 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     judge = replace(fit, noise=replace(fit.noise, tips=scatter))
     count = choice.noise.count
     part = count.size / count.sum() if choice.noise.ratio else 1.0
-    all_records = chi2_of(judge, fit.used)
+    all_records = judge.chi2_of(fit.used)
     odd = []
     for group in groups:
-        without_group = chi2_of(judge, fit.used & ~group.records)
+        without_group = judge.chi2_of(fit.used & ~group.records)
         dof_of_group = all_records.dof - without_group.dof
         if min(dof_of_group, without_group.dof) < 1.0 or without_group.value <= 0.0:
             continue

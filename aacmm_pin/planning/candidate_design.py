@@ -16,7 +16,6 @@ from aacmm_pin.calibration import (
     Scatters,
     observations_of,
     remaining_triangle,
-    seat_columns,
 )
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning.candidate_records import candidates
@@ -128,22 +127,20 @@ def rows_of(
     observations = noise.observations
     labels = observations.labels
     whitening = noise.whitening * observations.has_target[:, None, None]
-    parameters = whitening @ (prediction.jacobian * scales)
-    start = observations.start(prediction.tips)
-    of_records, of_seats, of_relations = seat_columns(
-        observations, start, observations.by_seats(whitening)
-    )
-    new = np.array([label not in stated for label in labels], dtype=bool)
-    own_relations = of_relations[new[observations.ends].any(axis=1)]
-    of_ties = np.concatenate([*of_seats[observations.known & new], own_relations])
-    places = [seats.index(label) for label in labels]
-
-    def of_all_seats(columns: Array) -> Array:
-        shape = columns.shape[:-2]
-        spread = np.zeros((*shape, len(seats), 3))
-        spread[..., places, :] = columns
-        return spread.reshape(*shape, 3 * len(seats))
-
-    rows = np.concatenate([parameters, of_all_seats(of_records)], axis=2)
-    ties = np.pad(of_all_seats(of_ties), ((0, 0), (scales.size, 0)))
-    return rows, ties
+    width = scales.size + 3 * len(seats)
+    unit = np.eye(width)
+    of_seat = [scales.size + 3 * seats.index(label) + np.arange(3) for label in labels]
+    rows = np.zeros((problem.measurements.n, 3, width))
+    rows[:, :, : scales.size] = whitening @ (prediction.jacobian * scales)
+    by_seat = observations.by_seats(whitening)
+    for record in np.flatnonzero(observations.seat >= 0):
+        rows[record][:, of_seat[observations.seat[record]]] = by_seat[record]
+    is_new = np.array([label not in stated for label in labels], dtype=bool)
+    ties = [np.zeros((0, width))]
+    for seat in np.flatnonzero(observations.known & is_new):
+        ties.append(unit[of_seat[seat]] / observations.stated_u[seat][:, None])
+    _, by_ends = observations.of_relations(observations.start(prediction.tips))
+    for (one, other), by_both in zip(observations.ends, by_ends, strict=True):
+        if is_new[one] or is_new[other]:
+            ties.append(by_both[:1] @ unit[of_seat[one]] + by_both[1:] @ unit[of_seat[other]])
+    return rows, np.concatenate(ties)

@@ -18,7 +18,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm, axis, load_arm_file
 from aacmm_pin.arm.file import Uncertainty
 from aacmm_pin.arm.random_postures import random_postures
-from aacmm_pin.calibration import Calibration, calibrate, solver
+from aacmm_pin.calibration import Calibration, Fit, calibrate, solver
 from aacmm_pin.calibration.calibrate import notes_of
 from aacmm_pin.calibration.calibrated_arm import moved_file
 from aacmm_pin.effects import (
@@ -419,7 +419,7 @@ def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(sino6,
     monkeypatch.setattr(solver, "MOST_STEPS", 1)
     far = solver.solve(fit.problem, fit.noise, start, weights)
     assert not far.converged
-    assert far.system.cost < solver.solution_at(fit.problem, fit.noise, start, weights).system.cost
+    assert far.system.cost < Fit.at(fit.problem, fit.noise, start, weights).system.cost
     said = [*notes_of(replace(fit, point=far.point, system=far.system, message=far.message))]
     assert data_of(said, "not_converged") == [{"why": far.message}]
     assert len(said) == 1 + len(result.notes)

@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from aacmm_pin import diagnose, next_measurements
 from aacmm_pin.arm import Arm
-from aacmm_pin.calibration import Setup, predicted_rms, problem_of, rms_residual
+from aacmm_pin.calibration import Setup, problem_of, rms_residual
 from aacmm_pin.calibration.calibrated_arm import moved_arm
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.effects import ErrorModel
@@ -269,7 +269,7 @@ def test_the_predicted_distance_from_planes_is_that_of_random_arms(sino6, rng, r
         moved = ErrorModel.of(moved_arm(sino6, errors, sino6.covariance))
         setup = Setup.of(moved.arm, "base", "tip", True, READING, None, CONTACT, None)
         after = fit(problem_of(moved, records, [], setup), used=np.ones(records.n, bool))
-        squares.append((rms_residual(after, after.used) ** 2, predicted_rms(after) ** 2))
+        squares.append((rms_residual(after, after.used) ** 2, after.predicted_rms**2))
     measured, predicted = np.mean(squares, axis=0)
     assert np.sqrt(predicted) == pytest.approx(np.sqrt(measured), rel=0.25)
 

@@ -11,15 +11,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin.arm import Arm, exp
-from aacmm_pin.calibration import Observability, solver
+from aacmm_pin.calibration import Fit, Observability, solver
 from aacmm_pin.calibration.cross_validation import distances
 from aacmm_pin.calibration.jacobian import Columns
+from aacmm_pin.calibration.linearisation import Point
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, contradictions, observations_of
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.calibration.studentised_residuals import deleted_distances, studentised_distances
-from aacmm_pin.calibration.variance_components import variance_components
+from aacmm_pin.calibration.variance_components import deleted_distances, variance_components
 from aacmm_pin.effects import (
     BearingTilt,
     Conditions,
@@ -91,12 +91,12 @@ def test_noise_of_readings_acts_on_the_target(sino6, rng):
     close(found, np.stack(moved, axis=2), 1e-7)
 
 
-def system_of(problem: Problem, off: float = 0.0) -> solver.Solution:
+def system_of(problem: Problem, off: float = 0.0) -> Fit:
     """The system where the search begins, or so many widths away from it, the frame known."""
     x = problem.start + off * problem.widths
-    point = solver.Point(x, FRAME, np.zeros((0, 3)), problem.predict(x, FRAME))
+    point = Point(x, FRAME, np.zeros((0, 3)), problem.predict(x, FRAME))
     noise = NoiseModel.of(problem, x, FRAME, Scatters())
-    return solver.solution_at(problem, noise, point, np.ones(problem.measurements.n))
+    return Fit.at(problem, noise, point, np.ones(problem.measurements.n))
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -114,11 +114,9 @@ def test_distance_from_where_the_others_put_a_seat(sino6, rng, known):
         np.ones(24),
         model.observations,
     )
-    step = solver.solution_at(problem, model, begun, weights).system.seat_step(
-        np.zeros(problem.scales.size)
-    )
-    best = solver.solution_at(problem, model, replace(begun, seats=begun.seats + step), weights)
-    assert best.system.free == 3 * 24 - (0 if known else 9)
+    step = Fit.at(problem, model, begun, weights).system.seat_step(np.zeros(problem.scales.size))
+    best = Fit.at(problem, model, replace(begun, seats=begun.seats + step), weights)
+    assert best.free == 3 * 24 - (0 if known else 9)
     found = deleted_distances(best)
     tips, covariance = begun.prediction.tips, model.of_residuals
     for k, seat in enumerate(observations.seat):
@@ -170,7 +168,7 @@ def test_targets_of_one_reading_share_its_noise(sino6, rng, turned):
     weights = np.ones(n)
     weights[left_out] = 0.0
     here = system_of(problem)
-    found = solver.solution_at(problem, here.noise, here.point, weights)
+    found = Fit.at(problem, here.noise, here.point, weights)
     reading = np.append(np.tile(np.arange(8), 3), 8)
     together = (reading[:, None] == reading)[:, None, :, None]
     by_reading = problem.reading_jacobian(here.point.x, FRAME) * problem.setup.encoder_noise
@@ -189,15 +187,15 @@ def test_targets_of_one_reading_share_its_noise(sino6, rng, turned):
     unknown = np.zeros((prior.scales.size, 0))
     u = np.sqrt(np.diag(np.linalg.inv(information)))
     np.testing.assert_allclose(np.sqrt(np.diag(found.system.covariance(unknown))), u, rtol=1e-5)
-    scatter = variance_components(found, weights > 0.0, np.zeros((0, 3), dtype=bool)).tip
+    scatter = variance_components(found, np.zeros((0, 3), dtype=bool)).tip
     of_tips = np.tile(np.arange(width) < 3, n)[counts]
     more = covariance[np.ix_(of_tips, of_tips)] + scatter**2 * np.eye(int(of_tips.sum()))
     chi2 = residual[of_tips] @ np.linalg.solve(more, residual[of_tips])
     assert chi2 == pytest.approx(found.chi2.dof - found.turn_dof, rel=1e-5)
-    left = covariance - columns @ np.linalg.solve(information, columns.T)
     first = slice(0, width)
-    distance = residual[first] @ np.linalg.solve(left[first, first], residual[first])
-    assert studentised_distances(found)[0] == pytest.approx(distance, rel=1e-4)
+    distance = residual[first] @ np.linalg.solve(covariance[first, first], residual[first])
+    alone = found.of_each_record(found.system.rows)[0, :, -1]
+    assert alone @ alone == pytest.approx(distance, rel=1e-5)
 
 
 def test_a_frame_is_no_mirror_image(rng):
@@ -280,5 +278,3 @@ def test_columns_of_all_effects_are_those_of_each(n, sino6, rng):
     close(some.at(at).position, state.position, 1e-14)
     wanted = np.concatenate([sensitivity(e, state) for e in estimated], axis=2)
     np.testing.assert_allclose(some.jacobian(some.at(at)), wanted, rtol=1e-9, atol=1e-12)
-    assert columns.bends(x)
-    assert not columns.bends(np.where(np.arange(x.size) == columns.vector.slices[6].start, 0.0, x))

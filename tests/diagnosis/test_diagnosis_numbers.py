@@ -345,7 +345,9 @@ def test_inner_products_with_an_error_that_records_share(case, ratio, monkeypatc
     """Groups of one to four records of a seat, all of each in one stream."""
     monkeypatch.setattr(gram_matrix, "ROWS_OF_A_GROUP", 15)
     used = case.fit.used & (np.arange(RECORDS) % 11 != 3)
-    case = replace(case, design=replace(case.design, fit=replace(case.fit, used=used)))
+    case = replace(
+        case, design=replace(case.design, fit=replace(case.fit, weights=used.astype(float)))
+    )
     seat = case.records.conditions.seat
     labels = np.zeros(RECORDS, dtype="U9") if seat is None else seat.astype("U9")
     four = np.random.default_rng(6).integers(0, 20 if seat is None else 3, RECORDS)
@@ -394,7 +396,9 @@ def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case, excluded):
     if excluded:
         seat, used = case.records.conditions.seat, np.arange(RECORDS) % 7 != 3
         used &= (part != 1) | (np.arange(RECORDS) > 20 if seat is None else seat != seat[0])
-        case = replace(case, design=replace(case.design, fit=replace(case.fit, used=used)))
+        case = replace(
+            case, design=replace(case.design, fit=replace(case.fit, weights=used.astype(float)))
+        )
     gram = without(case.design, case.noise, part, [2])
     rows = dense(case, part, [2])
     same_products(gram.matrix, rows)

@@ -15,7 +15,8 @@ from aacmm_pin import accuracy_volume, perturbed_model
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm, axis
 from aacmm_pin.arm.random_postures import random_postures
-from aacmm_pin.calibration import calibrate, solver
+from aacmm_pin.calibration import Setup, calibrate, solver
+from aacmm_pin.calibration.linearisation import Point
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, diagnose
 from aacmm_pin.diagnosis.held_out_gain import Brought
@@ -100,7 +101,7 @@ def test_a_trial_that_cannot_be_evaluated_is_a_rejected_step(sino6, rng, monkeyp
     monkeypatch.setattr(Problem, "predict", narrow)
     x = fit.problem.start + np.where(np.arange(fit.problem.start.size) == 0, 2.9e-4, 0.0)
     prediction = predict(fit.problem, x, fit.point.frame)
-    start = solver.Point(x, fit.point.frame, fit.point.seats, prediction)
+    start = Point(x, fit.point.frame, fit.point.seats, prediction)
     found = solver.solve(fit.problem, fit.noise, start, fit.used.astype(float))
     assert found.converged
     assert found.system.cost == pytest.approx(fit.system.cost, rel=1e-6)
@@ -230,9 +231,10 @@ def test_verdicts(sino6, rng):
     data = simulate_measurements(ErrorModel(sino6), "free", 40, rng=rng)
     fit = calibrate(sino6, data, hold_out=False, **NOISE).fit
     stuck = replace(fit, message="60 steps were not enough")
-    noiseless = replace(fit, noise_is_stated=False, dof=0.0)
+    without_noise = replace(fit.problem, setup=Setup())
+    noiseless = replace(fit, problem=without_noise, weights=np.zeros(40))
     out = np.arange(40)
-    seven, six = (replace(fit, used=out >= count, excluded=out < count) for count in (7, 6))
+    seven, six = (replace(fit, weights=(out >= count).astype(float)) for count in (7, 6))
     sure, below_zero = [finding(0.99)], JointCompliance(2, values=(-1e-6,), u=(1e-6,))
     far_below = replace(below_zero, values=(-3e-6,))
     cases = [
