@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.file_problems import first_few
 from aacmm_pin._support.notes import Note
 from aacmm_pin.arm import (
     AT_LIMIT,
@@ -439,6 +438,8 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
     state = State(arm, q, conditions, arm.chain.tip)
     if not effect.needs or any(d.columns.any() for d in effect.displacements(state)):
         return
+    from aacmm_pin._support.file_problems import first_few  # loads pandas
+
     stated = []
     for need in effect.needs:
         values = getattr(conditions, need)
