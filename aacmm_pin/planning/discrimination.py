@@ -56,35 +56,36 @@ def for_two(
     """
     tried: list[Tried] = []
     best: tuple[Situation, list[int], Power] | None = None
-    enough: int | None = None
-    before: Power | None = None
+    enough_records: int | None = None
+    power_before: Power | None = None
     sizes = [size_of(effect) for effect in split]
     for set_up in possible_conditions(task.model, task.causes, task.temperature):
-        if set_up.changes_arm and (as_it_stands or enough is not None):
+        if set_up.changes_arm and (as_it_stands or enough_records is not None):
             break
         situation = Situation.of(task, set_up, postures, rng)
-        if before is None and situation.before:
-            sizes = _matched(situation, split, sizes)
-            before = situation.power([], PAIR, sizes)
+        if power_before is None and situation.before:
+            sizes = _sizes_alike(situation, split, sizes)
+            power_before = situation.power([], PAIR, sizes)
         of_pool = situation.power(None, PAIR, sizes)
         why_not = _why_not(split, of_pool)
         if why_not and best is not None:
             tried.append(Tried(str(set_up), of_pool, why_not))
             continue
         chosen = _chosen(situation, sizes, [PAIR], steps)
-        steps = range(records)
+        steps = range(records)  # progress is shown for the first choice only
         after = situation.power(chosen, PAIR, sizes)
         tried.append(Tried(str(set_up), of_pool if why_not else after, why_not))
         decides = after.probability >= DECIDED and not after.same
         better = best is not None and after.probability > best[2].probability + BETTER
         if best is None or decides or better or (best[2].same and not after.same):
             best = (situation, chosen, after)
-            enough = None if decides or why_not else _enough(situation, chosen, sizes)
+            decided = decides or why_not
+            enough_records = None if decided else _enough_records(situation, chosen, sizes)
         if decides:
             break
     assert best is not None
     situation, chosen, after = best
-    notes = [*_sizes_in_words(split, before)]
+    notes = [*_sizes_in_words(split, power_before)]
     if situation.set_up.changes_arm and task.existing is not None:
         notes.append(Note("old_records_excluded"))
     return MeasurementPlan(
@@ -93,10 +94,10 @@ def for_two(
         set_up=situation.set_up.words,
         changes_arm=situation.set_up.changes_arm,
         split=split,
-        before=before,
+        before=power_before,
         after=after,
         tried=tuple(tried),
-        enough=enough,
+        enough=enough_records,
     )
 
 
@@ -124,13 +125,14 @@ def for_all(
         )
     different = [pair for pair in pairs if not of_pool.same(pair)]
     needed = HOPELESS * situation.pool.n / records
-    open_ = [pair for pair in different if of_pool.least(pair) >= needed]
-    wanted = open_ or different or pairs
+    distinguishable = [pair for pair in different if of_pool.least(pair) >= needed]
+    wanted = distinguishable or different or pairs
     chosen = _chosen(situation, sizes, wanted, steps)
     separation = situation.separation(chosen, sizes)
     labels = [cause.label for cause in task.causes]
     why_not = dict.fromkeys(pairs, "the same")
-    why_not |= dict.fromkeys(different, "too small") | dict.fromkeys(open_, "")
+    why_not |= dict.fromkeys(different, "too small")
+    why_not |= dict.fromkeys(distinguishable, "")
     rows = []
     for pair, why in why_not.items():
         t = separation.least(pair)
@@ -139,8 +141,9 @@ def for_all(
     table = table.sort_values("T", ignore_index=True)
     worst = separation.worst(wanted)
     after = situation.power(chosen, worst, sizes)
-    told = Note("pairs_told_apart", {"told": int(table["told"].sum()), "pairs": len(table)})
-    others = {
+    distinguished = int(table["told"].sum())
+    summary = Note("pairs_told_apart", {"told": distinguished, "pairs": len(table)})
+    by_other_set_ups = {
         option.words[-1]: Situation.of(task, option, postures, rng).separation(None, sizes)
         for option in options
         if option.changes_arm
@@ -148,7 +151,7 @@ def for_all(
     one, other = worst
     return MeasurementPlan(
         **planned_records(task, situation, chosen),
-        notes=(told, *_never_told(labels, of_pool, others)),
+        notes=(summary, *_never_distinguished(labels, of_pool, by_other_set_ups)),
         set_up=set_up.words,
         changes_arm=False,
         split=(task.causes[one], task.causes[other]),
@@ -173,7 +176,7 @@ def _chosen(
     return chosen_records(rows, information, steps, score, exchanges)
 
 
-def _enough(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> int | None:
+def _enough_records(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> int | None:
     """Approximate number of like records that suffice; None beyond :data:`MORE`."""
     for times in MORE:
         if situation.power(chosen, PAIR, sizes, times).probability >= DECIDED:
@@ -181,19 +184,23 @@ def _enough(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> 
     return None
 
 
-def _matched(situation: Situation, split: tuple[Effect, Effect], sizes: list[Array]) -> list[Array]:
-    """Sizes, with a new one of the only cause without values: the effects of both in existing
-    records are then most similar.
+def _sizes_alike(
+    situation: Situation, split: tuple[Effect, Effect], sizes: list[Array]
+) -> list[Array]:
+    """Sizes of two causes, where the user states values of both or of one.
+
+    If one has none, it takes the size whose effect in the existing records is most similar to that
+    of the other.
     """
     stated = [any(effect.values) for effect in split]
     if stated[0] == stated[1]:
         return sizes
-    open_ = stated.index(False)
-    r = situation.triangle([])
-    mine, its = situation.blocks[open_], situation.blocks[1 - open_]
-    alike, *_ = np.linalg.lstsq(r[:, mine], r[:, its] @ sizes[1 - open_], rcond=1e-12)
+    unsized, sized = stated.index(False), stated.index(True)
+    triangle = situation.triangle([])
+    by_unsized, by_sized = (triangle[:, situation.blocks[cause]] for cause in (unsized, sized))
+    alike, *_ = np.linalg.lstsq(by_unsized, by_sized @ sizes[sized], rcond=1e-12)
     if alike.any():
-        sizes[open_] = np.asarray(alike, dtype=np.float64)
+        sizes[unsized] = np.asarray(alike, dtype=np.float64)
     return sizes
 
 
@@ -224,19 +231,20 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     return f"{outer.label} can have every effect of {inner.label}"
 
 
-def _never_told(
-    labels: list[str], of_pool: Separation, others: dict[str, Separation]
+def _never_distinguished(
+    labels: list[str], of_pool: Separation, by_other_set_ups: dict[str, Separation]
 ) -> Iterator[Note]:
-    """Notes on causes that no posture of the pool detects or distinguishes, and on ``others``
-    (set-ups by their words) that would.
+    """Notes on causes that no posture of the pool detects or distinguishes, each with the first of
+    the other set-ups (by their words) that would.
     """
+    set_ups = by_other_set_ups.items()
     for k in np.flatnonzero(of_pool.alone <= UNDETECTABLE):
-        helps = [words for words, other in others.items() if other.alone[k] > UNDETECTABLE]
-        data = {"cause": labels[k], "set_up": next(iter(helps), None)}
-        yield Note("cause_shows_otherwise" if helps else "cause_never_shows", data)
+        helping = [words for words, separation in set_ups if separation.alone[k] > UNDETECTABLE]
+        data = {"cause": labels[k], "set_up": next(iter(helping), None)}
+        yield Note("cause_shows_otherwise" if helping else "cause_never_shows", data)
     for pair in of_pool.detectable_pairs:
         if of_pool.same(pair):
             one, other = (labels[k] for k in pair)
-            helps = [words for words, separation in others.items() if not separation.same(pair)]
-            data = {"one": one, "other": other, "set_up": next(iter(helps), None)}
-            yield Note("pair_told_otherwise" if helps else "pair_never_told", data)
+            helping = [words for words, separation in set_ups if not separation.same(pair)]
+            data = {"one": one, "other": other, "set_up": next(iter(helping), None)}
+            yield Note("pair_told_otherwise" if helping else "pair_never_told", data)

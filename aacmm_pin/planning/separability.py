@@ -66,7 +66,7 @@ class Power(Shown):
     def open(self) -> tuple[bool, bool]:
         """Whether each has effects that the other cannot have."""
         distances = np.array([self.one, self.other])
-        one, other = _is_open(distances, np.array(self.alone)).tolist()
+        one, other = _has_own_effects(distances, np.array(self.alone)).tolist()
         return one, other
 
     @property
@@ -91,14 +91,17 @@ class Separation(NamedTuple):
     def of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Separation:
         """From the triangle ``r`` (``S = RᵀR``), with a block of columns of each cause."""
         effects = np.hstack([r[:, block] @ size for block, size in zip(blocks, sizes, strict=True)])
-        first = np.cumsum([0, *(size.shape[1] for size in sizes[:-1])])
+        first_columns = np.cumsum([0, *(size.shape[1] for size in sizes[:-1])])
+
+        def squared_lengths(columns: Array) -> Array:
+            return np.add.reduceat(np.square(columns).sum(axis=0), first_columns)
+
         distances = []
         for block in blocks:
-            possible = scipy.linalg.orth(r[:, block], rcond=1e-12)
-            left = effects - possible @ (possible.T @ effects)
-            distances.append(np.add.reduceat(np.square(left).sum(axis=0), first))
-        alone = np.add.reduceat(np.square(effects).sum(axis=0), first)
-        return Separation(np.stack(distances, axis=1), alone)
+            basis = scipy.linalg.orth(r[:, block], rcond=1e-12)
+            not_imitated = effects - basis @ (basis.T @ effects)
+            distances.append(squared_lengths(not_imitated))
+        return Separation(np.stack(distances, axis=1), squared_lengths(effects))
 
     @property
     def detectable_pairs(self) -> list[Pair]:
@@ -108,8 +111,8 @@ class Separation(NamedTuple):
 
     def same(self, pair: Pair) -> bool:
         """Whether one can have every effect of the other, or is not detectable."""
-        open_ = _is_open(self.distances, self.alone[:, None])
-        return not (open_[pair] and open_[pair[::-1]])
+        has_own_effects = _has_own_effects(self.distances, self.alone[:, None])
+        return not (has_own_effects[pair] and has_own_effects[pair[::-1]])
 
     def least(self, pair: Pair) -> float:
         """The smaller distance of a pair."""
@@ -120,8 +123,11 @@ class Separation(NamedTuple):
         return min(pairs, key=self.least)
 
 
-def _is_open(distances: Array, alone: Array) -> Mask:
-    """Detectable causes with effects that others cannot have."""
+def _has_own_effects(distances: Array, alone: Array) -> Mask:
+    """Whether causes are detectable, and have effects that others cannot have.
+
+    Arguments as in :class:`Separation`; shapes broadcast.
+    """
     return (alone > UNDETECTABLE) & (distances > SAME_FRACTION * alone)
 
 
@@ -132,26 +138,30 @@ def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power
     """
     distances, (first, second) = Separation.of(r, blocks, sizes)
     one, other = (r[:, block] for block in blocks)
-    right = _right_decision(one, other, sizes[0], first)
-    right += _right_decision(other, one, sizes[1], second)
+    if_first = _right_decision(one, other, sizes[0], first)
+    if_second = _right_decision(other, one, sizes[1], second)
+    probability = (if_first + if_second) / 2
     alone = (float(first), float(second))
-    return Power(float(distances[0, 1]), float(distances[1, 0]), alone, right / 2)
+    return Power(float(distances[0, 1]), float(distances[1, 0]), alone, probability)
 
 
-def _right_decision(mine: Array, its: Array, size: Array, shows: float) -> float:
-    """Probability that the true cause, ``mine`` (p, q), has the larger evidence, averaged over
-    directions of β.
+def _right_decision(true: Array, other: Array, size: Array, detectable: float) -> float:
+    """Probability that the true cause has the larger evidence, averaged over directions of β.
 
-    Either prior variance lets a cause show as much as the true one, so that size does not decide.
-    The difference of evidences of ``y = R β + noise`` is a quadratic form.
+    Both priors make the expected squared effect equal to the ``detectable`` one of the true cause,
+    so that size does not decide. The difference of evidences of ``y = R β + noise`` is a quadratic
+    form.
+
+    Args:
+        true, other: columns R of the triangle (p, q) of each cause.
+        size: of the true cause, from :func:`size_of`.
     """
-    (gain, complexity), (other_gain, other_complexity) = (
-        _evidence(block, shows) for block in (mine, its)
-    )
+    gain, complexity = _evidence(true, detectable)
+    other_gain, other_complexity = _evidence(other, detectable)
     weights, axes = np.linalg.eigh(gain - other_gain)
-    shifts = axes.T @ mine @ size @ _directions(size.shape[1])
+    means = axes.T @ true @ size @ _directions(size.shape[1])
     threshold = complexity - other_complexity
-    right = [_exceeds(threshold, weights, np.square(shift)) for shift in shifts.T]
+    right = [_exceeds(threshold, weights, np.square(mean)) for mean in means.T]
     return float(np.mean(right))
 
 
@@ -167,30 +177,34 @@ def _exceeds(threshold: float, weights: Array, noncentrality: Array) -> float:
         return 0.5
     if abs(mean) > CERTAIN * spread:
         return float(mean > 0)
+    # Of the sum less the threshold, Π (1 - 2iλt)^-½ exp(iλδ²t / (1 - 2iλt)) exp(-it threshold)
+    # is exp(i phase - decay).
     t = FREQUENCIES / spread
-    turn = 2 * np.outer(t, weights)
-    length = 1 + np.square(turn)
-    shifted = weights * noncentrality / length
-    phase = 0.5 * np.arctan(turn).sum(axis=1) + t * (shifted.sum(axis=1) - threshold)
-    decay = 0.25 * np.log(length).sum(axis=1) + t * (turn * shifted).sum(axis=1)
+    two_lambda_t = 2 * np.outer(t, weights)
+    square = 1 + np.square(two_lambda_t)
+    damped = weights * noncentrality / square
+    phase = 0.5 * np.arctan(two_lambda_t).sum(axis=1) + t * (damped.sum(axis=1) - threshold)
+    decay = 0.25 * np.log(square).sum(axis=1) + t * (two_lambda_t * damped).sum(axis=1)
     integral = 2 * FREQUENCIES[0] * np.sum(np.sin(phase) * np.exp(-decay) / FREQUENCIES)
     return float(np.clip(0.5 + integral / np.pi, 0.0, 1.0))
 
 
-def _evidence(r: Array, shows: float) -> tuple[Array, float]:
-    """G (p, p) and c of twice the log evidence ``yᵀ G y - c`` of y (p,), relative to no cause.
+def _evidence(r: Array, squared_effect: float) -> tuple[Array, float]:
+    """Gain G (p, p) and complexity c of twice the log evidence ``yᵀ G y - c`` of y (p,), relative
+    to no cause.
 
-    With a normal prior of variance w², ``w² tr S = shows``: ``G = R (S + I/w²)⁻¹ Rᵀ``, ``c = log
-    det(I + w² S)``.
+    The variance w² of the normal prior gives the expected ``squared_effect = w² tr S``, ``S =
+    RᵀR``: ``G = R (S + I/w²)⁻¹ Rᵀ``, ``c = log det(I + w² S)``.
     """
     information = r.T @ r
     total = float(np.trace(information))
-    if shows <= UNDETECTABLE or total <= UNDETECTABLE:
+    if squared_effect <= UNDETECTABLE or total <= UNDETECTABLE:
         return np.zeros((len(r), len(r))), 0.0
-    variance = shows / total
-    inside = np.eye(len(information)) + variance * information
-    gain = variance * r @ np.linalg.solve(inside, r.T)
-    return gain, float(np.linalg.slogdet(inside)[1])
+    variance = squared_effect / total
+    relative_information = np.eye(len(information)) + variance * information
+    gain = variance * r @ np.linalg.solve(relative_information, r.T)
+    _, log_determinant = np.linalg.slogdet(relative_information)
+    return gain, float(log_determinant)
 
 
 def _directions(count: int) -> Array:
