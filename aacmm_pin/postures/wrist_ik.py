@@ -85,14 +85,15 @@ class Wrist:
         Raises:
             ShapeError: ``rest`` has another shape or is not finite.
         """
-        behind = dh.nq - POSITIONING
-        held = np.zeros(behind) if rest is None else vector(rest, behind, "rest", "rad")
+        count = dh.nq - POSITIONING
+        held = np.zeros(count) if rest is None else vector(rest, count, "rest", "rad")
         if rest is None and limits is not None:
             nearest = into_limits(held, limits[POSITIONING:])
             # Exactly 0 where that is inside.
             held = np.clip(nearest, *limits[POSITIONING:].T) - nearest
         rows = dh.values()[:WRIST_ROW]
-        rows[-1, -1] += held[0]
+        theta_of_wrist_row = -1, -1
+        rows[theta_of_wrist_row] += held[0]
         moving = [True] * POSITIONING + [False]
         return Wrist(table(rows, dh.convention, moving), held)
 
@@ -126,20 +127,20 @@ class Wrist:
 def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
     """Least and largest distance of the wrist from ``shoulder`` (3,) [m], without limits."""
 
-    def square(place: Array) -> tuple[Array, Array]:
+    def squared_distance(place: Array) -> tuple[Array, Array]:
         from_shoulder = place - shoulder
         return np.sum(from_shoulder * from_shoulder, axis=-1), 2.0 * from_shoulder
 
-    nearest, farthest = _extremes(wrist, square)
+    nearest, farthest = _extremes(wrist, squared_distance)
     return float(np.sqrt(max(nearest, 0.0))), float(np.sqrt(farthest))
 
 
 def box_of_wrist(wrist: Wrist) -> Array:
-    """Least and largest distance of the wrist from the base z axis, and of its z (4,) [m], without
-    limits.
+    """Least and largest distance of the wrist from the base z axis, then least and largest z (4,)
+    [m], without limits.
     """
 
-    def square(place: Array) -> tuple[Array, Array]:
+    def squared_radius(place: Array) -> tuple[Array, Array]:
         level = place * np.array([1.0, 1.0, 0.0])
         return np.sum(level * level, axis=-1), 2.0 * level
 
@@ -148,24 +149,24 @@ def box_of_wrist(wrist: Wrist) -> Array:
         gradient[..., 2] = 1.0
         return place[..., 2], gradient
 
-    squares = np.maximum(_extremes(wrist, square), 0.0)
-    return np.array([*np.sqrt(squares), *_extremes(wrist, height)])
+    squared_radii = np.maximum(_extremes(wrist, squared_radius), 0.0)
+    return np.array([*np.sqrt(squared_radii), *_extremes(wrist, height)])
 
 
 def _extremes(
-    wrist: Wrist, of_place: Callable[[Array], tuple[Array, Array]]
+    wrist: Wrist, value_and_gradient: Callable[[Array], tuple[Array, Array]]
 ) -> tuple[float, float]:
-    """Extremes of ``of_place`` of places (…, 3) [m], with gradient, over all postures: a grid, then
-    local searches.
+    """Least and largest value over all postures, of a function of the wrist's place (…, 3) [m] that
+    also returns its gradient: a grid, then local searches.
     """
     angles = np.linspace(-np.pi, np.pi, GRID, endpoint=False)
     axes = np.meshgrid(*[angles] * POSITIONING, indexing="ij")
     grid = np.stack(axes, axis=-1).reshape(-1, POSITIONING)
-    values = of_place(wrist.table.chain.positions(grid))[0]
+    values, _ = value_and_gradient(wrist.table.chain.positions(grid))
 
     def signed(q: Array, sign: float) -> tuple[float, Array]:
         place, jacobian = wrist.table.chain.position_and_jacobian(q[None])
-        value, gradient = of_place(place[0])
+        value, gradient = value_and_gradient(place[0])
         return sign * float(value), sign * gradient @ jacobian[0]
 
     search = partial(
@@ -188,8 +189,8 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
     distance = np.linalg.norm(points - links[0, :3, 3], axis=1)
     longest = np.linalg.norm(links[1:, :3, 3], axis=1).sum()
     near = np.flatnonzero(distance <= longest)
-    held = _held_seeds(links, points[near], per_turn)
-    seeds, number = with_spread(*held, len(near), 4 * per_turn)
+    held_seeds, their_points = _held_seeds(links, points[near], per_turn)
+    seeds, number = with_spread(held_seeds, their_points, len(near), 4 * per_turn)
     problem = near[number]
     seeds, good = equations.polish(seeds, problem)
     flat = len(points) > 0 and degenerate(equations, spread_angles(4 * per_turn, POSITIONING))
@@ -211,16 +212,16 @@ def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Inde
     """
     # Off the symmetric angles 0 and ±π.
     angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
-    turns = screws(angles, 0.0, 2)
+    rotations = screws(angles, 0.0, 2)
     point, angle = np.indices((len(points), per_turn)).reshape(2, -1)
     seeds = []
     numbers = []
     for held in range(POSITIONING):
-        constants = [np.broadcast_to(link, turns.shape) for link in links[: POSITIONING + 1]]
-        constants[held : held + 2] = [constants[held] @ turns @ links[held + 1]]
+        constants = [np.broadcast_to(link, rotations.shape) for link in links[: POSITIONING + 1]]
+        constants[held : held + 2] = [constants[held] @ rotations @ links[held + 1]]
         b0, b1, b2 = (transforms[angle] for transforms in constants[:3])
-        free, pair = candidates(b0, b1, b2, constants[3][angle, :3, 3], points[point])
-        q = np.insert(free, held, angles[angle[pair]], axis=1)
+        others, pair = candidates(b0, b1, b2, constants[3][angle, :3, 3], points[point])
+        q = np.insert(others, held, angles[angle[pair]], axis=1)
         seeds.append(q)
         numbers.append(point[pair])
     return np.concatenate(seeds), np.concatenate(numbers)

@@ -46,8 +46,8 @@ LEAST_CHECKS = 8
 """
 PER_MOVING_RANGE = 2.66
 """Three standard deviations in mean moving ranges, 3 / 1.128."""
-HALF = {"SinglePoint.Sigma": "SPAT.2s"}
-"""Half of another, without a chart beside it."""
+DOUBLE_OF = {"SinglePoint.Sigma": "SPAT.2s"}
+"""Characteristics that are twice another: where both are tested, only the double has a chart."""
 CHECK_KEY = ["time", "instrument", "arm", "figure"]
 """Columns of which each value of a check has its own."""
 VALUE_TOLERANCE = 1e-9
@@ -85,12 +85,12 @@ class ControlChart:
 
     @property
     def usual(self) -> Array:
-        """Those values [m]."""
+        """Values of the counted checks [m]."""
         return self.values[:-1][self.counted]
 
     @property
     def centre(self) -> float:
-        """Their mean [m], or nan."""
+        """Mean of the usual values [m], or nan."""
         return float(self.usual.mean()) if len(self.usual) else math.nan
 
     @property
@@ -100,7 +100,7 @@ class ControlChart:
 
     @property
     def left_range(self) -> bool:
-        """Whether the latest value is outside."""
+        """Whether the latest value is outside the control limits."""
         return _outside(self.values[-1], self.limits)
 
     def to_dict(self) -> dict[str, Any]:
@@ -249,21 +249,25 @@ class History(Shown):
         return replace(self, checks=checks, time=time, instrument=instrument, appended=appended)
 
     def charts(self) -> tuple[ControlChart, ...]:
-        """Of each characteristic of the latest check, but for :data:`HALF` beside its double."""
+        """Of each arm and characteristic of the latest check of this instrument, but for those in
+        :data:`DOUBLE_OF` whose double was tested, too.
+        """
         if self.time is None:
             return ()
-        mine = self.checks["instrument"] == self.instrument
-        checks = self.checks[mine & (self.checks["time"] <= self.time)].sort_values("time")
+        checks = self.checks[self.checks["instrument"] == self.instrument]
+        until_latest = checks[checks["time"] <= self.time].sort_values("time")
         charts = {}
-        for (arm, name), alike in checks.groupby(["arm", "figure"]):
-            values = np.abs(alike["value_mm"].to_numpy(dtype=np.float64)) * MM
-            failed = (alike["verdict"] == "non-conformity").to_numpy()
-            mpe = alike["mpe_mm"].iloc[-1] * MM
-            times = tuple(alike["time"])
+        for (arm, name), tests in until_latest.groupby(["arm", "figure"]):
+            values = np.abs(tests["value_mm"].to_numpy(dtype=np.float64)) * MM
+            failed = (tests["verdict"] == "non-conformity").to_numpy()
+            mpe = tests["mpe_mm"].iloc[-1] * MM
+            times = tuple(tests["time"])
             charts[arm, name] = ControlChart(str(arm), str(name), times, values, mpe, failed)
-        latest = self.checks[mine & (self.checks["time"] == self.time)]
-        keys = [*zip(latest["arm"], latest["figure"], strict=True)]
-        return tuple(charts[arm, name] for arm, name in keys if (arm, HALF.get(name)) not in keys)
+        latest = checks[checks["time"] == self.time]
+        tested = [*zip(latest["arm"], latest["figure"], strict=True)]
+        return tuple(
+            charts[arm, name] for arm, name in tested if (arm, DOUBLE_OF.get(name)) not in tested
+        )
 
     def __str__(self) -> str:
         left = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left_range]

@@ -215,9 +215,10 @@ def _stands(arm: Arm) -> bool:
 
 
 def _shoulder(arm: Arm) -> Array:
+    """Origin of joint axis 2, else of the only axis, at joint values of zero (3,) [m]."""
     _, origin = arm.chain.at_zero
-    *_, second = arm.chain.moving_axes()[:2]
-    return np.asarray(origin[second])
+    first_two = arm.chain.moving_axes()[:2]
+    return np.asarray(origin[first_two[-1]])
 
 
 @dataclass(eq=False)
@@ -265,6 +266,7 @@ class _Layout:
             self.ball_bars(*(bars[parts.index(part)] for part in BALL_BARS.values()))
 
     def probe_point(self, point: Array, q: Array, **cells: Any) -> None:
+        """Add a row of the procedure: its point (3,) [m], posture (nq,) and other cells."""
         self.probed.append((cells, point, q))
 
     def place(self, low: float, high: float, each: int) -> tuple[Array, Array]:
@@ -280,9 +282,9 @@ class _Layout:
         tips = tips[inside][:CANDIDATES]
         best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]]
         zone = f"places at {low:.0%} to {high:.0%} of the reach"
-        (found,) = self.pool.places(best[:, None], 1, each, zone)
-        self.taken.append(found.points[0])
-        return found.points[0], found.postures[0]
+        (place,) = self.pool.places(best[:, None], 1, each, zone)
+        self.taken.append(place.points[0])
+        return place.points[0], place.postures[0]
 
     def spheres(self, wanted: set[str]) -> None:
         """For all tests that need one."""
@@ -305,23 +307,26 @@ class _Layout:
                     self._round(center, postures, 9, repeat=repeat, **cells)
 
     def _round(self, center: Array, postures: Array, count: int, **cells: Any) -> None:
-        """Add points over the half of a sphere from which the stylus comes."""
+        """Add ``count`` points over the half of a sphere from which the stylus comes, each with the
+        posture whose stylus is closest to the normal there.
+        """
         stylus = self.pool.arm.stylus_axis
         if stylus is None:
             normals = _half_sphere(count, self.pool.arm.up)
-            best = np.arange(count) % len(postures)
+            posture = np.arange(count) % len(postures)
         else:
             rotation, _ = self.pool.arm.chain.walk(postures)
-            tool = rotation[self.pool.arm.chain.tip] @ stylus
-            mean = tool.mean(axis=0)
-            pole = -mean / np.linalg.norm(mean) if len(postures) > 1 else -tool[0]
+            styli = rotation[self.pool.arm.chain.tip] @ stylus
+            mean = styli.mean(axis=0)
+            pole = -mean / np.linalg.norm(mean) if len(postures) > 1 else -styli[0]
             normals = _half_sphere(count, pole)
-            best = (-tool @ normals.T).argmax(axis=0)
+            posture = (-styli @ normals.T).argmax(axis=0)
         points = center + (self.sphere_diameter + self.probe_diameter) / 2 * normals
-        for k in np.argsort(best, kind="stable"):  # posture by posture
-            self.probe_point(points[k], postures[best[k]], **cells)
+        for k in np.argsort(posture, kind="stable"):  # posture by posture
+            self.probe_point(points[k], postures[posture[k]], **cells)
 
     def single_points(self) -> None:
+        """Ten postures at one seat in each zone."""
         for name, zone in SEAT_ZONES.items():
             point, postures = self.place(*zone, 10)
             for q in postures:
@@ -355,24 +360,31 @@ class _Layout:
                     self.probe_point(ends[end] + sign * aside, q, feature=feature, **row)
 
     def _bar_places(self, lengths: Array) -> list[tuple[Array, Array]]:
-        """Start and direction of the bar, in seven distant places."""
+        """Start (3,) [m] and direction (3,) of the bar, in seven distant places.
+
+        It is along two level axes, upright, and along the four diagonals of space, or nearly so.
+        """
         up = self.pool.arm.up
-        level = np.linalg.svd(up[None])[2][1:]
+        _, _, axes = np.linalg.svd(up[None])
+        level_axes = axes[1:]
         signs = np.array([*product((-1, 1), repeat=2)])
-        wanted = [*level, up, *((signs @ level + up) / np.sqrt(3))]
-        reached = float(np.quantile(self.pool.thinness(self.pool.tips[:CANDIDATES]), 0.98))
+        diagonals = (signs @ level_axes + up) / np.sqrt(3)
+        thinnest = float(np.quantile(self.pool.thinness(self.pool.tips[:CANDIDATES]), 0.98))
+        to_middle = lengths[-1] / 2
         placed: list[tuple[Array, Array]] = []
-        for aim in wanted:
-            directions = aim + np.arange(TRIED)[:, None] / TRIED * self.rng.normal(size=(TRIED, 3))
+        for wanted in (*level_axes, up, *diagonals):
+            directions = wanted + np.arange(TRIED)[:, None] / TRIED * self.rng.normal(
+                size=(TRIED, 3)
+            )
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
             for direction in directions:  # the wanted one first, then others, farther from it
-                starts = self._bar_starts(direction, lengths, reached)
-                middles = starts + lengths[-1] / 2 * direction
-                middles_before = [start + lengths[-1] / 2 * way for start, way in placed]
-                order = spread_out(np.array([*middles_before, *middles]), len(placed) + 5, 0.0)
-                new = order[order >= len(placed)] - len(placed)
+                starts = self._bar_starts(direction, lengths, thinnest)
+                middles = starts + to_middle * direction
+                middles_before = [start + to_middle * along for start, along in placed]
+                spread = spread_out(np.array([*middles_before, *middles]), len(placed) + 5, 0.0)
+                distant = spread[spread >= len(placed)] - len(placed)
                 marks = np.array([0.0, *lengths])[:, None] * direction
-                candidates = starts[new][:, None] + marks
+                candidates = starts[distant][:, None] + marks
                 with suppress(AacmmError):  # then another direction is tried
                     (place,) = self.pool.places(candidates, 1, 1, "bars")
                     placed.append((place.points[0], direction))
@@ -384,15 +396,15 @@ class _Layout:
             )
         return placed
 
-    def _bar_starts(self, direction: Array, lengths: Array, reached: float) -> Array:
-        """Tips (n, 3) [m] where a bar may begin: all points in the room, and closer than
-        ``reached`` to tips of many postures.
+    def _bar_starts(self, direction: Array, lengths: Array, thinnest: float) -> Array:
+        """Tips (n, 3) [m] where a bar may begin: all its points are in the room, with less than
+        ``thinnest`` of :meth:`Pool.thinness`.
         """
         pool = self.pool
         starts = pool.tips[self.rng.permutation(len(pool.tips))[:CANDIDATES]]
         for length in (*lengths[::-1], 0.0):  # the far end is least often in reach
             points = starts + length * direction
-            is_dense = np.isfinite(pool.thinness(points, reached))
+            is_dense = np.isfinite(pool.thinness(points, thinnest))
             starts = starts[pool.room.admits(points) & is_dense]
         return starts
 
