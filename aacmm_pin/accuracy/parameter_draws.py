@@ -131,10 +131,11 @@ def exact_volume(
 
 
 def _hull_volume(points: Array) -> float:
-    """Of points (m, 3) [m³]; 0 in a plane."""
+    """Of the convex hull of points (m, 3) [m³]; 0 in a plane."""
     centred = points - points.mean(axis=0)
-    across = centred @ np.linalg.svd(centred, full_matrices=False)[2][-1]
-    if np.ptp(across) <= FLAT * np.abs(points).max():
+    _, _, principal_axes = np.linalg.svd(centred, full_matrices=False)
+    thickness = np.ptp(centred @ principal_axes[-1])
+    if thickness <= FLAT * np.abs(points).max():
         return 0.0
     return float(scipy.spatial.ConvexHull(points).volume)
 

@@ -237,14 +237,18 @@ class ErrorSources(Shown):
         return scaled @ scaled.transpose(0, 2, 1)
 
     def budget(self, products: Array, by: str = "parameter") -> pd.DataFrame:
-        """Table of :meth:`AccuracyVolume.budget` from products of the contributions of two sources,
-        summed over coordinates (p, p) [m²].
+        """Table of :meth:`AccuracyVolume.budget`.
+
+        Args:
+            products: contributions of one u of source i times those of source j, summed over
+                coordinates (p, p) [m²].
+            by: column whose equal cells make one row.
         """
         import pandas as pd
 
-        together = np.diag(np.diag(products))
+        covariances = np.diag(np.diag(products))
         if self.correlation is not None:
-            together = products * self.correlation
+            covariances = products * self.correlation
         table = pd.DataFrame(
             {
                 "parameter": [p.name for p in self.parameters],
@@ -257,10 +261,11 @@ class ErrorSources(Shown):
             group, names = pd.factorize(table[by], use_na_sentinel=False)
             member = np.eye(len(names))[group]
             table = pd.DataFrame({by: names})
-            together = member.T @ together @ member
-        # Below zero by rounding, where both ends cancel.
-        table["u_mm"] = np.sqrt(np.maximum(np.diag(together), 0.0)) / MM
-        table["share"] = together.sum(axis=1) / together.sum()
+            covariances = member.T @ covariances @ member
+        # Rounding leaves a variance below zero if correlated contributions cancel.
+        variances = np.maximum(np.diag(covariances), 0.0)
+        table["u_mm"] = np.sqrt(variances) / MM
+        table["share"] = covariances.sum(axis=1) / covariances.sum()
         return table.sort_values("share", ascending=False, ignore_index=True)
 
 

@@ -276,7 +276,7 @@ def accuracy_volume(
     sources = ErrorSources.of(model, at, encoder_noise, q, conditions)
     work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)
     size = POSTURES_AT_ONCE
-    pieces = cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
+    parts = cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
     volume = np.empty(len(q))
     covariance = np.empty((len(q), 3, 3))
     error = np.empty(len(q) if drawn else 0)
@@ -290,15 +290,15 @@ def accuracy_volume(
             )
         size = DRAWN_AT_ONCE
         work = partial(exact_volume, sources, whole(draws, FEWEST_DRAWS, "draws"))
-        pieces = ((*piece, rng.spawn(len(piece[0]))) for piece in _parts(q, conditions, size))
+        parts = ((*part, rng.spawn(len(part[0]))) for part in _parts(q, conditions, size))
     task = "Monte Carlo" if drawn else "accuracy"
     posture_bar = bar(drawn or len(q) > MANY, task, "posture", total=len(q))
-    with posture_bar as moving, results(work, pieces, workers) as worked:
-        for number, values in worked:
-            part = slice(number * size, (number + 1) * size)
-            for whole_, some in zip((volume, covariance, error), values, strict=False):
-                whole_[part] = some
-            moving.update(len(values[0]))
+    with posture_bar as progress, results(work, parts, workers) as numbered_results:
+        for number, arrays in numbered_results:
+            rows = slice(number * size, (number + 1) * size)
+            for of_all, of_part in zip((volume, covariance, error), arrays, strict=False):
+                of_all[rows] = of_part
+            progress.update(len(arrays[0]))
     return AccuracyVolume(
         sources, q, method, volume, covariance, error if drawn else None, conditions
     )
@@ -307,23 +307,23 @@ def accuracy_volume(
 def _parts(
     q: Array, conditions: Conditions | None, size: int = POSTURES_AT_ONCE
 ) -> Iterator[tuple[Array, Conditions | None]]:
-    """One record of conditions holds for all postures."""
-    for part in chunks(len(q), size):
-        some = q[part]
+    """Postures and their conditions, ``size`` at once; a single record holds for all postures."""
+    for rows in chunks(len(q), size):
+        postures = q[rows]
         if conditions is None:
-            yield some, None
+            yield postures, None
             continue
-        rows = part if conditions.n == len(q) else np.zeros(len(some), dtype=np.intp)
-        yield some, conditions.take(rows)
+        records = rows if conditions.n == len(q) else np.zeros(len(postures), dtype=np.intp)
+        yield postures, conditions.take(records)
 
 
 def _first_order(
-    sources: ErrorSources, method: Method, piece: tuple[Array, Conditions | None]
+    sources: ErrorSources, method: Method, part: tuple[Array, Conditions | None]
 ) -> tuple[Array, Array]:
-    """Volume (n,) [m³] and covariance (n, 3, 3) [m²]."""
+    """Volume (n,) [m³] and covariance (n, 3, 3) [m²] of postures and their conditions."""
     from aacmm_pin.accuracy import zonotope
 
-    sensitivity = sources.sensitivity(*piece)
+    sensitivity = sources.sensitivity(*part)
     covariance = sources.covariance_of(sensitivity)
     if method == "ellipsoid":
         determinant = np.maximum(np.linalg.det(covariance), 0.0)
@@ -335,10 +335,10 @@ def _first_order(
     bounded = [sources.parameters[i] for i in sources.bounded]
     joints = np.array([p.joint or 0 for p in bounded])
     if sources.correlation is not None:
-        together = sources.correlation[np.ix_(sources.bounded, sources.bounded)] != 0
-        across = np.argwhere(together & (joints[:, None] != joints))
-        if len(across):
-            first, second = (bounded[i].name for i in across[0])
+        correlated = sources.correlation[np.ix_(sources.bounded, sources.bounded)] != 0
+        across_rows = np.argwhere(correlated & (joints[:, None] != joints))
+        if len(across_rows):
+            first, second = (bounded[i].name for i in across_rows[0])
             raise UnsupportedArmError(
                 f"{sources.arm.name}: {first} and {second} of different rows are correlated; "
                 "expected independent rows for the method 'jointwise'; use 'zonotope' or "

@@ -433,15 +433,15 @@ class ArmFile(AnyArmFile):
         return self
 
     @model_validator(mode="after")
-    def _has_a_size(self) -> ArmFile:
-        if refused := self.dh.chain.beyond_reach():
+    def _has_a_plausible_size(self) -> ArmFile:
+        if reason := self.dh.chain.beyond_reach():
             lengths = {
-                f"joints[{n}].{k}": getattr(r, k)
-                for n, r in enumerate(self.joints, start=1)
-                for k in ("a_mm", "d_mm")
+                f"joints[{number}].{key}": getattr(row, key)
+                for number, row in enumerate(self.joints, start=1)
+                for key in ("a_mm", "d_mm")
             }
-            key = max(lengths, key=lambda name: abs(lengths[name]))
-            raise ValueError(f"{key} is {lengths[key]:g} mm, so that {refused}")
+            longest = max(lengths, key=lambda place: abs(lengths[place]))
+            raise ValueError(f"{longest} is {lengths[longest]:g} mm, so that {reason}")
         if self.size * MM < SMALLEST_ARM:
             raise ValueError(
                 f"the sum of all a_mm and d_mm is {self.size:g} mm; expected at least "

@@ -160,7 +160,7 @@ def chain_of(model: Any, tip: str, mimics: Sequence[Mimic] = ()) -> Chain:
 
 
 def _motions(model: Any) -> Array:
-    """Twist of every joint per unit, in its own axes (nq, 6)."""
+    """Twist of every joint per unit of its velocity, v then ω in its own axes (nq, 6)."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     motions = np.empty((model.nv, 6))

@@ -120,7 +120,7 @@ class UrKinematics:
         except (OSError, UnicodeDecodeError) as error:
             raise ArmFileError(place, "", f"the file cannot be read: {error}") from None
         if place.lower().endswith(".conf"):
-            return _of_controller(text, place, robot.lower())
+            return _kinematics_of_controller(text, place, robot.lower())
         return _of_yaml(text, place)
 
     @staticmethod
@@ -198,15 +198,16 @@ def placements_of_dh(table: Array) -> list[Array]:
     for along_z, along_x in zip(screws(theta, d, 2), screws(alpha, a, 0), strict=True):
         frames.append(ends[-1] @ along_z)
         ends.append(frames[-1] @ along_x)
-    second, axis = ends[1], frames[2][:3, 2]
-    normal = second[:3, 2]
-    beyond = normal @ (frames[2][:3, 3] - second[:3, 3]) / (normal @ axis)
-    # The smallest rotation of the normal into the axis, by Rodrigues' formula.
-    across = skew(np.cross(normal, axis)[None])[0]
-    rotation = np.eye(3) + across + across @ across / (1.0 + normal @ axis)
+    second = ends[1]
+    second_axis, third_axis = second[:3, 2], frames[2][:3, 2]
+    cosine = second_axis @ third_axis
+    beyond_plane = second_axis @ (frames[2][:3, 3] - second[:3, 3]) / cosine
+    # The smallest rotation of axis 2 into axis 3, by Rodrigues' formula.
+    across = skew(np.cross(second_axis, third_axis)[None])[0]
+    rotation = np.eye(3) + across + across @ across / (1.0 + cosine)
     third = np.eye(4)
     third[:3, :3] = rotation @ second[:3, :3]
-    third[:3, 3] = frames[2][:3, 3] - beyond * axis
+    third[:3, 3] = frames[2][:3, 3] - beyond_plane * third_axis
     chain = [np.eye(4), frames[0], second, third, *frames[3:], ends[-1]]
     return [np.linalg.solve(before, after) for before, after in itertools.pairwise(chain)]
 
@@ -215,7 +216,10 @@ def _xyz_rpy(placement: Array) -> tuple[list[float], list[float]]:
     return placement[:3, 3].tolist(), roll_pitch_yaw(placement[:3, :3]).tolist()
 
 
-def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
+def _kinematics_of_controller(text: str, place: str, robot: str) -> UrKinematics:
+    """From ``calibration.conf``: the table of the maker plus its deltas, with rows theta, d, a,
+    alpha.
+    """
     if robot not in UR_ROBOTS:
         hint = f"state the robot of {place} with --ur-robot"
         raise UnknownNameError("robot", robot, list(UR_ROBOTS), hint)
@@ -227,15 +231,15 @@ def _of_controller(text: str, place: str, robot: str) -> UrKinematics:
     except configparser.Error as error:
         raise ArmFileError(place, "", " ".join(str(error).split())) from None
     stated = {key: value for section in parser.values() for key, value in section.items()}
-    deltas = [*validated(ControllerFile, stated, place).model_dump().values()]
+    deltas = np.array([*validated(ControllerFile, stated, place).model_dump().values()])
     (a2, a3), (d1, d4, d5, d6) = UR_ROBOTS[robot]
-    by_maker = np.zeros((4, 6))
-    by_maker[1] = d1, 0.0, 0.0, d4, d5, d6
-    by_maker[2, 1:3] = a2, a3
-    by_maker[3] = UR_ALPHA
-    by_table = placements_of_dh(by_maker)
+    theta = np.zeros(6)
+    d = np.array([d1, 0.0, 0.0, d4, d5, d6])
+    a = np.array([0.0, a2, a3, 0.0, 0.0, 0.0])
+    by_maker = np.stack([theta, d, a, UR_ALPHA])
+    expected_placements = placements_of_dh(by_maker)
     placements = placements_of_dh(by_maker + deltas)
-    for link, placement, expected in zip(UR_LINKS, placements, by_table, strict=False):
+    for link, placement, expected in zip(UR_LINKS, placements, expected_placements, strict=False):
         distance = float(np.linalg.norm(placement[:3, 3] - expected[:3, 3]))
         if distance > FAR_FROM_TABLE:
             raise ArmFileError(
