@@ -28,9 +28,9 @@ def articulations(arm: Arm, q: Array) -> list[str]:
     tips = origin[arm.chain.tip]
     words: list[list[str]] = []
     if len(axes) > 3:
-        words.append(_elbows(arm, origin[axes[1]], origin[axes[2:]], tips))
+        words.append(_elbow_words(arm, origin[axes[1]], origin[axes[2:]], tips))
     if arm.stylus_axis is not None:
-        styluses = _directions(arm, tips, rotation[arm.chain.tip] @ arm.stylus_axis)
+        styluses = _direction_words(arm, tips, rotation[arm.chain.tip] @ arm.stylus_axis)
         words.append([f"stylus {word}" for word in styluses])
     return [*map(", ".join, zip(*words, strict=True))] or [""] * len(q)
 
@@ -50,8 +50,8 @@ def places(arm: Arm, points: Array) -> pd.DataFrame:
     return pd.DataFrame(columns).round(0)
 
 
-def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
-    """``joints`` (k, n, 3) [m]."""
+def _elbow_words(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
+    """Side of the elbow at tips (n, 3) [m]: that of ``joints`` (k, n, 3) [m] farthest aside."""
     line = tips - shoulder
     length = np.linalg.norm(line, axis=1)[:, None]
     line = line / np.maximum(length, 1e-12)
@@ -60,25 +60,28 @@ def _elbows(arm: Arm, shoulder: Array, joints: Array, tips: Array) -> list[str]:
     farthest = np.linalg.norm(aside, axis=2).argmax(axis=0)
     elbow = aside[farthest, np.arange(len(tips))]
     above = arm.up - line * (line @ arm.up)[:, None]
-    angle = np.arctan2(np.sum(np.cross(above, elbow) * line, axis=1), np.sum(above * elbow, axis=1))
+    sine = np.sum(np.cross(above, elbow) * line, axis=1)
+    cosine = np.sum(above * elbow, axis=1)
+    angle = np.arctan2(sine, cosine)
     side = np.round(angle / (np.pi / 2)).astype(int) % 4
     straight = np.linalg.norm(elbow, axis=1) < STRAIGHT_ELBOW * length[:, 0]
     words = np.char.add("elbow ", SIDES)[side]
     return [*np.where(straight, "arm straight", words).tolist()]
 
 
-def _directions(arm: Arm, tips: Array, direction: Array) -> list[str]:
+def _direction_words(arm: Arm, tips: Array, direction: Array) -> list[str]:
+    """Each direction (n, 3) at its tip, such as ``down and out``: one or two largest components."""
     out = tips - arm.up * (tips @ arm.up)[:, None]
     out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-12)[:, None]
     left = np.cross(arm.up, out)
     outwards = np.sum(direction * out, axis=1)
     leftwards = np.sum(direction * left, axis=1)
     words = []
-    for part in np.stack([direction @ arm.up, outwards, leftwards], axis=1):
-        size = np.abs(part)
+    for components in np.stack([direction @ arm.up, outwards, leftwards], axis=1):
+        size = np.abs(components)
         _, second, first = size.argsort()
-        word = OPPOSITES[first][int(part[first] < 0)]
+        word = OPPOSITES[first][int(components[first] < 0)]
         if size[second] > SECOND_WORD_RATIO * size[first]:
-            word += f" and {OPPOSITES[second][int(part[second] < 0)]}"
+            word += f" and {OPPOSITES[second][int(components[second] < 0)]}"
         words.append(word)
     return words

@@ -137,7 +137,7 @@ def newton(
             space[GOAL, i] = goals[row, i]
         for j in range(n):
             space[HERE, j] = q[row, j]
-        arrived[row] = descend(links, count, most, space) <= CLOSE_ENOUGH
+        arrived[row] = polish(links, count, most, space) <= CLOSE_ENOUGH
         for j in range(n):
             q[row, j] = space[BEST, j]
         for i in range(count):
@@ -182,7 +182,7 @@ def curves(
     for seed in range(len(seeds)):
         number[seed] = NO_CURVE
     for curve in range(count):
-        look_up(links, seeds, 0, curve, curve, vertices, ends, number, space)
+        number_seeds_on(links, seeds, 0, curve, curve, vertices, ends, number, space)
     for seed in range(len(seeds)):
         if number[seed] != NO_CURVE or not is_regular[seed]:
             continue
@@ -193,8 +193,10 @@ def curves(
         begin = ends[count - 1] if count > 0 else 0
         end, more, closed[count] = trace(links, begin, min(steps, MOST_VERTICES), vertices, space)
         ends[count], steps, rounds = end, steps - more, rounds + 1
-        number[seed] = KNOWN_CURVE if is_known(links, count, vertices, ends, space) else count
-        look_up(links, seeds, seed + 1, count, number[seed], vertices, ends, number, space)
+        number[seed] = (
+            KNOWN_CURVE if repeats_earlier_curve(links, count, vertices, ends, space) else count
+        )
+        number_seeds_on(links, seeds, seed + 1, count, number[seed], vertices, ends, number, space)
         if number[seed] != KNOWN_CURVE:
             count += 1
     return count, steps
@@ -203,26 +205,31 @@ def curves(
 # --- which curve a solution is on
 
 
-def look_up(
+def number_seeds_on(
     links: Array,
     seeds: Array,
     first: int,
     curve: int,
-    name: int,
+    label: int,
     vertices: Array,
     ends: Index,
     number: Index,
     space: Array,
 ) -> None:
-    """Give ``seeds`` on a curve the number ``name``, from number ``first`` on."""
+    """Set ``number`` of those seeds, from ``first`` on, that have none and are on a curve, to
+    ``label``.
+    """
     for seed in range(first, len(seeds)):
         if number[seed] == NO_CURVE and on_curve(links, seeds, seed, curve, vertices, ends, space):
-            number[seed] = name
+            number[seed] = label
 
 
-def is_known(links: Array, curve: int, vertices: Array, ends: Index, space: Array) -> bool:
-    """Whether most of some vertices are on an earlier curve, which a seed at a crossing may not
-    show.
+def repeats_earlier_curve(
+    links: Array, curve: int, vertices: Array, ends: Index, space: Array
+) -> bool:
+    """Whether most of some vertices of the latest curve are on one earlier curve.
+
+    A seed next to a crossing is perhaps on no known curve, though the trace from it repeats one.
     """
     begin = ends[curve - 1] if curve > 0 else 0
     last = ends[curve] - 1
@@ -262,11 +269,11 @@ def on_curve(
     for vertex in nearest_vertices(begin, end, vertices, space):
         for side in (1, -1):
             other = begin + (vertex - begin + side) % (end - begin)
-            if touches(vertex, other, vertices, space):
+            if is_at_chord(vertex, other, vertices, space):
                 if not has_tangent:
                     tangent_at(links, SOUGHT, space)
                     has_tangent = True
-                if meets(links, SOUGHT + 1, space):
+                if curve_meets_plane(links, SOUGHT + 1, space):
                     return True
     return False
 
@@ -295,29 +302,30 @@ def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tup
     return first, second, third
 
 
-def touches(begin: int, end: int, vertices: Array, space: Array) -> bool:
+def is_at_chord(begin: int, end: int, vertices: Array, space: Array) -> bool:
     """Whether ``SOUGHT`` is as close to the chord between two vertices as their curve is.
 
-    Puts the nearest point of the chord into ``GUESS``, the solution in its turns into ``IMAGE``.
+    Puts the nearest point of the chord into ``GUESS``, and ``SOUGHT`` into ``IMAGE``, with the
+    whole revolutions of the first vertex.
     """
-    square = 1e-200
-    part = 0.0
+    squared_chord = 1e-200
+    product = 0.0
     n = vertices.shape[1]
     for j in range(n):
         chord = wrap(vertices[end, j] - vertices[begin, j])
         ahead = wrap(space[SOUGHT, j] - vertices[begin, j])
         space[IMAGE, j], space[GUESS, j] = vertices[begin, j] + ahead, chord
-        square += chord**2
-        part += chord * ahead
-    part = min(max(part / square, 0.0), 1.0)
+        squared_chord += chord**2
+        product += chord * ahead
+    fraction = min(max(product / squared_chord, 0.0), 1.0)
     for j in range(n):
-        space[GUESS, j] = vertices[begin, j] + part * space[GUESS, j]
-    return distance(IMAGE, GUESS, space) < BULGE * math.sqrt(square) + SAME_POINT
+        space[GUESS, j] = vertices[begin, j] + fraction * space[GUESS, j]
+    return distance(IMAGE, GUESS, space) < BULGE * math.sqrt(squared_chord) + SAME_POINT
 
 
-def meets(links: Array, tangent: int, space: Array) -> bool:
-    """Whether the curve near ``GUESS``, which moves, cuts the plane through ``IMAGE`` across
-    ``tangent`` there.
+def curve_meets_plane(links: Array, tangent: int, space: Array) -> bool:
+    """Whether the curve near ``GUESS`` passes ``IMAGE``: cuts the plane through it, with the
+    ``tangent`` (a row) as normal, there. Moves ``GUESS`` into that plane, and to the curve.
     """
     n = space.shape[1] - 2
     beyond = 0.0
@@ -360,14 +368,14 @@ def trace(
     leap = 0
     for step in range(most):
         vertex = HERE
-        ahead = length
-        widest = OFF_GUESS * length
+        predicted = length
+        most_correction = OFF_GUESS * length
         if leap > 0:
             vertex = STEADY
-            ahead = 2.0 * distance(HERE, STEADY, space) + LEAPS[leap - 1]
-            widest = BULGE * ahead
-        on_side = follow(links, vertex, ahead, widest, space)
-        if leap == 0 and on_side != sign:
+            predicted = 2.0 * distance(HERE, STEADY, space) + LEAPS[leap - 1]
+            most_correction = BULGE * predicted
+        sign_ahead = follow(links, vertex, predicted, most_correction, space)
+        if leap == 0 and sign_ahead != sign:
             length *= SHORTENED
             if length < SHORTEST_STEP:
                 leap = 1
@@ -375,16 +383,16 @@ def trace(
             if leaps > MOST_LEAPS:
                 return end, step + 1, False
             continue
-        if on_side == 0.0:
+        if sign_ahead == 0.0:
             leap += 1
             if leap > len(LEAPS):
                 return end, step + 1, False
             continue
         moved = distance(AHEAD, HERE, space)
-        if end > begin + 1 and passes(links, moved, space):
+        if end > begin + 1 and passes_start(links, moved, space):
             return end, step + 1, True
         turn = LARGEST_TURN
-        sign = on_side
+        sign = sign_ahead
         if leap == 0:
             turn = math.sqrt(max(0.0, 1.0 - dot(AHEAD + 1, HERE + 1, space) ** 2))
         for j in range(n):
@@ -404,8 +412,10 @@ def trace(
     return end, most, False
 
 
-def follow(links: Array, vertex: int, length: float, widest: float, space: Array) -> float:
-    """Predict a step from a ``vertex``, and correct it into ``AHEAD`` by less than ``widest``.
+def follow(links: Array, vertex: int, length: float, most_correction: float, space: Array) -> float:
+    """Step along the curve from the row of a ``vertex``, followed by its tangent and curvature.
+
+    Predicts a point at ``length``, and corrects it into ``AHEAD`` by less than ``most_correction``.
 
     Returns:
         sign of the determinant there; 0 if the step fails.
@@ -418,36 +428,40 @@ def follow(links: Array, vertex: int, length: float, widest: float, space: Array
         space[AHEAD, j] = space[GUESS, j] = space[vertex, j] + step
     arrived, sign = correct(links, AHEAD, tangent, MOST_CORRECTIONS, space)
     take_tangent(AHEAD, space)
-    near = distance(AHEAD, GUESS, space) < widest
+    near = distance(AHEAD, GUESS, space) < most_correction
     if arrived and near and dot(AHEAD + 1, tangent, space) > math.cos(LARGEST_TURN):
         return sign
     return 0.0
 
 
-def passes(links: Array, moved: float, space: Array) -> bool:
-    """Whether the step from ``HERE`` to ``AHEAD``, of length ``moved``, passes ``START``."""
+def passes_start(links: Array, moved: float, space: Array) -> bool:
+    """Whether the step from ``HERE`` to ``AHEAD``, of length ``moved``, passes ``START``.
+
+    Uses ``IMAGE`` for ``START`` and ``GUESS`` for the nearest point of the step.
+    """
     n = space.shape[1] - 2
     along = 0.0
-    aside = 0.0
+    squared_aside = 0.0
     for j in range(n):
         space[IMAGE, j] = wrap(space[START, j] - space[HERE, j])
         space[GUESS, j] = (space[AHEAD, j] - space[HERE, j]) / moved
         along += space[IMAGE, j] * space[GUESS, j]
     for j in range(n):
-        aside += (space[IMAGE, j] - along * space[GUESS, j]) ** 2
+        squared_aside += (space[IMAGE, j] - along * space[GUESS, j]) ** 2
         space[IMAGE, j] += space[HERE, j]
         space[GUESS, j] = space[HERE, j] + along * space[GUESS, j]
-    if not 0.0 < along <= PAST_START * moved or math.sqrt(aside) >= ASIDE_START * moved:
+    aside = math.sqrt(squared_aside)
+    if not 0.0 < along <= PAST_START * moved or aside >= ASIDE_START * moved:
         return False
-    return meets(links, START + 1, space)
+    return curve_meets_plane(links, START + 1, space)
 
 
 # --- Newton's method
 
 
 def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tuple[bool, float]:
-    """Move a ``row`` across the ``tangent`` in another to a solution in ``most`` steps; leave the
-    null vector of J after the matrix.
+    """Move a ``row`` at right angles to the ``tangent`` (another row) to a solution, in at most
+    ``most`` Newton steps. Leave the null vector of J in the last column of the matrix.
 
     Returns:
         whether it arrived, and the sign of det [J; tᵀ].
@@ -455,7 +469,7 @@ def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tu
     n = space.shape[1] - 2
     sign = 0.0
     for step in range(most + 1):
-        size = linearise(links, row, n - 1, space)
+        residual = linearise(links, row, n - 1, space)
         for i in range(n - 1):
             for j in range(n):
                 space[MATRIX + i, j] = space[EQUATIONS + i, j]
@@ -464,7 +478,7 @@ def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tu
             space[MATRIX + n - 1, j] = space[tangent, j]
         space[MATRIX + n - 1, n], space[MATRIX + n - 1, n + 1] = 0.0, 1.0
         sign = solve(space)
-        if size <= CORRECTED_RESIDUAL:
+        if residual <= CORRECTED_RESIDUAL:
             return True, sign
         length = step_length(space)
         if step == most or not length < np.inf:  # the derivative is singular
@@ -488,7 +502,9 @@ def tangent_at(links: Array, row: int, space: Array) -> float:
 
 
 def take_tangent(row: int, space: Array) -> None:
-    """Put the unit null vector of J, which :func:`correct` left, after the ``row``."""
+    """Put the unit null vector of J, which :func:`correct` left in the last column of the matrix,
+    into the row after ``row``.
+    """
     n = space.shape[1] - 2
     square = 0.0
     for j in range(n):
@@ -497,19 +513,19 @@ def take_tangent(row: int, space: Array) -> None:
         space[row + 1, j] = space[MATRIX + j, n + 1] / math.sqrt(square)
 
 
-def descend(links: Array, count: int, most: int, space: Array) -> float:
-    """Move ``HERE`` to the nearest solution by damped least-norm steps, the best place into
-    ``BEST``; return its largest residual.
+def polish(links: Array, count: int, most: int, space: Array) -> float:
+    """Move ``HERE`` to the nearest solution of ``count`` equations by damped least-norm steps; put
+    the angles of least residual into ``BEST``, and return that residual.
     """
     n = space.shape[1] - 2
     least = np.inf
     for step in range(most + 1):
-        size = linearise(links, HERE, count, space)
-        if size < least or step == 0:
-            least = size
+        residual = linearise(links, HERE, count, space)
+        if residual < least or step == 0:
+            least = residual
             for j in range(n):
                 space[BEST, j] = space[HERE, j]
-        if size <= POLISHED or step == most:
+        if residual <= POLISHED or step == most:
             break
         least_norm_step(count, space)
         length = step_length(space)
@@ -596,11 +612,11 @@ def solve(space: Array) -> float:
                 pivot = i
         if pivot != row:
             sign = -sign
-        over = 1.0 / space[pivot, k]
-        sign = math.copysign(sign, sign * over)
+        inverse_pivot = 1.0 / space[pivot, k]
+        sign = math.copysign(sign, sign * inverse_pivot)
         space[pivot, k] = space[row, k]
         for j in range(k + 1, width):
-            scaled = over * space[pivot, j]
+            scaled = inverse_pivot * space[pivot, j]
             space[pivot, j] = space[row, j]
             space[row, j] = scaled
         for i in range(MATRIX, MATRIX + size):
@@ -615,7 +631,9 @@ def solve(space: Array) -> float:
 
 
 def linearise(links: Array, row: int, count: int, space: Array) -> float:
-    """Put the equations at a ``row`` into the space; return the largest value."""
+    """Put the tip's frame, the joint axes, and derivatives and values of ``count`` equations at the
+    angles of a ``row`` into the space; return the largest value.
+    """
     n = space.shape[1] - 2
     largest = 0.0
     for j in range(n):
@@ -646,18 +664,18 @@ def linearise(links: Array, row: int, count: int, space: Array) -> float:
             m = (i + 2) % 3
             lever_k = space[TIP + k, 3] - space[AXES + 3 + k, j]
             lever_m = space[TIP + m, 3] - space[AXES + 3 + m, j]
-            moved = space[AXES + k, j] * lever_m - space[AXES + m, j] * lever_k
-            space[EQUATIONS + i, j] = moved
+            translation = space[AXES + k, j] * lever_m - space[AXES + m, j] * lever_k
+            space[EQUATIONS + i, j] = translation
     if count == POINT_AND_AXIS:
-        point_along_z(space)
+        axis_equations(space)
     elif count > POINT_AND_AXIS:
-        turn_back(space)
+        rotation_equations(space)
     for i in range(count):
         largest = max(largest, abs(space[EQUATIONS + i, n]))
     return largest
 
 
-def point_along_z(space: Array) -> None:
+def axis_equations(space: Array) -> None:
     """Deviation of the tip's z axis d from that of the base, ``f = (d_x, d_y) θ/sin θ``.
 
     Unlike the sine, θ has no zero half a turn away: spread starts arrive four times as often.
@@ -689,7 +707,7 @@ def point_along_z(space: Array) -> None:
         space[EQUATIONS + 3, n] = math.pi
 
 
-def turn_back(space: Array) -> None:
+def rotation_equations(space: Array) -> None:
     """Rotation of the tip's frame as axis times angle φ, and its derivative by the joints.
 
     ``φ = log R``; for a rotation ω before R ``∂φ/∂ω = 1 - ½ [φ] + c [φ]²``, c = 1/φ² - (1 + cos
@@ -735,7 +753,7 @@ def working_space(n: int) -> Array:
 
 
 def distance(a: int, b: int, space: Array) -> float:
-    """Between the angles in two rows [rad]."""
+    """Between the angles in two rows [rad]; the last two columns of the space are no angles."""
     square = 0.0
     for j in range(space.shape[1] - 2):
         square += (space[a, j] - space[b, j]) ** 2
@@ -743,7 +761,7 @@ def distance(a: int, b: int, space: Array) -> float:
 
 
 def dot(a: int, b: int, space: Array) -> float:
-    """Scalar product of two rows."""
+    """Scalar product of two rows, without the last two columns."""
     total = 0.0
     for j in range(space.shape[1] - 2):
         total += space[a, j] * space[b, j]
@@ -751,9 +769,9 @@ def dot(a: int, b: int, space: Array) -> float:
 
 
 def wrap(angle: float) -> float:
-    """In -π to π."""
-    turns = math.floor(angle * (0.5 / math.pi) + 0.5)
-    return angle - 2 * math.pi * turns
+    """The angle in -π to π."""
+    revolutions = math.floor(angle * (0.5 / math.pi) + 0.5)
+    return angle - 2 * math.pi * revolutions
 
 
 LINKS = "f8[:, :, ::1]"
@@ -764,26 +782,26 @@ HELPERS = (
     (wrap, "f8(f8)"),
     (dot, f"f8(i8, i8, {ROWS})"),
     (distance, f"f8(i8, i8, {ROWS})"),
-    (turn_back, f"void({ROWS})"),
-    (point_along_z, f"void({ROWS})"),
+    (rotation_equations, f"void({ROWS})"),
+    (axis_equations, f"void({ROWS})"),
     (linearise, f"f8({LINKS}, i8, i8, {ROWS})"),
     (solve, f"f8({ROWS})"),
     (step_length, f"f8({ROWS})"),
     (residual_after, f"f8(i8, {ROWS})"),
     (take_tangent, f"void(i8, {ROWS})"),
     (least_norm_step, INLINED),
-    (descend, INLINED),
+    (polish, INLINED),
     (correct, f"Tuple((b1, f8))({LINKS}, i8, i8, i8, {ROWS})"),
     (tangent_at, f"f8({LINKS}, i8, {ROWS})"),
-    (meets, f"b1({LINKS}, i8, {ROWS})"),
-    (touches, f"b1(i8, i8, {ROWS}, {ROWS})"),
+    (curve_meets_plane, f"b1({LINKS}, i8, {ROWS})"),
+    (is_at_chord, f"b1(i8, i8, {ROWS}, {ROWS})"),
     (nearest_vertices, f"UniTuple(i8, 3)(i8, i8, {ROWS}, {ROWS})"),
     (on_curve, f"b1({LINKS}, {ROWS}, i8, i8, {ROWS}, {INTEGERS}, {ROWS})"),
-    (passes, INLINED),
+    (passes_start, INLINED),
     (follow, INLINED),
     (trace, INLINED),
-    (is_known, INLINED),
-    (look_up, INLINED),
+    (repeats_earlier_curve, INLINED),
+    (number_seeds_on, INLINED),
 )
 """Functions the loops call, with numba's signatures, each after those that it calls itself."""
 NEWTON = Loop(newton, f"void({LINKS}, {ROWS}, i8, {ROWS}, {LINKS}, {FLAGS}, {ROWS})", HELPERS)

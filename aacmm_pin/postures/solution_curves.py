@@ -54,7 +54,8 @@ class CurveSearch:
 
     def __post_init__(self) -> None:
         joints = len(self.equations.links) - 1
-        self._count, self._vertices = 0, np.empty((self.steps + MOST_CURVES + 1, joints))
+        self._count = 0
+        self._vertices = np.empty((self.steps + MOST_CURVES + 1, joints))
         self._ends = np.zeros(MOST_CURVES, dtype=np.intp)
         self._closed = np.zeros(MOST_CURVES, dtype=np.bool_)
 
@@ -68,11 +69,20 @@ class CurveSearch:
         equations = self.equations
         number = np.empty(len(seeds), dtype=np.intp)
         goal = np.ascontiguousarray(equations.goals[self.problem])
-        those = equations.links, goal, np.ascontiguousarray(seeds)
-        so_far = self._count, self._vertices, self._ends, self._closed
-        space = continuation.working_space(seeds.shape[1])
-        loop = continuation.CURVES.compiled
-        self._count, self.steps = loop(*those, is_regular, self.steps, *so_far, number, space)
+        follow_curves = continuation.CURVES.compiled
+        self._count, self.steps = follow_curves(
+            equations.links,
+            goal,
+            np.ascontiguousarray(seeds),
+            is_regular,
+            self.steps,
+            self._count,
+            self._vertices,
+            self._ends,
+            self._closed,
+            number,
+            continuation.working_space(seeds.shape[1]),
+        )
         return number
 
     @property
@@ -110,9 +120,10 @@ def following(curves: list[Curve]) -> Index:
     """Of vertices of curves in order, the next one around the curve (n,)."""
     lengths = np.array([len(curve.q) for curve in curves])
     last = np.cumsum(lengths) - 1
-    after = np.arange(1, lengths.sum() + 1)
-    after[last] = last - lengths + 1
-    return after
+    first = last - lengths + 1
+    next_vertex = np.arange(1, lengths.sum() + 1)
+    next_vertex[last] = first
+    return next_vertex
 
 
 def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate: bool) -> Curves:
@@ -123,13 +134,13 @@ def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate
     unfinished = set[int]()
     order = np.argsort(problem, kind="stable")
     numbers, first = np.unique(problem[order], return_index=True)
-    for number, mine in zip(numbers.tolist(), np.split(order, first)[1:], strict=True):
+    for number, rows in zip(numbers.tolist(), np.split(order, first)[1:], strict=True):
         search = CurveSearch(equations, number)
-        is_alone = search.add(seeds[mine], regular[mine]) == NO_CURVE
-        singular = mine[is_alone & ~regular[mine]]  # a crossing is singular, but on a curve
+        on_no_curve = search.add(seeds[rows], regular[rows]) == NO_CURVE
+        singular = rows[on_no_curve & ~regular[rows]]  # a crossing is singular, but on a curve
         if len(singular):
             families[number] = seeds[singular[0]]
-        if (is_alone & regular[mine]).any():
+        if (on_no_curve & regular[rows]).any():
             unfinished.add(number)
         curves += search.curves
     return Curves(equations, curves, families, frozenset(unfinished), is_degenerate)
@@ -150,9 +161,10 @@ def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[
         smallest over largest singular value (n,), 0 if all are 0; and right
         singular vectors (n, k, k), the flattest last.
     """
-    _, sizes, vectors = np.linalg.svd(equations(q, problem)[1])
-    largest = sizes[:, 0]
-    ratio = sizes[:, -1] / np.where(largest > 0, largest, 1.0)
+    _, jacobian = equations(q, problem)
+    _, singular_values, vectors = np.linalg.svd(jacobian)
+    largest = singular_values[:, 0]
+    ratio = singular_values[:, -1] / np.where(largest > 0, largest, 1.0)
     return ratio, vectors
 
 
@@ -162,11 +174,13 @@ def _regular(equations: Equations, q: Array, problem: Index) -> Mask:
     ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, bounds the smallest; only if it
     is small, they are computed.
     """
-    jacobian = equations(q, problem)[1]
+    _, jacobian = equations(q, problem)
     gram = jacobian @ jacobian.transpose(0, 2, 1)
-    size = np.trace(gram, axis1=1, axis2=2)[:, None, None]
-    bound = np.sqrt(np.maximum(np.linalg.det(gram / np.where(size > 0, size, 1.0)), 0.0))
+    square = np.trace(gram, axis1=1, axis2=2)[:, None, None]
+    determinant = np.linalg.det(gram / np.where(square > 0, square, 1.0))
+    bound = np.sqrt(np.maximum(determinant, 0.0))
     regular = np.asarray(bound > CLEARLY * SINGULAR)
     doubtful = np.flatnonzero(~regular)
-    regular[doubtful] = flattest(equations, q[doubtful], problem[doubtful])[0] > SINGULAR
+    ratio, _ = flattest(equations, q[doubtful], problem[doubtful])
+    regular[doubtful] = ratio > SINGULAR
     return regular

@@ -24,8 +24,8 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
     """Curves of six joints with the tip at one of ``points`` (m, 3) [m] and the stylus along
     ``axis``.
 
-    For each turn of the last body about the stylus the place of the wrist is known. A seed is where
-    joint axes 5 and 6 have the angle of row 5. Many points together are much faster.
+    Each rotation of the last body about the stylus determines the place of the wrist. A seed is
+    where joint axes 5 and 6 have the angle of row 5. Many points together are much faster.
 
     Args:
         dh: table with exactly six joints, the first six rows.
@@ -43,7 +43,7 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
 def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:
     """Start angles (n, 6) [rad] near solutions, and the number of the point of each (n,).
 
-    Each point has a wrist position for each of the turns of the body about the stylus.
+    Each point has a wrist position for each rotation of the body about the stylus.
     """
     links = dh.chain.links()
     to_tip = links[6]
@@ -54,9 +54,9 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[
     bodies = exp(rotations)[:, :3, :3] @ rotation_between(to_tip[:3, :3] @ stylus, axis)
     # The wrist is taken as the origin of joint 6: seeds need only be near, and in modified DH the
     # two differ by the length of row 6.
-    back = bodies @ to_tip[:3, 3]
+    wrist_to_tip = bodies @ to_tip[:3, 3]
     wrist = Wrist.of(dh)
-    places = (points[:, None, :] - back).reshape(-1, 3)
+    places = (points[:, None, :] - wrist_to_tip).reshape(-1, 3)
     curves = wrist_curves(wrist, places, FEW_PER_TURN).curves
     if not curves:
         return np.empty((0, dh.nq)), np.empty(0, dtype=np.intp)
