@@ -91,35 +91,38 @@ def candidates(
 def _conditions(
     task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
 ) -> Conditions:
+    """Conditions of the postures: those free in the set-up at random, others as before."""
     arm = set_up.model.arm
     n = postures.n
-    known = task.conditions
+    existing = task.conditions
     effects = (*task.causes, *set_up.model.effects)
     needed = {need for effect in effects for need in effect.needs}
-    present = needed | set(known.present)
-    links = known.link_temperature
-    warmth = task.temperature + set_up.warmer * rng.integers(2, size=n).astype(np.float64)
-    sides = np.ones((n, arm.nq))
+    present = needed | set(existing.present)
+    link_temperature = existing.link_temperature
+    is_warmer = rng.integers(2, size=n).astype(np.float64)
+    temperature = task.temperature + set_up.warmer * is_warmer
+    approach = np.ones((n, arm.nq))
     for joint in set_up.sides:
-        sides[:, joint - 1] = rng.choice([-1.0, 1.0], size=n)
+        approach[:, joint - 1] = rng.choice([-1.0, 1.0], size=n)
     chosen: dict[str, Any] = {"seat": postures.conditions.seat}
-    if known.marker is not None:  # the first of the existing records
-        first = next((label for label in known.marker if label), "")
+    if existing.marker is not None:  # the first of the existing records
+        first = next((label for label in existing.marker if label), "")
         chosen["marker"] = np.full(n, first, dtype=object)
-    for name in known.present:
+    for name in existing.present:
         if CONDITION_ENTRIES[name].usual is not None:  # of the last existing record
-            chosen[name] = np.repeat(getattr(known, name)[-1:], n, axis=0)
+            chosen[name] = np.repeat(getattr(existing, name)[-1:], n, axis=0)
     if "time" in present and set_up.warm_up:
         chosen["time"] = rng.uniform(0.0, set_up.warm_up, size=n)
     elif "time" in present:  # after the existing records
-        after = 0.0 if known.time is None else float(known.time.max()) + TIME_STEP
-        chosen["time"] = np.full(n, after)
-    if links is not None:
-        chosen["link_temperature"] = np.repeat(warmth[:, None], links.shape[1], axis=1)
+        time = 0.0 if existing.time is None else float(existing.time.max()) + TIME_STEP
+        chosen["time"] = np.full(n, time)
+    if link_temperature is not None:
+        links = link_temperature.shape[1]
+        chosen["link_temperature"] = np.repeat(temperature[:, None], links, axis=1)
     elif present & {"temperature", "link_temperature"}:
-        chosen["temperature"] = warmth
+        chosen["temperature"] = temperature
     if "approach" in present:
-        chosen["approach"] = sides
+        chosen["approach"] = approach
     if "torque" in needed:
         state = State(arm, postures.q, Conditions(n, **chosen), arm.chain.tip)
         rows = arm.chain.moving_rows()

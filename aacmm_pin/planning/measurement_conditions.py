@@ -58,9 +58,9 @@ def possible_conditions(
     """Set-ups that may distinguish the causes, by effort."""
     changes = list(_changes(model.arm, causes, reference_temperature))
     for count in range(len(changes) + 1):
-        for some in combinations(changes, count):
-            words = tuple(text for text, _ in some)
-            fields = ChainMap(*(change for _, change in some))
+        for combination in combinations(changes, count):
+            words = tuple(text for text, _ in combination)
+            fields = ChainMap(*(change for _, change in combination))
             last = MeasurementConditions(words, model, **fields)
             yield last
     file = model.arm.file

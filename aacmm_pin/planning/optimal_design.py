@@ -68,24 +68,27 @@ def t_optimality(
     def score(information: Array) -> Array:
         one, other = pairs[0]
         if len(pairs) > 1:
-            others, both = information[:nuisances, :nuisances], information[:nuisances, nuisances:]
-            refitted = both.T @ np.linalg.solve(others, both)
-            values, axes = np.linalg.eigh(information[nuisances:, nuisances:] - refitted)
+            of_nuisances = information[:nuisances, :nuisances]
+            shared = information[:nuisances, nuisances:]
+            absorbed = shared.T @ np.linalg.solve(of_nuisances, shared)
+            values, axes = np.linalg.eigh(information[nuisances:, nuisances:] - absorbed)
             root = np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T
             one, other = Separation.of(root, blocks, sizes).worst(pairs)
         first, second = cause_columns[blocks[one]], cause_columns[blocks[other]]
         acting = np.r_[nuisance_columns, first, second]
         pool = rows[:, :, acting]
         covariance = np.linalg.inv(information[np.ix_(acting, acting)])
-        seen = pool @ covariance
-        inverse = np.linalg.inv(np.eye(3) + seen @ pool.transpose(0, 2, 1))
+        # Woodbury's identity updates the covariance for each record of the pool.
+        by_record = pool @ covariance
+        inverse = np.linalg.inv(np.eye(3) + by_record @ pool.transpose(0, 2, 1))
         middle = nuisances + first.size
         distances = []
         for cause, block in ((one, slice(nuisances, middle)), (other, slice(middle, acting.size))):
-            of_cause = seen[:, :, block]
-            gained = of_cause.transpose(0, 2, 1) @ inverse @ of_cause
-            after = np.linalg.inv(covariance[block, block] - gained)
-            distances.append(np.einsum("nij,jm,im->n", after, sizes[cause], sizes[cause]))
+            of_cause = by_record[:, :, block]
+            reduction = of_cause.transpose(0, 2, 1) @ inverse @ of_cause
+            information_after = np.linalg.inv(covariance[block, block] - reduction)
+            size = sizes[cause]
+            distances.append(np.einsum("nij,jm,im->n", information_after, size, size))
         return np.asarray(np.minimum(*distances) + OTHER_DISTANCE_WEIGHT * np.maximum(*distances))
 
     return score

@@ -86,11 +86,11 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
     """Notes on outliers, on spheres of five or six points with a large form, and on diameters with
     implausible errors, or near the probe diameter.
     """
-    by = ["feature", "position"]
+    columns = ["feature", "position"]
     if of_test["test"].iloc[0] != "sphere":
-        by = [*LENGTH_KEY, "feature"]
+        columns = [*LENGTH_KEY, "feature"]
     spheres = []
-    for _, group in of_test.groupby(by, sort=False):
+    for _, group in of_test.groupby(columns, sort=False):
         if len(group) > FEWEST_POINTS:
             with suppress(AacmmError):  # a note states that its characteristics have no value
                 spheres.append((group, fitted_sphere(coordinates_of(group))))
@@ -120,13 +120,14 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
 
 def _outlier(points: Array, sphere: FittedSphere) -> tuple[int, float] | None:
     """The number of the one of ``points`` (n, 3) [m] that is farther from the sphere of the others
-    than by chance, and its distance.
+    than by chance, and its distance: a t-test of the largest studentised residual, times n points.
     """
     dof = len(points) - 5
     if dof < 1:
         return None
     free = np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
-    suspect = int((np.abs(sphere.residuals) / np.maximum(free, LEAST_FREE)).argmax())
+    studentised = np.abs(sphere.residuals) / np.maximum(free, LEAST_FREE)
+    suspect = int(studentised.argmax())
     try:
         others = fitted_sphere(np.delete(points, suspect, axis=0))
     except AacmmError:  # the others lie in a plane
@@ -136,5 +137,5 @@ def _outlier(points: Array, sphere: FittedSphere) -> tuple[int, float] | None:
     variance = others.residuals @ others.residuals / dof
     scatter = max(float(np.sqrt(variance)), 1e-12)
     chance = 2 * len(points) * stdtr(dof, -distance * free[suspect] / scatter)
-    far = distance > LEAST_DISTANCE_FROM_SPHERE and chance < CHANCE
-    return (suspect, distance) if far else None
+    is_outlier = distance > LEAST_DISTANCE_FROM_SPHERE and chance < CHANCE
+    return (suspect, distance) if is_outlier else None

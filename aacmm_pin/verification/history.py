@@ -123,8 +123,8 @@ def _limits(values: Array) -> tuple[float, float]:
     if len(values) < LEAST_CHECKS:
         return math.nan, math.nan
     centre = float(values.mean())
-    away = PER_MOVING_RANGE * float(np.abs(np.diff(values)).mean())
-    return centre - away if away < centre else math.nan, centre + away
+    half_width = PER_MOVING_RANGE * float(np.abs(np.diff(values)).mean())
+    return centre - half_width if half_width < centre else math.nan, centre + half_width
 
 
 def _outside(value: float, limits: tuple[float, float]) -> bool:

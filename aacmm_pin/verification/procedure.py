@@ -419,9 +419,9 @@ class _Layout:
                     self.probe_point(point, q[0], feature=feature, **cells)
 
     def procedure(self, arm: Arm, seed: int | None) -> Procedure:
-        """With exact postures."""
-        rows, points, chosen = (np.array(values) for values in zip(*self.probed, strict=True))
-        q, arrived = brought_to(self.pool.state_of, chosen, points, joint_bounds(arm))
+        """All points so far, with postures that reach them exactly."""
+        rows, points, near = (np.array(values) for values in zip(*self.probed, strict=True))
+        q, arrived = brought_to(self.pool.state_of, near, points, joint_bounds(arm))
         if not arrived.all():
             out = int((~arrived).sum())
             raise AacmmError(
@@ -431,7 +431,7 @@ class _Layout:
         columns = [column.names[0] for column in PROBED_POINT_COLUMNS]
         table = pd.DataFrame([*rows]).reindex(columns=columns)
         table["repeat"] = table["repeat"].astype("Int64")
-        table["articulation"] = articulations(arm, chosen)
+        table["articulation"] = articulations(arm, near)
         return Procedure(arm, table, q, points, seed)
 
 
