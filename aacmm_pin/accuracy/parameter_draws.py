@@ -145,12 +145,12 @@ def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator,
 
     Their hull never exceeds the true set; interior errors would leave most of it empty.
     """
-    pick = list(sources.bounded)
+    bounded = list(sources.bounded)
     signs = np.sign(rng.normal(size=(m, 3)) @ generators)
     if sources.axes is not None:
-        signs = signs @ sources.axes[np.ix_(pick, pick)].T
+        signs = signs @ sources.axes[np.ix_(bounded, bounded)].T
     errors = np.zeros((m, len(sources.parameters)))
-    errors[:, pick] = signs * sources.half_widths
+    errors[:, bounded] = signs * sources.half_widths
     return errors
 
 

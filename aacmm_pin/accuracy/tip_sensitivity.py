@@ -162,9 +162,9 @@ class ErrorSources(Shown):
         linked = self.correlation != 0
         count, group = scipy.sparse.csgraph.connected_components(linked, directed=False)
         for number in range(count):
-            mine = np.flatnonzero(group == number)
-            if len(mine) > 1:
-                block = np.ix_(mine, mine)
+            members = np.flatnonzero(group == number)
+            if len(members) > 1:
+                block = np.ix_(members, members)
                 values, vectors = np.linalg.eigh(self.correlation[block])
                 # What rounded correlations leave below zero is no variance.
                 axes[block] = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -216,15 +216,15 @@ class ErrorSources(Shown):
         Raises:
             AacmmError: no parameter has bounds.
         """
-        pick = list(self.bounded)
-        if not pick:
+        bounded = list(self.bounded)
+        if not bounded:
             raise AacmmError(
                 f"{self.arm.name}: no parameter has half-widths, so that only the method "
                 "'ellipsoid' gives a volume; state half-widths in the arm file"
             )
-        generators = sensitivity[:, :, pick] * self.half_widths
+        generators = sensitivity[:, :, bounded] * self.half_widths
         if self.axes is not None:
-            generators = generators @ self.axes[np.ix_(pick, pick)]
+            generators = generators @ self.axes[np.ix_(bounded, bounded)]
         return generators
 
     def independent(self, contributions: Array) -> Array:

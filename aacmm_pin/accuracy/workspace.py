@@ -368,14 +368,15 @@ def _smallest(groups: Index, values: Array) -> Index:
 
 
 def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Array:
+    """The stated extent, checked, else one around the reach, in round numbers (4,) [m]."""
     wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP, revolute=True))
     if extent is None:
-        around = box_of_wrist(wrist)
+        reached = box_of_wrist(wrist)
         if axis is not None:
             q = spread_angles(PROBES, arm.nq)
-            stylus = np.linalg.norm(arm.positions(q) - arm.positions(q, WRIST), axis=1)
-            around += OUTWARDS_OF_BOX * (stylus.max() + 2.0 * wrist.lever)
-        _, farthest, lowest, highest = around.tolist()
+            wrist_to_tip = np.linalg.norm(arm.positions(q) - arm.positions(q, WRIST), axis=1)
+            reached += OUTWARDS_OF_BOX * (wrist_to_tip.max() + 2.0 * wrist.lever)
+        _, farthest, lowest, highest = reached.tolist()
         size = max(farthest, highest - lowest)
         if size < SMALLEST_ARM:
             raise AacmmError(
@@ -383,8 +384,10 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Ar
             )
         step = 10.0 ** (math.floor(math.log10(size)) - 2)
         margin = MARGIN * size
-        right, high = (math.ceil((most + margin) / step) for most in (farthest, highest))
-        return np.array([0.0, right, math.floor((lowest - margin) / step), high]) * step
+        right = math.ceil((farthest + margin) / step)
+        bottom = math.floor((lowest - margin) / step)
+        top = math.ceil((highest + margin) / step)
+        return np.array([0.0, right, bottom, top]) * step
     box = vector(extent, 4, "extent", "m")
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
         raise AacmmError(f"extent is {(box / MM).tolist()} mm; expected 0 ≤ X0 < X1 and Z0 < Z1")

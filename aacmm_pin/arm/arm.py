@@ -264,11 +264,11 @@ class Arm(Shown):
             self.urdf_file.joints, self.urdf_file.corrections, steps, strict=True
         ):
             total = step if not before.any() else pin.log6(_motion(before) * _motion(step)).vector
-            moved = {
+            corrections = {
                 "shift_mm": tuple((total[:3] / MM).tolist()),
                 "turn_rad": tuple(total[3:].tolist()),
             }
-            joints.append(joint.model_copy(update=moved))
+            joints.append(joint.model_copy(update=corrections))
         file = self.urdf_file.model_copy(update={"joints": joints, "covariance": covariance})
         if exact:
             file = _with_urdf(file, translation_half_width_mm=0.0, rotation_half_width_rad=0.0)
@@ -445,7 +445,7 @@ class Arm(Shown):
         centres = np.zeros((len(self.chain.slides), 3))
         for joint, body in enumerate(self.model.inertias.tolist()[1:]):
             if body.mass > 0.0:
-                centres[joint] = self._on_axis(joint, body.lever)
+                centres[joint] = self._in_axes_of_place(joint, body.lever)
         return self._over_rows(centres)
 
     def foot(self, row: int) -> int:
@@ -535,7 +535,8 @@ class Arm(Shown):
         if joint < 0:
             return self.chain.cut(chain.BASE, frame.placement.translation)
         return self.chain.cut(
-            self.chain.moving_axes()[joint], self._on_axis(joint, frame.placement.translation)
+            self.chain.moving_axes()[joint],
+            self._in_axes_of_place(joint, frame.placement.translation),
         )
 
     def _chain_of_parameters(self, at: str | None) -> Chain:
@@ -544,12 +545,14 @@ class Arm(Shown):
             self._known_row(at)
         return self._chain_to(at)
 
-    def _on_axis(self, joint: int, point: Array) -> Array:
-        """A point (3,) [m] of the frame of a joint (from 0), in the axes of its place."""
-        turned = onto_z(self.joint_axes[joint]).T @ point
+    def _in_axes_of_place(self, joint: int, point: Array) -> Array:
+        """A point (3,) [m] of the frame of a joint (from 0), in the axes of its place of the chain:
+        z along the joint axis, and in modified DH the origin before d.
+        """
+        in_place = onto_z(self.joint_axes[joint]).T @ point
         if self.dh is not None and not self.dh.standard:
-            turned[2] -= self.dh.d[self.dh.moving][joint]
-        return turned
+            in_place[2] -= self.dh.d[self.dh.moving][joint]
+        return in_place
 
     def _known_row(self, at: str | None) -> int:
         row = self.dh_row(at)

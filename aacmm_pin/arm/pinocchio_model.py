@@ -113,7 +113,7 @@ def _mimics(
     Of several that follow a joint beside the chain, the first has its reading.
     """
     mimics = []
-    first_of: dict[str, int] = {}
+    first_follower: dict[str, int] = {}
     for number, name in enumerate(names, start=1):
         if name not in followers:
             continue
@@ -123,8 +123,11 @@ def _mimics(
                 f"{place}; expected a joint of the robot, and a multiplier other than 0; if this "
                 "joint has its own encoder, delete <mimic>"
             )
-        of = names.index(leader) + 1 if leader in names else first_of.setdefault(leader, number)
-        mimics.append(Mimic(number, of, ratio, offset))
+        if leader in names:
+            followed = names.index(leader) + 1
+        else:
+            followed = first_follower.setdefault(leader, number)
+        mimics.append(Mimic(number, followed, ratio, offset))
     return tuple(mimics)
 
 

@@ -91,7 +91,7 @@ def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
     model = built_model(etree.tostring(robot, encoding="unicode"), name)
     for joint_name, joint in joints.items():
         if joint.get("type") != "fixed" and joint_name not in model.names:
-            raise _refused(joint, "this joint is in a cycle of links; expected one tree")
+            raise _error_at(joint, "this joint is in a cycle of links; expected one tree")
     return model, hashlib.sha256(content).hexdigest(), followers
 
 
@@ -114,7 +114,7 @@ def parsed_urdf(content: bytes, path: str) -> Element:
         raise ArmFileError(path, "", f"{said}; expected a URDF in well-formed XML")
     for element in root.iter(etree.Element):
         if "xacro" in element.tag:
-            raise _refused(
+            raise _error_at(
                 element,
                 "this is an element of xacro; expected a URDF; convert the file by xacro FILE -o "
                 "FILE.urdf",
@@ -122,11 +122,13 @@ def parsed_urdf(content: bytes, path: str) -> Element:
     return root
 
 
-def _refused(element: Element, message: str) -> ArmFileError:
+def _error_at(element: Element, message: str) -> ArmFileError:
+    """With the place of the element: the elements around it from the outermost, except the root."""
+    ancestors = [*element.iterancestors()][:-1]
     names = []
-    for outer in (*[*element.iterancestors()][-2::-1], element):
-        name = outer.get("name")
-        names.append(outer.tag if name is None else f"{outer.tag} {name!r}")
+    for part in (*reversed(ancestors), element):
+        name = part.get("name")
+        names.append(part.tag if name is None else f"{part.tag} {name!r}")
     return ArmFileError(element.getroottree().docinfo.URL, ": ".join(names), message)
 
 
@@ -139,14 +141,14 @@ def _numbers(element: Element, name: str, default: str, largest: float) -> list[
     except ValueError:
         values = []
     if len(values) != count:
-        raise _refused(
+        raise _error_at(
             element, f"{name} is {text[:80]!r}; expected {count} number{'s' * (count > 1)}"
         )
     if not all(abs(value) <= largest for value in values):
         hint = "; check that these are radians" if name == "rpy" else ""
         if element.tag == "limit":
             hint = "; without limits, use type continuous"
-        raise _refused(
+        raise _error_at(
             element, f"{name} is {text[:80]!r}; expected numbers within ±{largest:g}{hint}"
         )
     return values
@@ -158,20 +160,20 @@ def _check_place(element: Element) -> None:
     allowed = ATTRIBUTES[element.tag]
     for name in element.attrib:
         if name not in allowed:
-            raise _refused(
+            raise _error_at(
                 element, f"unknown attribute {name}; expected only {' and '.join(allowed)}"
             )
     _numbers(element, "rpy", "0 0 0", 2 * FULL_TURN)
     place = _numbers(element, "xyz", "1 0 0", FARTHEST_PLACE)
     if element.tag == "axis" and max(map(abs, place)) < SHORTEST_AXIS:
-        raise _refused(element, f"xyz is {element.get('xyz')!r}; expected a direction, not zero")
+        raise _error_at(element, f"xyz is {element.get('xyz')!r}; expected a direction, not zero")
 
 
 def _check_inertial(inertial: Element) -> None:
     for mass in inertial.iterfind("mass"):
         (kilograms,) = _numbers(mass, "value", "0", MAX_INERTIA)
         if kilograms < 0:
-            raise _refused(mass, f"value is {kilograms:g}; expected 0 or more")
+            raise _error_at(mass, f"value is {kilograms:g}; expected 0 or more")
     inertia = inertial.find("inertia")
     if inertia is None:
         inertia = etree.SubElement(inertial, "inertia")
@@ -194,39 +196,41 @@ def _check_limits(joint: Element) -> None:
     (lower,) = _numbers(limit, "lower", "0", LARGEST_ANGLE)
     (upper,) = _numbers(limit, "upper", "0", LARGEST_ANGLE)
     if lower > upper:
-        raise _refused(
+        raise _error_at(
             limit, f"lower is {lower:g} and upper {upper:g}; expected the lower limit first"
         )
     for name, angle in {"lower": lower, "upper": upper}.items():
         refused = like_degrees(angle) if joint.get("type") == "revolute" else ""
         if refused and abs(angle) <= LARGEST_DEGREES:  # wider ones stand for none
-            raise _refused(
+            raise _error_at(
                 limit, f"{name} {refused}; if the joint has no limits, use the type continuous"
             )
 
 
 def _followers(joints: dict[str, Element]) -> dict[str, Follower]:
-    """Mimicking joints; the first independent joint of a row leads."""
+    """Joints that mimic another, by name, each with the independent joint at the end of its chain
+    of mimics.
+    """
     followers = {}
     for name, joint in joints.items():
-        passed = {name}
+        visited = {name}
         ratio = 1.0
         offset = 0.0
-        follower = joint
-        while follower is not None and (mimic := follower.find("mimic")) is not None:
+        current = joint
+        while current is not None and (mimic := current.find("mimic")) is not None:
             leader = mimic.get("joint", "")
-            if leader in passed:
-                raise _refused(
+            if leader in visited:
+                raise _error_at(
                     mimic,
                     f"joint is {leader!r}, which mimics this joint; expected an independent joint",
                 )
-            passed.add(leader)
-            (shift,) = _numbers(mimic, "offset", "0", LARGEST_ANGLE)
-            (factor,) = _numbers(mimic, "multiplier", "1", MOST_RATIO)
-            offset += ratio * shift
-            ratio *= factor
-            follower = joints.get(leader)
+            visited.add(leader)
+            (offset_of_mimic,) = _numbers(mimic, "offset", "0", LARGEST_ANGLE)
+            (multiplier,) = _numbers(mimic, "multiplier", "1", MOST_RATIO)
+            offset += ratio * offset_of_mimic
+            ratio *= multiplier
+            current = joints.get(leader)
             # Fingers of robots that are in use follow a joint that is not there.
-            said = f"there is no joint {leader!r}" if follower is None else f"joint is {leader!r}"
-            followers[name] = Follower(leader, ratio, offset, str(_refused(mimic, said)))
+            came = f"there is no joint {leader!r}" if current is None else f"joint is {leader!r}"
+            followers[name] = Follower(leader, ratio, offset, str(_error_at(mimic, came)))
     return followers
