@@ -103,7 +103,7 @@ def test_a_fleet_at_the_shell(folder, tmp_path):
     assert "1 of 2 files" in err.splitlines()[-1]
     rows = json.loads(out)["files"]
     assert [row["records"] for row in rows] == [str(empty), str(good)]
-    assert "empty file" in rows[0]["error"]
+    assert "only comments; expected a header" in rows[0]["error"]
     assert (rows[0]["verdict"], rows[1]["error"]) == (None, "")
     assert (
         rows[1]["verdict"]
