@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.effects import Conditions
@@ -63,3 +64,14 @@ def test_each_known_column_is_a_covariate_or_says_that_it_is_none(sino6, rng):
         assert found == [entry.covariate in ("anywhere", "joints")] * len(found), entry.names
     compared = [column.entry.names for column in records.covariate_columns()]
     assert {*compared} == {e.names for e in RECORD_COLUMNS if e.covariate != "none"}
+
+
+def test_bumps_are_as_wide_as_their_centres_are_apart(sino6, rng):
+    q = rng.uniform(-2.0, 2.0, (200, 6))
+    tips = sino6.positions(q)
+    (place,) = (
+        each for each in covariates(sino6, Measurements.of(q, tips)) if each.name == "place"
+    )
+    ((bumps,),) = (way.smooth for way in place.variants)
+    apart = np.linalg.norm(tips[:, None] - np.array(bumps.centres_si), axis=2).min(axis=1)
+    assert bumps.width_si == pytest.approx(1.5 * np.sqrt(np.mean(apart**2)), rel=1e-3)
