@@ -36,7 +36,7 @@ class Machine:
     def at(self, points: Array, start: Array) -> Array:
         """Postures (n, 6) whose tips are at points (n, 3), from postures near by."""
         q = start.copy()
-        for _ in range(15):
+        for _ in range(50):
             off = points - self.tips(q)
             far = np.linalg.norm(off, axis=1) > 1e-13
             if not far.any():
