@@ -48,18 +48,18 @@ class OutputFiles:
         self._files: dict[Path, Path] = {}  # temporary file by its place
         self._folders: dict[Path, Path] = {}  # temporary folder by its place
         self._updated: set[Path] = set()  # places whose file the work has read and extends
-        self._current: Path | None = None
+        self._current: Path | None = None  # the latest output: an error of writing names it
         self.written: list[str] = []
         """Regular files, as named."""
 
     def check(self, *paths: str | Path) -> None:
-        """Check before long work.
+        """Refuse, before long work, names that :meth:`file` would refuse after it.
 
         Raises:
             OutputError: one exists without ``force``, is an input, no regular file or pipe, in no
                 writable folder, or twice.
         """
-        places = [self._place(Path(path)) for path in paths]
+        places = [self._checked_place(Path(path)) for path in paths]
         for path, place in zip(paths, places, strict=True):
             if places.count(place) > 1:
                 raise _named_twice(path)
@@ -73,16 +73,16 @@ class OutputFiles:
         path = Path(path)
         if path.parent.name.startswith(HIDDEN):  # temporary already
             return path
-        place = self._place(path, update)
+        place = self._checked_place(path, update)
         if place in self._files:
             raise _named_twice(path)
         if update:
             self._updated.add(place)
-        folder = None
+        parent = None
         if not _is_stream(place):
-            folder = place.parent
+            parent = place.parent
             self.written.append(str(path))
-        self._files[place] = self._hidden_in(folder, path) / place.name
+        self._files[place] = self._hidden_folder(parent, path) / place.name
         return self._files[place]
 
     def folder(self, path: str | Path) -> Path:
@@ -103,7 +103,7 @@ class OutputFiles:
             place = Path(os.path.realpath(path))
             parent = place if place.is_dir() else place.parent
             _check_folder(path, parent)
-        self._folders[place] = self._hidden_in(parent, path)
+        self._folders[place] = self._hidden_folder(parent, path)
         return self._folders[place]
 
     def __enter__(self) -> Self:
@@ -123,8 +123,8 @@ class OutputFiles:
                 if not of_reading:
                     raise _write_error(self._current, error) from None
 
-    def _place(self, path: Path, update: bool = False) -> Path:
-        """The file behind links; a pipe or device as named."""
+    def _checked_place(self, path: Path, update: bool = False) -> Path:
+        """The file behind links, if it can be written; a pipe or device as named."""
         with _as_output_errors(path):
             if _is_stream(path):
                 return path
@@ -150,11 +150,11 @@ class OutputFiles:
                 "--force (in Python force=True)"
             )
 
-    def _hidden_in(self, folder: Path | None, path: Path) -> Path:
-        """For ``path``, in ``folder``, or in that of the system."""
+    def _hidden_folder(self, parent: Path | None, path: Path) -> Path:
+        """New temporary folder for ``path``, in ``parent``; for None in that of the system."""
         self._current = path
         with _as_output_errors(path):
-            hidden = tempfile.TemporaryDirectory(prefix=HIDDEN, dir=folder)
+            hidden = tempfile.TemporaryDirectory(prefix=HIDDEN, dir=parent)
             return Path(self._stack.enter_context(hidden))
 
     def _put_in_place(self) -> None:
@@ -227,6 +227,7 @@ def _is_stream(path: Path) -> bool:
 
 
 def _check_folder(path: Path, folder: Path) -> None:
+    """Refuse output ``path`` if nothing can be written into its ``folder``."""
     if not folder.is_dir():
         raise OutputError(
             f"{path}: the folder {folder} does not exist; create this folder, or name another "

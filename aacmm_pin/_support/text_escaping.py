@@ -27,13 +27,13 @@ def printable(text: str) -> str:
     """Control and shapeless characters as escapes, but for line ends and tabulators."""
     if text.isprintable():
         return text
-    shown = ""
+    escaped_text = ""
     for character in text:
         kind = unicodedata.category(character)
         acts = kind[0] == "C" or kind in ("Zl", "Zp")
-        escaped = acts and character not in "\n\t"
-        shown += character.encode("unicode_escape").decode() if escaped else character
-    return shown
+        is_escaped = acts and character not in "\n\t"
+        escaped_text += character.encode("unicode_escape").decode() if is_escaped else character
+    return escaped_text
 
 
 def encodable(text: str) -> str:
@@ -41,23 +41,23 @@ def encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-_of_results: list[TextIO] = []
+_result_streams: list[TextIO] = []
 
 
 def stdout() -> TextIO:
     """The stream of results."""
-    return _of_results[-1] if _of_results else sys.stdout
+    return _result_streams[-1] if _result_streams else sys.stdout
 
 
 @contextmanager
 def results_alone_on_stdout() -> Iterator[None]:
     """Meanwhile send other output, such as of a user's cause, to stderr."""
-    _of_results.append(sys.stdout)
+    _result_streams.append(sys.stdout)
     try:
         with redirect_stdout(sys.stderr):
             yield
     finally:
-        _of_results.pop()
+        _result_streams.pop()
 
 
 def say(text: str) -> None:
@@ -99,8 +99,8 @@ def without_notes() -> Iterator[None]:
 
 
 def csv_quoted(text: str) -> str:
-    """For CSV: an apostrophe before what a spreadsheet would compute, also behind a semicolon or
-    tab, which some programs separate.
+    """Text for CSV with an apostrophe before what a spreadsheet would compute: at its start, and
+    behind a semicolon or tab, where some programs begin a new cell.
     """
     text = _SEPARATED.sub(r"\1'", text)
     if not _FORMULA.match(text):

@@ -58,8 +58,8 @@ def results(
                 context = get_context("spawn")
                 stop = context.Event()
                 pool = ProcessPoolExecutor(count, context, _begin, (stop,))
-                done = _submitted(pool, work, jobs, futures)
-            yield done
+                numbered_results = _submitted(pool, work, jobs, futures)
+            yield numbered_results
     except BrokenExecutor:
         raise AacmmError(
             "a worker process ended early. If memory ran out, use fewer workers. In a Python "
@@ -82,7 +82,10 @@ def _submitted(
     jobs: Iterable[J],
     futures: dict[Future[R], int],
 ) -> Iterator[tuple[int, R]]:
-    """Submit all jobs into ``futures``; numbers and results as they are done."""
+    """Submit all jobs; numbers and results as they are done.
+
+    ``futures`` keeps those not returned yet, for the caller to cancel.
+    """
     for number, job in enumerate(jobs):
         futures[executor.submit(work, job)] = number
     return ((futures.pop(future), future.result()) for future in as_completed([*futures]))

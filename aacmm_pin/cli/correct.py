@@ -91,9 +91,9 @@ def run(
 ) -> None:
     with Results(files, output) as results:
         model, path = arm.model_and_data()
-        before = _nominal(nominal, model)
-        controller = before if commands else None
-        if commands and before is None:
+        nominal_model = _nominal(nominal, model)
+        controller = nominal_model if commands else None
+        if commands and nominal_model is None:
             raise typer.BadParameter(
                 "--commands requires --nominal, the arm that the robot controller uses"
             )
@@ -106,12 +106,12 @@ def run(
         unit, factor = ("rad", 1.0) if "theta1_rad" in table else ("deg", DEG)
         if controller is not None:
             sent = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)]
-            names = [*sent, "u_mm", "u_aligned_mm"]
+            added = [*sent, "u_mm", "u_aligned_mm"]
         elif orientation or any(form[0] in table for form in ORIENTATIONS):
-            names = [*CORRECTED, *CORRECTED_ORIENTATION]
+            added = [*CORRECTED, *CORRECTED_ORIENTATION]
         else:
-            names = [*CORRECTED]
-        for name in table.columns.intersection(names):
+            added = [*CORRECTED]
+        for name in table.columns.intersection(added):
             raise MeasurementFileError(
                 path,
                 1,
@@ -119,8 +119,8 @@ def run(
                 "the column exists already; expected a file without corrections; delete this "
                 "column, or use the file before correction",
             )
-        of_readings = ~table.columns.isin(OF_REFERENCES)
-        of_file = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
+        is_of_readings = ~table.columns.isin(OF_REFERENCES)
+        of_file = Measurements.from_frame(table.loc[:, is_of_readings], model.arm.nq, path)
         readings = arm.with_approach(of_file.with_joint_angles(model.arm))
         warnings = model.input_warnings(readings.q, readings.conditions)
         for line in (*read_as, *readings.read_as, *warnings):
@@ -139,11 +139,11 @@ def run(
                 if accuracy is not None:
                     u, u_tips = accuracy.u, rms(accuracy.u)
                 values = [state.position / MM, u / MM, quaternions(state.rotation[-1])]
-                _note_comparisons(model, before, table, rows, state.position, u_tips, path)
+                _note_comparisons(model, nominal_model, table, rows, state.position, u_tips, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
-        computed = pd.DataFrame(np.column_stack(values)[:, : len(names)], rows, names)
-        decimals = {name: DECIMALS_OF_UNIT.get(name.rpartition("_")[2], 9) for name in names}
+        computed = pd.DataFrame(np.column_stack(values)[:, : len(added)], rows, added)
+        decimals = {name: DECIMALS_OF_UNIT.get(name.rpartition("_")[2], 9) for name in added}
         columns = computed.round(decimals).reindex(range(readings.n))
         results.text(dialect.text(pd.concat([table, columns], axis=1)), output)
     effects = ", ".join(effect.label for effect in model.effects)
@@ -155,22 +155,22 @@ def run(
 
 
 def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
-    """That of ``--nominal``; default that of the URDF of ``model``."""
+    """The arm of ``--nominal``, or else the URDF that ``model`` corrects; None without either."""
     if name is None:
         return None if model.arm.nominal is None else ErrorModel(model.arm.uncorrected)
     try:
         if name.lower().endswith(".urdf"):
-            before = ErrorModel(Arm.from_urdf(name, model.arm.tip))
+            nominal = ErrorModel(Arm.from_urdf(name, model.arm.tip))
         else:
-            before = ErrorModel.load(name)
+            nominal = ErrorModel.load(name)
     except UnknownNameError as error:
         raise AacmmError(f"--nominal {name}: {error}") from None
-    if before.arm.nq != model.arm.nq:
+    if nominal.arm.nq != model.arm.nq:
         raise AacmmError(
-            f"--nominal {name}: {before.arm.nq} joints; expected {model.arm.nq}, as many as "
+            f"--nominal {name}: {nominal.arm.nq} joints; expected {model.arm.nq}, as many as "
             f"{model.arm.name} has"
         )
-    return before
+    return nominal
 
 
 def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> Array:
@@ -203,6 +203,7 @@ def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> 
 def _warn_of_large_changes(
     model: ErrorModel, change: Array, records: Measurements, arrived: Mask
 ) -> None:
+    """Warn if commands ``change`` (n, nq) [rad] revolute joints much, in most rows or in some."""
     change = np.where(model.arm.chain.prismatic, 0.0, change)[arrived]
     if not len(change):
         return
@@ -213,19 +214,19 @@ def _warn_of_large_changes(
             "(median). Check that --nominal is the same arm, and that the calibration determined "
             "the zero of this joint"
         )
-    turn = np.abs(change - common).max(axis=1)
-    singular = turn > LARGE_CHANGE
+    uncommon = np.abs(change - common).max(axis=1)
+    singular = uncommon > LARGE_CHANGE
     if singular.any():
         rows = rows_in_words(records.row[arrived][singular])
         warn(
             f"{records.source}: {rows}: a command near a singular posture changes by up to "
-            f"{turn.max() / DEG:.1f}°; check the motion before you send the command"
+            f"{uncommon.max() / DEG:.1f}°; check the motion before you send the command"
         )
 
 
 def _note_comparisons(
     model: ErrorModel,
-    before: ErrorModel | None,
+    nominal: ErrorModel | None,
     table: pd.DataFrame,
     rows: Index,
     tips: Array,
@@ -253,14 +254,14 @@ def _note_comparisons(
             f"{', '.join(elsewhere)}, because these targets are not at the tip"
         )
         records, tips = records.take(of_tip), tips[of_tip]
-    compared, first = [tips], "the nominal arm"
-    if before is not None:
-        compared.insert(0, before.correct(records.q, records.conditions))
+    compared_tips, first_in_words = [tips], "the nominal arm"
+    if nominal is not None:
+        compared_tips.insert(0, nominal.correct(records.q, records.conditions))
     elif model.effects:  # geometry alone: the file may know the effects together with it
-        first = "the arm without causes of error"
-        compared.insert(0, model.arm.positions(records.q))
-    for comparison in compare(records, compared, u):
-        text = comparison_in_words(comparison, first)
+        first_in_words = "the arm without causes of error"
+        compared_tips.insert(0, model.arm.positions(records.q))
+    for comparison in compare(records, compared_tips, u):
+        text = comparison_in_words(comparison, first_in_words)
         if text:
             status(text)
         warning = comparison_warning(comparison, model.arm.name)
@@ -274,10 +275,10 @@ def _rows_in_range(model: ErrorModel, readings: Measurements) -> Index:
     for effect, inside in zip(model.effects, in_range.T, strict=True):
         if not inside.all():
             place = f"{readings.source}: {rows_in_words(readings.row[~inside])}"
-            where = f"{effect.label}{known_range_in_words(effect)}"
+            cause = f"{effect.label}{known_range_in_words(effect)}"
             warn(
                 f"{place}: correct left the results empty, because the angles are outside the "
-                f"range of {where}"
+                f"range of {cause}"
             )
     rows = np.flatnonzero(in_range.all(axis=1))
     if readings.n and not rows.size:

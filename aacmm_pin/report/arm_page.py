@@ -76,8 +76,8 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
         cells = []
         for row, value in enumerate(values / scale, 1):
             half_width = half_widths.get(f"{kind}{row}")
-            known = f" ± {half_width / scale:.5f}" if half_width else ""
-            cells.append(f"{value:z.5f}{known}")
+            plus_minus = f" ± {half_width / scale:.5f}" if half_width else ""
+            cells.append(f"{value:z.5f}{plus_minus}")
         table[DH_HEADS[kind]] = cells
     return table
 

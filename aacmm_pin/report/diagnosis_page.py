@@ -324,6 +324,8 @@ def places_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def _forms_in_words(result: Diagnosis, place: Place) -> str:
+    """The causes, or sets of causes, that may act at a place, each with its probability."""
+    """The causes, or sets of causes, that may act at a place, each with its probability."""
     texts = []
     for labels, p in place.forms.items():
         if p >= THRESHOLDS.rival:

@@ -83,7 +83,7 @@ def procedure_document(procedure: Procedure) -> Document:
             Heading("Artefacts"),
             views,
             Table(_sizes(points), "Artefacts and probe", detail=True),
-            Table(_stands(procedure), POSITIONS, explained=seats),
+            Table(_positions_table(procedure), POSITIONS, explained=seats),
             Heading("Points to probe, in order"),
             Bullets(FILL_IN),
             Table(_steps(points), ONE_ROW, detail=True),
@@ -95,24 +95,28 @@ def procedure_document(procedure: Procedure) -> Document:
 
 
 def _ends(procedure: Procedure) -> pd.DataFrame:
-    """Places of artefacts, and of far ends of bars: kind, position, end, x, y, z [m]."""
-    names = ["test", "position", "feature"]
+    """Places of artefacts, and of far ends of bars: kind, position, end, x, y, z [m].
+
+    Features between the ends of a bar are left out.
+    """
+    columns = ["test", "position", "feature"]
     points = pd.DataFrame(procedure.points, columns=[*"xyz"])
-    table = procedure.probed_points[names].reset_index(drop=True).join(points)
+    table = procedure.probed_points[columns].reset_index(drop=True).join(points)
     table["kind"] = table["test"].replace(ARTEFACT_OF_TEST)
-    barred = table["kind"].isin(["length", "volumetric"])
-    table["end"] = table["feature"].where(barred, "")
+    is_bar = table["kind"].isin(["length", "volumetric"])
+    table["end"] = table["feature"].where(is_bar, "")
     artefact = ["kind", "position"]
     features = table.groupby([*artefact, "end"], sort=False, as_index=False)[[*"xyz"]].mean()
-    between = features.duplicated(artefact) & features.duplicated(artefact, keep="last")
-    return features[~between].reset_index(drop=True)
+    is_between_ends = features.duplicated(artefact) & features.duplicated(artefact, keep="last")
+    return features[~is_between_ends].reset_index(drop=True)
 
 
-def _stands(procedure: Procedure) -> pd.DataFrame:
+def _positions_table(procedure: Procedure) -> pd.DataFrame:
+    """Where every artefact, and every far end of a bar, stands round the base."""
     ends = _ends(procedure)
     heads = ["distance [mm]", "bearing [°]", "height [mm]"]
-    where = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
-    table = ends[["kind", "position", "end"]].join(where.map(lambda value: f"{value:z.0f}"))
+    located = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
+    table = ends[["kind", "position", "end"]].join(located.map(lambda value: f"{value:z.0f}"))
     names = {kind: name for kind, (name, _) in ARTEFACTS.items()}
     return table.assign(kind=table["kind"].map(names)).rename(columns={"kind": "artefact"})
 
@@ -133,18 +137,18 @@ def _sizes(points: pd.DataFrame) -> pd.DataFrame:
 
 
 def _steps(points: pd.DataFrame) -> pd.DataFrame:
-    """Consecutive points of one feature in one posture as one row."""
+    """Consecutive points of one feature in one posture as one row, with their lines of the file."""
     repeat = ", repeat " + points["repeat"].astype("string")
     repeat = repeat.where(points["repeat"] != "").fillna("")
     test = points["test"] + " " + points["position"] + repeat
-    rows = points[["feature", "articulation"]].assign(test=test).reset_index(drop=True)
-    new = (rows != rows.shift()).any(axis=1)
-    steps = rows.groupby(new.cumsum(), sort=False)
-    number, first = steps.size(), steps.first()
-    last = number.cumsum() + 1  # the head of the file is line 1
-    pairs = zip(number, last, strict=True)
-    lines = [f"{end}" if n == 1 else f"{end - n + 1} to {end}" for n, end in pairs]
-    times = (number.astype(str) + " × ").where(number > 1, "")
+    described = points[["feature", "articulation"]].assign(test=test).reset_index(drop=True)
+    begins_step = (described != described.shift()).any(axis=1)
+    steps = described.groupby(begins_step.cumsum(), sort=False)
+    sizes, first = steps.size(), steps.first()
+    last_lines = sizes.cumsum() + 1  # the head of the file is line 1
+    ranges = zip(sizes, last_lines, strict=True)
+    lines = [f"{last}" if size == 1 else f"{last - size + 1} to {last}" for size, last in ranges]
+    times = (sizes.astype(str) + " × ").where(sizes > 1, "")
     table = pd.DataFrame({"done": "☐", "lines": lines, "test": first["test"]})
     return table.assign(probe=times + first["feature"], posture=first["articulation"])
 
