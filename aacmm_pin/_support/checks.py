@@ -40,7 +40,7 @@ def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
         )
     if array.ndim != 2 or array.shape[1] != columns:
         raise ShapeError(f"{name} has shape {array.shape}; expected (n, {columns}) [{unit}]")
-    _finite(array, name, unit)
+    _check_plausible(array, name, unit)
     return array
 
 
@@ -53,7 +53,7 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
     array = _floats(values, name)
     if array.shape != (length,):
         raise ShapeError(f"{name} has shape {array.shape}; expected ({length},) [{unit}]")
-    _finite(array, name, unit)
+    _check_plausible(array, name, unit)
     return array
 
 
@@ -118,12 +118,15 @@ def _floats(values: ArrayLike, name: str) -> Array:
     return array.astype(np.float64, copy=False)
 
 
-def _finite(array: Array, name: str, unit: str) -> None:
+def _check_plausible(array: Array, name: str, unit: str) -> None:
+    """Refuse numbers that are not finite, outside the range of ``unit``, or angles in degrees."""
     # NaN is the smallest and the largest.
     if array.size and not np.isfinite([array.min(), array.max()]).all():
-        bad = np.argwhere(~np.isfinite(array))
-        where = ", ".join(str(i) for i in bad[0])
-        raise ShapeError(f"{name}[{where}] is {array[tuple(bad[0])]}; expected a finite number")
+        not_finite = np.argwhere(~np.isfinite(array))
+        indices = ", ".join(str(i) for i in not_finite[0])
+        raise ShapeError(
+            f"{name}[{indices}] is {array[tuple(not_finite[0])]}; expected a finite number"
+        )
     if unit in RANGES:
         RANGES[unit].check(array, name, ShapeError)
     if (
@@ -131,9 +134,9 @@ def _finite(array: Array, name: str, unit: str) -> None:
         and array.size
         and plausible.like_degrees(max(float(array.max()), -float(array.min())))
     ):
-        degrees = np.argwhere(plausible.mostly_like_degrees(np.atleast_2d(array)))
-        if len(degrees):
-            place = degrees[0][-array.ndim :]
+        in_degrees = np.argwhere(plausible.mostly_like_degrees(np.atleast_2d(array)))
+        if len(in_degrees):
+            place = in_degrees[0][-array.ndim :]
             raise ShapeError(
                 f"{name}[{', '.join(map(str, place))}] "
                 f"{plausible.like_degrees(array[tuple(place)])}"

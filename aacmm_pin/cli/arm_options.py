@@ -83,16 +83,16 @@ class UrdfArm:
                 raise typer.BadParameter("--frame requires --urdf or the name of an example robot")
             return None
         if self.frame is None and self.urdf in EXAMPLE_ROBOTS:
-            robot = EXAMPLE_ROBOTS[self.urdf]
+            _, frame = EXAMPLE_ROBOTS[self.urdf]
             note(
-                f"the tip of {self.urdf} is the origin of its frame {robot[1]}; to select another "
+                f"the tip of {self.urdf} is the origin of its frame {frame}; to select another "
                 "frame, use --frame NAME"
             )
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **self.half_widths))
         except UnknownNameError as error:
-            listed = ", ".join(error.known[: -NAMES_LISTED - 1 : -1])
-            frames = f"expected a frame of {self.urdf} (from the last to the first): {listed}"
+            last_frames = ", ".join(error.known[: -NAMES_LISTED - 1 : -1])
+            frames = f"expected a frame of {self.urdf} (from the last to the first): {last_frames}"
             if len(error.known) > NAMES_LISTED:
                 frames += f" … and {len(error.known) - NAMES_LISTED} more"
             if self.frame is not None:

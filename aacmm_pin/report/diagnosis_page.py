@@ -147,7 +147,7 @@ def diagnosis_document(
         *_held_out(result),
         *_groups(result),
         *_on_the_arm(result),
-        *_left(result),
+        *_unexplained_and_excluded(result),
         Notes(other_notes(result.notes)),
     ]
     subtitle = count(int(result.extended.used.sum()), "record")
@@ -534,12 +534,12 @@ def _held_out(result: Diagnosis) -> Iterator[Block]:
     )
 
 
-def _left(result: Diagnosis) -> Iterator[Block]:
-    left = result.unexplained
+def _unexplained_and_excluded(result: Diagnosis) -> Iterator[Block]:
+    unexplained = result.unexplained
     yield Heading("Unexplained residuals and excluded records")
-    yield from unexplained_document(left).blocks
+    yield from unexplained_document(unexplained).blocks
     yield Paragraph(" ".join(_saved_in_words(result)))
-    for name in left.acts_on:
+    for name in unexplained.acts_on:
         yield _structure_drawn(result, name)
     yield from excluded_records(result.excluded)
     yield Figure(

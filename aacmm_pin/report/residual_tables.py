@@ -55,7 +55,7 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
 
 
 def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
-    """Kind of group, group, and its members (n,)."""
+    """Kind of group (seat, joint 3, time, …), name of the group, and its records (n,)."""
     records = fit.problem.measurements
     conditions = records.conditions
     for name in ("seat", "marker", "session"):
@@ -64,8 +64,8 @@ def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
             if label:
                 yield name, str(label), labels == label
     for j, slides in enumerate(fit.problem.model.arm.chain.prismatic):
-        unit, si = (" mm", MM) if slides else ("°", DEG)
-        yield from _ranges(f"joint {j + 1}", records.q[:, j] / si, unit)
+        unit, scale = (" mm", MM) if slides else ("°", DEG)
+        yield from _ranges(f"joint {j + 1}", records.q[:, j] / scale, unit)
     for name, unit in (("time", " s"), ("temperature", " °C")):
         values = getattr(conditions, name)
         if values is not None:
@@ -73,14 +73,16 @@ def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
 
 
 def _ranges(name: str, values: Array, unit: str) -> Iterator[tuple[str, str, Mask]]:
-    """Ranges with equal numbers of records; their ends have two digits of the width."""
+    """Ranges of ``values`` (n,) with equal numbers of records, as :func:`_groups`; the ends in
+    words have two digits of the width.
+    """
     quantiles = np.linspace(0, 1, RANGES_OF_A_NUMBER + 1)
     edges = np.unique(np.quantile(values, quantiles))
     for low, high in itertools.pairwise(edges):
-        below = values <= high if high == edges[-1] else values < high
+        before_end = values <= high if high == edges[-1] else values < high
         decimals = max(0, 1 - int(np.floor(np.log10(high - low))))
         group = f"{low:z.{decimals}f} to {high:z.{decimals}f}{unit}"
-        yield name, group, (values >= low) & below
+        yield name, group, (values >= low) & before_end
 
 
 def shapes_of(choice: Choice) -> dict[str, pd.DataFrame]:
@@ -89,22 +91,27 @@ def shapes_of(choice: Choice) -> dict[str, pd.DataFrame]:
 
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
-    design, way, covariate = choice.design, choice.way(block), choice.covariate(block)
-    model, functions = choice.posterior.median_model, way.functions
-    number, records = len(way.quantities), np.arange(len(functions))
+    """The smooth correction over the covariate of a block, and that by each record alone."""
+    design, covariate = choice.design, choice.covariate(block)
+    model = choice.posterior.median_model
+    functions, quantities = choice.way(block).functions, choice.way(block).quantities
+    records = np.arange(len(functions))
     scales = design.scales[design.blocks[block].columns]
     # Each function has one coefficient for each quantity.
-    coefficients = (model.estimate[model.entries[block]] * scales).reshape(-1, number)
+    coefficients = (model.estimate[model.entries[block]] * scales).reshape(-1, len(quantities))
     correction = functions @ coefficients
     # Shift of the tip for one unit of each quantity (n, 3, quantities): a column is a function
     # times the shift, so divide by the strongest function.
     strongest = np.argmax(np.abs(functions), axis=1)
-    columns = (design.columns(block)[:, :3] / scales).reshape(len(functions), 3, -1, number)
+    columns = (design.columns(block)[:, :3] / scales).reshape(
+        len(functions), 3, -1, len(quantities)
+    )
     shift = columns[records, :, strongest] / functions[records, strongest][:, None, None]
     deviation = choice.deviations[:, :3]
-    along = np.einsum("nij,ni->nj", shift, deviation) / np.square(shift).sum(axis=1)
+    # Amount of each quantity that the deviation of a record contains (n, quantities).
+    contained = np.einsum("nij,ni->nj", shift, deviation) / np.square(shift).sum(axis=1)
     table = covariate.values.copy()
-    for k, (name, unit) in enumerate(way.quantities.items()):
+    for k, (name, unit) in enumerate(quantities.items()):
         table[name] = correction[:, k] / unit
-        table[f"{name}_of_record"] = (correction - along)[:, k] / unit
+        table[f"{name}_of_record"] = (correction - contained)[:, k] / unit
     return table[choice.fit.used].sort_values(list(covariate.values.columns), ignore_index=True)

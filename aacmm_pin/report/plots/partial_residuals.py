@@ -102,46 +102,50 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     lever = cause.lever @ fit.point.frame.rotation.T
     weighted = np.linalg.solve(fit.residual_noise[:, :3, :3], lever[:, :, None])[:, :, 0]
     information = np.einsum("ni,ni->n", lever, weighted)
-    there = fit.used & (information > 1e-6 * np.nanmax(information))
+    has_amount = fit.used & (information > 1e-6 * np.nanmax(information))
     residual = np.einsum("ni,ni->n", weighted, np.nan_to_num(fit.system.deviation))
-    value = cause.amount[there] - residual[there] / information[there]
+    value = cause.amount[has_amount] - residual[has_amount] / information[has_amount]
     x, x_label = _abscissa(effect, state, cause)
-    what = KIND_OF_UNIT[cause.unit]
+    y_words = KIND_OF_UNIT[cause.unit]
     if effect.location_field() == "joint" and cause.has_direction:
-        what = f"joint {'angle' if cause.unit == 'µrad' else 'position'} minus reading"
+        y_words = f"joint {'angle' if cause.unit == 'µrad' else 'position'} minus reading"
     return PartialResidual(
-        x=x[there],
+        x=x[has_amount],
         x_label=x_label,
         value=value / MICRO,
-        u=information[there] ** -0.5 / MICRO,
-        fitted=cause.amount[there] / MICRO,
-        y_label=f"{what} [{cause.unit}]",
+        u=information[has_amount] ** -0.5 / MICRO,
+        fitted=cause.amount[has_amount] / MICRO,
+        y_label=f"{y_words} [{cause.unit}]",
     )
 
 
 def _amount(effect: Effect, state: State) -> _Amount:
-    """Of expansion by temperature, of motion at one place, or as displacement of the target."""
-    places, values = effect.displacements(state), np.array(effect.values)
+    """As expansion by temperature, as the one motion that ``effect`` causes at its place, or else
+    as displacement of the target.
+    """
+    displacements, values = effect.displacements(state), np.array(effect.values)
+    target_displacement = sensitivity(effect, state) @ values
     temperature = state.conditions.temperature
     if "temperature" in effect.needs and temperature is not None and len(values) == 1:
         amount, unit = values[0] * (temperature - state.arm.reference_temperature), "µm/m"
-    elif len(places) == 1:
-        columns = np.broadcast_to(places[0].columns, (state.n, 6, len(values)))
+    elif len(displacements) == 1:
+        columns = np.broadcast_to(displacements[0].columns, (state.n, 6, len(values)))
         direction = _common_direction(columns)
         if direction is not None:
-            twist = Displacement(places[0].place, direction[None, :, None])
+            twist = Displacement(displacements[0].place, direction[None, :, None])
             lever = np.broadcast_to(point_sensitivity(state, twist)[:, :, 0], (state.n, 3))
-            # How often the twist is in the displacement.
+            # How often the common direction is in the displacement.
             amount = columns @ values @ direction / (direction @ direction)
             unit = "µrad" if direction[3:].any() else "µm"
             return _Amount(amount, unit, lever, has_direction=True)
-        shift, turn = np.split(columns @ values, 2, axis=1)
-        size, unit = (turn, "µrad") if turn.any() else (shift, "µm")
-        amount = np.linalg.norm(size, axis=1) * (np.sign(values[0]) if len(values) == 1 else 1.0)
+        translation, rotation = np.split(columns @ values, 2, axis=1)
+        motion, unit = (rotation, "µrad") if rotation.any() else (translation, "µm")
+        sign = np.sign(values[0]) if len(values) == 1 else 1.0
+        amount = np.linalg.norm(motion, axis=1) * sign
     else:
-        amount, unit = np.linalg.norm(sensitivity(effect, state) @ values, axis=1), "µm"
-    safe = np.where(amount == 0.0, np.inf, amount)
-    return _Amount(amount, unit, (sensitivity(effect, state) @ values) / safe[:, None])
+        amount, unit = np.linalg.norm(target_displacement, axis=1), "µm"
+    nonzero = np.where(amount == 0.0, np.inf, amount)
+    return _Amount(amount, unit, target_displacement / nonzero[:, None])
 
 
 def _common_direction(columns: Array) -> Array | None:
@@ -156,8 +160,8 @@ def _common_direction(columns: Array) -> Array | None:
         return None
     direction = longest / length * np.sign(longest[np.argmax(np.abs(longest))])
     multiples = twists @ direction / (direction @ direction)
-    beside = twists - multiples[:, None] * direction
-    return direction if np.abs(beside).max() < 1e-9 * length else None
+    remainders = twists - multiples[:, None] * direction
+    return direction if np.abs(remainders).max() < 1e-9 * length else None
 
 
 def _abscissa(effect: Effect, state: State, cause: _Amount) -> tuple[Array, str]:
@@ -194,19 +198,22 @@ def load_words(effect: Effect) -> str:
 
 def is_of_angle(effect: Effect, state: State) -> bool:
     """Whether it is a function of the angle of its own joint alone."""
-    row, of_joint = effect.row, effect.location_field() == "joint"
-    if row is None or not of_joint or effect.elastic or effect.needs:
+    row, acts_at_joint = effect.row, effect.location_field() == "joint"
+    if row is None or not acts_at_joint or effect.elastic or effect.needs:
         return False
     number = state.joint(row)
     alone = np.zeros_like(state.q)
     alone[:, number] = state.q[:, number]
-    whole, own = effect.displacements(state), effect.displacements(replace(state, q=alone))
-    return len(whole) == 1 and np.array_equal(whole[0].columns, own[0].columns)
+    displacements = effect.displacements(state)
+    of_joint_alone = effect.displacements(replace(state, q=alone))
+    return len(displacements) == 1 and np.array_equal(
+        displacements[0].columns, of_joint_alone[0].columns
+    )
 
 
 def unit_of_load(unit: str, amount: str) -> str:
     """Unit that times a ``unit`` gives that of the ``amount``: ``(N·m)²`` for ``rad/(N·m)²``."""
-    above, _, load = unit.partition("/")
-    if above != amount:
+    numerator, _, denominator = unit.partition("/")
+    if numerator != amount:
         return f"{amount}/({unit})"
-    return re.sub(r"^\(([^()]*)\)$", r"\1", load) or "1"
+    return re.sub(r"^\(([^()]*)\)$", r"\1", denominator) or "1"

@@ -106,44 +106,46 @@ def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodie
         remarks = (f"{urdf.name} names meshes that do not exist: {names}.",)
     if len(missing) == len(named):
         return Bodies(arm, remarks)
-    return MeshBodies(arm, remarks, _simplified(_by_body(arm, robot)), opacity)
+    return MeshBodies(arm, remarks, _simplified(_meshes_by_body(arm, robot)), opacity)
 
 
-def _by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
+def _meshes_by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
+    """Meshes of a URDF in the axes of the body that carries them (0: base; i: after joint i)."""
     import trimesh
 
-    number_of = {name: number for number, name in enumerate(arm.joint_names, start=1)}
+    number_of_joint = {name: number for number, name in enumerate(arm.joint_names, start=1)}
     joint_to = {joint.child: joint for joint in robot.robot.joints}
 
     def body_of(link: str) -> int:
         while link in joint_to:
             joint = joint_to[link]
-            if joint.name in number_of:
-                return number_of[joint.name]
+            if joint.name in number_of_joint:
+                return number_of_joint[joint.name]
             link = joint.parent
         return 0
 
     bodies = Bodies(arm.uncorrected)
-    to_body = np.linalg.inv(bodies.placements(np.zeros((1, arm.nq)))[:, 0])
+    base_to_body = np.linalg.inv(bodies.placements(np.zeros((1, arm.nq)))[:, 0])
     parts = defaultdict(list)
     graph = robot.scene.graph
     for node in graph.nodes_geometry:
         placement, name = graph[node]
-        body, shape = body_of(graph.transforms.parents[node]), robot.scene.geometry[name]
-        vertices = trimesh.transform_points(shape.vertices, to_body[body] @ placement)
+        body = body_of(graph.transforms.parents[node])
+        shape = robot.scene.geometry[name]
+        vertices = trimesh.transform_points(shape.vertices, base_to_body[body] @ placement)
         visual = shape.visual
         rgba = visual.material.main_color if visual.kind == "texture" else visual.main_color
         colour = to_hex((np.asarray(rgba[:3]) / 255).tolist())
         parts[body, colour].append((vertices, shape.faces))
     meshes = {}
-    for key, same in parts.items():
-        joined = trimesh.util.append_faces(*zip(*same, strict=True))
+    for key, shapes in parts.items():
+        joined = trimesh.util.append_faces(*zip(*shapes, strict=True))
         meshes[key] = trimesh.Trimesh(*joined, process=False)
     return meshes
 
 
 def _simplified(meshes: Meshes) -> Meshes:
-    """Merge vertices in one cell of a grid, coarse enough for few rows."""
+    """Merge vertices in one cell of a grid, as coarse as :data:`MOST_MESH_ROWS` demands."""
     cell = FINEST * max(float(np.ptp(mesh.bounds, axis=0).max()) for mesh in meshes.values())
     simple = dict(meshes)
     while sum(len(mesh.vertices) + len(mesh.faces) for mesh in simple.values()) > MOST_MESH_ROWS:
