@@ -40,21 +40,24 @@ class Problems:
     source: str
     lines: Index
     found: list[tuple[int | None, str, str]] = field(default_factory=list)
+    """Row (None for the table), column and message."""
 
     def add(self, column: str, message: str) -> None:
         """Add a problem of a column; "" for the table."""
         self.found.append((None, shortened(column), message))
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
-        """Add one of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first."""
-        where = np.flatnonzero(bad)
-        if not where.size:
+        """Add a problem of the rows ``bad`` (n,), if any: ``message`` with the ``values`` (n,) of
+        the first of them.
+        """
+        rows = np.flatnonzero(bad)
+        if not rows.size:
             return
-        first = [v[where[0]] for v in values]
-        text = message.format(*(shortened(v) if isinstance(v, str) else v for v in first))
-        if where.size > 1:
-            text += f" (also {rows_in_words(self.lines[where[1:]])})"
-        self.found.append((int(self.lines[where[0]]), column, text))
+        first_values = [v[rows[0]] for v in values]
+        text = message.format(*(shortened(v) if isinstance(v, str) else v for v in first_values))
+        if rows.size > 1:
+            text += f" (also {rows_in_words(self.lines[rows[1:]])})"
+        self.found.append((int(self.lines[rows[0]]), column, text))
 
     def of_other_values(
         self,
@@ -64,15 +67,21 @@ class Problems:
         by: pd.Series,
         of: str,
     ) -> Index:
-        """First row of each row's group ``by`` that states a value (n,), or -1.
+        """Add a problem of rows whose value differs from that of their group.
 
-        Add a problem of rows with another value than their group, one ``of``.
+        Args:
+            stated: rows that state a value (n,).
+            by: group of each row (n,).
+            of: what a group is, in words.
+
+        Returns:
+            First row of each row's group that states a value (n,), or -1.
         """
-        rows = pd.Series(np.arange(len(values))).where(stated)
-        first = rows.groupby(by).transform("first").fillna(-1).to_numpy(dtype=np.intp)
+        stating_rows = pd.Series(np.arange(len(values))).where(stated)
+        first = stating_rows.groupby(by).transform("first").fillna(-1).to_numpy(dtype=np.intp)
         message = f"{{}}, but row {{}} states {{}}; expected one value for one {of}"
-        other = stated & (values != values[first])
-        self.at(other, column, message, values, self.lines[first], values[first])
+        differs = stated & (values != values[first])
+        self.at(differs, column, message, values, self.lines[first], values[first])
         return first
 
     def stop(self) -> None:

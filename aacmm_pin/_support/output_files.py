@@ -180,10 +180,10 @@ class OutputFiles:
         if place not in self._updated:
             self._require_free(place)
         if place.exists():
-            before = Path(tempfile.mkdtemp(dir=temporary.parent)) / "before"
-            shutil.copy2(place, before)
+            former = Path(tempfile.mkdtemp(dir=temporary.parent)) / "before"
+            shutil.copy2(place, former)
             os.chmod(temporary, stat.S_IMODE(place.stat().st_mode))
-            undo.callback(os.replace, before, place)
+            undo.callback(os.replace, former, place)
         else:
             undo.callback(place.unlink, missing_ok=True)
         os.replace(temporary, place)

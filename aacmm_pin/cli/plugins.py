@@ -30,12 +30,13 @@ def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
     Raises:
         AacmmError: one cannot be imported.
     """
-    before = set(sys.modules)
+    imported_before = set(sys.modules)
     for name in names:
         _load(f"--plugin {name}", partial(import_plugin, name))
     for point in points:
         _load(f"entry point {point.name}", point.load)
-    files = [getattr(sys.modules[name], "__file__", None) for name in set(sys.modules) - before]
+    imported = set(sys.modules) - imported_before
+    files = [getattr(sys.modules[name], "__file__", None) for name in imported]
     return (*names, *filter(None, files))
 
 
@@ -84,17 +85,17 @@ def import_plugin(name: str) -> ModuleType:
 def plugin_error(error: BaseException) -> str | None:
     """The error of a plugin in one line; None without plugins.
 
-    Without a line of a plugin in the traceback, an attribute of its class may be wrong.
+    If no line of a plugin is in the traceback, all are named: an attribute of a class may be wrong.
     """
-    plugins = {
+    file_of_plugin = {
         cause.cause: getattr(sys.modules.get(cause.__module__), "__file__", None)
         for cause in CAUSES.values()
         if not cause.__module__.startswith("aacmm_pin.")
     }
     files = [frame.filename for frame in traceback.extract_tb(error.__traceback__)]
-    for name, file in plugins.items():
+    for name, file in file_of_plugin.items():
         if file in files:
             return f"{name}: {raised(error, file)}"
-    if not plugins or not isinstance(error, Exception):
+    if not file_of_plugin or not isinstance(error, Exception):
         return None
-    return f"{', '.join(plugins)}, or code that uses this cause: {raised(error, files[-1])}"
+    return f"{', '.join(file_of_plugin)}, or code that uses this cause: {raised(error, files[-1])}"

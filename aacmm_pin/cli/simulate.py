@@ -124,7 +124,7 @@ def run(
     file states no noise, the default is 8 µrad. The default noise of references is 0.012 mm.
     Contacts have no noise by default.
     """
-    _refuse_others(context, scheme, procedure, no_seat_coordinates)
+    _refuse_options_without_use(context, scheme, procedure, no_seat_coordinates)
     rng = np.random.default_rng(seed)
     with Results(files, output, arm_out) as results:
         model = as_filed = arm.model()
@@ -174,17 +174,22 @@ def run(
     status(f"{data}; {words}")
 
 
-def _refuse_others(
+def _refuse_options_without_use(
     context: typer.Context, scheme: Scheme, procedure: Path | None, no_seat_coordinates: bool
 ) -> None:
+    """Refuse options that do nothing with this scheme or the other options."""
     reasons = {
         option: f"requires --scheme {' or '.join(schemes)}"
         for option, schemes in SCHEMES_WITH.items()
         if scheme not in schemes
     }
     if no_seat_coordinates:
-        why = "cannot be combined with --no-seat-coordinates, which states no reference"
-        reasons = dict.fromkeys(("reference_noise", "orientation_noise"), why) | reasons
+        without_reference = (
+            "cannot be combined with --no-seat-coordinates, which states no reference"
+        )
+        reasons = (
+            dict.fromkeys(("reference_noise", "orientation_noise"), without_reference) | reasons
+        )
     if procedure is not None:
         options = ("scheme", "records", *SCHEMES_WITH)
         reasons = dict.fromkeys(options, "cannot be combined with --procedure")

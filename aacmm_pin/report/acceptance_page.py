@@ -175,10 +175,11 @@ def history_blocks(history: History) -> Iterator[Block]:
 
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
-    sets = [
+    """What the verdict depends on: origin of coordinates, stated values, lengths, details."""
+    origins = [
         "from the file" if arm == AS_GIVEN else f"from readings by {arm}" for arm in result.overall
     ]
-    lines = {"coordinates": ", ".join(sets)}
+    conditions = {"coordinates": ", ".join(origins)}
     for column, values in result.stated.items():
         if values:
             name, unit = CONDITION_LABELS[column]
@@ -186,13 +187,13 @@ def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
             text = first_few(texts, NUMBERS_LISTED)
             if len(values) > NUMBERS_LISTED and isinstance(values[0], float | int):
                 text = f"{texts[0]} to {texts[-1]}"
-            lines[name] = text + unit
+            conditions[name] = text + unit
     if result.measuring_range is not None:
-        part = plain_mm(LONGEST_PART * result.measuring_range)
-        lines["measuring range"] = (
-            f"{plain_mm(result.measuring_range)} mm, of which 66 % are {part} mm"
+        long_enough = plain_mm(LONGEST_PART * result.measuring_range)
+        conditions["measuring range"] = (
+            f"{plain_mm(result.measuring_range)} mm, of which 66 % are {long_enough} mm"
         )
         for test, length in result.longest.items():
-            lines[f"longest length of {test}"] = f"{plain_mm(length)} mm"
-    lines |= details.about
-    return "; ".join(f"{name} {text}" for name, text in lines.items()) + "."
+            conditions[f"longest length of {test}"] = f"{plain_mm(length)} mm"
+    conditions |= details.about
+    return "; ".join(f"{name} {text}" for name, text in conditions.items()) + "."

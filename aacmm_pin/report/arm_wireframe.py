@@ -33,23 +33,23 @@ class ArmLines:
         axes = [chain.axis(row) for row in range(1, arm_chain.rows + 1)]
         rotation, origin = arm_chain.at_zero
         lines = []
-        for place, after in pairwise([chain.BASE, *axes, arm_chain.tip]):
-            step = (origin[after] - origin[place]) @ rotation[place]
+        for start, end in pairwise([chain.BASE, *axes, arm_chain.tip]):
+            step = (origin[end] - origin[start]) @ rotation[start]
             lines.append(np.vstack([np.zeros(3), step]))
         return lines
 
     @cached_property
     def length(self) -> float:
         """Length of all lines [m]."""
-        steps = np.concatenate([np.diff(line, axis=0) for line in self.lines])
-        return float(np.linalg.norm(steps, axis=1).sum())
+        segments = np.concatenate([np.diff(line, axis=0) for line in self.lines])
+        return float(np.linalg.norm(segments, axis=1).sum())
 
     def placements(self, q: Array) -> Array:
         """Placements of all bodies at ``q`` (n, nq): (bodies, n, 4, 4) [m]."""
         rotation, origin = self.arm.chain.walk(q)
-        places = [chain.BASE, *(chain.axis(row) for row in range(1, len(self.lines)))]
-        placements = np.zeros((len(places), len(q), 4, 4))
-        placements[:, :, :3, :3], placements[:, :, :3, 3] = rotation[places], origin[places]
+        numbers = [chain.BASE, *(chain.axis(row) for row in range(1, len(self.lines)))]
+        placements = np.zeros((len(numbers), len(q), 4, 4))
+        placements[:, :, :3, :3], placements[:, :, :3, 3] = rotation[numbers], origin[numbers]
         placements[:, :, 3, 3] = 1.0
         return placements
 
@@ -61,15 +61,15 @@ class ArmLines:
         """Points of bodies, by number and in their axes (k, 3) each, in the base: (n, points, 3)
         [m].
         """
-        placements, placed = self.placements(q), []
+        placements, in_base = self.placements(q), []
         for body, points in points_of_bodies:
             rotation, origin = placements[body, :, :3, :3], placements[body, :, None, :3, 3]
-            placed.append(points @ rotation.transpose(0, 2, 1) + origin)
-        return np.concatenate(placed, axis=1)
+            in_base.append(points @ rotation.transpose(0, 2, 1) + origin)
+        return np.concatenate(in_base, axis=1)
 
 
 def _lines_of_table(dh: DHTable) -> list[Array]:
-    """Of each body, along d and a of its row."""
+    """Corners of the line of each body in its own axes (k, 3) [m], along d and a of its DH row."""
     zero, start = np.zeros_like(dh.a), np.zeros((1, 3))
     along_d = np.column_stack([zero, zero, dh.d])
     along_a = np.column_stack([dh.a, zero, zero])

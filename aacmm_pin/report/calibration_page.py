@@ -143,32 +143,32 @@ def calibration_document(
 def verdict(result: Calibration) -> str:
     """Whether the calibration helps, by held-out records if possible; doubts first."""
     exclusions, name = result.exclusions, result.model.arm.name
-    doubts, others = mistakes_in_words(result.notes), ""
+    doubts, on_others = mistakes_in_words(result.notes), ""
     if exclusions.doubtful:
         doubts += f"{exclusions_in_words(exclusions)} Run aacmm-pin diagnose to find the cause. "
-        others = f" on the other {count(exclusions.used, 'record')}"
-    held = result.held_out[-1] if result.held_out else None
-    if held is None:
+        on_others = f" on the other {count(exclusions.used, 'record')}"
+    held_out = result.held_out[-1] if result.held_out else None
+    if held_out is None:
         before, after = lengths([result.rms_before, result.rms])
         return (
-            f"{doubts}For {name}{others}, the RMS residual of the used records is {before} before "
-            f"and {after} after calibration. No records were held out, and new records may have "
-            "larger residuals."
+            f"{doubts}For {name}{on_others}, the RMS residual of the used records is {before} "
+            f"before and {after} after calibration. No records were held out, and new records may "
+            "have larger residuals."
         )
-    sizes = [result.rms_before, result.rms, held.rms_before, held.rms_after]
+    sizes = [result.rms_before, result.rms, held_out.rms_before, held_out.rms_after]
     before, after, held_before, held_after = lengths(sizes)
-    gain = 1.0 - held.rms_after / held.rms_before
+    gain = 1.0 - held_out.rms_after / held_out.rms_before
     makes = "makes" if gain >= WORTH else "does not make"
     return (
-        f"{doubts}Calibration{others} {makes} {name} more accurate: the RMS residual of held-out "
-        f"{HELD_OUT_KINDS[held.kind]} is {held_before} before and {held_after} after calibration "
-        f"(gain {percent(gain)}). The RMS residual of the used records is {before} before and "
-        f"{after} after calibration."
+        f"{doubts}Calibration{on_others} {makes} {name} more accurate: the RMS residual of "
+        f"held-out {HELD_OUT_KINDS[held_out.kind]} is {held_before} before and {held_after} after "
+        f"calibration (gain {percent(gain)}). The RMS residual of the used records is {before} "
+        f"before and {after} after calibration."
     )
 
 
 def exclusions_in_words(exclusions: Exclusions) -> str:
-    """That excluded records are no gross errors; notes state why."""
+    """How many records the fit excluded, and why they are no gross errors."""
     records = count(exclusions.excluded + exclusions.used, "record")
     why = "too many for gross errors" if exclusions.too_many else "probably for a common cause"
     return f"The fit excluded {exclusions.excluded} of {records}, {why}."
@@ -205,21 +205,21 @@ def frame_in_words(fit: Fit) -> str:
     """Base in the frame of the references or of each session: origin, axes and U; "" if the
     references are in the base, or if the records leave it open.
     """
-    held = ", ".join(fit.undetermined.tied_to_frame)
-    tied = f" U assumes the values of {held} in the arm file." if held else ""
+    assumed = ", ".join(fit.undetermined.tied_to_frame)
+    assumption = f" U assumes the values of {assumed} in the arm file." if assumed else ""
     sentences = []
     for base in base_placements(fit):
         x, y, z = (vector(axis, "z.6f") for axis in base.rotation.T)
         angle = Rotation.from_matrix(base.rotation).magnitude() / DEG
-        u_shift = vector(COVERAGE_FACTOR * base.u_shift / MM, ".3g")
-        u_turn = vector(COVERAGE_FACTOR * base.u_rotation / UM, ".3g")
+        u_origin = vector(COVERAGE_FACTOR * base.u_shift / MM, ".3g")
+        u_rotation = vector(COVERAGE_FACTOR * base.u_rotation / UM, ".3g")
         session = f" of session {base.session}" if base.session else ""
         sentences.append(
             f"The origin of the base is at {vector(base.shift / MM, 'z.4f')} mm in the frame of "
             f"the references{session}. In this frame, the axes of the base are x {x}, y {y} and z "
             f"{z}, which is a rotation by {angle:.4f}°. Along and about the axes of the "
-            f"references, U (k = 2) is {u_shift} mm for the origin and {u_turn} µrad for the "
-            f"rotation.{tied}"
+            f"references, U (k = 2) is {u_origin} mm for the origin and {u_rotation} µrad for the "
+            f"rotation.{assumption}"
         )
     return " ".join(sentences)
 
@@ -429,8 +429,8 @@ def _parameter_table(table: pd.DataFrame) -> Table:
 
 def _undetermined(result: Calibration) -> Iterator[Block]:
     yield Heading("What these records do not determine")
-    framed = any("frame." in line for line in result.undetermined)
-    of_frame = ". frame.x to frame.rz are the placement of the base" if framed else ""
+    names_frame = any("frame." in line for line in result.undetermined)
+    of_frame = ". frame.x to frame.rz are the placement of the base" if names_frame else ""
     yield Bullets(result.undetermined, f"{UNDETERMINED}{of_frame}:")
     indices = pd.DataFrame([vars(result.observability)]).drop(columns="directions")
     yield Table(

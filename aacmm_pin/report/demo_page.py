@@ -232,11 +232,12 @@ def run_demo(
 
 
 def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
+    """A cause to be found, and records of an arm with this cause and with errors of geometry."""
     rng = np.random.default_rng(SEED)
     phase = rng.uniform(-np.pi, np.pi)
     hidden = EncoderEccentricity(JOINT, values=(SIZE * np.cos(phase), SIZE * np.sin(phase)))
-    drawn = perturbed_model(ErrorModel(arm), rng).arm
-    truth = ErrorModel(drawn, (hidden,))
+    perturbed = perturbed_model(ErrorModel(arm), rng).arm
+    truth = ErrorModel(perturbed, (hidden,))
     return hidden, simulate_measurements(truth, "seats", RECORDS, rng=rng, seats=SEATS)
 
 

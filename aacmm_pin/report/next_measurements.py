@@ -190,43 +190,49 @@ def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
 
 
 def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str:
+    """What to measure; no plan separates a cause from a free form at the same place."""
     if cause.refitted or other.refitted:  # so that no plan can split it from another
         return f"{MORE_RECORDS}, to distinguish {cause.label} from {other.label}"
-    for one, freer in ((cause, other), (other, cause)):
-        same_place = freer.function_of == one.function_of and freer.place == one.place
-        if freer.free_form and same_place:
+    for specific, free in ((cause, other), (other, cause)):
+        acts_at_same_place = (
+            free.function_of == specific.function_of and free.place == specific.place
+        )
+        if free.free_form and acts_at_same_place:
             return (
-                f"take more records with joint {one.place} evenly over its range, to find how the "
-                "error depends on the angle"
+                f"take more records with joint {specific.place} evenly over its range, to find how "
+                "the error depends on the angle"
             )
     command = _plan_command(result, cause, other)
     return f"plan records that distinguish {cause.label} from {other.label}: {command}"
 
 
 def _plan_command(result: Diagnosis, cause: Effect, other: Effect) -> str:
+    """The command that plans records with the set-up and noise of the diagnosis."""
     records, setup = result.extended.problem.measurements, result.extended.problem.setup
     source, name = records.source, result.model.arm.name.lower()
     seats, encoder = records.conditions.seat, setup.encoder_noise
-    readings = np.unique([] if encoder is None else encoder)
-    at_seats = seats is not None and np.mean(seats != "") > 0.5
+    encoder_noises = np.unique([] if encoder is None else encoder)
+    is_at_seats = seats is not None and np.mean(seats != "") > 0.5
     noise = {"--u-reference-mm": setup.reference_noise, "--probe-noise-mm": setup.probe_noise}
     # Scatter beyond what was stated is of the contacts at seats, or of the coordinates.
-    scattered = "--probe-noise-mm" if at_seats else "--u-reference-mm"
-    noise[scattered] = float(np.hypot(noise[scattered] or 0.0, result.extended.scatter))
+    scattered_option = "--probe-noise-mm" if is_at_seats else "--u-reference-mm"
+    noise[scattered_option] = float(
+        np.hypot(noise[scattered_option] or 0.0, result.extended.scatter)
+    )
     options = {
         "--causes": f"{text_of(cause)} {text_of(other)}",
         "--existing": quote(source) if source.endswith(".csv") else "DATA.csv",
-        "--scheme": at_seats and "seats",
+        "--scheme": is_at_seats and "seats",
         "--reference-frame": setup.external and setup.reference_frame,
         "--target": setup.target != "tip" and setup.target,
         **{option: size and f"{size / MM:.4g}" for option, size in noise.items()},
-        "--encoder-noise": readings.size == 1 and f"{readings[0]:g}",
+        "--encoder-noise": encoder_noises.size == 1 and f"{encoder_noises[0]:g}",
         "-o": "plan.csv",
     }
     arm = name if name in bundled_arms() else "ARM.toml"
-    words = [f"{option} {value}" for option, value in options.items() if value]
+    stated_options = [f"{option} {value}" for option, value in options.items() if value]
     prior = "" if setup.prior else " --no-prior"
-    return f"aacmm-pin plan distinguish {arm} {' '.join(words)}{prior}"
+    return f"aacmm-pin plan distinguish {arm} {' '.join(stated_options)}{prior}"
 
 
 def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:
@@ -234,8 +240,8 @@ def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:
     joints = [name for name in depends_on if name.startswith("joint ")]
     moments = [name for name in depends_on if name.startswith("moment ")]
     labels = [name for name in depends_on if name.split()[0] in LABELS]
-    named = {*joints, *moments, *labels, *PLACE, SCALE, *ORDER}
-    numbers = [name for name in depends_on if name not in named]
+    not_numeric = {*joints, *moments, *labels, *PLACE, SCALE, *ORDER}
+    numbers = [name for name in depends_on if name not in not_numeric]
     at_another_time = "repeat some postures at another time"
     unchanged = "without any other change"
     proposals = [

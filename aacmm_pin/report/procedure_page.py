@@ -156,8 +156,8 @@ def _steps(points: pd.DataFrame) -> pd.DataFrame:
 def procedure_views(procedure: Procedure) -> Drawing:
     """The artefacts around the arm, from above and from the side."""
     groups: dict[str, tuple[str, list[tuple[str, Array]]]] = {}
-    for (kind, position), place in _ends(procedure).groupby(["kind", "position"], sort=False):
+    for (kind, position), ends in _ends(procedure).groupby(["kind", "position"], sort=False):
         name, colour = ARTEFACTS[str(kind)]
         label = "" if kind == "volumetric" else str(position)
-        groups.setdefault(name, (colour, []))[1].append((label, place[["x", "y", "z"]].to_numpy()))
+        groups.setdefault(name, (colour, []))[1].append((label, ends[["x", "y", "z"]].to_numpy()))
     return two_views(procedure.arm, procedure.q[:1], groups)

@@ -64,18 +64,20 @@ def _print_table(table: Table) -> None:
     )
     cells = table.cells().map(printable).rename(columns=printable)
     widths = {str(head): max(map(cell_len, [head, *texts])) for head, texts in cells.items()}
-    for kept in (r"\S+", r"\S*_\S*"):
-        least = {head: _least(head, [*cells[head]], kept) for head in widths}
+    for unbroken_pattern in (r"\S+", r"\S*_\S*"):
+        least_widths = {
+            head: _least_width(head, [*cells[head]], unbroken_pattern) for head in widths
+        }
         while sum(widths.values()) + GAP * len(widths) > console.width:
-            wide = {head: width for head, width in widths.items() if width > least[head]}
+            wide = {head: width for head, width in widths.items() if width > least_widths[head]}
             if not wide:
                 break
             widths[max(wide, key=wide.__getitem__)] -= 1
     console.width = max(console.width, sum(widths.values()) + GAP * len(widths))
     grid = Grid(box=SIMPLE, pad_edge=False, collapse_padding=True)
     for head, width in widths.items():
-        way: Literal["right", "left"] = "right" if are_numbers(cells[head]) else "left"
-        grid.add_column(head, justify=way, width=width, overflow="fold")
+        justify: Literal["right", "left"] = "right" if are_numbers(cells[head]) else "left"
+        grid.add_column(head, justify=justify, width=width, overflow="fold")
     for row in cells.itertuples(index=False):
         grid.add_row(*row)
     # A terminal that is too narrow for the names breaks the lines; nothing is left out.
@@ -84,9 +86,9 @@ def _print_table(table: Table) -> None:
         say(f"  … and {len(table.frame) - len(cells)} more rows of this table")
 
 
-def _least(head: str, texts: list[str], kept: str) -> int:
-    """Width that keeps numbers, labels, words of the head and matches of ``kept`` whole."""
-    in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
-    words = texts if in_one else re.findall(kept, "\n".join(texts))
+def _least_width(head: str, texts: list[str], unbroken_pattern: str) -> int:
+    """Width of a column that breaks no number, label, word of the head or match of the pattern."""
+    unbroken = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
+    words = texts if unbroken else re.findall(unbroken_pattern, "\n".join(texts))
     lengths = [min(LONGEST_WORD, cell_len(word)) for word in words]
     return max([*map(cell_len, head.split()), *lengths])

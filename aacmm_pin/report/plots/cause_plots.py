@@ -104,7 +104,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         ax.set_xticks(values)
     means = _weighted_means(shown, parts, fewest)
     ends = [means["value"] - means["u"], means["value"] + means["u"]]
-    limits = _limits(np.concatenate([shown.fitted, *ends]), shown.value)
+    limits = _axis_limits(np.concatenate([shown.fitted, *ends]), shown.value)
     records = with_cut_off("records", shown.value, limits)
     ax.axhline(0.0, color=INK, lw=0.6)
     ax.plot(x, shown.value, ".", ms=3, color=GREY, alpha=0.5, label=records, zorder=1)
@@ -127,8 +127,8 @@ def _weighted_means(shown: PartialResidual, parts: Any, fewest: int) -> pd.DataF
     return sums.div(sums["weight"], axis=0).assign(u=sums["weight"] ** -0.5)
 
 
-def _limits(curve: Array, records: Array) -> tuple[float, float]:
-    """With room for the curve, and for nearly all records if they do not dwarf the curve."""
+def _axis_limits(curve: Array, records: Array) -> tuple[float, float]:
+    """Ends of an axis for the curve, and for nearly all records if they do not dwarf the curve."""
     low, high = float(np.nanmin(curve)), float(np.nanmax(curve))
     room = ROOM_BEYOND_CURVE * (high - low)
     least, most = np.clip(np.quantile(records, SHOWN_QUANTILES), low - room, high + room)
@@ -213,7 +213,7 @@ def _plot_over_one(
         label = f"correction in {quantity[0]}" if len(quantities) > 1 else "correction"
         ax.plot(place, shape[quantity], color=colour, label=label, **style)
     records = shape[[quantity + OF_RECORD for quantity in quantities]].to_numpy()
-    limits = _limits(shape[quantities].to_numpy(), records)
+    limits = _axis_limits(shape[quantities].to_numpy(), records)
     ax.plot([], [], ".", color=GREY, label=with_cut_off("records", records, limits))
     ax.set(xlabel=_head(over[0]), ylabel=ylabel, ylim=limits)
     legend_below(ax)

@@ -77,19 +77,21 @@ def circle_scene(
     eligible = inside if len(inside) else np.arange(len(circle.q))
     members = some_of(eligible, MOST_CIRCLE_FRAMES)
     q, bodies = circle.q[members], bodies_of(circle.arm, body_style)
-    path, name = _path_of(circle)
+    path, path_name = _path_of(circle)
     points = np.vstack([bodies.outline(circle.q), path])
     names = {WRIST: "wrist", circle.arm.tip: "tip"}
-    place = f"{names.get(circle.at, circle.at)} at {place_text(circle.point)}"
+    reached_point = f"{names.get(circle.at, circle.at)} at {place_text(circle.point)}"
     curves = count(int(circle.component.max()), "closed curve")
     caption = (
         f"{len(circle.q)} postures on {curves} reach the point. Of these postures, "
         f"{circle.within_limits.sum()} are within the joint limits."
     )
-    scene = stage(f"{circle.arm.name}: {place}", caption, bodies, points, circle.point[None])
+    scene = stage(
+        f"{circle.arm.name}: {reached_point}", caption, bodies, points, circle.point[None]
+    )
     within = " within the joint limits" if len(inside) else ""
-    shown = f"postures{within}, one closed curve after the other"
-    scene.notes.insert(0, on_slider(len(members), len(eligible), shown))
+    postures_in_words = f"postures{within}, one closed curve after the other"
+    scene.notes.insert(0, on_slider(len(members), len(eligible), postures_in_words))
     draw_ghosts(scene, bodies.radius, bodies.corners(circle.q[some_of(eligible, GHOSTS)]))
     draw_ball(scene, "point", "working point", 0.75 * bodies.radius, circle.point)
     colours = np.tile(to_rgb(GREY), (len(circle.q), 1))
@@ -103,11 +105,11 @@ def circle_scene(
         volume, rows = accuracy.volume / MM3, np.searchsorted(inside, members)
         scene.bar = ColourBar.of(VOLUME_LABEL, volume, VOLUME_COLOURS)
         colours[inside] = scene.bar.colours(volume)
-        size = float(np.ptp(points, axis=0).max())
-        moves["accuracy"] = _draw_ellipsoids(scene, circle.point, accuracy, size)[rows]
+        scene_size = float(np.ptp(points, axis=0).max())
+        moves["accuracy"] = _draw_ellipsoids(scene, circle.point, accuracy, scene_size)[rows]
         texts["volume"] = [f"{volume:.4g} mm³" for volume in volume[rows]]
         texts["uncertainty u"] = [f"{u:.1f} µm" for u in accuracy.u[rows] / UM]
-    _draw_path(scene, circle, path, name, colours, 0.4 * bodies.radius)
+    _draw_path(scene, circle, path, path_name, colours, 0.4 * bodies.radius)
     scene.frames = Frames(moves, texts, colours[members])
     return scene
 
@@ -140,8 +142,8 @@ def _draw_path(
     scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
 ) -> None:
     pairs = _neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS))
-    works = circle.within_limits[pairs].all(axis=1)
-    within, outside = pairs[works], pairs[~works]
+    is_within = circle.within_limits[pairs].all(axis=1)
+    within, outside = pairs[is_within], pairs[~is_within]
     if len(outside):
         line = prisms(path[outside[:, 0]], path[outside[:, 1]], 0.4 * radius)
         scene["path/outside"].set_object(line, flat(GREY))

@@ -264,10 +264,11 @@ class Scene:
             scene=self, viewer=Markup(viewer), data=data, drawing=Markup(_script("scene.js"))
         )
 
-    def _frame(self, content: str) -> str:
+    def _frame(self, attribute: str) -> str:
+        """Element that shows the scene; an ``attribute`` says where its page comes from."""
         style = f"position: relative; width: 100%; height: {FRAME_HEIGHT}px; border: 0"
         title = escape(self.title)
-        return f'<iframe title="{title}" {content} allowfullscreen style="{style}"></iframe>'
+        return f'<iframe title="{title}" {attribute} allowfullscreen style="{style}"></iframe>'
 
 
 def shared_script() -> str:
