@@ -30,14 +30,16 @@ def beta_sf(share: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def f_sf(value: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:
-    """Probability that F, a ratio of mean squares, exceeds ``value``."""
-    d, o = np.asarray(dof), np.asarray(other)
-    part = o / (o + d * np.asarray(value))
-    return np.asarray(betainc(o / 2, d / 2, part))
+    """Probability that F, a ratio of mean squares with ``dof`` above and ``other`` below, exceeds
+    ``value``.
+    """
+    above, below = np.asarray(dof), np.asarray(other)
+    beta = below / (below + above * np.asarray(value))
+    return np.asarray(betainc(below / 2, above / 2, beta))
 
 
 def f_isf(probability: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:
-    """The value that F exceeds with a probability."""
-    d, o = np.asarray(dof), np.asarray(other)
-    share = betaincinv(o / 2, d / 2, probability)
-    return np.asarray(o * (1.0 - share) / (d * share))
+    """The value that F, see :func:`f_sf`, exceeds with a probability."""
+    above, below = np.asarray(dof), np.asarray(other)
+    beta = betaincinv(below / 2, above / 2, probability)
+    return np.asarray(below * (1.0 - beta) / (above * beta))

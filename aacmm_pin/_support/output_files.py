@@ -207,8 +207,8 @@ def _write_error(path: Path, error: OSError) -> OutputError:
 
 @contextmanager
 def _as_output_errors(path: Path) -> Iterator[None]:
-    """System errors as :class:`OutputError`, but that of an ended reader of standard output as it
-    is.
+    """Raise system errors as :class:`OutputError`; only a closed pipe after standard output stays
+    a ``BrokenPipeError``.
     """
     try:
         yield

@@ -174,7 +174,7 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
 
 
 def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> Array:
-    """Corrected (n, nq) [rad]; nan, with a warning, if the tip does not arrive."""
+    """Corrected commands (n, nq) [rad]; rows of nan, with a warning, if they cannot be used."""
     commands, arrived = joint_commands(model, nominal, records.q, records.conditions)
     _warn_of_large_changes(model, commands - records.q, records, arrived)
     if np.array_equal(commands, records.q):
@@ -183,14 +183,17 @@ def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> 
             "same tip positions"
         )
     outside = outside_limits(commands, model.arm.limits).any(axis=1)
-    refused = {
+    rows_of_reason = {
         "the posture is singular, out of reach, or outside an error curve": ~arrived,
         "a corrected command is outside the joint limits": outside,
     }
-    for reason, rows in refused.items():
+    for reason, rows in rows_of_reason.items():
         if rows.any():
-            listed = rows_in_words(records.row[rows])
-            warn(f"{records.source}: {listed}: correct left the commands empty, because {reason}")
+            refused_rows = rows_in_words(records.row[rows])
+            warn(
+                f"{records.source}: {refused_rows}: correct left the commands empty, because "
+                f"{reason}"
+            )
         commands[rows] = np.nan
     if len(commands) and np.isnan(commands).all():
         raise AacmmError(

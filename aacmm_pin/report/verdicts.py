@@ -54,15 +54,15 @@ LACKS = {
 
 def verdict_in_words(result: Diagnosis) -> str:
     """The sentence of the verdict, after mistakes in files and before doubts."""
-    before, doubts = mistakes_in_words(result.assumed), ""
+    mistakes, doubts = mistakes_in_words(result.assumed), ""
     if result.reversed_torques:
-        before += "The torque columns have the wrong sign. "
+        mistakes += "The torque columns have the wrong sign. "
     exclusions = exclusions_of(result.extended)
     if exclusions.doubtful and result.verdict in WITH_STRUCTURE:
-        before += f"{exclusions_in_words(exclusions)} "
+        mistakes += f"{exclusions_in_words(exclusions)} "
     if result.verdict in (*WITH_STRUCTURE, "ambiguous"):
         doubts = "".join(f" {capital(doubt)}." for doubt in doubts_in_words(result))
-    return f"{before}{capital(WORDS_OF_VERDICTS[result.verdict](result))}.{doubts}"
+    return f"{mistakes}{capital(WORDS_OF_VERDICTS[result.verdict](result))}.{doubts}"
 
 
 # Verdicts -------------------------------------------------------------
@@ -75,7 +75,8 @@ def _explained(result: Diagnosis) -> str:
     Use the extended arm, and check it on new records.
     """
     causes = "this cause" if len(result.findings) == 1 else "these causes"
-    return f"{_wrong(result)}. After recalibration with {causes}, {_residuals_left(result)}"
+    findings = _findings_in_words(result)
+    return f"{findings}. After recalibration with {causes}, {_residuals_left(result)}"
 
 
 def _ambiguous(result: Diagnosis) -> str:
@@ -83,21 +84,22 @@ def _ambiguous(result: Diagnosis) -> str:
 
     Follow the line *Next* in the output.
     """
-    others, other = other_sets(result), "other " if result.findings else ""
+    others = other_sets(result)
     likely = [labels for labels, p in others.items() if p >= THRESHOLDS.rival]
     sets = []
     for labels in likely[:ALTERNATIVES] or [*others][:1]:
         causes = labels_in_words(result, labels) or "no cause"
         sets.append(f"{causes} (probability of this set {probability(others[labels])})")
-    wrong = _wrong(result)
+    findings = _findings_in_words(result)
     if not result.findings:
         chance = probability(1.0 - result.more)
-        wrong = "these records do not determine which cause the model lacks"
-        wrong += f" (probability {chance} that none acts)"
+        findings = "these records do not determine which cause the model lacks"
+        findings += f" (probability {chance} that none acts)"
         if result.extended.has_scatter and result.extended.noise_is_stated:
-            wrong = f"{_residuals_left(result)}, but {wrong}"
-    several = "set" if len(sets) == 1 else "sets"
-    return f"{wrong}. {capital(f'{other}possible {several} of causes')}: {listed(sets)}"
+            findings = f"{_residuals_left(result)}, but {findings}"
+    possible = "other possible" if result.findings else "possible"
+    set_or_sets = "set" if len(sets) == 1 else "sets"
+    return f"{findings}. {capital(f'{possible} {set_or_sets} of causes')}: {listed(sets)}"
 
 
 def _partly_explained(result: Diagnosis) -> str:
@@ -107,12 +109,12 @@ def _partly_explained(result: Diagnosis) -> str:
     Use the extended arm, and check it on new records. For the structure, see the table *Reasons for
     `unexplained`*.
     """
-    structure = _structure(result)
+    structure = _structure_in_words(result)
     if result.no_better:  # what held-out records do not confirm comes last
-        return f"{structure}. {capital(_wrong(result))}"
+        return f"{structure}. {capital(_findings_in_words(result))}"
     if not result.findings:
         return structure
-    return f"{_wrong(result)}. {capital(structure)}"
+    return f"{_findings_in_words(result)}. {capital(structure)}"
 
 
 def _unexplained(result: Diagnosis) -> str:
@@ -131,7 +133,7 @@ def _no_discrepancy(result: Diagnosis) -> str:
     Read in the line *Next* how many causes `diagnose` would find. Keep the records for comparison
     with the next check.
     """
-    return f"{_wrong(result)}. After recalibration, {_residuals_left(result)}"
+    return f"{_findings_in_words(result)}. After recalibration, {_residuals_left(result)}"
 
 
 def _inconclusive(result: Diagnosis) -> str:
@@ -139,7 +141,7 @@ def _inconclusive(result: Diagnosis) -> str:
 
     See the table *Reasons for `inconclusive`*.
     """
-    extended, wrong = result.extended, _wrong(result)
+    extended, findings = result.extended, _findings_in_words(result)
     if not result.converged:
         return (
             f"the fit did not converge ({result.converge_note}), so that no conclusion is possible"
@@ -150,12 +152,12 @@ def _inconclusive(result: Diagnosis) -> str:
         excluded, used = int(extended.excluded.sum()), int(extended.used.sum())
         return (
             f"{excluded} of {excluded + used} records disagree with the other records, which is "
-            f"too many for gross errors. According to the other records, {wrong}"
+            f"too many for gross errors. According to the other records, {findings}"
         )
     doubts = "; ".join(doubts_in_words(result))
     if not result.findings:
         return f"these records show no cause of error, but {doubts}"
-    return f"these records suggest that {wrong}" + (f", but {doubts}" if doubts else "")
+    return f"these records suggest that {findings}" + (f", but {doubts}" if doubts else "")
 
 
 WORDS_OF_VERDICTS: Mapping[Verdict, Callable[[Diagnosis], str]] = {
@@ -180,96 +182,105 @@ def other_sets(result: Diagnosis) -> dict[tuple[str, ...], float]:
     return {labels: p for labels, p in result.alternatives.items() if set(labels) != named}
 
 
-def _wrong(result: Diagnosis) -> str:
+def _findings_in_words(result: Diagnosis) -> str:
     """What the model lacks or may lack, and which values of geometry and seats are wrong."""
     arm = result.model.arm
-    moved: list[Finding] = []
-    values: list[Finding] = []
+    of_set_up: list[Finding] = []
+    of_values: list[Finding] = []
     causes: list[Finding] = []
     for finding in result.findings:
         if finding.effect.remedy:
-            moved.append(finding)
+            of_set_up.append(finding)
         elif result.geometric(finding) or corrects_seat(finding.effect):
-            values.append(finding)
+            of_values.append(finding)
         else:
             causes.append(finding)
     clauses = []
-    if moved:
-        changed = [in_words(finding.effect, arm) for finding in moved]
-        clauses.append(f"the set-up changed: {listed(changed)}")
+    if of_set_up:
+        changes = [in_words(finding.effect, arm) for finding in of_set_up]
+        clauses.append(f"the set-up changed: {listed(changes)}")
     if causes:
-        clauses.append(f"the model of {arm.name} {_lacked(causes, arm)}")
-    elif not moved and (result.no_better or not values):
+        clauses.append(f"the model of {arm.name} {_lacking_in_words(causes, arm)}")
+    elif not of_set_up and (result.no_better or not of_values):
         chance = f"(probability {probability(1.0 - result.more)} that none acts)"
         lacks = f"no cause of error that the model of {arm.name} lacks {chance}"
         clauses.append(f"these records show {lacks}")
     if result.no_better:
         clauses[-1] += ", but the extended arm does not predict held-out records better"
-    if values:
-        named = _named(values, arm)
-        clauses.append(f"some stated values have unusually large errors: {named}")
+    if of_values:
+        wrong_values = _causes_in_words(of_values, arm)
+        clauses.append(f"some stated values have unusually large errors: {wrong_values}")
     return "; ".join(clauses)
 
 
-def _lacked(causes: Sequence[Finding], arm: Arm) -> str:
+def _lacking_in_words(causes: Sequence[Finding], arm: Arm) -> str:
+    """Verbs of :data:`LACKS`, each with the causes of which it is true."""
     by_verb: dict[str, list[Finding]] = {verb: [] for verb in LACKS.values()}
     for finding in causes:
         certain = _is_settled(finding) and finding.borne_out
         by_verb[LACKS[certain, finding.was is not None]].append(finding)
-    return " and ".join(f"{verb} {_named(some, arm)}" for verb, some in by_verb.items() if some)
+    clauses = [f"{verb} {_causes_in_words(some, arm)}" for verb, some in by_verb.items() if some]
+    return " and ".join(clauses)
 
 
 def _is_settled(finding: Finding) -> bool:
     return finding.probability >= THRESHOLDS.settled
 
 
-def _named(findings: Iterable[Finding], arm: Arm) -> str:
+def _causes_in_words(findings: Iterable[Finding], arm: Arm) -> str:
+    """Settled causes together, then each other cause with its probability."""
     certain = [f.effect for f in findings if _is_settled(f)]
-    named = [several_in_words(certain, arm)] if certain else []
+    names = [several_in_words(certain, arm)] if certain else []
     for finding in findings:
         if not _is_settled(finding):
             chance = f"probability {probability(finding.probability)}"
-            named.append(f"{in_words(finding.effect, arm)} ({chance})")
-    return listed(named)
+            names.append(f"{in_words(finding.effect, arm)} ({chance})")
+    return listed(names)
 
 
-def _structure(result: Diagnosis) -> str:
-    left = result.unexplained
-    sizes, much_larger = _size_left(result)
-    names = [covariate_in_words(name) for name in left.strongest]
-    if {*left.depends_on} > {*left.strongest, *"xyz"}:
+def _structure_in_words(result: Diagnosis) -> str:
+    """What the unexplained residuals depend on, which groups disagree, or how large they are."""
+    unexplained = result.unexplained
+    size_of_residuals, much_larger = _size_of_residuals(result)
+    names = [covariate_in_words(name) for name in unexplained.strongest]
+    if {*unexplained.depends_on} > {*unexplained.strongest, *"xyz"}:
         names.append("other quantities")
-    structure = math.hypot(*(part.rms for part in left.discrepancy))
-    counts = LEAST_PART * result.noise < structure < result.rms["recalibrated"]
-    details = [f"{length(structure)} RMS"] if counts else []
-    certainty = max((part.probability for part in left.discrepancy), default=1.0)
-    if certainty < THRESHOLDS.settled:
-        details.append(f"probability {probability(certainty)}")
-    size = f" ({', '.join(details)})" if details else ""
-    clauses = [str(one) for one in left.apart]
-    if left.has_background and not names:
+    structure_rms = math.hypot(*(part.rms for part in unexplained.discrepancy))
+    is_worth_stating = LEAST_PART * result.noise < structure_rms < result.rms["recalibrated"]
+    details = [f"{length(structure_rms)} RMS"] if is_worth_stating else []
+    most_probable = max((part.probability for part in unexplained.discrepancy), default=1.0)
+    if most_probable < THRESHOLDS.settled:
+        details.append(f"probability {probability(most_probable)}")
+    in_brackets = f" ({', '.join(details)})" if details else ""
+    clauses = [str(group) for group in unexplained.apart]
+    if unexplained.has_background and not names:
         clauses.append(
-            f"the residuals have structure{size} that depends on several quantities together"
+            f"the residuals have structure{in_brackets} that depends on several quantities together"
         )
-    elif much_larger or not (names or left.apart):
-        clauses.append(sizes)
+    elif much_larger or not (names or unexplained.apart):
+        clauses.append(size_of_residuals)
     if names:
-        on = f"on {listed(names)} in a way that no cause of the library explains{size}"
-        clauses.append(f"the residuals depend {on}")
+        clauses.append(
+            f"the residuals depend on {listed(names)} in a way that no cause of the library "
+            f"explains{in_brackets}"
+        )
     return "; ".join(clauses)
 
 
-def _size_left(result: Diagnosis) -> tuple[str, bool]:
-    size, noise, extended = result.rms["extended"], result.noise, result.extended
-    text = f"the RMS residual is still {length(size)}, but the stated noise is zero"
+def _size_of_residuals(result: Diagnosis) -> tuple[str, bool]:
+    """The clause on their size with the extended arm; whether this is much more than noise."""
+    rms, noise, extended = result.rms["extended"], result.noise, result.extended
+    text = f"the RMS residual is still {length(rms)}, but the stated noise is zero"
     if noise > NO_SCATTER:
-        text = f"the RMS residual is still {size / noise:.1f} times the noise"
-    turned = extended.noise.scatters.turn if extended.noise_is_stated else 0.0
-    if turned:
-        text += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
-    shared = result.unexplained.shared_by_postures
-    expected = noise * np.hypot(1.0, 0.0 if shared is None else shared.times)
-    return text, bool(size > THRESHOLDS.much_more * expected or turned > 0.0)
+        text = f"the RMS residual is still {rms / noise:.1f} times the noise"
+    rotation_scatter = extended.noise.scatters.turn if extended.noise_is_stated else 0.0
+    if rotation_scatter:
+        text += (
+            f", and the orientations scatter by {rotation_scatter / UM:.3g} µrad more than stated"
+        )
+    shared_error = result.unexplained.shared_by_postures
+    expected = noise * np.hypot(1.0, 0.0 if shared_error is None else shared_error.times)
+    return text, bool(rms > THRESHOLDS.much_more * expected or rotation_scatter > 0.0)
 
 
 def _residuals_left(result: Diagnosis) -> str:
@@ -373,9 +384,9 @@ WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
 """The sentence of each doubt, by its name; empty if the verdict, or another doubt, states it."""
 
 
-def beside_threshold(left: Unexplained) -> str:
+def beside_threshold(unexplained: Unexplained) -> str:
     """The p-value and its threshold: ``p = 0.02, threshold 0.001``."""
-    return f"{p_equals(left.p_value)}, threshold {left.threshold:g}"
+    return f"{p_equals(unexplained.p_value)}, threshold {unexplained.threshold:g}"
 
 
 def covariate_in_words(name: str) -> str:
@@ -388,6 +399,6 @@ def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
     names = []
     for label in labels:
         cause = result.cause(label)
-        on = f"dependence on {covariate_in_words(label)}"
-        names.append(on if cause is None else name_in_words(cause, result.model.arm))
+        dependence = f"dependence on {covariate_in_words(label)}"
+        names.append(dependence if cause is None else name_in_words(cause, result.model.arm))
     return listed(names)

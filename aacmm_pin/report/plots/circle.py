@@ -82,7 +82,7 @@ def plot_circle(
 
 
 def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> None:
-    """Draw the arm from base to point, from light to dark."""
+    """Draw the arm from base to point in ``chosen`` postures, the last one darkest."""
     shades = TUBE_COLOURS(np.linspace(0.3, 0.75, len(chosen)))
     for k, corners in enumerate(ArmLines(circle.arm).corners(circle.q[chosen])):
         at_point = int(np.linalg.norm(corners - circle.point, axis=1).argmin())

@@ -77,7 +77,8 @@ class Bodies(ArmLines):
 
     def draw(self, scene: Scene) -> None:
         """Put the bodies into a scene, each to be moved by the transform of ``arm/body i``."""
-        moves, last = set(self.arm.chain.moving_axes()), len(self.lines) - 1
+        moving_axes = set(self.arm.chain.moving_axes())
+        last = len(self.lines) - 1
         for number, line in enumerate(self.lines):
             body, radius, material = scene[f"arm/body {number}"], self.radius, solid(TUBE)
             if number == last:
@@ -88,7 +89,7 @@ class Bodies(ArmLines):
                 _put(body[f"corner {count}"], Sphere(radius), placed_at(end), material)
             if number == 0:
                 self._draw_foot(body["foot"])
-            elif chain.axis(number) in moves:
+            elif chain.axis(number) in moving_axes:
                 self._draw_joint(body["joint"], number)
         draw_tip(scene, self)
 
@@ -104,17 +105,18 @@ class Bodies(ArmLines):
         """A flange at the origin of the base if a line leads from there to joint 1, else below
         joint 1.
         """
-        start, end = self.lines[0][[0, -1]]
-        up, top = end - start, start
-        if not self._shows(start, end):
+        base, joint = self.lines[0][[0, -1]]
+        direction, top = joint - base, base
+        if not self._shows(base, joint):
             rotations, origins = self.arm.chain.at_zero
             axis = rotations[chain.axis(1), :, 2]
-            up = -axis if axis @ self.arm.up < 0 else axis
-            top = origins[chain.axis(1)] - HALF_JOINT * self.radius * up
-        thick = 0.8 * self.radius * up / np.linalg.norm(up)
-        _put(node, *rod(top - thick, top, 3.4 * self.radius), solid(BASE))
+            direction = -axis if axis @ self.arm.up < 0 else axis
+            top = origins[chain.axis(1)] - HALF_JOINT * self.radius * direction
+        height = 0.8 * self.radius * direction / np.linalg.norm(direction)
+        _put(node, *rod(top - height, top, 3.4 * self.radius), solid(BASE))
 
     def _shows(self, start: Array, end: Array) -> bool:
+        """Whether a tube between two points (3,) [m] is longer than the joint that hides it."""
         return float(np.linalg.norm(end - start)) > DRAWN * self.radius
 
 
@@ -164,11 +166,13 @@ def _scale(node: Any, size: float) -> None:
 
 def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
     """Move the bodies to the first posture; return the placements of the moving bodies by path."""
-    placed = {f"arm/body {k}": placements for k, placements in enumerate(bodies.placements(q))}
-    for path, placements in placed.items():
+    placements_of_path = {
+        f"arm/body {k}": placements for k, placements in enumerate(bodies.placements(q))
+    }
+    for path, placements in placements_of_path.items():
         scene[path].set_transform(placements[0])
-    placed.pop("arm/body 0")
-    return placed
+    placements_of_path.pop("arm/body 0")
+    return placements_of_path
 
 
 def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
@@ -195,18 +199,18 @@ def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
     """Values of the joints (n, nq) as text, and which joints are outside their ``limits``."""
     texts, limits = {}, []
     for joint, (values, slides) in enumerate(zip(q.T, arm.chain.prismatic, strict=True), start=1):
-        one, unit = (MM, " mm") if slides else (DEG, "°")
-        texts[f"joint {joint}"] = [f"{value:.2f}{unit}" for value in values / one]
+        scale, unit = (MM, " mm") if slides else (DEG, "°")
+        texts[f"joint {joint}"] = [f"{value:.2f}{unit}" for value in values / scale]
     for outside in outside_limits(q, arm.limits):
         joints = ", ".join(str(joint + 1) for joint in np.flatnonzero(outside))
         limits.append(f"outside: joint {joints}" if joints else "within")
     return texts | {"limits": limits}
 
 
-def on_slider(frames: int, number: int, what: str) -> str:
+def on_slider(frames: int, number: int, things: str) -> str:
     """How many of ``number`` things are on the slider."""
-    some = "" if frames == number else f"{frames} of "
-    return f"The slider shows {some}the {number} {what}."
+    part = "" if frames == number else f"{frames} of "
+    return f"The slider shows {part}the {number} {things}."
 
 
 # --- shapes and materials
@@ -268,19 +272,21 @@ def prisms(
     ``colours`` (n, 2, 3) in [0, 1] of both ends.
     """
     corner = np.arange(TUBE_SIDES)
-    turn = corner * (2 * np.pi / TUBE_SIDES)
-    section = radius * np.column_stack([np.cos(turn), np.zeros(TUBE_SIDES), np.sin(turn)])
+    angle = corner * (2 * np.pi / TUBE_SIDES)
+    section = radius * np.column_stack([np.cos(angle), np.zeros(TUBE_SIDES), np.sin(angle)])
     rings = np.array([section @ _toward(way).T for way in end - start])
     end_rings = 0.0 * rings if point else rings
     # Six vertices about each start, then six about its end: (n, 2, 6, 3).
     vertices = np.stack([start[:, None] + rings, end[:, None] + end_rings], axis=1)
-    after = (corner + 1) % TUBE_SIDES
-    lower = np.column_stack([corner, after, corner + TUBE_SIDES])
-    upper = np.column_stack([after, after + TUBE_SIDES, corner + TUBE_SIDES])
-    first = 2 * TUBE_SIDES * np.arange(len(start))
-    faces = np.vstack([lower, upper]) + first[:, None, None]
-    painted = None if colours is None else np.repeat(colours.reshape(-1, 3), TUBE_SIDES, axis=0)
-    return TriangularMeshGeometry(vertices.reshape(-1, 3), faces.reshape(-1, 3), painted)
+    next_corner = (corner + 1) % TUBE_SIDES
+    lower = np.column_stack([corner, next_corner, corner + TUBE_SIDES])
+    upper = np.column_stack([next_corner, next_corner + TUBE_SIDES, corner + TUBE_SIDES])
+    first_vertex = 2 * TUBE_SIDES * np.arange(len(start))
+    faces = np.vstack([lower, upper]) + first_vertex[:, None, None]
+    vertex_colours = (
+        None if colours is None else np.repeat(colours.reshape(-1, 3), TUBE_SIDES, axis=0)
+    )
+    return TriangularMeshGeometry(vertices.reshape(-1, 3), faces.reshape(-1, 3), vertex_colours)
 
 
 def _toward(direction: Array) -> Array:
