@@ -24,6 +24,9 @@ NOTHING_BESIDE = 1e-3
 """Relative standard deviation of the part of a deviation that does not count."""
 WILD_CONTACT = 1e-4
 """Distance from a sphere at which a contact loses weight in the first centre [m]."""
+PLANE_ITERATIONS = 20
+ROUNDING = 1e-9
+"""Of exact contacts of a plane [m]."""
 LEAST_WIDTH = 1e-3
 """Contacts of a plane nearer together do not show its tilt [m]."""
 OF_BAR = "bar"
@@ -68,6 +71,20 @@ def normal_of_plane(points: Array) -> Array:
     about = points - points.mean(axis=0)
     *_, directions = np.linalg.svd(about, full_matrices=False)
     return np.asarray(directions[2])
+
+
+def plane_of_most(points: Array) -> tuple[Array, Array]:
+    """Point and unit normal (3,) of the plane of points (m, 3) [m], in which the nearer half has
+    full weight and the others have it by their distance: a contact of another face hardly tilts it.
+    """
+    weights = np.ones(len(points))
+    for _ in range(PLANE_ITERATIONS):
+        middle = np.average(points, axis=0, weights=weights)
+        about = points - middle
+        *_, directions = np.linalg.svd(np.sqrt(weights)[:, None] * about, full_matrices=False)
+        distance = np.abs(about @ directions[2])
+        weights = 1.0 / np.maximum(distance, np.median(distance) + ROUNDING)
+    return middle, np.asarray(directions[2])
 
 
 def clusters_of(ends: Index, seats: int) -> Index:
@@ -178,7 +195,7 @@ class Observations:
         for k in np.flatnonzero(self.planes & np.isnan(anchor[:, 0])):
             contacts = tips[self.seat == k]
             width = np.sqrt(np.square(contacts - contacts.mean(axis=0)).sum(axis=1).mean())
-            anchor[k] = points[k] - max(width, LEAST_WIDTH) * normal_of_plane(contacts)
+            anchor[k] = points[k] - max(width, LEAST_WIDTH) * plane_of_most(contacts)[1]
         placed = replace(self, anchor=anchor)
         touches = self.on_plane
         seat = self.seat[touches]
@@ -265,7 +282,7 @@ class Observations:
             contacts = self.seat == k
             places[k] = centre_of_sphere(tips[contacts], float(self.radius[contacts][0]))
         for k in np.flatnonzero(self.planes):
-            places[k] = tips[self.seat == k].mean(axis=0)
+            places[k], _ = plane_of_most(tips[self.seat == k])
         return np.nan_to_num(places)
 
     def targets(self, points: Array) -> Array:
