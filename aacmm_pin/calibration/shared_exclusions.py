@@ -235,8 +235,8 @@ def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
         yield Scale("time", "time_s", time[:, None])
     chain = arm.chain
     for j, row in enumerate(chain.moving_rows()):
-        values = records.q[:, j : j + 1] / (MM if chain.prismatic[j] else DEG)
-        yield Scale(f"joint {row}", f"joint {row}", values)
+        unit, size = ("mm", MM) if chain.prismatic[j] else ("°", DEG)
+        yield Scale(f"joint {row}", f"joint {row} [{unit}]", records.q[:, j : j + 1] / size)
     tips = arm.positions(records.q) / MM
     yield Scale("place", "the tip", tips)
     for axis, values in zip("xyz", tips.T, strict=True):

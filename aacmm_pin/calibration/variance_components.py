@@ -21,7 +21,7 @@ EFFICIENCY = 0.53
 """Of the median of χ² with three degrees of freedom as an estimate of a variance."""
 LEAST_DOF_OF_SEAT = 1e-3
 """Fewer degrees of freedom show nothing of the scatter of a seat's coordinates."""
-ROUNDING = 1e-13
+ROUNDING_OF_INFORMATION = 1e-13
 """Relative, of the information on a seat."""
 LEAST_SCATTER = 1e-10
 """Least scatter, for computed data may fit exactly [m]."""
@@ -144,7 +144,7 @@ def deleted_distances(fit: Fit) -> Array:
         seat = observations.seat[touched]
         information, _, of_records, pulls = information_of_seats(fit)
         # Rounding may leave less than no information of a direction that one contact determines.
-        rounding = ROUNDING * np.trace(information, axis1=1, axis2=2)[seat]
+        rounding = ROUNDING_OF_INFORMATION * np.trace(information, axis1=1, axis2=2)[seat]
         least = np.maximum(NOTHING_KNOWN, rounding)[:, None, None] * np.eye(3)
         others = np.linalg.inv(information[seat] - of_records + least)
         # By one unit of a seat a deviation changes by minus these.

@@ -25,8 +25,8 @@ NOTHING_BESIDE = 1e-3
 WILD_CONTACT = 1e-4
 """Distance from a sphere at which a contact loses weight in the first centre [m]."""
 PLANE_ITERATIONS = 20
-ROUNDING = 1e-9
-"""Of exact contacts of a plane [m]."""
+LEAST_MEDIAN = 1e-9
+"""Of distances from a plane, for computed contacts may fit exactly [m]."""
 LEAST_WIDTH = 1e-3
 """Contacts of a plane nearer together do not show its tilt [m]."""
 OF_BAR = "bar"
@@ -83,7 +83,7 @@ def plane_of_most(points: Array) -> tuple[Array, Array]:
         about = points - middle
         *_, directions = np.linalg.svd(np.sqrt(weights)[:, None] * about, full_matrices=False)
         distance = np.abs(about @ directions[2])
-        weights = 1.0 / np.maximum(distance, np.median(distance) + ROUNDING)
+        weights = 1.0 / np.maximum(distance, np.median(distance) + LEAST_MEDIAN)
     return middle, np.asarray(directions[2])
 
 
