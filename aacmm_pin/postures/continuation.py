@@ -676,9 +676,10 @@ def linearise(links: Array, row: int, count: int, space: Array) -> float:
 
 
 def axis_equations(space: Array) -> None:
-    """Deviation of the tip's z axis d from that of the base, ``f = (d_x, d_y) θ/sin θ``.
+    """Deviation of the tip's z axis d from that of the base, ``f = (d_x, d_y) θ/sin θ``, and its
+    derivative by the joints: joint axis z moves d by ``z × d`` = (u, v, w).
 
-    Unlike the sine, θ has no zero half a turn away: spread starts arrive four times as often.
+    Unlike the sine, θ has no zero at π: spread starts arrive four times as often.
     """
     n = space.shape[1] - 2
     d0 = space[TIP, 2]
@@ -686,12 +687,12 @@ def axis_equations(space: Array) -> None:
     d2 = space[TIP + 2, 2]
     across = math.sqrt(d0**2 + d1**2)
     stretch = 1.0
-    slope = 0.0
-    fixed = 0.0
+    stretch_by_aside = 0.0
+    stretch_by_d2 = 0.0
     if across >= STRAIGHT:
         stretch = math.atan2(across, d2) / across
-        slope = (d2 - stretch) / across**2
-        fixed = 1.0
+        stretch_by_aside = (d2 - stretch) / across**2
+        stretch_by_d2 = -1.0
     for j in range(n):
         z0 = space[AXES, j]
         z1 = space[AXES + 1, j]
@@ -699,12 +700,12 @@ def axis_equations(space: Array) -> None:
         u = z1 * d2 - z2 * d1
         v = z2 * d0 - z0 * d2
         w = z0 * d1 - z1 * d0
-        longer = slope * (d0 * u + d1 * v) - fixed * w  # how the stretch changes
-        space[EQUATIONS + 3, j] = stretch * u + d0 * longer
-        space[EQUATIONS + 4, j] = stretch * v + d1 * longer
+        stretch_change = stretch_by_aside * (d0 * u + d1 * v) + stretch_by_d2 * w
+        space[EQUATIONS + 3, j] = stretch * u + d0 * stretch_change
+        space[EQUATIONS + 4, j] = stretch * v + d1 * stretch_change
     space[EQUATIONS + 3, n], space[EQUATIONS + 4, n] = stretch * d0, stretch * d1
     if across < STRAIGHT and d2 < 0.0:
-        space[EQUATIONS + 3, n] = math.pi
+        space[EQUATIONS + 3, n] = math.pi  # any direction is as wrong as another
 
 
 def rotation_equations(space: Array) -> None:

@@ -137,25 +137,26 @@ class Isolated(SolutionSet):
         """See :meth:`SolutionSet.add`."""
         single = self._single(q)
         newest = self._count_families(q, single)
-        for place in np.flatnonzero(single):
-            number = self._number(q[place])
+        for row in np.flatnonzero(single):
+            number = self._number_of_same(q[row])
             if number is not None:
                 self.hits[number] += 1
             elif len(self.q) >= MOST_SINGLE:
                 self.families += 1
-                self.family = q[place] if self.family is None else self.family
+                self.family = q[row] if self.family is None else self.family
             else:
-                self._add(q[place])
+                self._add(q[row])
                 self.hits[-1] += 1
-                newest = max(newest, int(place) + 1)
-                self._look_beside(q[place])
+                newest = max(newest, int(row) + 1)
+                self._look_beside(q[row])
         return newest
 
     def _add(self, q: Array) -> None:
         self.q = np.vstack([self.q, wrapped(q)])
         self.hits.append(0)
 
-    def _number(self, q: Array) -> int | None:
+    def _number_of_same(self, q: Array) -> int | None:
+        """Number of the find that is the same solution as ``q`` (k,)."""
         gap = wrapped(self.q - q)
         distance = np.linalg.norm(gap, axis=1)
         for number in np.argsort(distance):
@@ -163,42 +164,42 @@ class Isolated(SolutionSet):
                 return int(number)
             if distance[number] > MERGE_DISTANCE:
                 return None
-            between = (q + 0.5 * gap[number])[None, :]
-            if np.abs(self.equations(between)[0]).max() <= CLOSE_ENOUGH:
+            halfway = (q + 0.5 * gap[number])[None, :]
+            residuals, _ = self.equations(halfway)
+            if np.abs(residuals).max() <= CLOSE_ENOUGH:
                 return int(number)  # a solution of higher order is known less sharply
         return None
 
     def _look_beside(self, q: Array) -> None:
         """Add neighbours of a find (k,) in its flattest direction, and theirs."""
-        left = [q]
+        to_visit = [q]
         for _ in range(MOST_BESIDE):
-            if not left:
+            if not to_visit:
                 return
-            find = left.pop(0)
-            direction = flattest(self.equations, find[None, :])[1][0, -1]
+            find = to_visit.pop(0)
+            _, vectors = flattest(self.equations, find[None, :])
+            direction = vectors[0, -1]
             starts = find + np.concatenate([-ASIDE, ASIDE])[:, None] * direction
-            neighbours, good = self.equations.polish(starts)
-            neighbours = neighbours[good]
-            for other in neighbours[self._single(neighbours)]:
-                if len(self.q) < MOST_SINGLE and self._number(other) is None:
-                    self._add(other)
-                    left.append(other)
+            neighbours, arrived = self.equations.polish(starts)
+            neighbours = neighbours[arrived]
+            for neighbour in neighbours[self._single(neighbours)]:
+                if len(self.q) < MOST_SINGLE and self._number_of_same(neighbour) is None:
+                    self._add(neighbour)
+                    to_visit.append(neighbour)
 
     def _single(self, q: Array) -> Mask:
         """Which solutions (n, k) do not continue in one of their two flattest directions: (n,)."""
         single = np.ones(len(q), dtype=bool)
         if not len(q):
             return single
-        size, vectors = flattest(self.equations, q)
-        flat = np.flatnonzero(size < SINGULAR)
-        start, step = np.broadcast_arrays(
-            q[flat, None, None], ALONG[:, None] * vectors[flat, -2:, None]
-        )
-        guess = (start + step).reshape(-1, q.shape[1])
-        solutions, good = self.equations.polish(guess)
+        ratio, vectors = flattest(self.equations, q)
+        singular = np.flatnonzero(ratio < SINGULAR)
+        steps = ALONG[:, None] * vectors[singular, -2:, None]  # (m, 2, steps, k)
+        guess = (q[singular, None, None] + steps).reshape(-1, q.shape[1])
+        solutions, arrived = self.equations.polish(guess)
         miss = np.linalg.norm(solutions - guess, axis=1).reshape(-1, 2, len(ALONG))
-        there = good.reshape(miss.shape) & (miss < ABOUT_THERE * ALONG)
-        single[flat] = ~there.all(axis=2).any(axis=1)
+        continues = arrived.reshape(miss.shape) & (miss < ABOUT_THERE * ALONG)
+        single[singular] = ~continues.all(axis=2).any(axis=1)
         return single
 
 
@@ -221,15 +222,17 @@ class SelfMotion(SolutionSet):
 
     def add(self, q: Array) -> int:
         """See :meth:`SolutionSet.add`."""
-        regular = flattest(self.equations, q)[0] > SINGULAR
+        ratio, _ = flattest(self.equations, q)
+        regular = ratio > SINGULAR
         newest = self._count_families(q, regular)
-        before = len(self.hits)
-        number = np.where(regular, self._search.add(q, regular), NO_CURVE)
-        last = int(number.max(initial=NO_CURVE))
-        if last >= before:
-            newest = max(newest, int(np.argmax(number)) + 1)
-        hits = np.bincount(number[number >= 0], minlength=before)
-        hits[:before] += np.array(self.hits, dtype=np.intp)
+        curves_before = len(self.hits)
+        curve = np.where(regular, self._search.add(q, regular), NO_CURVE)
+        latest_curve = int(curve.max(initial=NO_CURVE))
+        if latest_curve >= curves_before:
+            first_on_it = int(np.argmax(curve))
+            newest = max(newest, first_on_it + 1)
+        hits = np.bincount(curve[curve >= 0], minlength=curves_before)
+        hits[:curves_before] += np.array(self.hits, dtype=np.intp)
         self.hits = hits.tolist()
         return newest
 
@@ -241,17 +244,19 @@ def search(finds: SolutionSet, joints: int, most_starts: int = MOST_STARTS) -> S
     spread = spread_angles(most_starts, joints)
     settled = False
     while starts < most_starts and not (settled or finds.ended):
-        some = spread[starts : starts + ROUND]
-        q, good = equations.polish(some)
-        residual = np.abs(equations(q[~good])[0]).max(axis=1, initial=0.0)
-        # Others of these would have arrived with more steps.
-        beside = q[~good][residual < STALLED_BELOW]
-        stalled += int((flattest(equations, beside)[0] < NEARLY_SINGULAR).sum())
-        q = q[good]
-        newest = finds.add(q) if len(q) else 0
-        since_new = len(q) - newest + (0 if newest else since_new)
-        starts = starts + len(some)
-        arrived = arrived + len(q)
+        guesses = spread[starts : starts + ROUND]
+        ends, good = equations.polish(guesses)
+        failed = ends[~good]
+        residuals, _ = equations(failed)
+        close = failed[np.abs(residuals).max(axis=1, initial=0.0) < STALLED_BELOW]
+        # Regular ones of these would have arrived with more steps.
+        ratio, _ = flattest(equations, close)
+        stalled += int((ratio < NEARLY_SINGULAR).sum())
+        solutions = ends[good]
+        newest = finds.add(solutions) if len(solutions) else 0
+        since_new = len(solutions) - newest + (0 if newest else since_new)
+        starts = starts + len(guesses)
+        arrived = arrived + len(solutions)
         settled = since_new >= ENOUGH or (not arrived and starts >= STARTS_WITHOUT_ARRIVAL)
     ended = finds.ended or not settled
     flat = degenerate(equations, spread[:ROUND])

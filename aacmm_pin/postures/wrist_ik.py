@@ -202,8 +202,8 @@ def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tupl
     problem.
     """
     spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
-    number = np.repeat(np.arange(problems), count)
-    return np.concatenate([seeds, spread]), np.concatenate([problem, number])
+    problem_of_spread = np.repeat(np.arange(problems), count)
+    return np.concatenate([seeds, spread]), np.concatenate([problem, problem_of_spread])
 
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
