@@ -129,7 +129,9 @@ def plan_calibration(
         probe_noise,
         length_noise,
     )
-    task, where, notes = prepared(model, (), existing, setup, scheme, records, postures, above, rng)
+    task, candidates, notes = prepared(
+        model, (), existing, setup, scheme, records, postures, above, rng
+    )
     setup = task.setup
     noise = np.r_[
         setup.encoder_noise,
@@ -141,14 +143,14 @@ def plan_calibration(
             f"all stated noise is below {NO_SCATTER / UM:g} µm or µrad; expected more; increase "
             "--encoder-noise, --probe-noise-mm or --u-reference-mm"
         )
-    problem = task.problem(model, where)
+    problem = task.problem(model, candidates)
     count = problem.vector.size
     if not count:
         raise AacmmError(
             f"{model.arm.name}: all parameters are exact; expected uncertain parameters; state "
             "half-widths, or use --no-prior"
         )
-    situation = Situation.of(task, MeasurementConditions((), model), where, rng)
+    situation = Situation.of(task, MeasurementConditions((), model), candidates, rng)
     with watched(range(records), progress, "plan", "record") as steps:
         rows = situation.rows
         score = d_optimality(rows)
@@ -157,8 +159,9 @@ def plan_calibration(
     jacobian = pool.predict(pool.start, task.frame).jacobian[:, :, :count]
     tips = jacobian * situation.scales[:count]
     o1, u = _worth(situation, chosen, tips)
-    plans = [rng.permutation(situation.pool.n)[:records].tolist() for _ in range(RANDOM)]
-    o1_random, u_random = np.array([_worth(situation, plan, tips) for plan in plans]).T
+    random_choices = [rng.permutation(situation.pool.n)[:records].tolist() for _ in range(RANDOM)]
+    worths = np.array([_worth(situation, choice, tips) for choice in random_choices])
+    o1_random, u_random = worths.T
     return CalibrationPlan(
         **planned_records(task, situation, chosen),
         notes=notes,
@@ -178,12 +181,14 @@ def _worth(situation: Situation, chosen: list[int], tips: Array) -> tuple[float,
             columns of the rows, before frame and seats.
     """
     width = situation.nuisances
-    beside = width - tips.shape[2]
+    others = width - tips.shape[2]
     prior, measured = np.split(situation.known, [width])
-    rows = situation.rows[chosen].reshape(-1, width)
-    data = np.roll(np.vstack([measured, rows]), beside, axis=1)
-    of_data = remaining_triangle(data, beside)
-    of_all = remaining_triangle(np.vstack([data, np.roll(prior, beside, axis=1)]), beside)
+    chosen_rows = situation.rows[chosen].reshape(-1, width)
+    # Columns of frame and seats first, for they are eliminated.
+    data = np.roll(np.vstack([measured, chosen_rows]), others, axis=1)
+    of_data = remaining_triangle(data, others)
+    of_all = remaining_triangle(np.vstack([data, np.roll(prior, others, axis=1)]), others)
     o1 = Observability.of(of_data, len(chosen) + situation.before).o1
-    spread = tips @ np.linalg.inv(of_all)  # the covariance is R⁻¹ R⁻ᵀ
-    return o1, float(np.sqrt(np.square(spread).sum(axis=(1, 2)).mean()))
+    root = tips @ np.linalg.inv(of_all)  # of the covariance, for that of parameters is R⁻¹ R⁻ᵀ
+    variance = np.square(root).sum(axis=(1, 2))
+    return o1, float(np.sqrt(variance.mean()))

@@ -219,19 +219,25 @@ class AcceptanceResult(Shown):
         return [figure for figure in of_source if not math.isnan(figure.mpe)]
 
     def __str__(self) -> str:
-        texts = {source: self._in_words(source, *found) for source, found in self.overall.items()}
+        texts = {
+            source: self._in_words(source, verdict, decisive)
+            for source, (verdict, decisive) in self.overall.items()
+        }
         if len(texts) > 1:
             return "; ".join(f"{source}: {text}" for source, text in texts.items())
         return f"The verdict is {''.join(texts.values())}"
 
     def _in_words(
-        self, source: str, verdict: Verdict | None, by: Sequence[CharacteristicValue]
+        self, source: str, verdict: Verdict | None, decisive: Sequence[CharacteristicValue]
     ) -> str:
         total = sum(figure.source == source for figure in self.figures)
         given = f"An MPE exists for {len(self._with_mpe(source))} of {total} characteristics"
-        if not by:
+        if not decisive:
             return "not determined; state an MPE"
-        names = [f.definition.name + (" without a value" if f.verdict is None else "") for f in by]
+        names = [
+            figure.definition.name + (" without a value" if figure.verdict is None else "")
+            for figure in decisive
+        ]
         return f"{shown_verdict(verdict)}, decided by {', '.join(names)}. {given}"
 
     def to_frame(self) -> pd.DataFrame:
@@ -241,8 +247,8 @@ class AcceptanceResult(Shown):
     def summary(self) -> dict[str, Any]:
         """Return the JSON content of schema ``aacmm-pin/acceptance/1``."""
         overall = []
-        for source, (verdict, by) in self.overall.items():
-            names = [figure.definition.name for figure in by]
+        for source, (verdict, decisive) in self.overall.items():
+            names = [figure.definition.name for figure in decisive]
             overall.append({"coordinates": source, "verdict": verdict, "decided_by": names})
         return {
             "schema": ACCEPTANCE_SCHEMA,

@@ -64,19 +64,23 @@ def check_unit(probed_points: pd.DataFrame) -> None:
 
 def doubts(probed_points: pd.DataFrame, measuring_range: float | None) -> Iterator[Note]:
     """Notes on the points of one set of coordinates; range in m."""
-    at = coordinates_of(probed_points)
-    tree = scipy.spatial.KDTree(at)
-    distances, _ = tree.query(at, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)
+    points = coordinates_of(probed_points)
+    tree = scipy.spatial.KDTree(points)
+    distances, _ = tree.query(points, 2, p=np.inf, distance_upper_bound=COPY_TOLERANCE)
     copies = int(np.isfinite(distances[:, 1]).sum())  # the first is the distance from itself
     if copies:
-        yield Note("touches_copied", {"copies": copies, "touches": len(at)})
+        yield Note("touches_copied", {"copies": copies, "touches": len(points)})
     for test, of_test in probed_points.groupby("test", sort=False):
         extent = float(np.ptp(coordinates_of(of_test), axis=0).max())
-        several = of_test["position"].nunique() > 1
+        several_positions = of_test["position"].nunique() > 1
         data = {"test": test, "extent": extent}
-        if extent < CLOSE and (several or test != "single-point"):
+        if extent < CLOSE and (several_positions or test != "single-point"):
             yield Note("test_small", data)
-        elif several and measuring_range is not None and extent < PART_OF_RANGE * measuring_range:
+        elif (
+            several_positions
+            and measuring_range is not None
+            and extent < PART_OF_RANGE * measuring_range
+        ):
             yield Note("test_small_in_range", {**data, "range": measuring_range})
         if test != "single-point":
             yield from _of_spheres(of_test)

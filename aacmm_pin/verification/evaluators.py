@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -74,12 +75,13 @@ class Needed(NamedTuple):
         """Missing rows, of all groups and of every incomplete one."""
         if not self.levels:
             return max(self.each - len(table), 0)
-        (by, count), *inner = self.levels
-        within = Needed(tuple(inner), self.each)
-        groups = groups_of(table, by)
-        missing = sum(map(within.missing, groups))
+        (labels, count), *inner_levels = self.levels
+        needed_in_group = Needed(tuple(inner_levels), self.each)
+        groups = groups_of(table, labels)
+        missing = sum(map(needed_in_group.missing, groups))
         if len(groups) < count:
-            missing += (count - len(groups)) * within.missing(table.iloc[:0])
+            empty = table.iloc[:0]
+            missing += (count - len(groups)) * needed_in_group.missing(empty)
         return missing
 
     def begun(self, table: pd.DataFrame) -> Iterator[str]:
@@ -129,15 +131,15 @@ class Evaluator:
             lacking = [named(length.labels) for length in one_ended]
             lacking = lacking or [*self.needed[0].begun(table)]
             return Evaluated(len(table), missing, lacking=tuple(lacking))
-        for length in one_ended:  # the other end might not conform
+        if one_ended:  # the other end might not conform
             raise AacmmError(
-                f"{length}: only one end has points; expected points of both ends with the same "
-                "labels"
+                f"{one_ended[0]}: only one end has points; expected points of both ends with the "
+                "same labels"
             )
-        every = tuple(error for of_group in errors for error in of_group)
-        if any(np.isnan(error.value) for error in every):
+        all_errors = tuple(chain.from_iterable(errors))
+        if any(np.isnan(error.value) for error in all_errors):
             return Evaluated(len(table), why_incomplete="points all over the sphere")
-        return Evaluated(len(table), errors=every)
+        return Evaluated(len(table), errors=all_errors)
 
 
 # --- of points
@@ -172,8 +174,8 @@ def spread_of_centres(points: pd.DataFrame) -> Iterator[Error]:
 
 def distances_from_mean(points: pd.DataFrame) -> Iterator[Error]:
     """Distance of each point from the mean of all."""
-    at = coordinates_of(points)
-    distances = np.linalg.norm(at - at.mean(axis=0), axis=1)
+    coordinates = coordinates_of(points)
+    distances = np.linalg.norm(coordinates - coordinates.mean(axis=0), axis=1)
     for number, distance in enumerate(distances):
         yield Error(distance, place=PointsInFile.of(points.iloc[[number]]))
 
@@ -193,7 +195,7 @@ def deviation_of_part(points: pd.DataFrame, accurate: bool) -> Iterator[Error]:
 
 
 def _sphere(points: pd.DataFrame) -> FittedSphere:
-    """An error names the points."""
+    """The sphere of the points; an error names the points in their file."""
     try:
         return fitted_sphere(coordinates_of(points))
     except AacmmError as error:

@@ -439,8 +439,9 @@ def _half_sphere(count: int, pole: Array) -> Array:
     """Even directions over the half about ``pole`` (n, 3): spiral of Saff, Kuijlaars."""
     number = np.arange(count)
     height = 1 - number / max(count - 1, 1) * (1 - RIM)
-    turn = number * np.pi * (3 - np.sqrt(5))
-    perpendicular = np.linalg.svd(pole[None])[2][1:]  # two directions
-    around = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ perpendicular
+    longitude = number * np.pi * (3 - np.sqrt(5))
+    _, _, axes = np.linalg.svd(pole[None])
+    perpendicular = axes[1:]
+    around = np.stack([np.cos(longitude), np.sin(longitude)], axis=1) @ perpendicular
     radius = np.sqrt(1 - height**2)
     return np.asarray(height[:, None] * pole + radius[:, None] * around)
