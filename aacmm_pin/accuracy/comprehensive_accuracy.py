@@ -28,15 +28,15 @@ def configuration_weights(theta3: Array, point: Array, group: Index | None = Non
     about 1.2.
 
     Args:
-        theta3: ``(n,)`` [rad]; full turns have no effect.
+        theta3: ``(n,)`` [rad]; whole revolutions have no effect.
         point: ``(3,)`` [m] in the DH base, or one for each posture ``(n, 3)``.
         group: number of the point of each posture ``(n,)``; the weights of each point sum to 1.
     """
     group = np.zeros(len(theta3), dtype=np.intp) if group is None else group
     count = np.bincount(group)[group]
-    away = np.abs(np.abs(wrapped(theta3)) - preferred_theta3(point))
-    total = np.bincount(group, away)[group]
-    share = np.divide(away, total, out=1.0 / count, where=total > 0)
+    deviation = np.abs(np.abs(wrapped(theta3)) - preferred_theta3(point))
+    total = np.bincount(group, deviation)[group]
+    share = np.divide(deviation, total, out=1.0 / count, where=total > 0)
     return np.where(count > 1, (1.0 - share) / np.maximum(count - 1, 1), 1.0)
 
 

@@ -177,16 +177,16 @@ def exact_positions(
     count = len(sources.model.parameters)
     all_errors = np.zeros((len(errors), count + arm.nq))
     all_errors[:, list(sources.columns)] = errors
-    moved = all_errors[:, :count]
+    parameter_errors = all_errors[:, :count]
     readings = arm.readings(q) + all_errors[:, count:]
     q = arm.joint_angles(readings)
     if not sources.effects:
-        return arm.perturbed_positions(q, moved[:, : len(arm.parameters)], sources.at)
+        return arm.perturbed_positions(q, parameter_errors[:, : len(arm.parameters)], sources.at)
     conditions = Conditions(1) if conditions is None else conditions
     positions = np.empty((len(errors), 3))
     for part in chunks(len(errors)):
         records = conditions.take(np.zeros(len(q[part]), dtype=np.intp))
-        effects_drawn = drawn_effects(sources.model, moved[part])
+        effects_drawn = drawn_effects(sources.model, parameter_errors[part])
         effects = tuple(e for e in effects_drawn if e not in sources.left_out)
         state = displaced(arm, effects, q[part], records, arm.place(sources.at), False)
         positions[part] = state.position

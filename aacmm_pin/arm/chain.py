@@ -234,11 +234,11 @@ class Chain:
         places = self.moving_axes()
         z = rotation[places, :, :, 2]
         slides = self.slides[:, None, None]
-        shifts = np.where(slides, z, np.cross(z, point - origin[places])).transpose(1, 2, 0)
-        turns = np.where(slides, 0.0, z).transpose(1, 2, 0)
-        return np.ascontiguousarray(self.drive.by_independent(shifts)), self.drive.by_independent(
-            turns
-        )
+        translations = np.where(slides, z, np.cross(z, point - origin[places]))
+        rotations = np.where(slides, 0.0, z)
+        by_all = translations.transpose(1, 2, 0), rotations.transpose(1, 2, 0)
+        translations, rotations = map(self.drive.by_independent, by_all)
+        return np.ascontiguousarray(translations), rotations
 
     def walk(self, q: Array, twists: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
         """Frames of all places at checked ``q`` (n, nq), each after its displacement.

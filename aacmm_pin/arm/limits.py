@@ -17,22 +17,23 @@ STANDSTILL = 1e-15
 
 
 def into_limits(q: Array, limits: Array) -> Array:
-    """``q`` (n, nq) [rad] moved by whole turns inside limits (nq, 2), or least outside.
+    """``q`` (n, nq) [rad] moved by whole revolutions inside limits (nq, 2), or least outside.
 
-    Of several, the nearest to the middle; without finite limits within half a turn of zero.
+    Of several, the nearest to the middle; without finite limits within ±π.
     """
-    turn = 2 * np.pi
+    revolution = 2 * np.pi
     finite = np.isfinite(limits).all(axis=1)
     lower, upper = np.where(finite, limits.T, [[-np.pi], [np.pi]])
-    # In [lower, lower + 2π); exact where no turn is needed.
-    lowest = q + turn * np.ceil((lower - AT_LIMIT - q) / turn)
-    previous = lowest - turn
+    # In [lower, lower + 2π); exact where no revolution is needed.
+    lowest = q + revolution * np.ceil((lower - AT_LIMIT - q) / revolution)
+    below = lowest - revolution
     outside = lowest > upper + AT_LIMIT
-    nearer_below = outside & (lower - previous < lowest - upper)
-    turns_to_spare = np.floor((upper + AT_LIMIT - lowest) / turn)
-    to_middle = np.ceil((0.5 * (lower + upper) - lowest) / turn - 0.5 - AT_LIMIT)
-    inside = lowest + turn * np.clip(to_middle, 0.0, np.maximum(turns_to_spare, 0.0))
-    return np.asarray(np.where(nearer_below, previous, inside))
+    nearer_below = outside & (lower - below < lowest - upper)
+    possible = np.maximum(np.floor((upper + AT_LIMIT - lowest) / revolution), 0.0)
+    middle = 0.5 * (lower + upper)
+    to_middle = np.ceil((middle - lowest) / revolution - 0.5 - AT_LIMIT)
+    inside = lowest + revolution * np.clip(to_middle, 0.0, possible)
+    return np.asarray(np.where(nearer_below, below, inside))
 
 
 def outside_limits(q: Array, limits: Array) -> Mask:
@@ -58,11 +59,12 @@ def whole_turn_notes(q: Array, limits: Array, slides: Mask) -> list[Note]:
 
 
 def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
-    """The part of straight ways from ``start`` to ``end`` inside the limits.
+    """The fractions of straight steps from ``start`` to ``end`` between which they are inside the
+    limits.
 
     Args:
-        start, end: (n, nq) [rad], less than half a turn apart.
-        limits: (nq, 2) [rad]; limits of a full turn do not count.
+        start, end: (n, nq) [rad], less than π apart.
+        limits: (nq, 2) [rad]; those of a whole revolution do not count.
 
     Returns:
         first, last: (n,) in [0, 1]; last <= first if nothing is inside.
@@ -77,7 +79,7 @@ def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
     step = end[:, bounded] - start[:, bounded]
     step = np.where(np.abs(step) < STANDSTILL, STANDSTILL, step)
     limit_offsets = np.stack([-half_width, half_width])
-    ends = (limit_offsets[:, None] - start_offset) / step
-    first = ends.min(axis=0).max(axis=1)
-    last = ends.max(axis=0).min(axis=1)
+    crossings = (limit_offsets[:, None] - start_offset) / step  # (2, n, bounded)
+    first = crossings.min(axis=0).max(axis=1)
+    last = crossings.max(axis=0).min(axis=1)
     return first.clip(0.0, 1.0), last.clip(0.0, 1.0)

@@ -176,8 +176,8 @@ def _motions(model: Any) -> Array:
 def joint_axes(model: Any) -> Array:
     """Axis of each joint in the axes of its placement (nq, 3)."""
     motions = _motions(model)
-    turns = motions[:, 3:].any(axis=1, keepdims=True)
-    return np.where(turns, motions[:, 3:], motions[:, :3])
+    rotates = motions[:, 3:].any(axis=1, keepdims=True)
+    return np.where(rotates, motions[:, 3:], motions[:, :3])
 
 
 def onto_z(axis: Array) -> Array:

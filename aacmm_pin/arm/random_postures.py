@@ -91,10 +91,11 @@ class Room:
         rotation, origin = self.arm.chain.at_zero
         first = self.arm.chain.moving_axes()[0]
         lever = np.cross(tips - origin[first], rotation[first, :, 2])
-        clear: Mask = np.linalg.norm(lever, axis=1) >= CLEAR
+        distance_from_axis_1 = np.linalg.norm(lever, axis=1)
+        inside: Mask = distance_from_axis_1 >= CLEAR
         if self.above is not None:
-            clear &= tips @ self.arm.up >= self.above
-        return clear
+            inside &= tips @ self.arm.up >= self.above
+        return inside
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Random postures (count, nq) [rad], uniform in the joints, with tips (count, 3) [m] in the

@@ -155,6 +155,7 @@ def _numbers(element: Element, name: str, default: str, largest: float) -> list[
 
 
 def _check_place(element: Element) -> None:
+    """Refuse an ``origin`` or ``axis`` with unknown attributes or implausible numbers."""
     if element.tag == "axis" and element.getparent().get("type") in ("fixed", "floating"):
         return
     allowed = ATTRIBUTES[element.tag]

@@ -58,24 +58,25 @@ def dh_file(arm: Arm) -> ArmFile:
             "a DH table"
         )
     rotation, origin = chain.at_zero
-    rows = []  # with the number of the joint, from 0
+    rows = []  # each with the number of its joint, from 0, or None
     frame = np.eye(4)
     frames = []
+    # Rows that begin at the axis of a joint lead to the next axis.
     for joint, place in enumerate([*chain.moving_axes(), chain.tip], start=-1):
         for number, exact in enumerate(_onto_axis(frame, rotation[place][:, 2], origin[place])):
             row = StandardRow(*(value if abs(value) > SAME else 0.0 for value in exact))
-            moving = joint if number == 0 and joint >= 0 else None
-            if moving is not None or any(row):
-                rows.append((row, moving))
+            joint_of_row = joint if number == 0 and joint >= 0 else None
+            if joint_of_row is not None or any(row):
+                rows.append((row, joint_of_row))
                 frame = frame @ _motion(row)
                 frames.append(frame)
-    turn = frame[:3, :3].T @ rotation[-1]
+    to_tip = frame[:3, :3].T @ rotation[-1]
     shift = frame[:3, :3].T @ (origin[-1] - frame[:3, 3])
-    remaining = StandardRow(0.0, float(shift[2]), 0.0, math.atan2(turn[1, 0], turn[0, 0]))
+    remaining = StandardRow(0.0, float(shift[2]), 0.0, math.atan2(to_tip[1, 0], to_tip[0, 0]))
     last, joint_of_last = rows[-1]
     if last.a == last.alpha == 0.0:
-        along = StandardRow(0.0, last.d + remaining.d, 0.0, last.theta + remaining.theta)
-        rows[-1] = along, joint_of_last
+        joined = StandardRow(0.0, last.d + remaining.d, 0.0, last.theta + remaining.theta)
+        rows[-1] = joined, joint_of_last
         frames[-1] = frame @ _motion(remaining)
     elif np.abs(remaining).max() > SAME:
         rows.append((remaining, None))
@@ -112,10 +113,14 @@ def _file(
         by_alias=True,
         exclude={"urdf", "joints", "couplings", "effects", "discrepancy", "covariance"},
     )
-    row_of = [number for number, (_, joint) in enumerate(rows, start=1) if joint is not None]
+    row_of_joint = [number for number, (_, joint) in enumerate(rows, start=1) if joint is not None]
     kept["couplings"] = [
-        {"joint": row_of[one.joint - 1], "of": row_of[one.of - 1], "ratio": one.ratio}
-        for one in file.couplings
+        {
+            "joint": row_of_joint[coupling.joint - 1],
+            "of": row_of_joint[coupling.of - 1],
+            "ratio": coupling.ratio,
+        }
+        for coupling in file.couplings
     ]
     source = f"DH table of: {file.source or file.name}"
     return validated(
@@ -128,17 +133,19 @@ def _onto_axis(frame: Array, z: Array, point: Array) -> Iterator[StandardRow]:
     z, point = _seen_from(frame, z, point)
     angle = math.hypot(z[0], z[1])
     if PARALLEL < angle < NEARLY_PARALLEL:
-        # First onto the line across the frame's z and the way to the next axis, which then passes
-        # it closely.
-        way = point[:2] if np.hypot(*point[:2]) > SAME else np.array([1.0, 0.0])
-        across = _row(np.array([-way[1], way[0], 0.0]) / np.hypot(*way), np.zeros(3))
-        yield across
-        yield _row(*_seen_from(_motion(across), z, point))
+        # The common normal may be far away. So first onto the line through the origin at right
+        # angles to z and to the direction of the next axis, which then passes this line closely.
+        towards = point[:2] if np.hypot(*point[:2]) > SAME else np.array([1.0, 0.0])
+        line = np.array([-towards[1], towards[0], 0.0]) / np.hypot(*towards)
+        onto_line = _row(line, np.zeros(3))
+        yield onto_line
+        yield _row(*_seen_from(_motion(onto_line), z, point))
     else:
         yield _row(z, point)
 
 
 def _seen_from(frame: Array, z: Array, point: Array) -> tuple[Array, Array]:
+    """Direction z (3,) and point (3,) [m] in a frame (4, 4)."""
     rotation = frame[:3, :3].T
     return rotation @ z, rotation @ (point - frame[:3, 3])
 
@@ -150,7 +157,7 @@ def _row(z: Array, point: Array) -> StandardRow:
         a = math.hypot(point[0], point[1])
         theta = math.atan2(point[1], point[0]) if a > SAME else 0.0
         return StandardRow(a, 0.0, 0.0 if z[2] > 0 else math.pi, theta)
-    # x = ±(e_z × z)/sin α is the common normal: at q = 0 the one that is turned less is taken.
+    # x = ±(e_z × z)/sin α is the common normal: the sign with the smaller |theta| is taken.
     theta = math.atan2(z[0], -z[1])
     alpha = math.atan2(sine, z[2])
     if abs(theta) > math.pi / 2:
@@ -164,6 +171,7 @@ def _row(z: Array, point: Array) -> StandardRow:
 
 
 def _motion(row: StandardRow) -> Array:
+    """Transform of a row (4, 4) [m]."""
     (about_z,) = screws(np.array([row.theta]), row.d, 2)
     (about_x,) = screws(np.array([row.alpha]), row.a, 0)
     return np.asarray(about_z @ about_x)
