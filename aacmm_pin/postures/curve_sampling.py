@@ -42,14 +42,14 @@ class _Segments:
     Attributes:
         start, end: postures (s, k) [rad], not wrapped.
         swivel: angle at the start (s,) [rad].
-        turn: change of swivel along the piece (s,) [rad], in (-π, π).
+        swivel_change: along the piece (s,) [rad], in (-π, π).
         problem: number of the point (s,).
     """
 
     start: Array
     end: Array
     swivel: Array
-    turn: Array
+    swivel_change: Array
     problem: Index
 
 
@@ -86,16 +86,15 @@ class Components:
     def segments(self) -> _Segments:
         """All pieces between neighbouring vertices."""
         lengths = [len(c.q) for c in self.curves]
-        start = np.concatenate([c.q for c in self.curves])
+        start = np.concatenate([c.q for c in self.curves])  # all vertices
         problem = np.repeat([c.problem for c in self.curves], lengths)
         swivel = self.angle(start, problem)
         last_of_open = np.cumsum(lengths)[[not c.closed for c in self.curves]] - 1
-        keep = np.delete(np.arange(len(start)), last_of_open)
-        after = following(self.curves)[keep]
-        end = start[keep] + wrapped(start[after] - start[keep])
-        return _Segments(
-            start[keep], end, swivel[keep], wrapped(swivel[after] - swivel[keep]), problem[keep]
-        )
+        begins = np.delete(np.arange(len(start)), last_of_open)
+        ends = following(self.curves)[begins]
+        end = start[begins] + wrapped(start[ends] - start[begins])
+        swivel_change = wrapped(swivel[ends] - swivel[begins])
+        return _Segments(start[begins], end, swivel[begins], swivel_change, problem[begins])
 
     def inside(self, pieces: _Segments, limits: Array) -> tuple[Array, Array]:
         """The part of the chord of each piece inside the limits; see :func:`inside_part`."""
@@ -113,22 +112,22 @@ class Components:
         return last <= first
 
     def divided(self, pieces: _Segments, which: Mask) -> _Segments:
-        """The marked pieces, in ``LIMIT_PARTS`` with solutions at the cuts."""
+        """Pieces marked in ``which`` (s,), each in ``LIMIT_PARTS`` with solutions at the cuts."""
         cuts = LIMIT_PARTS + 1
         guess = np.linspace(pieces.start[which], pieces.end[which], cuts, axis=1)
         joints = guess.shape[2]
         problem = np.repeat(pieces.problem[which], cuts)
-        q, there = self.equations.polish(guess.reshape(-1, joints), problem)
+        q, arrived = self.equations.polish(guess.reshape(-1, joints), problem)
         swivel = self.angle(q, problem).reshape(-1, cuts)
         q = q.reshape(-1, cuts, joints)
-        turn = wrapped(np.diff(swivel, axis=1)).ravel()
-        there = there.reshape(-1, cuts)
-        arrived = (there[:, :-1] & there[:, 1:]).ravel()
-        start = q[:, :-1].reshape(-1, joints)[arrived]
-        end = q[:, 1:].reshape(-1, joints)[arrived]
-        swivel = swivel[:, :-1].ravel()[arrived]
-        numbers = np.repeat(pieces.problem[which], LIMIT_PARTS)[arrived]
-        return _Segments(start, end, swivel, turn[arrived], numbers)
+        swivel_change = wrapped(np.diff(swivel, axis=1)).ravel()
+        arrived = arrived.reshape(-1, cuts)
+        both_ends = (arrived[:, :-1] & arrived[:, 1:]).ravel()
+        start = q[:, :-1].reshape(-1, joints)[both_ends]
+        end = q[:, 1:].reshape(-1, joints)[both_ends]
+        swivel = swivel[:, :-1].ravel()[both_ends]
+        numbers = np.repeat(pieces.problem[which], LIMIT_PARTS)[both_ends]
+        return _Segments(start, end, swivel, swivel_change[both_ends], numbers)
 
 
 @dataclass(frozen=True)
@@ -181,8 +180,8 @@ def evenly(
         guesses.append(np.column_stack([np.interp(wanted, along, column) for column in vertices.T]))
     number = np.repeat(np.arange(len(guesses)), count)
     problem = np.array([c.problem for c in curves])[number]
-    q, there = equations.polish(np.concatenate(guesses), problem)
-    return q[there], number[there], int((~there).sum())
+    q, arrived = equations.polish(np.concatenate(guesses), problem)
+    return q[arrived], number[arrived], int((~arrived).sum())
 
 
 def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
@@ -191,15 +190,15 @@ def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
     for curve in curves:
         q = curve.q
         if curve.closed:
-            # Made when it is back at its start.
-            turns = np.round((q[-1] - q[0]) / (2 * np.pi)) * 2 * np.pi
-            q = np.vstack([q, q[:1] + turns])
+            # A joint may make whole revolutions along the curve.
+            revolutions = np.round((q[-1] - q[0]) / (2 * np.pi))
+            q = np.vstack([q, q[:1] + revolutions * 2 * np.pi])
         numbers = np.arange(len(q))
         rows = np.arange(numbers[-1] * FINER + 1) / FINER
         finer.append(np.column_stack([np.interp(rows, numbers, angles) for angles in q.T]))
     lengths = [len(q) for q in finer]
     problem = np.repeat([c.problem for c in curves], lengths)
-    # What does not arrive is near enough to measure a way.
+    # What does not arrive is near enough to measure a path.
     solutions, _ = equations.polish(np.concatenate(finer), problem)
     return np.split(solutions, np.cumsum(lengths)[:-1])
 
@@ -211,9 +210,9 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
         piece and angle (n,), and swivel from the start of the piece (n,) [rad].
     """
     order = np.argsort(wrapped(angles))
-    turns = 2 * np.pi * np.arange(-1, 2)
-    crossings = (wrapped(angles)[order] + turns[:, None]).ravel()
-    low, high = np.sort([pieces.swivel, pieces.swivel + pieces.turn], axis=0)
+    revolutions = 2 * np.pi * np.arange(-1, 2)
+    crossings = (wrapped(angles)[order] + revolutions[:, None]).ravel()
+    low, high = np.sort([pieces.swivel, pieces.swivel + pieces.swivel_change], axis=0)
     first = np.searchsorted(crossings, low - SAME_SWIVEL)
     last = np.searchsorted(crossings, high + SAME_SWIVEL)
     count = last - first
@@ -221,54 +220,54 @@ def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, A
     number = np.arange(len(piece)) + np.repeat(last - np.cumsum(count), count)
     which = order[number % len(angles)]
     ahead = wrapped(angles[which] - pieces.swivel[piece])
-    turn = pieces.turn[piece]
-    passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
+    change = pieces.swivel_change[piece]
+    passed = np.where(change >= 0, (ahead >= 0) & (ahead < change), (ahead <= 0) & (ahead > change))
     # An elbow that stays in one plane passes no angle, but by rounding.
-    passed &= np.abs(turn) > SAME_SWIVEL
+    passed &= np.abs(change) > SAME_SWIVEL
     return piece[passed], which[passed], ahead[passed]
 
 
 def _solutions_at_swivel(
     components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array
 ) -> tuple[Array, Mask]:
-    """Postures on each ``piece`` with swivel ``wanted``, ``ahead`` of its start; and which were
-    found.
+    """Postures (n, k) on each ``piece`` (n,) with swivel ``wanted`` (n,), ``ahead`` of its start;
+    and which were found.
 
-    False position, every trial moved onto the curve; an end that stays counts less and less: N.
-    Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
+    False position, every trial moved onto the curve. It replaces the end on its side of the wanted
+    swivel; the gap of an end that stays is weighted less and less: N. Anderson, Å. Björck, "A new
+    high order method of regula falsi type", BIT 13 (1973).
     """
     problem = pieces.problem[piece]
-    left = np.arange(len(piece))
-    low = pieces.start[piece]
-    high = pieces.end[piece]
-    gap_low = ahead.copy()
-    gap_high = ahead - pieces.turn[piece]
-    q = low.copy()
-    last = np.zeros(len(piece))
-    there = np.ones(len(piece), dtype=bool)
+    open_rows = np.arange(len(piece))
+    start = pieces.start[piece]
+    end = pieces.end[piece]
+    gap_start = ahead.copy()
+    gap_end = ahead - pieces.swivel_change[piece]
+    q = start.copy()
+    last_replaced = np.zeros(len(piece))  # 1: the start, -1: the end
+    arrived = np.ones(len(piece), dtype=bool)
     for _ in range(MOST_TRIALS):
-        part = (gap_low / (gap_low - gap_high))[left, None]
-        guess = low[left] + part * (high - low)[left]
-        q[left], there[left] = components.equations.polish(guess, problem[left])
-        gap = wrapped(wanted[left] - components.angle(q[left], problem[left]))
-        # Still on the near side of the wanted swivel.
-        before = np.sign(gap) == np.sign(gap_low[left])
+        fraction = (gap_start / (gap_start - gap_end))[open_rows, None]
+        guess = start[open_rows] + fraction * (end - start)[open_rows]
+        q[open_rows], arrived[open_rows] = components.equations.polish(guess, problem[open_rows])
+        swivel = components.angle(q[open_rows], problem[open_rows])
+        gap = wrapped(wanted[open_rows] - swivel)
+        is_before = np.sign(gap) == np.sign(gap_start[open_rows])
         with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
-            less = 1.0 - gap / np.where(before, gap_low[left], gap_high[left])
-        less = np.where(less > 0, less, 0.5)
-        near = left[before]
-        far = left[~before]
-        gap_high[near] *= np.where(last[near] > 0, less[before], 1.0)
-        gap_low[far] *= np.where(last[far] < 0, less[~before], 1.0)
-        low[near], gap_low[near] = q[near], gap[before]
-        high[far], gap_high[far] = q[far], gap[~before]
-        last[near], last[far] = 1.0, -1.0
-        left = left[
-            (np.abs(gap) > SAME_SWIVEL) & (np.abs(high - low).max(axis=1)[left] > NO_LENGTH)
-        ]
-        if not left.size:
+            weight = 1.0 - gap / np.where(is_before, gap_start[open_rows], gap_end[open_rows])
+        weight = np.where(weight > 0, weight, 0.5)
+        before = open_rows[is_before]
+        beyond = open_rows[~is_before]
+        gap_end[before] *= np.where(last_replaced[before] > 0, weight[is_before], 1.0)
+        gap_start[beyond] *= np.where(last_replaced[beyond] < 0, weight[~is_before], 1.0)
+        start[before], gap_start[before] = q[before], gap[is_before]
+        end[beyond], gap_end[beyond] = q[beyond], gap[~is_before]
+        last_replaced[before], last_replaced[beyond] = 1.0, -1.0
+        length = np.abs(end - start).max(axis=1)[open_rows]
+        open_rows = open_rows[(np.abs(gap) > SAME_SWIVEL) & (length > NO_LENGTH)]
+        if not open_rows.size:
             break
-    return q, there
+    return q, arrived
 
 
 def sector_centres(sectors: int) -> Array:
@@ -352,30 +351,35 @@ def arc_fractions(components: Components, limits: Array) -> Array:
     inside = (first == 0.0) & (last == 1.0)
     fine = components.divided(pieces, ~(components.outside(limits) | inside))
     first, last = components.inside(fine, limits)
-    some = last > first
-    problem = np.concatenate([pieces.problem[inside], fine.problem[some]])
-    swivel = np.concatenate([pieces.swivel[inside], (fine.swivel + first * fine.turn)[some]])
-    turn = np.concatenate([pieces.turn[inside], ((last - first) * fine.turn)[some]])
-    theoretical = _covered_bins(pieces.problem, pieces.swivel, pieces.turn, m)
-    working = _covered_bins(problem, swivel, turn, m)
+    partly = last > first
+    enters = fine.swivel + first * fine.swivel_change
+    change_inside = (last - first) * fine.swivel_change
+    problem = np.concatenate([pieces.problem[inside], fine.problem[partly]])
+    swivel = np.concatenate([pieces.swivel[inside], enters[partly]])
+    change = np.concatenate([pieces.swivel_change[inside], change_inside[partly]])
+    theoretical = _covered_bins(pieces.problem, pieces.swivel, pieces.swivel_change, m)
+    working = _covered_bins(problem, swivel, change, m)
     with np.errstate(invalid="ignore"):
         return working / theoretical
 
 
-def _covered_bins(problem: Index, start: Array, turn: Array, points: int) -> Index:
-    """Number of ``ARC_BINS`` with the centre on an arc from ``start`` over ``turn``: (points,)."""
+def _covered_bins(problem: Index, start: Array, change: Array, points: int) -> Index:
+    """Number of ``ARC_BINS`` with the centre on an arc of each point (points,); arcs (n,) go from
+    ``start`` over ``change`` [rad].
+    """
     bins = ARC_BINS
-    a_radian = bins / (2 * np.pi)
-    low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * a_radian
-    high = low + np.abs(turn) * a_radian
+    bins_per_radian = bins / (2 * np.pi)
+    low = np.where(change >= 0, start, start + change) % (2 * np.pi) * bins_per_radian
+    high = low + np.abs(change) * bins_per_radian
     first = np.ceil(low - 0.5).astype(np.intp)
     end = np.ceil(high - 0.5).astype(np.intp)
     over = end > bins  # these begin again at bin 0
     problem = np.concatenate([problem, problem[over]])
     first = np.concatenate([first, np.zeros_like(end[over])])
     end = np.concatenate([np.minimum(end, bins), end[over] - bins])
+    # Bins of all points in one row, arcs in order: each adds those after the last one covered.
     order = np.argsort(problem * bins + first, kind="stable")
-    place = problem[order] * bins
-    before = np.maximum.accumulate(np.concatenate([[0], place + end[order]]))
-    added = before[1:] - np.maximum(before[:-1], place + first[order])
+    bin_0 = problem[order] * bins
+    covered_to = np.maximum.accumulate(np.concatenate([[0], bin_0 + end[order]]))
+    added = covered_to[1:] - np.maximum(covered_to[:-1], bin_0 + first[order])
     return np.bincount(problem[order], np.maximum(added, 0), points).astype(np.intp)

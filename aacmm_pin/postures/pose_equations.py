@@ -60,15 +60,15 @@ class Equations:
     def _newton(self, q: Array, problem: Index | int, most: int) -> tuple[Array, Array, Mask]:
         """Angles after at most ``most`` steps, equations at the last ones, and which arrived."""
         joints = q.shape[1]
-        moved = np.array(q, order="C")
+        angles = np.array(q, order="C")
         arrived = np.empty(len(q), dtype=np.bool_)
         equations = np.empty((len(q), self.count, joints + 1))
         goals = np.empty((len(q), 3))
         goals[:] = self.goals[problem]
-        loop = continuation.NEWTON.compiled
+        move_to_solutions = continuation.NEWTON.compiled
         space = continuation.working_space(joints)
-        loop(self.links, goals, most, moved, equations, arrived, space)
-        return moved, equations, arrived
+        move_to_solutions(self.links, goals, most, angles, equations, arrived, space)
+        return angles, equations, arrived
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +124,6 @@ def rotation_between(u: Array, v: Array) -> Array:
 
 def _in_axes(links: Array, rotation: Array) -> Array:
     """The links in axes rotated by ``rotation`` (3, 3)."""
-    turned = links.copy()
-    turned[0, :3] = rotation @ turned[0, :3]
-    return turned
+    rotated = links.copy()
+    rotated[0, :3] = rotation @ rotated[0, :3]
+    return rotated

@@ -74,25 +74,25 @@ def _wrist_angles(q: Array, after: Index, body: Array, links: Array) -> tuple[Ar
     In the axes of joint 5 that of joint 6 is ``Rz(θ5) L5 e_z``. Its z component does not depend on
     θ5: a condition on joints 1 to 4. ``after`` is the next vertex on the curve (n,).
     """
-    before = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
+    rotation = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
     for joint in range(POSITIONING):
-        before = before @ _turns(q[:, joint]) @ links[joint + 1][:3, :3]
-    axis = np.einsum("nji,nj->ni", before, body[:, :, 2])
-    wanted = links[5][:3, 2]
-    gap = axis[:, 2] - wanted[2]
+        rotation = rotation @ _rotations(q[:, joint]) @ links[joint + 1][:3, :3]
+    wanted = np.einsum("nji,nj->ni", rotation, body[:, :, 2])  # axis 6 in the axes of joint 5
+    possible = links[5][:3, 2]  # the same at θ5 = 0
+    gap = wanted[:, 2] - possible[2]
     size, size_after = np.abs(gap), np.abs(gap[after])
     # Between vertices the gap may touch zero without a change of sign.
     almost_zero = (size < 0.05) & (size <= size_after)
     almost_zero[after] &= size_after <= size
-    pick = np.flatnonzero((gap * gap[after] <= 0) | almost_zero)
-    seeds = q[pick].copy()
-    seeds[:, 4] = np.arctan2(axis[pick, 1], axis[pick, 0]) - np.arctan2(wanted[1], wanted[0])
-    remaining = np.einsum(
-        "nji,njk->nik", before[pick] @ _turns(seeds[:, 4]) @ links[5][:3, :3], body[pick]
-    )
+    vertex = np.flatnonzero((gap * gap[after] <= 0) | almost_zero)
+    seeds = q[vertex].copy()
+    wanted_angle = np.arctan2(wanted[vertex, 1], wanted[vertex, 0])
+    seeds[:, 4] = wanted_angle - np.arctan2(possible[1], possible[0])
+    before_joint_6 = rotation[vertex] @ _rotations(seeds[:, 4]) @ links[5][:3, :3]
+    remaining = np.einsum("nji,njk->nik", before_joint_6, body[vertex])
     seeds[:, 5] = np.arctan2(remaining[:, 1, 0], remaining[:, 0, 0])
-    return seeds, pick
+    return seeds, vertex
 
 
-def _turns(angles: Array) -> Array:
+def _rotations(angles: Array) -> Array:
     return screws(angles, 0.0, 2)[:, :3, :3]
