@@ -53,29 +53,30 @@ class Situation:
     def of(
         task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
     ) -> Situation:
-        """Existing records do not count if the set-up changes the arm file."""
+        """The situation of one set-up. Existing records do not count if it changes the arm file."""
         existing = None if set_up.changes_arm else task.existing
         pool = candidates(task, set_up, postures, rng)
-        old = () if existing is None else observations_of(existing, task.setup).labels
-        seats = sorted({*old, *observations_of(pool, task.setup).labels})
+        old_seats = () if existing is None else observations_of(existing, task.setup).labels
+        seats = sorted({*old_seats, *observations_of(pool, task.setup).labels})
         problem = task.problem(set_up.model, pool if existing is None else existing)
         causes = ParameterVector(problem.model.arm, task.causes)
         of_causes = np.arange(problem.vector.size - causes.size, problem.vector.size)
         scales = problem.scales
         scales[of_causes] = causes.typical
-        others = np.delete(np.arange(scales.size + 3 * len(seats)), of_causes)
-        order = np.r_[others, of_causes]
+        nuisances = np.delete(np.arange(scales.size + 3 * len(seats)), of_causes)
+        order = np.r_[nuisances, of_causes]
         # Of what is refitted, its prior; seats are within a metre.
-        known = [np.eye(others.size, order.size)]
+        prior = np.eye(nuisances.size, order.size)
+        known = [prior]
         if existing is not None:
-            measured, ties = rows_of(problem, scales, seats, task.frame)
+            measured, ties = whitened_rows(problem, scales, seats, task.frame)
             known += [measured.reshape(-1, order.size)[:, order], ties[:, order]]
-        rows, ties = rows_of(problem.of(pool), scales, seats, task.frame, old)
+        rows, ties = whitened_rows(problem.of(pool), scales, seats, task.frame, old_seats)
         return Situation(
             set_up,
             pool,
             np.delete(scales, of_causes),
-            others.size,
+            nuisances.size,
             causes.slices,
             np.vstack([*known, ties[:, order]]),
             rows[:, :, order],
@@ -108,10 +109,10 @@ class Situation:
         return remaining_triangle(np.vstack([self.known, rows]), self.nuisances)
 
 
-def rows_of(
+def whitened_rows(
     problem: Problem, scales: Array, seats: list[str], frame: Frame, stated: tuple[str, ...] = ()
 ) -> tuple[Array, Array]:
-    """Whitened derivatives of records, and of stated seats and relations.
+    """Whitened derivatives of records, and those of ties: stated seats, and relations of seats.
 
     Args:
         problem, scales: records, and unit of each parameter.

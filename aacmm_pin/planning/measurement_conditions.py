@@ -79,6 +79,7 @@ Change = tuple[str, dict[str, Any]]
 def _changes(
     arm: Arm, causes: tuple[Effect, ...], reference_temperature: float
 ) -> Iterator[Change]:
+    """Changes of how records are taken, by effort, which may show a cause."""
     rows = arm.chain.moving_rows()
     joints = sorted(
         {rows.index(e.row) + 1 for e in causes if "approach" in e.needs and e.row in rows}
@@ -92,22 +93,24 @@ def _changes(
         yield str(Note("warm_room", data)), {"warmer": ROOM_WARMING}
     constants = [e.nonlinear.value(e) for e in causes if isinstance(e.nonlinear, TimeConstant)]
     if constants:
-        watched = WARM_UP_CONSTANTS * max(constants)
-        yield str(Note("measure_warm_up", {"minutes": watched / 60})), {"warm_up": watched}
+        seconds = WARM_UP_CONSTANTS * max(constants)
+        yield str(Note("measure_warm_up", {"minutes": seconds / 60})), {"warm_up": seconds}
 
 
 def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
+    """Changes of the arm file: a load after the last joint but one, or a rotated mount."""
     if arm.masses is not None:
         rows = arm.chain.moving_rows()
         row = rows[-2] if len(rows) > 1 else rows[-1]
         rotation, origin = arm.chain.at_zero
         frame = end(row) if file.convention == "standard-dh" else axis(row)
-        place = rotation[frame].T @ (origin[end(row)] - origin[frame]) / MM
+        place_of_load = rotation[frame].T @ (origin[end(row)] - origin[frame]) / MM
         joints = list(file.joints)
         body = joints[row - 1]
-        before = body.mass_kg or 0.0
-        mass = before + LOAD
-        centre = (before * np.array(body.com_mm or (0.0, 0.0, 0.0)) + LOAD * place) / mass
+        mass_before = body.mass_kg or 0.0
+        centre_before = np.array(body.com_mm or (0.0, 0.0, 0.0))
+        mass = mass_before + LOAD
+        centre = (mass_before * centre_before + LOAD * place_of_load) / mass
         update = {"mass_kg": mass, "com_mm": tuple(centre.tolist())}
         joints[row - 1] = body.model_copy(update=update)
         yield str(Note("hang_load", {"load": LOAD, "link": row})), {"joints": joints}
@@ -115,8 +118,8 @@ def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
         return
     about = int(np.argmin(np.abs(arm.gravity)))
     for degrees in (90, 180):
-        turn = Rotation.from_euler("xyz"[about], -degrees, degrees=True)
-        gravity = np.round(turn.apply(arm.gravity), 6) + 0.0
+        rotation_of_gravity = Rotation.from_euler("xyz"[about], -degrees, degrees=True)
+        gravity = np.round(rotation_of_gravity.apply(arm.gravity), 6) + 0.0
         numbers = ", ".join(f"{g:g}" for g in gravity)
         data = {"degrees": degrees, "axis": "xyz"[about], "gravity": numbers}
         yield str(Note("turn_mount", data)), {"gravity_m_s2": tuple(gravity.tolist())}

@@ -172,15 +172,15 @@ def prepared(
         notes.append(Note("reference_noise_assumed", {"noise": REFERENCE_NOISE}))
     task = Task(model, causes, existing, replace(setup, probe_noise=setup.probe_noise or 0.0))
     if scheme == "free":
-        places = free_postures(arm, postures, above, rng)
+        candidates = free_postures(arm, postures, above, rng)
     else:
-        places = postures_at_seats(task, postures, above, rng)
-    if places.n < records:
+        candidates = postures_at_seats(task, postures, above, rng)
+    if candidates.n < records:
         raise AacmmError(
-            f"records is {records}; expected at most {places.n}, because the plan found only so "
-            "many different postures"
+            f"records is {records}; expected at most {candidates.n}, because the plan found only "
+            "so many different postures"
         )
-    return task, places, tuple(notes)
+    return task, candidates, tuple(notes)
 
 
 def _usable(

@@ -223,7 +223,7 @@ def _shoulder(arm: Arm) -> Array:
 
 @dataclass(eq=False)
 class _Layout:
-    """Points so far: cells, point (3,) and posture (nq,) of each."""
+    """Probed points so far: other cells of their rows, point (3,) [m] and posture (nq,)."""
 
     pool: Pool
     sphere_diameter: float
@@ -232,7 +232,7 @@ class _Layout:
 
     def __post_init__(self) -> None:
         self.probed: list[tuple[dict[str, Any], Array, Array]] = []
-        self.taken: list[Array] = []
+        self.placed_points: list[Array] = []
         self.shoulder = _shoulder(self.pool.arm)
         self.distance = np.linalg.norm(self.pool.tips - self.shoulder, axis=1)
         self.reach = float(self.distance.max())
@@ -277,13 +277,13 @@ class _Layout:
         inside = (self.distance >= low * self.reach) & (self.distance < high * self.reach)
         height = (tips - self.shoulder) @ self.pool.arm.up
         inside &= np.abs(height) <= LEVEL * self.reach
-        for other in self.taken:
+        for other in self.placed_points:
             inside &= np.linalg.norm(tips - other, axis=1) > LEAST_SEPARATION * self.reach
         tips = tips[inside][:CANDIDATES]
         best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]]
         zone = f"places at {low:.0%} to {high:.0%} of the reach"
         (place,) = self.pool.places(best[:, None], 1, each, zone)
-        self.taken.append(place.points[0])
+        self.placed_points.append(place.points[0])
         return place.points[0], place.postures[0]
 
     def spheres(self, wanted: set[str]) -> None:

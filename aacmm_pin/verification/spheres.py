@@ -51,38 +51,40 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
         ShapeError: fewer than four points, a wrong shape, or not finite.
         AacmmError: points in one plane.
     """
-    p = batch(points, 3, "points", "m")
-    if len(p) < FEWEST_POINTS:
+    points = batch(points, 3, "points", "m")
+    if len(points) < FEWEST_POINTS:
         raise ShapeError(
-            f"points has {len(p)} rows; expected at least {FEWEST_POINTS} for a sphere"
+            f"points has {len(points)} rows; expected at least {FEWEST_POINTS} for a sphere"
         )
-    middle = p.mean(axis=0)
-    extents = np.linalg.svd(p - middle, compute_uv=False)
+    middle = points.mean(axis=0)
+    extents = np.linalg.svd(points - middle, compute_uv=False)
     if extents[2] <= PLANE_TOLERANCE * extents[0]:
-        raise AacmmError(f"{len(p)} points lie in one plane; expected points all over the sphere")
+        raise AacmmError(
+            f"{len(points)} points lie in one plane; expected points all over the sphere"
+        )
     size = float(extents[0])
-    scaled = (p - middle) / size
+    scaled = (points - middle) / size
 
     def residuals(sphere: Array) -> Array:
         distance = np.linalg.norm(scaled - sphere[:3], axis=1)
         return np.asarray(distance - sphere[3])
 
     def jacobian(sphere: Array) -> Array:
-        towards = sphere[:3] - scaled
-        lengths = np.linalg.norm(towards, axis=1, keepdims=True)
-        return np.column_stack([towards / lengths, -np.ones(len(p))])
+        to_centre = sphere[:3] - scaled
+        lengths = np.linalg.norm(to_centre, axis=1, keepdims=True)
+        return np.column_stack([to_centre / lengths, -np.ones(len(scaled))])
 
     centre, radius = best_sphere(scaled)
-    ends = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
+    tolerances = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
     fit = scipy.optimize.least_squares(
-        residuals, [*centre, radius], jac=jacobian, method="lm", **ends
+        residuals, [*centre, radius], jac=jacobian, method="lm", **tolerances
     )
     factor = 2 * float(np.linalg.norm(np.linalg.pinv(fit.jac)[3]))
     leverages = np.sum(np.linalg.qr(fit.jac).Q ** 2, axis=1)
-    outside = fit.fun * size
+    radial = fit.fun * size
     center = middle + fit.x[:3] * size
     diameter = 2 * float(fit.x[3]) * size
-    return FittedSphere(center, diameter, float(np.ptp(outside)), factor, outside, leverages)
+    return FittedSphere(center, diameter, float(np.ptp(radial)), factor, radial, leverages)
 
 
 def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
@@ -100,7 +102,7 @@ def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
 
 
 def _welzl(points: list[Array], on: list[Array]) -> tuple[Array, float]:
-    """The same through up to four points ``on``."""
+    """Centre and radius of the smallest sphere around ``points`` that passes up to four ``on`` it."""
     center, radius = np.zeros(3), -1.0  # contains no point
     if on:
         edges = np.array(on[1:]).reshape(-1, 3) - on[0]
