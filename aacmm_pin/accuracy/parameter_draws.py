@@ -35,8 +35,8 @@ def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) ->
     """
     parameters = model.parameters
     covariance_of_file = model.arm.covariance
-    together = () if covariance_of_file is None else covariance_of_file.parameters
-    bounded = np.array([p.half_width is not None and p.name not in together for p in parameters])
+    correlated = () if covariance_of_file is None else covariance_of_file.parameters
+    bounded = np.array([p.half_width is not None and p.name not in correlated for p in parameters])
     covariance = model.covariance()
     u = np.sqrt(np.diag(covariance))
     half_width = np.array([p.half_width or 0.0 for p in parameters])
@@ -101,28 +101,28 @@ class _DrawnElastic(_Drawn):
 def exact_volume(
     sources: ErrorSources,
     draws: int,
-    piece: tuple[Array, Conditions | None, list[np.random.Generator]],
+    part: tuple[Array, Conditions | None, list[np.random.Generator]],
 ) -> tuple[Array, Array, Array]:
     """Volume, covariance and sampling error of some postures.
 
     Args:
         sources: parameters with an uncertainty.
         draws: for each volume, and again for each covariance.
-        piece: postures (n, nq) [rad], conditions, a generator for each.
+        part: postures (n, nq) [rad], conditions, a random generator for each.
 
     Returns:
         (n,) [m³], (n, 3, 3) [m²], and change of the volume by half of the draws (n,) [m³].
     """
-    q, conditions, generators = piece
+    q, conditions, rngs = part
     volume = np.empty(len(q))
     error = np.empty(len(q))
     covariance = np.empty((len(q), 3, 3))
-    bounds = sources.generators(sources.sensitivity(q, conditions))
-    for k, rng in enumerate(generators):
+    generators = sources.generators(sources.sensitivity(q, conditions))
+    for k, rng in enumerate(rngs):
         posture = q[k : k + 1]
         record = None if conditions is None else conditions.take([k])
-        extreme = _corners(sources, bounds[k], rng, draws)
-        corners = exact_positions(sources, posture, record, extreme)
+        extreme_errors = _corners(sources, generators[k], rng, draws)
+        corners = exact_positions(sources, posture, record, extreme_errors)
         volume[k] = _hull_volume(corners)
         error[k] = volume[k] - _hull_volume(corners[: draws // 2])
         errors = source_errors(sources, rng, draws)

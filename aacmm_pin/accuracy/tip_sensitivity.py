@@ -185,12 +185,13 @@ class ErrorSources(Shown):
         """
         arm = self.arm
         columns = np.array(self.columns)
+        # Columns: parameters of the arm, parameters of effects, readings.
         if not self.effects:
             of_arm = columns[columns < len(arm.parameters)]
-            of_parameters = arm.sensitivity(q, self.at)[:, :, of_arm]
-            joints = columns - len(self.model.parameters)
-            noise = arm.by_readings(arm.jacobian(q, self.at))[:, :, joints[joints >= 0]]
-            return np.concatenate([of_parameters, noise], axis=2)
+            by_parameters = arm.sensitivity(q, self.at)[:, :, of_arm]
+            readings = columns - len(self.model.parameters)
+            by_readings = arm.by_readings(arm.jacobian(q, self.at))[:, :, readings[readings >= 0]]
+            return np.concatenate([by_parameters, by_readings], axis=2)
         conditions = Conditions(len(q)) if conditions is None else conditions
         state = displaced(arm, self.effects, q, conditions, arm.place(self.at), False)
         blocks, start = [], 0
@@ -200,12 +201,12 @@ class ErrorSources(Shown):
             if wanted.size:
                 blocks.append(sensitivity(cause, state)[:, :, wanted])
             start = end
-        noisy = columns[columns >= start] - start
-        if noisy.size:  # a noisy reading is a noisy zero
+        readings = columns[columns >= start] - start
+        if readings.size:  # a noisy reading is a noisy zero
             rows = arm.chain.joint_rows()
             zeros = [sensitivity(JointZeroOffset(joint=row), state) for row in rows]
             by_angles = arm.chain.drive.by_independent(np.concatenate(zeros, axis=2))
-            blocks.append(arm.by_readings(by_angles)[:, :, noisy])
+            blocks.append(arm.by_readings(by_angles)[:, :, readings])
         return np.concatenate(blocks, axis=2)
 
     def generators(self, sensitivity: Array) -> Array:
@@ -310,12 +311,12 @@ def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tupl
 def _correlation(covariance: Array, columns: Index) -> Array | None:
     """Of the sources in ``columns``; the noise of encoders is independent."""
     correlation = np.eye(len(columns))
-    inside = np.flatnonzero(columns < len(covariance))
-    block = covariance[np.ix_(columns[inside], columns[inside])]
+    of_parameters = np.flatnonzero(columns < len(covariance))
+    block = covariance[np.ix_(columns[of_parameters], columns[of_parameters])]
     if not (block - np.diag(np.diag(block))).any():
         return None
     u = np.sqrt(np.diag(block))
-    correlation[np.ix_(inside, inside)] = block / np.outer(u, u)
+    correlation[np.ix_(of_parameters, of_parameters)] = block / np.outer(u, u)
     np.fill_diagonal(correlation, 1.0)
     return correlation
 

@@ -351,10 +351,11 @@ def _cells(
         ("smallest_u_mm", "smallest_u_theta_deg", u),
         ("largest_u_mm", None, -u),
     ):
-        place = _smallest(working.point, values)
-        arrays[name][working.point[place]] = np.abs(values[place])
+        smallest = _smallest(working.point, values)
+        cells = working.point[smallest]
+        arrays[name][cells] = np.abs(values[smallest])
         if posture is not None:
-            arrays[posture][working.point[place]] = q[place]
+            arrays[posture][cells] = q[smallest]
     return arrays
 
 
@@ -363,8 +364,10 @@ def _frame(arm: Arm, axis: Array | None) -> str:
 
 
 def _smallest(groups: Index, values: Array) -> Index:
+    """The row of the smallest value (n,) of each group (n,)."""
     order = np.lexsort((values, groups))
-    return order[np.unique(groups[order], return_index=True)[1]]
+    _, first = np.unique(groups[order], return_index=True)
+    return order[first]
 
 
 def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Array:

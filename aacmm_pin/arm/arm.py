@@ -526,6 +526,7 @@ class Arm(Shown):
         return self._chain_of_parameters(at).positions(q, errors)
 
     def _chain_to(self, at: str | None) -> Chain:
+        """The chain whose tip is the origin of frame ``at``."""
         if at is None or at == self.tip:
             return self.chain
         if self.dh_row(at) is not None:

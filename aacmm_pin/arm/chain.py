@@ -200,7 +200,7 @@ class Chain:
         return self._differentiated(q, self.parameters)
 
     def _differentiated(self, q: Array, twists: Index) -> tuple[Array, Array]:
-        """Tip (n, 3), and its derivative by twist components, as place and number (k, 2)."""
+        """Tip (n, 3) [m], and its derivative (n, 3, k) by ``twists``: place and component (k, 2)."""
         n = len(q)
         position = np.empty((n, 3))
         columns = np.zeros((3, len(twists), n))
@@ -214,10 +214,10 @@ class Chain:
                 for k, (place, component) in enumerate(twists.tolist()):
                     if place == NO_PLACE:
                         continue
-                    along = frames[place, component % 3]
+                    derivative = frames[place, component % 3]
                     if component >= OMEGA_X:
-                        along = cross(along, frames[-1, 3] - frames[place, 3])
-                    columns[:, k, part] = along
+                        derivative = cross(derivative, frames[-1, 3] - frames[place, 3])
+                    columns[:, k, part] = derivative
         return position, columns.transpose(2, 0, 1)
 
     def beyond_reach(self) -> str:
@@ -276,7 +276,7 @@ class Chain:
             if joint >= 0 and self.slides[joint]:
                 here[3] += values[joint] * here[Z]
             elif joint >= 0:
-                _turn(here, Z, cosine[joint], sine[joint])
+                _rotate(here, Z, cosine[joint], sine[joint])
             if place in twists:
                 _displace(here, twists[place])
             before = here
@@ -293,32 +293,32 @@ class Chain:
         return twists
 
 
-def _turn(frames: Array, about: int, cosine: Array, sine: Array) -> None:
+def _rotate(frames: Array, about: int, cosine: Array, sine: Array) -> None:
     """Rotate frames (x, y, z …; components; n) in place about their own axis ``about``."""
     u = frames[(about + 1) % 3]
     v = frames[(about + 2) % 3]
-    turned = cosine * u
-    turned += sine * v
+    rotated_u = cosine * u
+    rotated_u += sine * v
     v *= cosine
     v -= sine * u
-    u[:] = turned
+    u[:] = rotated_u
 
 
 def _displace(frames: Array, twists: Array) -> None:
     """Displace frames (4, 3, n) in place by twists (n, 6) in their own axes."""
-    acting = np.flatnonzero(twists.any(axis=0)) % 3
-    if not acting.size:
+    used_axes = np.flatnonzero(twists.any(axis=0)) % 3
+    if not used_axes.size:
         return
-    about = int(acting[0])
-    if (acting != about).any():
+    axis = int(used_axes[0])
+    if (used_axes != axis).any():
         motions = np.broadcast_to(exp(twists), (frames.shape[2], 4, 4))
         frames[:] = np.einsum("nij,icn->jcn", motions, frames)
         return
-    shift = twists[:, about]
-    turn = twists[:, 3 + about]
-    frames[3] += shift * frames[about]
-    if turn.any():
-        _turn(frames, about, np.cos(turn), np.sin(turn))
+    translation = twists[:, axis]
+    rotation = twists[:, 3 + axis]
+    frames[3] += translation * frames[axis]
+    if rotation.any():
+        _rotate(frames, axis, np.cos(rotation), np.sin(rotation))
 
 
 def _differentiate(
@@ -347,14 +347,14 @@ def _differentiate(
             for i in range(3):
                 for lane in range(width):
                     for k in range(4):
-                        along = transform[3, k] * before[3, i, lane]
+                        product = transform[3, k] * before[3, i, lane]
                         for m in range(3):
-                            along += transform[m, k] * before[m, i, lane]
-                        here[k, i, lane] = along
-            number = joint[place]
-            for lane in range(width if number >= 0 else 0):
-                angle = angles[first + lane, number]
-                if prismatic[number]:
+                            product += transform[m, k] * before[m, i, lane]
+                        here[k, i, lane] = product
+            moving = joint[place]
+            for lane in range(width if moving >= 0 else 0):
+                angle = angles[first + lane, moving]
+                if prismatic[moving]:
                     for i in range(3):
                         here[3, i, lane] += angle * here[2, i, lane]
                     continue
@@ -374,17 +374,17 @@ def _differentiate(
             component = twists[k, 1]
             if place < 0:
                 continue
-            along = frames[place + 1, component % 3]
+            axis = frames[place + 1, component % 3]
             origin = frames[place + 1, 3]
             for i in range(3):
                 j = (i + 1) % 3
                 m = (i + 2) % 3
                 for lane in range(width):
-                    column = along[i, lane]
+                    derivative = axis[i, lane]
                     if component >= 3:
-                        column = along[j, lane] * (tip[m, lane] - origin[m, lane])
-                        column -= along[m, lane] * (tip[j, lane] - origin[j, lane])
-                    columns[i, k, first + lane] = column
+                        derivative = axis[j, lane] * (tip[m, lane] - origin[m, lane])
+                        derivative -= axis[m, lane] * (tip[j, lane] - origin[j, lane])
+                    columns[i, k, first + lane] = derivative
 
 
 LOOP = Loop(

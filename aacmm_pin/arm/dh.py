@@ -118,11 +118,11 @@ def table(
         raise UnknownNameError("convention", convention, list(get_args(Convention)))
     rows = batch(rows, 4, "rows", "m, m, rad, rad")
     a, d, alpha, theta_offset = rows.T
-    moves = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
-    along = np.zeros(len(rows), dtype=bool) if slides is None else np.array(slides, dtype=bool)
-    for name, flags in ("moving", moves), ("slides", along):
+    has_joint = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
+    prismatic = np.zeros(len(rows), dtype=bool) if slides is None else np.array(slides, dtype=bool)
+    for name, flags in ("moving", has_joint), ("slides", prismatic):
         if flags.shape != (len(rows),):
             raise ShapeError(
                 f"{name} has {flags.size} entries; expected {len(rows)}, one for each row"
             )
-    return DHTable(a, d, alpha, theta_offset, moves, along, convention)
+    return DHTable(a, d, alpha, theta_offset, has_joint, prismatic, convention)

@@ -49,24 +49,25 @@ def random_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
 def spread_postures(arm: Arm, count: int, q: Array) -> Array:
     """Deterministic postures spread evenly between the limits: (count, nq) [rad, m].
 
-    A revolute joint without limits makes one turn; a prismatic one has the range of ``q`` (n, nq).
+    A revolute joint without limits makes one revolution; a prismatic one has the range of ``q`` (n,
+    nq).
     """
     slides = arm.chain.prismatic
     endless = _endless(arm)
     low, high = arm.limits.T
     low = np.where(endless, np.where(slides, q.min(axis=0), -np.pi), low)
     high = np.where(endless, np.where(slides, q.max(axis=0), np.pi), high)
-    part = spread_angles(count, arm.nq) / (2 * np.pi) + 0.5
-    return low + (high - low) * part
+    fraction = spread_angles(count, arm.nq) / (2 * np.pi) + 0.5
+    return low + (high - low) * fraction
 
 
 def _endless(arm: Arm) -> Mask:
-    """Joints without limits, or with limits several turns apart: (nq,)."""
+    """Joints without limits, or with limits several revolutions apart: (nq,)."""
     unlimited = ~np.isfinite(arm.limits).all(axis=1)
     farthest = np.abs(arm.limits).max(axis=1)
-    many_turns = farthest > plausible.MOST_TURNS * 2 * np.pi
+    many_revolutions = farthest > plausible.MOST_TURNS * 2 * np.pi
     revolute = ~arm.chain.prismatic
-    return np.asarray(unlimited | many_turns & revolute)
+    return np.asarray(unlimited | many_revolutions & revolute)
 
 
 @dataclass(frozen=True, eq=False)

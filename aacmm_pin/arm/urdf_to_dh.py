@@ -81,13 +81,15 @@ def dh_file(arm: Arm) -> ArmFile:
     elif np.abs(remaining).max() > SAME:
         rows.append((remaining, None))
         frames.append(frame @ _motion(remaining))
-    return _file(arm, file, rows, frames)
+    return _file_of_rows(arm, file, rows, frames)
 
 
-def _file(
+def _file_of_rows(
     arm: Arm, file: UrdfArmFile, rows: list[tuple[StandardRow, int | None]], frames: list[Array]
 ) -> ArmFile:
-    """``frames`` (4, 4) are those of the rows at zero joint values."""
+    """The arm file of ``rows``, each with the number of its joint or None, whose ``frames`` (4, 4)
+    are those at zero joint values; masses go along.
+    """
     axes = [axis(number) for number in arm.chain.moving_rows()]
     rotation, origin = (part[axes] for part in arm.chain.at_zero)
     joints = []
@@ -109,12 +111,12 @@ def _file(
                 entry["mass_kg"] = float(arm.masses[joint])
                 entry["com_mm"] = (frame[:3, :3].T @ (centre - frame[:3, 3]) / MM).tolist()
         joints.append(entry)
-    kept = file.model_dump(
+    content = file.model_dump(
         by_alias=True,
         exclude={"urdf", "joints", "couplings", "effects", "discrepancy", "covariance"},
     )
     row_of_joint = [number for number, (_, joint) in enumerate(rows, start=1) if joint is not None]
-    kept["couplings"] = [
+    content["couplings"] = [
         {
             "joint": row_of_joint[coupling.joint - 1],
             "of": row_of_joint[coupling.of - 1],
@@ -122,10 +124,10 @@ def _file(
         }
         for coupling in file.couplings
     ]
-    source = f"DH table of: {file.source or file.name}"
-    return validated(
-        ArmFile, kept | {"source": source, "convention": "standard-dh", "joints": joints}, file.name
-    )
+    content["source"] = f"DH table of: {file.source or file.name}"
+    content["convention"] = "standard-dh"
+    content["joints"] = joints
+    return validated(ArmFile, content, file.name)
 
 
 def _onto_axis(frame: Array, z: Array, point: Array) -> Iterator[StandardRow]:
