@@ -347,6 +347,9 @@ def trace(
 ) -> tuple[int, int, bool]:
     """Follow the curve through ``START``, a regular solution, once around.
 
+    A failed step is repeated shorter; below ``SHORTEST_STEP``, the ``LEAPS`` are tried from the last
+    ``STEADY`` vertex.
+
     Args:
         links, space: see :func:`newton`.
         begin: number of its first vertex.
@@ -391,8 +394,8 @@ def trace(
         moved = distance(AHEAD, HERE, space)
         if end > begin + 1 and passes_start(links, moved, space):
             return end, step + 1, True
-        turn = LARGEST_TURN
         sign = sign_ahead
+        turn = LARGEST_TURN  # of the tangent
         if leap == 0:
             turn = math.sqrt(max(0.0, 1.0 - dot(AHEAD + 1, HERE + 1, space) ** 2))
         for j in range(n):

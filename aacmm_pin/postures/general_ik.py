@@ -70,12 +70,12 @@ class ReachingPostures(PosturesAtPoint):
         """Length of the path in joint space from the first posture of the component, ``(n,)``
         [rad]; zero for single ones.
         """
-        way = np.zeros(len(self))
+        travel = np.zeros(len(self))
         for number in np.unique(self.component):
-            mine = np.flatnonzero(self.component == number)
+            rows = np.flatnonzero(self.component == number)
             lengths = np.linalg.norm(self._steps(number), axis=1)
-            way[mine[1:]] = np.cumsum(lengths[: len(mine) - 1])
-        return way
+            travel[rows[1:]] = np.cumsum(lengths[: len(rows) - 1])
+        return travel
 
     @property
     def arc_fraction(self) -> float:
@@ -84,18 +84,20 @@ class ReachingPostures(PosturesAtPoint):
             return float("nan")
         steps = {number: self._steps(number) for number in np.unique(self.component)}
         begin = np.concatenate(
-            [self.q[self.component == number][: len(way)] for number, way in steps.items()]
+            [self.q[self.component == number][: len(step)] for number, step in steps.items()]
         )
-        moved = np.concatenate([*steps.values()])
-        first, last = inside_part(begin, begin + moved, self.arm.limits)
-        length = np.linalg.norm(moved, axis=1)
-        return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
+        step = np.concatenate([*steps.values()])
+        first, last = inside_part(begin, begin + step, self.arm.limits)
+        length = np.linalg.norm(step, axis=1)
+        fraction_inside = np.maximum(last - first, 0.0)
+        return float((length * fraction_inside).sum() / length.sum())
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
         """Flexibility with ``arc_fraction`` only: arms without elbow have no sectors."""
         return Flexibility(float("nan"), (), self.arc_fraction)
 
     def _steps(self, number: int) -> Array:
+        """Steps between neighbouring postures of a component, around it if closed (m, nq) [rad]."""
         q = self.q[self.component == number]
         is_closed = not self.single and self.curves[number - 1].closed
         return wrapped(np.diff(q, axis=0, append=q[: int(is_closed)]))
@@ -273,7 +275,7 @@ def _rotation(values: ArrayLike) -> Array:
 
 
 def _swivel(arm: Arm, q: Array, point: Array) -> Array:
-    """nan unless the first four rows of a DH table are joints."""
+    """Swivel angles (n,) [rad]; nan unless the first four rows of a DH table are joints."""
     if arm.dh is None or arm.dh.rows <= ELBOW_JOINT or not arm.dh.moving[:ELBOW_JOINT].all():
         return np.full(len(q), np.nan)
     return Swivel(arm.dh, arm.up).angle(q, point)

@@ -37,9 +37,9 @@ class Equations:
         ``links`` (n + 1, 4, 4) and all vectors but ``tool`` are in the base.
         """
         upright = rotation_between(axis, Z_AXIS)
-        turned = _in_axes(links, upright)
-        turned[-1, :3, :3] = turned[-1, :3, :3] @ rotation_between(Z_AXIS, tool)
-        return Equations(turned, points @ upright.T, POINT_AND_AXIS)
+        rotated = _in_axes(links, upright)
+        rotated[-1, :3, :3] = rotated[-1, :3, :3] @ rotation_between(Z_AXIS, tool)
+        return Equations(rotated, points @ upright.T, POINT_AND_AXIS)
 
     def __call__(self, q: Array, problem: Index | int = 0) -> tuple[Array, Array]:
         """Values (n, k) [m, rad] and derivatives (n, k, joints) at ``q`` (n, joints) [rad];

@@ -68,21 +68,22 @@ def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tup
 
 def agile(state: State) -> Mask:
     """Which tips can move about alike in all possible directions: (n,)."""
-    easiness = np.linalg.svd(tip_jacobian(state), compute_uv=False)
-    most = easiness[:, :1]
-    directions = (easiness > 1e-9 * most).any(axis=0)
-    is_easy = easiness[:, directions] > MIN_MOBILITY_RATIO * most
+    mobility = np.linalg.svd(tip_jacobian(state), compute_uv=False)  # m per unit of joint motion
+    most = mobility[:, :1]
+    is_possible = (mobility > 1e-9 * most).any(axis=0)
+    is_easy = mobility[:, is_possible] > MIN_MOBILITY_RATIO * most
     return np.asarray(is_easy.all(axis=1))
 
 
 def posture_features(arm: Arm, q: Array) -> Array:
-    """Numbers whose distance is the difference of postures: 0 for a full turn, δ for a small turn
-    δ.
+    """Numbers (n, k) whose distance is the difference of postures ``q`` (n, nq): 0 for a whole
+    revolution, δ for a small rotation δ.
     """
     slides = arm.chain.prismatic
     low, high = joint_bounds(arm)[slides].T
-    turns = q[:, ~slides]
-    return np.hstack([np.cos(turns), np.sin(turns), (q[:, slides] - low) / (high - low)])
+    angles = q[:, ~slides]
+    fractions = (q[:, slides] - low) / (high - low)
+    return np.hstack([np.cos(angles), np.sin(angles), fractions])
 
 
 def spread_out(features: Array, count: int, apart: float) -> Index:
