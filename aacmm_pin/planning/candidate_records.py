@@ -56,22 +56,23 @@ def postures_at_seats(
         stated_u = np.full_like(points, np.nan)
     else:
         tips = task.frame.apply(task.model.predict(existing.q, existing.conditions))
-        reached = np.flatnonzero(~observed.surfaces)
-        points = task.frame.back(observed.start(tips))[reached]
-        labels = [observed.labels[k] for k in reached]
+        no_surface = np.flatnonzero(~observed.surfaces)
+        points = task.frame.back(observed.start(tips))[no_surface]
+        labels = [observed.labels[k] for k in no_surface]
         rows = existing.seats()
-        first = [rows[label][0] for label in labels]
-        stated, stated_u = existing.reference[first], existing.reference_u[first]
-    touched = pool.touched(points, max(4, min(EACH, count // len(labels))))
-    if not any(len(q) for q in touched):
+        first_row = [rows[label][0] for label in labels]
+        stated, stated_u = existing.reference[first_row], existing.reference_u[first_row]
+    postures = pool.touched(points, max(4, min(EACH, count // len(labels))))
+    if not any(len(q) for q in postures):
         raise AacmmError(
             f"{task.model.arm.name}: no posture within the limits reaches any of the "
             f"{len(labels)} seats; expected one or more; check the coordinates of the seats, and "
             "the joint limits"
         )
-    seat = np.repeat(np.arange(len(labels)), [*map(len, touched)])
-    at = Conditions(len(seat), seat=np.array(labels, dtype=object)[seat])
-    records = Measurements.of(np.concatenate(touched), stated[seat], stated_u[seat], at)
+    seat = np.repeat(np.arange(len(labels)), [*map(len, postures)])
+    conditions = Conditions(len(seat), seat=np.array(labels, dtype=object)[seat])
+    q = np.concatenate(postures)
+    records = Measurements.of(q, stated[seat], stated_u[seat], conditions)
     return records.with_readings(task.model.arm)
 
 

@@ -165,12 +165,14 @@ def for_all(
 def _chosen(
     situation: Situation, sizes: Sequence[Array], pairs: Sequence[Pair], steps: Iterable[int]
 ) -> list[int]:
+    """Numbers of the records of the pool that separate the worst of ``pairs`` best."""
     rows = situation.rows
-    flat = rows.reshape(-1, rows.shape[2])
-    loose = np.where(np.arange(rows.shape[2]) < situation.nuisances, 0.0, LOOSE)
-    # One record's worth of the average keeps the first steps from being blind; it counts in no
-    # power.
-    information = situation.information + np.diag(loose) + flat.T @ flat / len(rows)
+    width = rows.shape[2]
+    loose_prior = np.where(np.arange(width) < situation.nuisances, 0.0, LOOSE)
+    all_rows = rows.reshape(-1, width)
+    # An average record keeps the first steps from being blind; it counts in no power.
+    average_record = all_rows.T @ all_rows / len(rows)
+    information = situation.information + np.diag(loose_prior) + average_record
     score = t_optimality(rows, situation.blocks, sizes, pairs)
     exchanges = int(len(pairs) == 1 and len(rows) >= THOROUGH)
     return chosen_records(rows, information, steps, score, exchanges)

@@ -52,13 +52,13 @@ def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame
     Cells to measure are empty, also conditions without planned or existing value. Coordinates of
     known seats and constant u stay.
     """
-    stated = records.conditions.seat is not None and existing is not None
-    has_u = stated and np.isfinite(records.reference_u).all()
-    nothing = np.full((records.n, 3), np.nan)
+    has_known_seats = records.conditions.seat is not None and existing is not None
+    has_u = has_known_seats and np.isfinite(records.reference_u).all()
+    empty = np.full((records.n, 3), np.nan)
     table = replace(
         records,
-        reference=records.reference if stated else nothing,
-        reference_u=records.reference_u if has_u else nothing,
+        reference=records.reference if has_known_seats else empty,
+        reference_u=records.reference_u if has_u else empty,
         conditions=replace(records.conditions, torque=None),
     ).to_frame()
     exact = [name for name in table.columns if name.startswith(("theta", "probe_direction"))]
@@ -70,14 +70,17 @@ def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame
             table[[head for head in map(str, table) if column_of(head).field == name]] = np.nan
     if REFERENCE[0] not in table:
         for k, name in enumerate(REFERENCE):
-            table.insert(records.nq + k, name, nothing[:, k])
+            table.insert(records.nq + k, name, empty[:, k])
     if existing is None:
         return table
-    old = existing.to_frame()
-    added = table.columns.difference([*old.columns, "record"], sort=False)
-    unchanging = {
-        name: old[name].iloc[0]
+    existing_table = existing.to_frame()
+    existing_columns = [*existing_table.columns]
+    new_columns = table.columns.difference([*existing_columns, "record"], sort=False)
+    constant_u = {
+        name: existing_table[name].iloc[0]
         for name in REFERENCE_U
-        if name in old and name not in table and old[name].nunique(dropna=False) == 1
+        if name in existing_columns
+        and name not in table
+        and existing_table[name].nunique(dropna=False) == 1
     }
-    return table.reindex(columns=[*old.columns, *added]).assign(**unchanging)
+    return table.reindex(columns=[*existing_columns, *new_columns]).assign(**constant_u)

@@ -112,14 +112,15 @@ def plan_measurements(
         length_noise,
     )
     unknown = tuple(effect.at(()) for effect in causes)
-    task, where, notes = prepared(
+    task, candidates, notes = prepared(
         model, unknown, usable, setup, scheme, records, postures, above, rng
     )
     with watched(range(records), progress, "plan", "record") as steps:
         if split is None:
-            plan = for_all(task, where, records, rng, steps)
+            plan = for_all(task, candidates, records, rng, steps)
         else:
-            plan = for_two(task, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
+            pair = causes[0], causes[1]
+            plan = for_two(task, pair, candidates, records, as_it_stands, rng, steps)
     if "torque" in present and split is not None:
         left_out += (Note("record_torques"),)
     return replace(plan, seed=seed, notes=(*notes, *left_out, *plan.notes))

@@ -298,18 +298,18 @@ def accept(
     wanted = definitions(standard)
     data = measurement_file(str(path))
     points = read_file(str(path), data, models)
-    first, of_first = next(iter(points.sets.items()))
+    first_source, first_points = next(iter(points.sets.items()))
     try:
-        check_unit(of_first)
+        check_unit(first_points)
     except AacmmError as error:
-        raise AacmmError(f"{path}: {first}: {error}") from None
+        raise AacmmError(f"{path}: {first_source}: {error}") from None
     figures: list[CharacteristicValue] = []
-    unfit: dict[Note, list[str]] = {}
+    names_by_error: dict[Note, list[str]] = {}
     for source, of_source in points.sets.items():
         for definition in wanted:
             of_test = of_source[of_source["test"] == definition.test]
-            there = bool(of_test[definition.column].any())
-            if standard is None and definition.name not in limits and not there:
+            has_points = bool(of_test[definition.column].any())
+            if standard is None and definition.name not in limits and not has_points:
                 continue
             try:
                 evaluated = definition.evaluate(of_test)
@@ -319,19 +319,19 @@ def accept(
                 is_length = definition.counted == "length"
                 had = of_test.groupby([*LENGTH_KEY]).ngroups if is_length else len(of_test)
                 evaluated = Evaluated(had, why_incomplete="see the notes")
-                why = Note("figure_without_value", {"error": str(error)}).with_place(source)
-                unfit.setdefault(why, []).append(definition.name)
+                note = Note("figure_without_value", {"error": str(error)}).with_place(source)
+                names_by_error.setdefault(note, []).append(definition.name)
             limit = limits.get(definition.name, math.nan)
             figures.append(CharacteristicValue(source, definition, evaluated, limit))
     notes = [*points.notes]
-    notes += [note.with_place(first) for note in doubts(of_first, measuring_range)]
-    notes += [why.with_place(", ".join(names)) for why, names in unfit.items()]
+    notes += [note.with_place(first_source) for note in doubts(first_points, measuring_range)]
+    notes += [note.with_place(", ".join(names)) for note, names in names_by_error.items()]
     if left_out := [name for name in limits if name not in {d.name for d in wanted}]:
         notes.append(Note("mpe_of_other_standard", {"figures": left_out, "standard": standard}))
     notes += _notes(figures, measuring_range)
     longest: dict[Any, float] = {}
     if measuring_range is not None:
-        in_range = of_first[of_first["test"].isin(IN_RANGE)]
+        in_range = first_points[first_points["test"].isin(IN_RANGE)]
         longest = in_range.groupby("test", sort=False)["length"].max().to_dict()
     return AcceptanceResult(
         str(path), tuple(figures), tuple(notes), points.stated, measuring_range, longest, data

@@ -227,16 +227,16 @@ class History(Shown):
         table = result.to_frame().rename(columns={"coordinates": "arm"}).dropna(subset="value_mm")
         table["verdict"] = table["verdict"].astype(object).where(table["verdict"].notna(), "")
         earlier = self.checks
-        for then, check in earlier[earlier["instrument"] == instrument].groupby("time"):
-            both = check.reset_index().merge(table, on=["arm", "figure"], suffixes=("", "_now"))
-            differences = both["value_mm"] - both["value_mm_now"]
-            is_same = len(both) > 0 and bool((differences.abs() <= VALUE_TOLERANCE).all())
-            if is_same and (then == time or len(both) == len(table)):
+        for time_of_check, check in earlier[earlier["instrument"] == instrument].groupby("time"):
+            in_both = check.reset_index().merge(table, on=["arm", "figure"], suffixes=("", "_now"))
+            differences = in_both["value_mm"] - in_both["value_mm_now"]
+            is_same = len(in_both) > 0 and bool((differences.abs() <= VALUE_TOLERANCE).all())
+            if is_same and (time_of_check == time or len(in_both) == len(table)):
                 time = check["time"].iloc[0]
-                judged_now = (both["verdict"] == "") & (both["verdict_now"] != "")
-                earlier = earlier.drop(index=both["index"][judged_now].tolist())
+                has_new_verdict = (in_both["verdict"] == "") & (in_both["verdict_now"] != "")
+                earlier = earlier.drop(index=in_both["index"][has_new_verdict].tolist())
                 break
-            if then == time and len(both):
+            if time_of_check == time and len(in_both):
                 raise AacmmError(
                     f"the history has a check of {instrument or 'this arm'} at {time.isoformat()} "
                     "with other values; state another --time or --instrument"

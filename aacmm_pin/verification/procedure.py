@@ -107,11 +107,11 @@ class Procedure(Shown):
         records = as_measurements(records, self.arm)
         software = ErrorModel.of(software)
         q = records.with_joint_angles(software.arm).q
-        at = software.correct(q, records.conditions) / MM
+        coordinates_mm = software.correct(q, records.conditions) / MM
         indicated = records.to_frame().drop(columns=["record"], errors="ignore")
         planned = self.to_frame()
         planned = planned[planned.columns.difference(indicated.columns, sort=False)]
-        planned = planned.assign(**dict(zip(REFERENCE, at.T, strict=True)))
+        planned = planned.assign(**dict(zip(REFERENCE, coordinates_mm.T, strict=True)))
         return pd.concat([planned, indicated], axis=1)
 
     def __str__(self) -> str:

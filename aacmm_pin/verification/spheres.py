@@ -102,7 +102,7 @@ def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
 
 
 def _welzl(points: list[Array], on: list[Array]) -> tuple[Array, float]:
-    """Centre and radius of the smallest sphere around ``points`` that passes up to four ``on`` it."""
+    """Centre and radius of the smallest sphere around ``points``, through up to four ``on`` it."""
     center, radius = np.zeros(3), -1.0  # contains no point
     if on:
         edges = np.array(on[1:]).reshape(-1, 3) - on[0]
