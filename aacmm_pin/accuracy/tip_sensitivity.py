@@ -84,19 +84,23 @@ class ErrorSources(Shown):
         not_included = tuple(dict.fromkeys((*not_passed, *(effect.label for effect in left_out))))
         arm = model.arm
         covariance = model.covariance()
-        silent = {
+        no_source = {
             p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()
         }
         noise = arm.encoder_noise if encoder_noise is None else _noise(arm, encoder_noise)
         candidates = list(arm.parameters)
-        u = np.sqrt(np.diag(covariance)).tolist()
-        for p, its_u in list(zip(model.parameters, u, strict=True))[len(candidates) :]:
-            candidates.append(replace(p, u=its_u, half_width=COVERAGE_FACTOR * its_u))
-        for j, its_u in enumerate([] if noise is None else noise.tolist(), start=1):
+        all_u = np.sqrt(np.diag(covariance)).tolist()
+        for p, u in list(zip(model.parameters, all_u, strict=True))[len(candidates) :]:
+            candidates.append(replace(p, u=u, half_width=COVERAGE_FACTOR * u))
+        for j, u in enumerate([] if noise is None else noise.tolist(), start=1):
             candidates.append(
-                Parameter(f"encoder_noise{j}", "encoder", j, "rad", 0.0, None, its_u, "record")
+                Parameter(f"encoder_noise{j}", "encoder", j, "rad", 0.0, None, u, "record")
             )
-        uncertain = [(c, p) for c, p in enumerate(candidates) if p.u > 0 and p.name not in silent]
+        uncertain = [
+            (column, p)
+            for column, p in enumerate(candidates)
+            if p.u > 0 and p.name not in no_source
+        ]
         if not uncertain:
             without = f"; without {', '.join(not_included)}" if not_included else ""
             raise AacmmError(

@@ -281,12 +281,12 @@ class Arm(Shown):
             joint: from 1; not the last.
             axis: unit vector in the axes of the placement ``(3,)``.
         """
-        turn = onto_z(axis) @ onto_z(self.joint_axes[joint - 1]).T
+        rotation = onto_z(axis) @ onto_z(self.joint_axes[joint - 1]).T
         following = self.model.jointPlacements[joint + 1]
-        turned_back = following.inverse() * pin.SE3(turn.T, np.zeros(3)) * following
+        rotated_back = following.inverse() * pin.SE3(rotation.T, np.zeros(3)) * following
         steps = np.zeros((self.nq, 6))
-        steps[joint - 1] = pin.log6(pin.SE3(turn, np.zeros(3))).vector
-        steps[joint] = pin.log6(turned_back).vector
+        steps[joint - 1] = pin.log6(pin.SE3(rotation, np.zeros(3))).vector
+        steps[joint] = pin.log6(rotated_back).vector
         return self.with_placements(steps, None)
 
     def with_encoder_noise(self, noise: Array) -> Arm:
@@ -458,6 +458,7 @@ class Arm(Shown):
         return chain.end(row - 1)
 
     def _over_rows(self, of_joints: Array) -> Array:
+        """Values of joints (nq, …) as those of rows (rows, …), zero for rigid ones."""
         values = np.zeros((self.chain.rows, *of_joints.shape[1:]))
         values[np.array(self.chain.joint_rows()) - 1] = of_joints
         return values

@@ -200,7 +200,7 @@ class Chain:
         return self._differentiated(q, self.parameters)
 
     def _differentiated(self, q: Array, twists: Index) -> tuple[Array, Array]:
-        """Tip (n, 3) [m], and its derivative (n, 3, k) by ``twists``: place and component (k, 2)."""
+        """Tip (n, 3) [m], and its derivative (n, 3, k) by twists: place and component (k, 2)."""
         n = len(q)
         position = np.empty((n, 3))
         columns = np.zeros((3, len(twists), n))

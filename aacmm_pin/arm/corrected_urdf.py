@@ -60,8 +60,8 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
         shift, angles = (
             np.array(origin.get(key, "0 0 0").split(), dtype=np.float64) for key in ("xyz", "rpy")
         )
-        moved = pin.SE3(from_roll_pitch_yaw(angles), shift) * motion
-        numbers = {"xyz": moved.translation, "rpy": roll_pitch_yaw(moved.rotation)}
+        corrected = pin.SE3(from_roll_pitch_yaw(angles), shift) * motion
+        numbers = {"xyz": corrected.translation, "rpy": roll_pitch_yaw(corrected.rotation)}
         for key, values in numbers.items():
             origin.set(key, " ".join(f"{value:.17g}" for value in values))
     tree = robot.getroottree()

@@ -76,19 +76,19 @@ class DHTable(Shown):
         """Kinematics; parameters are the values row by row, and fixed rows have a fixed
         ``axis``.
         """
-        turns = screws(self.theta_offset, 0.0, 2)
-        slides = screws(0.0, self.d, 2)
-        tilts = screws(self.alpha, self.a, 0)
+        about_z = screws(self.theta_offset, 0.0, 2)
+        along_z = screws(0.0, self.d, 2)
+        on_x = screws(self.alpha, self.a, 0)
         axes = []
         ends = [np.eye(4)]
         parameters = []
         for row in range(self.rows):
             if self.standard:
-                axes.append(turns[row])
-                ends.append(slides[row] @ tilts[row])
+                axes.append(about_z[row])
+                ends.append(along_z[row] @ on_x[row])
             else:
-                ends[-1] = ends[-1] @ tilts[row]
-                axes.append(turns[row] @ slides[row])
+                ends[-1] = ends[-1] @ on_x[row]
+                axes.append(about_z[row] @ along_z[row])
                 ends.append(np.eye(4))
             joint = axis(row + 1)
             link = end(row + 1 if self.standard else row)

@@ -143,8 +143,8 @@ class DHRow(_WithAngles):
             for i, limit in enumerate(self.limits_rad or (), start=1)
         ]
         for key, angle, most in angles:
-            if refused := like_degrees(angle, most):
-                raise ValueError(f"{key} {refused}, or a key that ends in _deg")
+            if reason := like_degrees(angle, most):
+                raise ValueError(f"{key} {reason}, or a key that ends in _deg")
         if self.fixed and self.slides:
             raise ValueError('kind is "prismatic" and fixed is true; expected one of them')
         limits = f"limits_{self.unit}"
@@ -296,14 +296,14 @@ class Covariance(_Part):
 
     def restricted(self, names: Iterable[str]) -> Covariance | None:
         """The part for parameters in ``names``, or None."""
-        among = set(names)
-        keep = [i for i, name in enumerate(self.parameters) if name in among]
-        if not keep:
+        wanted = set(names)
+        kept = [i for i, name in enumerate(self.parameters) if name in wanted]
+        if not kept:
             return None
-        chosen = [self.parameters[i] for i in keep]
-        u = np.array(self.standard_uncertainty_si)[keep]
-        correlation = self.matrix_of_correlation()[np.ix_(keep, keep)]
-        return Covariance.of(chosen, u, correlation, self.records)
+        kept_names = [self.parameters[i] for i in kept]
+        u = np.array(self.standard_uncertainty_si)[kept]
+        correlation = self.matrix_of_correlation()[np.ix_(kept, kept)]
+        return Covariance.of(kept_names, u, correlation, self.records)
 
     @property
     def u(self) -> dict[str, float]:

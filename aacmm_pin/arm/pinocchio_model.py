@@ -32,18 +32,17 @@ def built_model(text: str, path: str) -> Any:
     Raises:
         ArmFileError: Pinocchio refuses the URDF, with its message on stderr.
     """
-    with STDERR, tempfile.TemporaryFile() as said:
+    with STDERR, tempfile.TemporaryFile() as captured:
         stderr = os.dup(2)
-        os.dup2(said.fileno(), 2)
+        os.dup2(captured.fileno(), 2)
         try:
             return pin.buildModelFromXML(text)
         except (ValueError, RuntimeError) as error:
-            said.seek(0)
-            explained = (
-                said.readline().decode(errors="replace").removeprefix("Error:").strip(" .\n")
-            )
+            captured.seek(0)
+            line = captured.readline().decode(errors="replace")
+            message = line.removeprefix("Error:").strip(" .\n")
             raise ArmFileError(
-                path, "", f"{explained or error}; expected a URDF that Pinocchio can load"
+                path, "", f"{message or error}; expected a URDF that Pinocchio can load"
             ) from None
         finally:
             os.dup2(stderr, 2)
@@ -95,12 +94,12 @@ def serial_part(
         raise UnsupportedArmError(
             f"{model.name}: no joint moves the frame {frame!r}; expected a frame beyond a joint"
         )
-    if refused := chain_of(model, frame).beyond_reach():
+    if reason := chain_of(model, frame).beyond_reach():
         shifts = [np.linalg.norm(placement.translation) for placement in model.jointPlacements]
         farthest = int(np.argmax(shifts))
         raise UnsupportedArmError(
             f"{model.name}: joint {model.names[farthest]!r} is {shifts[farthest]:.4g} m beyond the "
-            f"joint before, so that {refused}"
+            f"joint before, so that {reason}"
         )
     return model, mimics
 
@@ -150,16 +149,17 @@ def chain_of(model: Any, tip: str, mimics: Sequence[Mimic] = ()) -> Chain:
     """Chain of a Pinocchio model, joint axes along z; parameters are the twists of the placements
     in their own axes.
     """
-    turns = [pin.SE3(onto_z(axis), np.zeros(3)) for axis in joint_axes(model)]
-    axes = [turn.homogeneous for turn in turns]
-    backs = [np.eye(4), *(turn.inverse().homogeneous for turn in turns)]
+    onto_axes = [pin.SE3(onto_z(axis), np.zeros(3)) for axis in joint_axes(model)]
+    axes = [onto_axis.homogeneous for onto_axis in onto_axes]
+    back = [np.eye(4), *(onto_axis.inverse().homogeneous for onto_axis in onto_axes)]
     frame = model.frames[frame_number(model, tip)]
     placements = [*model.jointPlacements.tolist()[1:], frame.placement]
-    pairs = zip(backs, placements, strict=True)
-    ends = [back @ placement.homogeneous for back, placement in pairs]
+    pairs = zip(back, placements, strict=True)
+    ends = [before @ placement.homogeneous for before, placement in pairs]
     slides = np.asarray(~_motions(model)[:, 3:].any(axis=1))
-    parameters = [(end(joint), component) for joint in range(len(turns)) for component in range(6)]
-    return Chain.of_pieces(axes, ends, np.arange(len(turns)), slides, parameters, mimics)
+    joints = range(model.nv)
+    parameters = [(end(joint), component) for joint in joints for component in range(6)]
+    return Chain.of_pieces(axes, ends, np.array(joints), slides, parameters, mimics)
 
 
 def _motions(model: Any) -> Array:

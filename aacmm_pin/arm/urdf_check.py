@@ -103,15 +103,15 @@ def parsed_urdf(content: bytes, path: str) -> Element:
     """
     parser = etree.XMLParser(resolve_entities=False, no_network=True, recover=True)
     # As the parser of Pinocchio, pass over what is blank before the XML declaration.
-    begun = content.removeprefix(codecs.BOM_UTF8).lstrip()
+    xml = content.removeprefix(codecs.BOM_UTF8).lstrip()
     try:
-        root = etree.fromstring(begun, parser, base_url=path)
+        root = etree.fromstring(xml, parser, base_url=path)
     except (etree.XMLSyntaxError, ValueError) as error:
         raise ArmFileError(path, "", f"{error}; expected a URDF in well-formed XML") from None
     errors = [error for error in parser.error_log if error.domain_name != "NAMESPACE"]
     if errors or root is None:
-        said = f"line {errors[0].line}: {errors[0].message}" if errors else "no XML element"
-        raise ArmFileError(path, "", f"{said}; expected a URDF in well-formed XML")
+        reason = f"line {errors[0].line}: {errors[0].message}" if errors else "no XML element"
+        raise ArmFileError(path, "", f"{reason}; expected a URDF in well-formed XML")
     for element in root.iter(etree.Element):
         if "xacro" in element.tag:
             raise _error_at(
@@ -201,10 +201,10 @@ def _check_limits(joint: Element) -> None:
             limit, f"lower is {lower:g} and upper {upper:g}; expected the lower limit first"
         )
     for name, angle in {"lower": lower, "upper": upper}.items():
-        refused = like_degrees(angle) if joint.get("type") == "revolute" else ""
-        if refused and abs(angle) <= LARGEST_DEGREES:  # wider ones stand for none
+        reason = like_degrees(angle) if joint.get("type") == "revolute" else ""
+        if reason and abs(angle) <= LARGEST_DEGREES:  # wider ones stand for none
             raise _error_at(
-                limit, f"{name} {refused}; if the joint has no limits, use the type continuous"
+                limit, f"{name} {reason}; if the joint has no limits, use the type continuous"
             )
 
 
