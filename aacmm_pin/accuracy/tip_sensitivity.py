@@ -287,13 +287,13 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
     if isinstance(model, ErrorModel):
         return model, []
     try:
-        alone = ErrorModel(model)
+        without_effects = ErrorModel(model)
     except UnknownNameError as error:
         raise AacmmError(
             f"{model.name}: {error}; use ErrorModel.load in place of Arm.load"
         ) from None
     of_file = ErrorModel.of(model).effects
-    return alone, [effect.label for effect in of_file if not effect.of_reference]
+    return without_effects, [effect.label for effect in of_file if not effect.of_reference]
 
 
 def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tuple[Effect, ...]:

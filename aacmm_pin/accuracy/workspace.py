@@ -271,23 +271,25 @@ def map_workspace(
     model = loaded(model)
     model = model.restricted_to_known_range() if isinstance(model, ErrorModel) else model
     arm = ErrorModel.arm_of(model)
-    direction = None if axis is None else directed_stylus(arm, axis)[1]
+    direction = None
+    if axis is not None:
+        _, direction = directed_stylus(arm, axis)
     box = _extent(arm, extent, direction)
     probe = _probe(model, conditions, method, direction)
     x = _middles(box[0], box[1], cells[0])
     z = _middles(box[2], box[3], cells[1])
     points = np.stack(np.meshgrid(x, 0.0, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    pieces = chunks(len(points), CELLS_AT_ONCE if axis is None else TIP_CELLS_AT_ONCE)
+    parts = chunks(len(points), CELLS_AT_ONCE if axis is None else TIP_CELLS_AT_ONCE)
     work = partial(_cells, model, conditions, sectors, method, direction)
-    arrays_of = dict[int, dict[str, Array]]()
+    arrays_of_part = dict[int, dict[str, Array]]()
     cells_bar = bar(progress, f"map of {arm.name}", "cell", total=len(points))
-    jobs = (points[piece] for piece in pieces)
-    with cells_bar as moving, results(work, jobs, workers) as worked:
-        for number, arrays in worked:
-            arrays_of[number] = arrays
-            moving.update(len(arrays["reachable"]))
-    parts = [arrays_of[number] for number in range(len(pieces))]
-    merged = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    jobs = (points[part] for part in parts)
+    with cells_bar as progress_bar, results(work, jobs, workers) as numbered_results:
+        for number, arrays in numbered_results:
+            arrays_of_part[number] = arrays
+            progress_bar.update(len(arrays["reachable"]))
+    in_order = [arrays_of_part[number] for number in range(len(parts))]
+    merged = {name: np.concatenate([arrays[name] for arrays in in_order]) for name in in_order[0]}
     seconds = time.perf_counter() - started
     data = _dataset(merged, x, z, arm.nq)
     working_point: dict[str, Any] = {"working_point": probe.sources.at}

@@ -284,12 +284,12 @@ class Chain:
 
     def _twists(self, errors: Array) -> dict[int, Array]:
         """Twists (n, 6) of the places by parameter ``errors`` (n, p)."""
-        place, component = self.parameters.T
+        places, components = self.parameters.T
         twists = {}
-        for here in np.unique(place[place != NO_PLACE]).tolist():
-            parameters_here = np.flatnonzero(place == here)
-            twists[here] = np.zeros((6, len(errors))).T  # components contiguous
-            twists[here][:, component[parameters_here]] = errors[:, parameters_here]
+        for place in np.unique(places[places != NO_PLACE]).tolist():
+            at_place = np.flatnonzero(places == place)
+            twists[place] = np.zeros((6, len(errors))).T  # components contiguous
+            twists[place][:, components[at_place]] = errors[:, at_place]
         return twists
 
 

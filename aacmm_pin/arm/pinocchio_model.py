@@ -183,5 +183,5 @@ def joint_axes(model: Any) -> Array:
 def onto_z(axis: Array) -> Array:
     """A rotation with ``axis`` as its third column."""
     z = np.array([0.0, 0.0, 1.0])
-    turn = pin.Quaternion.FromTwoVectors(z, axis)
-    return np.array(turn.toRotationMatrix())
+    rotation = pin.Quaternion.FromTwoVectors(z, axis)
+    return np.array(rotation.toRotationMatrix())

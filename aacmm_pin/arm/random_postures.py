@@ -105,21 +105,21 @@ class Room:
         Raises:
             AacmmError: there are too few.
         """
-        kept = []
-        tips = []
-        useful = 0
+        admitted_q = []
+        admitted_tips = []
+        admitted = 0
         for _ in range(MOST_DRAWS):
             q = random_postures(self.arm, count, rng)
-            tip = self.arm.positions(q)
-            use = self.admits(tip)
-            kept.append(q[use])
-            tips.append(tip[use])
-            useful += int(use.sum())
-            if useful >= count:
-                return np.concatenate(kept)[:count], np.concatenate(tips)[:count]
+            tips = self.arm.positions(q)
+            in_room = self.admits(tips)
+            admitted_q.append(q[in_room])
+            admitted_tips.append(tips[in_room])
+            admitted += int(in_room.sum())
+            if admitted >= count:
+                return np.concatenate(admitted_q)[:count], np.concatenate(admitted_tips)[:count]
         high = "" if self.above is None else f" and {self.above / MM:g} mm above the base"
         raise AacmmError(
-            f"{self.arm.name}: {useful} of {MOST_DRAWS * count} random postures have the tip at "
+            f"{self.arm.name}: {admitted} of {MOST_DRAWS * count} random postures have the tip at "
             f"least {CLEAR / MM:g} mm from the axis of joint 1{high}; expected at least "
             f"{count}; check the lengths and joint limits of the arm, and the height of the table"
         )

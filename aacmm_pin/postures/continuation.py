@@ -347,8 +347,8 @@ def trace(
 ) -> tuple[int, int, bool]:
     """Follow the curve through ``START``, a regular solution, once around.
 
-    A failed step is repeated shorter; below ``SHORTEST_STEP``, the ``LEAPS`` are tried from the last
-    ``STEADY`` vertex.
+    A failed step is repeated shorter. Below ``SHORTEST_STEP``, the ``LEAPS`` from the last
+    ``STEADY`` vertex are tried.
 
     Args:
         links, space: see :func:`newton`.

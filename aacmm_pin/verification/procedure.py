@@ -350,7 +350,9 @@ class _Layout:
         aside: Array,
         cells: dict[str, Any],
     ) -> None:
-        """Add all lengths of a bar in every repeat, probed ``aside`` (3,)."""
+        """Add all lengths of a bar in every repeat, probed ``aside`` (3,) [m] of their ends,
+        outwards.
+        """
         for repeat in range(REPEATS):
             for number, length in enumerate(lengths, start=1):
                 row = cells | {"repeat": repeat + 1, "length_id": f"L{number}"}

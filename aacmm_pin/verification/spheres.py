@@ -93,11 +93,11 @@ def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
     Raises:
         ShapeError: no point, a wrong shape, or not finite.
     """
-    p = batch(points, 3, "points", "m")
-    if not len(p):
+    points = batch(points, 3, "points", "m")
+    if not len(points):
         raise ShapeError("points has no rows; expected at least 1")
-    middle = p.mean(axis=0)
-    center, radius = _welzl([*(p - middle)], [])
+    middle = points.mean(axis=0)
+    center, radius = _welzl([*(points - middle)], [])
     return center + middle, 2 * radius
 
 
