@@ -45,11 +45,14 @@ def chosen_records(
 
 
 def d_optimality(rows: Array) -> Score:
-    """Log determinant of the information: Bayesian D-optimality (Chaloner, Verdinelli 1995)."""
+    """Growth of the log determinant of the information by each record (n, 3, p): Bayesian
+    D-optimality (Chaloner, Verdinelli 1995).
+    """
 
     def score(information: Array) -> Array:
-        scatter = np.eye(3) + rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)
-        return np.asarray(np.linalg.slogdet(scatter)[1])
+        factor = np.eye(3) + rows @ np.linalg.inv(information) @ rows.transpose(0, 2, 1)
+        _, growth = np.linalg.slogdet(factor)
+        return np.asarray(growth)
 
     return score
 

@@ -207,9 +207,9 @@ def configuration_circles(
     circles = []
     for number, point in enumerate(points):
         equations = replace(curves.equations, goals=curves.equations.goals[[number]])
-        mine = [replace(curve, problem=0) for curve in curves.curves if curve.problem == number]
-        components = Components(swivel, equations, point[None, :], mine, wrist)
-        notes = open_curve_notes(mine) + [Note("arm_degenerate")] * curves.degenerate
+        at_point = [replace(curve, problem=0) for curve in curves.curves if curve.problem == number]
+        components = Components(swivel, equations, point[None, :], at_point, wrist)
+        notes = open_curve_notes(at_point) + [Note("arm_degenerate")] * curves.degenerate
         notes += wrist.notes if wrist is not None and rest is None else []
         if number in curves.families:
             posture = in_degrees(components.full(curves.families[number][None, :])[0])

@@ -231,11 +231,12 @@ def _conditions(
         raise AacmmError("tool requires axis, which is the direction of the tool in the base")
     if axis is not None:
         stylus = arm.stylus_axis if arm.stylus_axis is not None else np.array([0.0, 0.0, 1.0])
-        mine = stylus if tool is None else unit_vector(tool, "tool")
-        conditions = PoseConditions(arm.chain, point, tool=mine, axis=unit_vector(axis, "axis"))
+        unit_tool = stylus if tool is None else unit_vector(tool, "tool")
+        unit_axis = unit_vector(axis, "axis")
+        conditions = PoseConditions(arm.chain, point, tool=unit_tool, axis=unit_axis)
     else:
-        turned = None if rotation is None else _rotation(rotation)
-        conditions = PoseConditions(arm.chain, point, rotation=turned)
+        orientation = None if rotation is None else _rotation(rotation)
+        conditions = PoseConditions(arm.chain, point, rotation=orientation)
     if conditions.free not in (0, 1):
         raise UnsupportedArmError(_what_fits(arm, conditions))
     return conditions
