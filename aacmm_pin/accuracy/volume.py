@@ -87,11 +87,11 @@ class AccuracyVolume(Shown):
         positions = self.sources.arm.positions(self.q, self.sources.at)
         of_base = rigid_motions(positions)
         parts = _parts(self.q, self.conditions)
-        sensitivity = np.concatenate([self.sources.sensitivity(q, some) for q, some in parts])
+        sensitivity = np.concatenate([self.sources.sensitivity(*part) for part in parts])
         lasting = [p.scope != "record" for p in self.sources.parameters]
-        moved = sensitivity[:, :, lasting].reshape(positions.size, -1)
-        base = np.linalg.lstsq(of_base.reshape(-1, 6), moved)[0]
-        sensitivity[:, :, lasting] -= of_base @ base
+        effects = sensitivity[:, :, lasting].reshape(positions.size, -1)
+        base_motions, *_ = np.linalg.lstsq(of_base.reshape(-1, 6), effects)
+        sensitivity[:, :, lasting] -= of_base @ base_motions
         return _u(self.sources.covariance_of(sensitivity))
 
     @property

@@ -58,14 +58,14 @@ def largest_deviation(generators: Array) -> Array:
     n, _, count = generators.shape
     if count < 2:
         return np.asarray(np.linalg.norm(np.abs(generators).sum(axis=2), axis=1))
-    farthest, (first, second) = np.zeros(n), _pairs(count)
+    squared_distance = np.zeros(n)
+    first, second = _pairs(count)
     for part in chunks(n, max(1, min(CHUNK, MOST // (len(first) * count)))):
         for pairs in chunks(len(first), max(1, MOST // count)):
             for points in _corners(generators[part], first[pairs], second[pairs]):
-                farthest[part] = np.maximum(
-                    farthest[part], np.square(points).sum(axis=2).max(axis=1)
-                )
-    return np.sqrt(farthest)
+                farthest = np.square(points).sum(axis=2).max(axis=1)
+                squared_distance[part] = np.maximum(squared_distance[part], farthest)
+    return np.sqrt(squared_distance)
 
 
 def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:

@@ -45,9 +45,9 @@ def sum_of_determinants(generators: Array, total: Array) -> None:
                     x = g[k, 0]
                     y = g[k, 1]
                     z = g[k, 2]
-                    its_sum = sums[k]
+                    sum_of_k = sums[k]
                     for lane in range(width):
-                        its_sum[lane] += abs(
+                        sum_of_k[lane] += abs(
                             u[lane] * x[lane] + v[lane] * y[lane] + w[lane] * z[lane]
                         )
         for lane in range(width):

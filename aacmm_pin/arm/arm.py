@@ -620,14 +620,15 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
 
 
 def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) -> Arm:
+    """The arm of a nominal Pinocchio model with the corrections of its file."""
     if not file.joints:
         joints = [UrdfJoint.model_construct(name=name) for name in nominal.names[1:]]
         file = file.model_copy(update={"joints": joints})
     drive = Drive.of(nominal.nq, mimics)
     noise = file.encoder_noise
     model = nominal.copy()
-    for joint, step in enumerate(file.corrections, start=1):
-        model.jointPlacements[joint] = nominal.jointPlacements[joint] * _motion(step)
+    for joint, twist in enumerate(file.corrections, start=1):
+        model.jointPlacements[joint] = nominal.jointPlacements[joint] * _motion(twist)
     model.gravity.linear = np.array(file.gravity_m_s2)
     half_widths = {"m": file.urdf.translation_half_width_mm * MM}
     half_widths["rad"] = file.urdf.rotation_half_width_rad
