@@ -56,7 +56,8 @@ class Loop:
         """The loop, cached beside its source if that is writable."""
         if not self.helpers:
             return _compiled(self.loop, self.signature)
-        return _compiled(FunctionType(self.loop.__code__, _names(self.helpers)), self.signature)
+        calls_compiled = FunctionType(self.loop.__code__, _globals_of(self.helpers))
+        return _compiled(calls_compiled, self.signature)
 
 
 def _compiled(function: Callable[..., Any], signature: str, **options: bool) -> Any:
@@ -70,17 +71,20 @@ def _compiled(function: Callable[..., Any], signature: str, **options: bool) -> 
 
 
 @cache
-def _names(helpers: Helpers) -> dict[str, Any]:
-    """Names of the helpers' module, helpers compiled once for all loops."""
+def _globals_of(helpers: Helpers) -> dict[str, Any]:
+    """Global names of the helpers' module, in which the compiled helpers replace those of Python.
+
+    They are compiled once for all loops.
+    """
     import numba
 
     names = dict(helpers[0][0].__globals__)
-    inner: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    without_wrappers: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     for helper, signature in helpers:
         function = FunctionType(helper.__code__, names)
         if signature == INLINED:
-            compile_ = numba.njit(error_model="numpy", inline="always", **inner)
+            compile_ = numba.njit(error_model="numpy", inline="always", **without_wrappers)
             names[helper.__name__] = compile_(function)
         else:
-            names[helper.__name__] = _compiled(function, signature, **inner)
+            names[helper.__name__] = _compiled(function, signature, **without_wrappers)
     return names

@@ -169,7 +169,9 @@ EXPECTED = {
 
 
 def expected_words(problem: Any) -> str:
-    """In place of a value that pydantic refused."""
+    """What to write in place of the value that pydantic refused with ``problem``, one of its
+    ``errors()``.
+    """
     words = EXPECTED.get(problem["type"])
     if words is None:
         return re.sub(r"^\w+ should (be|have) ", "", problem["msg"])

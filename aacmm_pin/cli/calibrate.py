@@ -87,12 +87,12 @@ def run(
         results.picture(result.plot)
         results.document(calibration_document(result, summary, when), report)
         results.json(summary)
-        told = calibration_document(result)
-    results.show(told)
+        shown = calibration_document(result)
+    results.show(shown)
     estimated = {effect.label for effect in result.fit.effects}
-    held = [effect.label for effect in model.effects if effect.label not in estimated]
-    if held:
+    unchanged = [effect.label for effect in model.effects if effect.label not in estimated]
+    if unchanged:
         note(
             f"calibrate did not change the causes of error of {model.arm.name} "
-            f"({', '.join(held)}); to estimate them again, run aacmm-pin diagnose"
+            f"({', '.join(unchanged)}); to estimate them again, run aacmm-pin diagnose"
         )

@@ -248,15 +248,15 @@ def _note_comparisons(
             f"{str(error).splitlines()[0]}"
         )
         return
-    elsewhere = model.other_targets(records.conditions)
-    if elsewhere:
+    other_targets = model.other_targets(records.conditions)
+    if other_targets:
         markers = records.conditions.require("marker", "correct").astype(str)
-        of_tip = ~np.isin(markers, elsewhere)
+        is_at_tip = ~np.isin(markers, other_targets)
         note(
-            f"correct did not compare {len(of_tip) - of_tip.sum()} records of the targets "
-            f"{', '.join(elsewhere)}, because these targets are not at the tip"
+            f"correct did not compare {len(is_at_tip) - is_at_tip.sum()} records of the targets "
+            f"{', '.join(other_targets)}, because these targets are not at the tip"
         )
-        records, tips = records.take(of_tip), tips[of_tip]
+        records, tips = records.take(is_at_tip), tips[is_at_tip]
     compared_tips, first_in_words = [tips], "the nominal arm"
     if nominal is not None:
         compared_tips.insert(0, nominal.correct(records.q, records.conditions))
@@ -298,21 +298,21 @@ def _u_of_commands(
     records: Measurements,
     encoder_noise: float | None,
 ) -> Array:
-    """u of the tip in the base, and after its alignment (n, 2) [m]; nan if not stated, or for
-    nan.
+    """u of the tip in the base, and after an alignment of the base (n, 2) [m]; nan if no
+    uncertainty is stated, and for commands that are nan.
     """
     u = np.full((len(commands), 2), np.nan)
-    sent = np.flatnonzero(np.isfinite(commands).all(axis=1))
-    accuracy = _accuracy(model, commands[sent], records.conditions.take(sent), encoder_noise)
-    if accuracy is None or not len(sent):
+    usable = np.flatnonzero(np.isfinite(commands).all(axis=1))
+    accuracy = _accuracy(model, commands[usable], records.conditions.take(usable), encoder_noise)
+    if accuracy is None or not len(usable):
         return u
-    u[sent, 0] = accuracy.u
+    u[usable, 0] = accuracy.u
     frame = "a base frame without uncertainty" if _base_is_exact(model.arm) else "the base frame"
     status(f"{records.source}: position of the tip in {frame}: {expanded(accuracy.u)}")
-    if len(sent) < FEWEST_ALIGNED:
+    if len(usable) < FEWEST_ALIGNED:
         note(f"u_aligned_mm is empty, because it needs {FEWEST_ALIGNED} commands or more")
         return u
-    u[sent, 1] = accuracy.u_aligned
+    u[usable, 1] = accuracy.u_aligned
     status(
         f"{records.source}: position of the tip after an alignment of the base to these commands: "
         f"{expanded(accuracy.u_aligned)}"

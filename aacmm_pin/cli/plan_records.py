@@ -90,6 +90,7 @@ def plan_records(
     document_of: Callable[[Plan], Document],
     arm_out: Path | None = None,
 ) -> Plan:
+    """Plan records by ``choose``, show and write the plan; with ``arm_out`` also its set-up."""
     with Results(planned, planned.output, arm_out, page=planned.sheet) as results:
         model, existing = restrict_to_known_range(arm.model()), None
         if planned.existing is not None:
@@ -110,7 +111,7 @@ def plan_records(
         )
         document = document_of(plan)
         if planned.output is not None or (planned.json_ is None and planned.sheet is None):
-            text = plan.csv() if existing is None else _like(existing, plan.records)
+            text = plan.csv() if existing is None else _csv_like(existing, plan.records)
             results.text(text, planned.output)
         results.document(document, planned.sheet)
         results.json(plan.summary())
@@ -130,7 +131,7 @@ def note_lowest_tip(heights: Array, above: float | None) -> None:
         )
 
 
-def _like(existing: Measurements, records: pd.DataFrame) -> str:
+def _csv_like(existing: Measurements, records: pd.DataFrame) -> str:
     """The plan with columns and angle unit of the file that it extends."""
     header = pd.Index(existing.header)
     if "theta1_rad" in header:

@@ -94,9 +94,9 @@ class Orientation:
             raise typer.BadParameter("--axis cannot be combined with --rpy-deg")
         if has_table and self.tip and not self.oriented:
             raise typer.BadParameter("--tip requires --axis or --rpy-deg")
-        result, notes = self._enumerated(arm, np.array(point)), []
+        result, notes = self._postures(arm, np.array(point)), []
         if not result.within_limits.any() and np.linalg.norm(point) < IN_METRES:
-            in_metres = self._enumerated(arm, np.array(point) / MM)
+            in_metres = self._postures(arm, np.array(point) / MM)
             if in_metres.within_limits.any():
                 notes.append(METRES)
         if result.reason:
@@ -105,11 +105,13 @@ class Orientation:
             note(line)
         return result
 
-    def _enumerated(self, arm: Arm, where: Array) -> PosturesAtPoint:
-        """At a point (3,) [m]; an empty result states the reason."""
+    def _postures(self, arm: Arm, point: Array) -> PosturesAtPoint:
+        """All postures at a point (3,) [m], by the closed form if the arm has one; an empty result
+        states the reason.
+        """
         has_table, tip = arm.dh is not None, self.oriented or arm.dh is None
         if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
-            return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
+            return configuration_circle(arm, point, tip=tip, axis=self.axis, count=self.count)
         rotation = None
         if self.rpy_deg is not None:
             from aacmm_pin.arm import from_roll_pitch_yaw
@@ -118,7 +120,7 @@ class Orientation:
                 vector(np.array(self.rpy_deg) * DEG, 3, "rpy_deg", "rad")
             )
         return reaching_postures(
-            arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count
+            arm, point, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count
         )
 
 

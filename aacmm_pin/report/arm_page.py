@@ -70,6 +70,7 @@ def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
 
 
 def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFrame:
+    """DH rows as text, with the half-widths [m, rad] of parameters by name, such as ``a2``."""
     table = pd.DataFrame({"row": range(1, dh.rows + 1)})
     for kind, values in zip(KINDS, dh.values().T, strict=True):
         scale = MM if kind in ("a", "d") else DEG
@@ -170,17 +171,17 @@ def error_model_document(model: ErrorModel) -> Document:
 def poses_document(poses: Poses) -> Document:
     """Angles and tip positions of the first postures."""
     model, number = poses.model, len(poses.q)
-    some = Poses(model, poses.q[:POSTURES_LISTED], poses.frame_id)
+    first_poses = Poses(model, poses.q[:POSTURES_LISTED], poses.frame_id)
     table = {}
-    for j, values in enumerate(some.q.T, 1):
+    for j, values in enumerate(first_poses.q.T, 1):
         if model.joints[j].shortname().startswith("JointModelP"):  # prismatic; planar are refused
             table[f"joint {j} [mm]"] = values / MM
         else:
             table[f"θ{j} [°]"] = values / DEG
-    table |= {f"{axis} [mm]": some.position[:, k] / MM for k, axis in enumerate("xyz")}
+    table |= {f"{axis} [mm]": first_poses.position[:, k] / MM for k, axis in enumerate("xyz")}
     frame = model.frames[poses.frame_id].name
     words = f"has {count(number, 'posture')} of frame {frame}, computed by Pinocchio."
-    more = f"… and {number - POSTURES_LISTED} more" if number > POSTURES_LISTED else ""
+    not_listed = f"… and {number - POSTURES_LISTED} more" if number > POSTURES_LISTED else ""
     return Document(
-        model.name, [Paragraph(words, head=model.name), Table(pd.DataFrame(table)), more]
+        model.name, [Paragraph(words, head=model.name), Table(pd.DataFrame(table)), not_listed]
     )

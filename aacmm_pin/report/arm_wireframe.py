@@ -76,6 +76,7 @@ def _lines_of_table(dh: DHTable) -> list[Array]:
     if dh.standard:
         rows = zip(along_d, along_a, strict=True)
         return [start, *(np.vstack([start, d, d + a]) for d, a in rows)]
+    # The modified convention: a of the next row ends the line of a body.
     after_d = [*along_a[1:, None], np.empty((0, 3))]
     rows = zip(along_d, after_d, strict=True)
     return [np.vstack([start, along_a[0]]), *(np.vstack([-d, start, a]) for d, a in rows)]

@@ -276,7 +276,7 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
         **bases_in_json(result.fit),
         "left_open": open_in_words(result),
         "repeatability": repeatability_in_json(result.repeatability),
-        "targets": [{"marker": label, "rotation": turned} for label, turned in targets],
+        "targets": [{"marker": label, "rotation": rotation} for label, rotation in targets],
     }
     return result.summary() | dict(plain(made_from))
 
@@ -474,6 +474,6 @@ def files(
     yield Download("residuals.csv", "residuals of every record", csv_text(residuals).encode())
     from_table = model.arm.dh is not None
     if from_table or model.arm.urdf_file.urdf.file:
-        beside = "" if from_table else "; keep this file in the folder of its URDF"
-        words = f"the new arm with its covariance{beside}"
+        where_to_keep = "" if from_table else "; keep this file in the folder of its URDF"
+        words = f"the new arm with its covariance{where_to_keep}"
         yield Download(of_arm, words, model.text(note).encode())

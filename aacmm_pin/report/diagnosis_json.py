@@ -87,20 +87,20 @@ def diagnosis_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def finding_to_dict(finding: Finding) -> dict[str, Any]:
     """A cause with its place, fields, probabilities and values."""
-    effect, brought = finding.effect, finding.brought
+    effect, gain = finding.effect, finding.brought
     names = [name for name in fields_of(type(effect)) if name not in PLACE_FIELDS]
-    inner = {name: getattr(effect, name) for name in names}
+    fields = {name: getattr(effect, name) for name in names}
     waves = strongest_waves(effect)
     spectrum = [{"order": order, "amplitude_rad": size} for order, size in waves or ()]
     return {
         "cause": finding.cause,
         "joint": finding.joint,
-        **{name: value for name, value in inner.items() if value not in (None, ())},
+        **{name: value for name, value in fields.items() if value not in (None, ())},
         **({} if waves is None else {"spectrum": spectrum}),
         "probability": finding.probability,
         "p_value": finding.p_value,
         "retained_fraction": finding.retained_fraction,
-        "held_out": brought and {"gain": brought[0], "gain_ci95": brought[1:]},
+        "held_out": gain and {"gain": gain[0], "gain_ci95": gain[1:]},
         "parameters": _with_u(finding.parameters),
         "below_zero": finding.below_zero,
         "inner": _with_u(finding.inner),
@@ -138,11 +138,12 @@ def _likely(sets: Mapping[tuple[str, ...], float]) -> list[dict[str, Any]]:
 
 
 def _location(effect: Effect | None) -> dict[str, Any]:
+    """The joint, and another place, such as a seat, if the cause acts there; None: a covariate."""
     if effect is None:
         return {"joint": None}
-    site = effect.location_field()
-    elsewhere = {} if site in (None, "joint") else {site: effect.place}
-    return {"joint": effect.row, **elsewhere}
+    field = effect.location_field()
+    other_place = {} if field in (None, "joint") else {field: effect.place}
+    return {"joint": effect.row, **other_place}
 
 
 def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float]]:

@@ -28,7 +28,7 @@ on.
 
 
 def notes_of(result: Diagnosis) -> Iterator[Note]:
-    """The notes."""
+    """Notes on what the diagnosis did not try, assumed, or found besides the causes."""
     choice, extended, findings = result.choice, result.extended, result.findings
     arm, conditions = result.model.arm, extended.problem.measurements.conditions
     yield from notes_of_fit(extended)
@@ -48,7 +48,7 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
     lasting = [f.label for f in findings if f.was is None and "time" not in f.effect.needs]
     if lasting and result.recalibrated.problem.from_earlier:
         yield Note("partly_in_calibration", {"causes": lasting})
-    yield from _of_masses([finding.effect for finding in findings])
+    yield from _notes_of_masses([finding.effect for finding in findings])
     for finding in findings:
         until = getattr(finding.effect, "until_s", None)
         if until is not None:
@@ -56,19 +56,19 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
     for finding in findings:
         if finding.beside is not None:
             yield Note("on_top", {"cause": finding.label, "other": finding.beside.label})
-    yield from _changed(result)
+    yield from _notes_of_known_causes(result)
     for effect in result.before.problem.model.effects:
         yield from effect.validity_notes(conditions)
     if extended.problem.setup.held is not None:
         yield Note("size_taken", {"length": extended.problem.setup.held.label})
-    yield from _of_clock(conditions)
+    yield from _notes_of_clock(conditions)
     if too_good(extended):
         chi2, dof = extended.chi2
         yield Note("noise_too_large", {"chi2": chi2, "dof": dof})
     yield from result.assumed
 
 
-def _of_masses(effects: Sequence[Effect]) -> Iterator[Note]:
+def _notes_of_masses(effects: Sequence[Effect]) -> Iterator[Note]:
     """What causes under load lack of the masses, or take for exact."""
     loaded = [e.label for e in effects if hasattr(e, "load_at") and "torque" not in e.needs]
     if any(getattr(effect, "bodies", ()) for effect in effects):
@@ -77,7 +77,7 @@ def _of_masses(effects: Sequence[Effect]) -> Iterator[Note]:
         yield Note("masses_exact", {"causes": loaded})
 
 
-def _of_clock(conditions: Conditions) -> Iterator[Note]:
+def _notes_of_clock(conditions: Conditions) -> Iterator[Note]:
     """A clock that restarts, starts late or is below zero."""
     time = conditions.time
     if time is None or np.ptp(time) == 0.0:
@@ -89,8 +89,8 @@ def _of_clock(conditions: Conditions) -> Iterator[Note]:
         yield Note("clock_offset", {"least": float(time.min())})
 
 
-def _changed(result: Diagnosis) -> Iterator[Note]:
-    """Causes with other known values."""
+def _notes_of_known_causes(result: Diagnosis) -> Iterator[Note]:
+    """Causes of the model whose values have changed, or that have gone."""
     for finding in result.findings:
         old, slides = finding.was, finding.slides
         if old is not None:

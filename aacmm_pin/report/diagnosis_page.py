@@ -293,12 +293,12 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
     rows = []
     for finding in result.findings:
         effect = finding.effect
-        moved = sensitivity(effect, state) @ np.array(effect.values)
+        displacement = sensitivity(effect, state) @ np.array(effect.values)
         rows.append(
             {
                 "cause": in_words(effect, result.model.arm),
                 "value ± U (k = 2)": finding_values(finding),
-                "displacement_mm": rms(np.linalg.norm(moved[used], axis=1)) / MM,
+                "displacement_mm": rms(np.linalg.norm(displacement[used], axis=1)) / MM,
                 "probability": probability(finding.probability),
                 "p": p_value(finding.p_value),
                 "not absorbed": percent(finding.retained_fraction),
@@ -512,20 +512,20 @@ def _on_the_arm(result: Diagnosis) -> Iterator[Block]:
 
 def _held_out(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Gain on held-out records")
-    held = result.held_out
-    if held is None:
+    held_out = result.held_out
+    if held_out is None:
         yield Paragraph(gain_in_words(result), detail=True)
         return
     sentences = [
-        f"Each bar is the RMS residual of held-out {HELD_OUT_KINDS[held.kind]}. The "
+        f"Each bar is the RMS residual of held-out {HELD_OUT_KINDS[held_out.kind]}. The "
         "causes and their values come from the other records.",
         "The gain is 1 - (RMS residual of the extended arm) / (RMS residual of the recalibrated "
         "arm).",
     ]
-    if held.gross_errors:
-        few = count(held.gross_errors, "record")
-        sentences.append(f"The gain does not include {few} that both arms exclude.")
-    if held.kind == "seats":
+    if held_out.gross_errors:
+        excluded = count(held_out.gross_errors, "record")
+        sentences.append(f"The gain does not include {excluded} that both arms exclude.")
+    if held_out.kind == "seats":
         sentences.append(SEATS_JUDGED)
     yield Figure(
         lambda: plots.plot_held_out(result, blank_axes(7.2, 3.4)),

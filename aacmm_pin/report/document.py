@@ -110,14 +110,14 @@ class Table:
     def cells(self) -> pd.DataFrame:
         """The rows to show, as text, with the heads for readers."""
         (frame,) = in_one_unit(self.frame.rename(columns=self.heads))
-        forms = {self.heads.get(name, name): form for name, form in self.formats.items()}
-        shown = frame.head(self.most or len(frame))
+        format_of_head = {self.heads.get(name, name): form for name, form in self.formats.items()}
+        shown_rows = frame.head(self.most or len(frame))
         texts = {}
-        for name in shown:
+        for name in shown_rows:
             head = str(name)
             unit = head.rpartition("[")[2].removesuffix("]")
-            form = forms.get(head) or FORMATS.get(unit, "")
-            texts[head] = [cell(value, form) for value in shown[name]]
+            form = format_of_head.get(head) or FORMATS.get(unit, "")
+            texts[head] = [cell(value, form) for value in shown_rows[name]]
         return pd.DataFrame(texts, dtype=object)
 
 

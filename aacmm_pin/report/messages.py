@@ -35,12 +35,14 @@ def sentence(note: Note) -> str:
 
 
 class _Values(Formatter):
+    """Values in the formats that this module states."""
+
     def format_field(self, value: Any, format_spec: str) -> str:
         form, _, unit = format_spec.rpartition(" ")
         if unit in FORMAT_UNITS:
-            size, written = FORMAT_UNITS[unit]
+            size, unit_text = FORMAT_UNITS[unit]
             number = two_digits(value / size) if form == "2" else format(value / size, form)
-            return f"{number}{written}"
+            return f"{number}{unit_text}"
         if format_spec.startswith("#"):
             return count(value, format_spec[1:])
         if format_spec == "and":

@@ -76,25 +76,28 @@ def plan_document(plan: MeasurementPlan) -> Document:
 def plan_line(plan: MeasurementPlan) -> str:
     """Number of records, set-up, and what they decide."""
     one, other = (effect.label for effect in plan.split)
-    what = f"to distinguish {one} from {other}"
+    purpose = f"to distinguish {one} from {other}"
     if not plan.asked:
-        what = (
+        purpose = (
             "to distinguish all causes whose effects differ in this set-up, of which "
             f"{one} and {other} are the most similar"
         )
     if plan.before is not None and not plan.needed:
         return (
-            f"The {plan.existing} existing records are enough {what}. The {RIGHT} is "
+            f"The {plan.existing} existing records are enough {purpose}. The {RIGHT} is "
             f"{probability(plan.before.probability)}. You can use the {len(plan.records)} planned "
             "records to check the result"
         )
-    how = capital(plan.setup) if plan.set_up else "The set-up does not change"
-    sentences = [f"Take {len(plan.records)} records {what}", how, *_power(plan)]
-    sentences += [f"In the set-up '{t.words}', {t.why_not}" for t in plan.tried if t.why_not]
+    set_up = capital(plan.setup) if plan.set_up else "The set-up does not change"
+    sentences = [f"Take {len(plan.records)} records {purpose}", set_up, *_power(plan)]
+    for tried in plan.tried:
+        if tried.why_not:
+            sentences.append(f"In the set-up '{tried.words}', {tried.why_not}")
     return ". ".join(sentences)
 
 
 def _power(plan: MeasurementPlan) -> Iterator[str]:
+    """How probably the planned records distinguish the causes, and how many would be enough."""
     if plan.after.same:
         yield "No set-up that the plan considered distinguishes both causes"
         yield "If both correct the arm in the same way, use the extended arm with either cause"
@@ -153,19 +156,21 @@ def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
     )
     stated = plan.records.dropna(axis=1, how="all")
     planned = stated.filter(regex=COLUMNS_NOT_LISTED)
-    others = stated.drop(columns=[*planned, "record"], errors="ignore").astype(str)
-    others = others.rename(columns={"temperature_c": "temperature [°C]"})
+    other_columns = stated.drop(columns=[*planned, "record"], errors="ignore").astype(str)
+    other_columns = other_columns.rename(columns={"temperature_c": "temperature [°C]"})
     # a file that is appended to may have no column record
-    label = pd.Series(measurements.record, name="record")
-    place = places(arm, tips).map(lambda value: f"{value:z.0f}")
-    place = place.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)
-    table = pd.concat([label, others, place], axis=1)
+    labels = pd.Series(measurements.record, name="record")
+    locations = places(arm, tips).map(lambda value: f"{value:z.0f}")
+    locations = locations.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)
+    table = pd.concat([labels, other_columns, locations], axis=1)
     table["posture"] = articulations(arm, q)
-    shown = np.where(arm.chain.prismatic, readings, readings / DEG)
-    table["joints [°]"] = [" ".join(f"{x:z.0f}" for x in row) for row in shown]
-    moved = plan.records.filter(regex=r"^approach\d").to_numpy()
-    if moved.size:
-        table["last motion"] = [" ".join("-0+"[int(sign) + 1] for sign in row) for row in moved]
+    angles = np.where(arm.chain.prismatic, readings, readings / DEG)
+    table["joints [°]"] = [" ".join(f"{x:z.0f}" for x in row) for row in angles]
+    last_motions = plan.records.filter(regex=r"^approach\d").to_numpy()
+    if last_motions.size:
+        table["last motion"] = [
+            " ".join("-0+"[int(sign) + 1] for sign in row) for row in last_motions
+        ]
     return [
         Heading("Where to go"),
         figure,

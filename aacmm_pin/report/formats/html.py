@@ -48,7 +48,8 @@ def page(document: Document) -> str:
         else:
             sections[-1]["blocks"].append(block)
     opening, *contents = [
-        section | {"blocks": _prepared(section["blocks"], on_page=True)} for section in sections
+        section | {"blocks": _template_data(section["blocks"], on_page=True)}
+        for section in sections
     ]
     viewer = ""
     if any(isinstance(block, SceneView) for block in document.blocks):
@@ -70,7 +71,7 @@ def page(document: Document) -> str:
 def fragment(document: Document) -> str:
     """The short form as HTML without style sheet and colours."""
     macros: Any = _environment().get_template("blocks.html.j2").module
-    return str(macros.shown(_prepared(document.short(), on_page=False)))
+    return str(macros.shown(_template_data(document.short(), on_page=False)))
 
 
 def data_uri(content: bytes, media: str) -> str:
@@ -90,34 +91,33 @@ def _environment() -> jinja2.Environment:
     )
 
 
-def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
-    prepared = []
+def _template_data(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
+    """The fields of each block, and what the template of its ``kind`` needs besides."""
+    data_of_blocks = []
     for block in blocks:
         data: dict[str, Any] = {"kind": type(block).__name__, **vars(block)}
         match block:
             case Notes(items=items):
                 data |= {"items": [f"{capital(str(note))}." for note in items], "head": "Notes:"}
             case Table():
-                data |= _table(block, on_page)
+                data |= _table_data(block, on_page)
             case Figure(png=png):
                 data["uri"] = data_uri(png, "image/png")
             case SceneView(scene=scene):
                 data["markup"] = Markup(scene().embedded())
-            case Folded(blocks=folded):
-                data["blocks"] = _prepared(folded, on_page=on_page)
+            case Folded(blocks=blocks_inside):
+                data["blocks"] = _template_data(blocks_inside, on_page=on_page)
             case Download(content=bytes(content)):
                 size = len(content)
                 data["size"] = f"{size / 1e3:.0f} kB" if size >= 1000 else f"{size} B"
                 media = mimetypes.guess_type(block.name)[0] or "application/octet-stream"
                 data["uri"] = data_uri(content, media)
-        prepared.append(data)
-    return prepared
+        data_of_blocks.append(data)
+    return data_of_blocks
 
 
-def _table(table: Table, on_page: bool) -> dict[str, Any]:
-    """Rows of text; head and style of every column: ``number``, ``short`` (not broken),
-    ``long``.
-    """
+def _table_data(table: Table, on_page: bool) -> dict[str, Any]:
+    """Rows of text; columns as heads with a style: ``number``, ``short`` (one line) or ``long``."""
     cells, columns = table.cells(), []
     for head, texts in cells.items():
         style = "short" if all(len(text) <= SHORT_TEXT for text in texts) else "long"

@@ -172,28 +172,28 @@ def plot_map(
     """
     if quantity not in QUANTITIES:
         raise UnknownNameError("quantity", quantity, list(QUANTITIES))
-    how, data, ax = QUANTITIES[quantity], map_.data, axes_of(ax, (5.4, 6.6))
+    display, data, ax = QUANTITIES[quantity], map_.data, axes_of(ax, (5.4, 6.6))
     x, z = map_.axes
     reachable = data["reachable"].values.astype(bool)
-    values = np.where(reachable, how.scale * data[quantity].values, np.nan)
-    image = ax.pcolormesh(x, z, values.T, shading="nearest", cmap=how.colours, vmax=how.end)
-    if how.end is not None:
+    values = np.where(reachable, display.scale * data[quantity].values, np.nan)
+    image = ax.pcolormesh(x, z, values.T, shading="nearest", cmap=display.colours, vmax=display.end)
+    if display.end is not None:
         image.set_clim(vmin=0.0)
-    ax.figure.colorbar(image, ax=ax, label=how.label)
+    ax.figure.colorbar(image, ax=ax, label=display.label)
     legend = []
-    outside = reachable & np.isnan(values)
+    only_outside_limits = reachable & np.isnan(values)
     for cells, colour, text in (
         (~reachable, UNREACHABLE, "out of reach"),
-        (outside, OUTSIDE_LIMITS, "in reach, no posture within the joint limits"),
+        (only_outside_limits, OUTSIDE_LIMITS, "in reach, no posture within the joint limits"),
     ):
         if cells.any():
-            marked = np.where(cells, 0.0, np.nan).T
-            ax.pcolormesh(x, z, marked, shading="nearest", cmap=ListedColormap([colour]))
+            mask = np.where(cells, 0.0, np.nan).T
+            ax.pcolormesh(x, z, mask, shading="nearest", cmap=ListedColormap([colour]))
             legend.append(Patch(color=colour, label=text))
     ax.set(xlabel=f"{x.long_name} [mm]", ylabel=f"{z.long_name} [mm]", aspect="equal")
     if legend:
         legend_below(ax, handles=legend)
-    title = f"{how.label.rpartition(' [')[0]}, {map_.sectors} sectors, {data.attrs['method']}"
-    at = "wrist" if data.attrs["working_point"] == WRIST else "tip"
-    ax.set_title(f"{data.attrs['arm']}, {at} in each cell:\n{title}")
+    title = f"{display.label.rpartition(' [')[0]}, {map_.sectors} sectors, {data.attrs['method']}"
+    working_point = "wrist" if data.attrs["working_point"] == WRIST else "tip"
+    ax.set_title(f"{data.attrs['arm']}, {working_point} in each cell:\n{title}")
     return ax

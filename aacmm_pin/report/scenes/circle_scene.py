@@ -167,9 +167,9 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     half = ELLIPSOID_COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))
     factor = round_down(SEEN * size / max(float(half.max()), 1e-12))
     vectors[np.linalg.det(vectors) < 0, :, 0] *= -1.0
-    drawn = factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True))
+    drawn_half = factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True))
     placements = placed_at(np.tile(centre, (len(vectors), 1)))
-    placements[:, :3, :3] = vectors * drawn[:, None, :]
+    placements[:, :3, :3] = vectors * drawn_half[:, None, :]
     scene["accuracy"].set_object(Sphere(1.0), ahead(ELLIPSOID, 0.6))
     scene["accuracy"].set_transform(placements[0])
     scene.explain(ELLIPSOID, "uncertainty ellipsoid of the posture", "area")

@@ -105,13 +105,13 @@ def residual_scene(
     return scene
 
 
-def _caption(result: Calibration | Diagnosis, judge: Fit, shown: int) -> str:
+def _caption(result: Calibration | Diagnosis, fit: Fit, shown: int) -> str:
     rms = rms_of(result)
     pairs = zip(rms, lengths(rms.values()), strict=True)
-    sizes = ", ".join(f"{size} ({which})" for which, size in pairs)
-    excluded = int(judge.excluded.sum())
+    sizes = ", ".join(f"{size} ({model})" for model, size in pairs)
+    excluded = int(fit.excluded.sum())
     without = f", without {count(excluded, 'excluded record')}" if excluded else ""
     return (
-        f"The scene shows {shown} of {int(judge.used.sum())} used records{without}. The RMS "
+        f"The scene shows {shown} of {int(fit.used.sum())} used records{without}. The RMS "
         f"residual of all used records is {sizes}."
     )
