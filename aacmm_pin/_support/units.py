@@ -35,7 +35,7 @@ PREFIXES = {
 
 
 def in_radians(text: str) -> float:
-    """Typed as ``8e-6``, ``8urad``, ``1.65arcsec``, ``0.5mdeg``.
+    """The angle [rad] typed as ``8e-6``, ``8urad``, ``1.65arcsec``, ``0.5mdeg``.
 
     Raises:
         ValueError: it is none.

@@ -212,6 +212,7 @@ def _note_history(checks: History, path: Path | None) -> None:
 
 
 def _when(time: str | None, path: str) -> datetime:
+    """The time of ``--time``, or else that of the last change of the data file."""
     if time is None:
         return datetime.fromtimestamp(Path(path).stat().st_mtime, UTC).replace(microsecond=0)
     try:

@@ -46,10 +46,12 @@ def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., Non
     return with_options
 
 
-def _options(taker: Callable[..., Any]) -> Iterator[inspect.Parameter]:
-    """Parameters, with groups replaced by their fields."""
-    types = get_type_hints(taker, include_extras=True)
-    for name, parameter in inspect.signature(taker).parameters.items():
+def _options(function: Callable[..., Any]) -> Iterator[inspect.Parameter]:
+    """Parameters of a function or dataclass, in which fields replace parameters that are
+    dataclasses.
+    """
+    types = get_type_hints(function, include_extras=True)
+    for name, parameter in inspect.signature(function).parameters.items():
         if is_dataclass(types[name]):
             yield from _options(types[name])
         else:

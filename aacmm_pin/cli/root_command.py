@@ -78,10 +78,12 @@ class _Subcommand(TyperCommand):
             # The argument in ``axis is [0, 0, 0]; …`` becomes the option: ``--axis 0 0 0: …``.
             options = {str(option.name): option.opts[0] for option in self.params}
             message = str(error)
-            said = re.match(r"(\w+)(?:\[\d+\])? (?:is|are) ([^;]+); ", message)
-            if said is not None and said[1] in options:
-                value = re.sub(r"[][(),]", "", said[2])
-                message = f"{options[said[1]]} {value}: {message[said.end() :]}"
+            refused_argument = re.match(r"(\w+)(?:\[\d+\])? (?:is|are) ([^;]+); ", message)
+            if refused_argument is not None and refused_argument[1] in options:
+                value = re.sub(r"[][(),]", "", refused_argument[2])
+                message = (
+                    f"{options[refused_argument[1]]} {value}: {message[refused_argument.end() :]}"
+                )
             error.args = (message,)
             raise
         except typer.BadParameter as error:
@@ -97,7 +99,7 @@ class _Subcommand(TyperCommand):
 
 
 class _Commands(TyperGroup):
-    """With the same beginning; only the command that runs is imported."""
+    """The commands whose names share a ``beginning``; only the command that runs is imported."""
 
     def __init__(self, beginning: str = "", **named: Any) -> None:
         super().__init__(**named)
@@ -141,7 +143,7 @@ class Shell(_Commands):
     """An error ends the command with one message on stderr and its exit status."""
 
     def main(self, *args: Any, **named: Any) -> Any:
-        """With usable streams."""
+        """Run the command line with streams that can be written, and end with messages."""
         sys.stdout = sys.stdout or open(1, closefd=False)  # noqa: SIM115, refuses what is written
         sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
         for stream in (sys.stdout, sys.stderr):
@@ -161,19 +163,19 @@ class Shell(_Commands):
 
 @contextmanager
 def _stopping_signals() -> Iterator[None]:
-    """Interrupt the command by each signal of :data:`STOPPING` not ignored."""
+    """Interrupt the command at each signal of :data:`STOPPING`, unless the caller ignores it."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         RECEIVED.append(number)
         raise KeyboardInterrupt
 
     RECEIVED.clear()
-    with ExitStack() as restored:
+    with ExitStack() as undo:
         for number in STOPPING:
-            before = signal.getsignal(number)
-            if before != signal.SIG_IGN:
+            former_handler = signal.getsignal(number)
+            if former_handler != signal.SIG_IGN:
                 signal.signal(number, stop)
-                restored.callback(signal.signal, number, before)
+                undo.callback(signal.signal, number, former_handler)
         yield
 
 
@@ -243,13 +245,13 @@ OF_PROGRAMS = (
 
 @contextmanager
 def _warnings_as_notes() -> Iterator[None]:
-    """Without file and line; tests can turn them into errors."""
+    """Print warnings without file and line of code; tests can turn them into errors."""
 
     def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
         if not issubclass(category, OF_PROGRAMS):
             warn(str(message))
 
-    # That its cache has no place is nobody's concern.
+    # Matplotlib warns if it cannot write its cache, which changes no result.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.showwarning = show

@@ -200,13 +200,13 @@ def _refuse_options_without_use(
 
 
 def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:
-    for given in effects:
-        if not any(given.values):
-            values = ",".join(f"{name}=VALUE" for name in given.file_values())
-            raise AacmmError(f"--cause {given.key}: no value; expected {given.key},{values}")
-        require_shown(given, model.arm, data.q, data.conditions, "these records")
-        if given.of_reference and not data.known.any():
+    for effect in effects:
+        if not any(effect.values):
+            values = ",".join(f"{name}=VALUE" for name in effect.file_values())
+            raise AacmmError(f"--cause {effect.key}: no value; expected {effect.key},{values}")
+        require_shown(effect, model.arm, data.q, data.conditions, "these records")
+        if effect.of_reference and not data.known.any():
             raise AacmmError(
-                f"--cause {given.key}: this cause changes coordinates, but the records have none; "
+                f"--cause {effect.key}: this cause changes coordinates, but the records have none; "
                 "use another scheme, or omit --no-seat-coordinates"
             )

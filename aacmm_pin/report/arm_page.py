@@ -54,14 +54,14 @@ def arm_document(arm: Arm) -> Document:
         [
             Paragraph(f"has {listed(words)}.", head=arm.name),
             Paragraph(arm.source, head="Source:" if arm.source else ""),
-            Table(_joints(arm) if arm.dh is None else _rows(arm, arm.dh)),
+            Table(_joints_table(arm) if arm.dh is None else _dh_rows(arm, arm.dh)),
             uncertainty,
             left if arm.unexplained else "",
         ],
     )
 
 
-def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
+def _dh_rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
     table = _dh_cells(dh, {p.name: p.half_width for p in arm.parameters})
     _add_limits_and_noise(table, arm, np.flatnonzero(dh.moving), "fixed")
     if isinstance(arm.file, ArmFile) and any(row.mass_kg for row in arm.file.joints):
@@ -83,7 +83,7 @@ def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFr
     return table
 
 
-def _joints(arm: Arm) -> pd.DataFrame:
+def _joints_table(arm: Arm) -> pd.DataFrame:
     """Joints of an arm without a DH table."""
     # Six for each joint: x, y, z, then rotations.
     half_widths = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(-1, 6)

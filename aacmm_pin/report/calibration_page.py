@@ -225,7 +225,7 @@ def frame_in_words(fit: Fit) -> str:
 
 
 def open_in_words(result: Calibration) -> str:
-    """What these records leave open, and matters in other postures; else ""."""
+    """What these records do not determine although other postures need it; else ""."""
     combinations = result.fit.undetermined.target_directions.shape[1]
     if not base_is_open(result.fit):
         if not combinations:

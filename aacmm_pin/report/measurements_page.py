@@ -23,29 +23,31 @@ def measurements_document(
     """The content of a measurement file by columns; ``prismatic`` joints (nq,) have readings in
     mm.
     """
-    table, others = records.to_frame(), [*records.extra]
-    shown = {"with reference": f"{records.known.sum()} of {records.n}"}
-    sizes: dict[str, list[int]] = {}
+    table, other_columns = records.to_frame(), [*records.extra]
+    text_of_item = {"with reference": f"{records.known.sum()} of {records.n}"}
+    records_at_each: dict[str, list[int]] = {}
     for rows in records.seats().values():
         kind = "planes" if records.on_plane[rows].all() else "seats"
-        sizes.setdefault(kind, []).append(len(rows))
-    for kind, of_kind in sizes.items():
-        shown[kind] = f"{len(of_kind)} with {_range(np.array(of_kind))} records each"
+        records_at_each.setdefault(kind, []).append(len(rows))
+    for kind, counts in records_at_each.items():
+        text_of_item[kind] = f"{len(counts)} with {_range(np.array(counts))} records each"
     lengths = np.array([bar.length for bar in records.bars()]) / MM
     if lengths.size:
-        shown["bars"] = f"{lengths.size} with lengths of {_range(lengths)} mm"
+        text_of_item["bars"] = f"{lengths.size} with lengths of {_range(lengths)} mm"
     if records.relations:
-        distances = sum(bool(np.isfinite(one.distance)) for one in records.relations)
+        distances = sum(bool(np.isfinite(relation.distance)) for relation in records.relations)
         angles = count(len(records.relations), "angle")
-        shown["relations"] = f"{count(distances, 'distance')} and {angles} between planes"
-    for name in table.columns.drop(["seat", *BAR, *others], errors="ignore"):
-        shown[name] = _range(table[name].to_numpy())
+        text_of_item["relations"] = f"{count(distances, 'distance')} and {angles} between planes"
+    for name in table.columns.drop(["seat", *BAR, *other_columns], errors="ignore"):
+        text_of_item[name] = _range(table[name].to_numpy())
     for j in [] if prismatic is None else np.flatnonzero(prismatic):
-        del shown[f"theta{j + 1}_deg"]
-        shown[f"theta{j + 1} [m]"] = _range(records.readings[:, j])
-    if others:
-        shown["other columns"] = f"{', '.join(others)} (diagnose compares these with residuals)"
-    summary = pd.DataFrame(shown.items(), columns=["item or column", "number or range"])
+        del text_of_item[f"theta{j + 1}_deg"]
+        text_of_item[f"theta{j + 1} [m]"] = _range(records.readings[:, j])
+    if other_columns:
+        text_of_item["other columns"] = (
+            f"{', '.join(other_columns)} (diagnose compares these with residuals)"
+        )
+    summary = pd.DataFrame(text_of_item.items(), columns=["item or column", "number or range"])
     return Document("Measurements", [str(records), Table(summary)])
 
 

@@ -116,7 +116,7 @@ def _first(result: Diagnosis) -> str:
             "to find whether the arm, the set-up or the references cause the shared error"
         )
     if with_structure and depends_on:
-        return _otherwise(result, depends_on)
+        return _how_to_vary(result, depends_on)
     if with_structure and unexplained.has_background:
         return (
             f"{MORE_RECORDS}, and add columns for other changing quantities, "
@@ -170,6 +170,7 @@ def _because_of_doubts(result: Diagnosis) -> str:
 
 
 def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
+    """How to separate two causes that alternative sets exchange, or a cause from a covariate."""
     # Two causes in which the most probable set and a possible other set differ.
     best = next(iter(result.alternatives))
     named = {finding.label: finding.effect for finding in result.findings}
@@ -181,10 +182,10 @@ def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
         return _to_distinguish_pair(result, *effects)
     for finding in doubtful:
         if finding.aliases and finding.aliases[0].effect is None:
-            on = finding.aliases[0].label
+            covariate = finding.aliases[0].label
             return (
-                f"to distinguish {finding.label} from other causes that depend on {on}, "
-                f"{_otherwise(result, [on])}"
+                f"to distinguish {finding.label} from other causes that depend on {covariate}, "
+                f"{_how_to_vary(result, [covariate])}"
             )
     return f"{MORE_RECORDS}, to find which of the listed causes act"
 
@@ -235,7 +236,7 @@ def _plan_command(result: Diagnosis, cause: Effect, other: Effect) -> str:
     return f"aacmm-pin plan distinguish {arm} {' '.join(stated_options)}{prior}"
 
 
-def _otherwise(result: Diagnosis, depends_on: Sequence[str]) -> str:
+def _how_to_vary(result: Diagnosis, depends_on: Sequence[str]) -> str:
     """How to vary the quantities that the residuals depend on, independently of the others."""
     joints = [name for name in depends_on if name.startswith("joint ")]
     moments = [name for name in depends_on if name.startswith("moment ")]

@@ -55,8 +55,8 @@ def three_digits(value: float, most: int = 3) -> str:
     """A number with three digits, and at most so many decimals."""
     if not value:
         return "0"
-    before = int(np.floor(np.log10(abs(value)) + 1e-9))
-    return f"{value:z.{min(most, max(0, 2 - before))}f}"
+    exponent = int(np.floor(np.log10(abs(value)) + 1e-9))
+    return f"{value:z.{min(most, max(0, 2 - exponent))}f}"
 
 
 def length_unit(largest: float) -> tuple[str, float]:

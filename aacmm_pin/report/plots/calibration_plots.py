@@ -115,12 +115,12 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     names, table = sorted(seats, key=numbers_by_size), result.residuals
     ax = axes_of(ax, (min(14.0, max(5.0, 1.6 + 0.55 * len(seats))), 3.6))
     records = np.concatenate([seats[name] for name in names])
-    place = np.concatenate([k + aside(len(seats[name]), 0.28) for k, name in enumerate(names)])
+    abscissa = np.concatenate([k + aside(len(seats[name]), 0.28) for k, name in enumerate(names)])
     used, excluded = result.fit.used[records], result.fit.excluded[records]
     sizes = table[["before_mm", "after_mm"]].to_numpy()[records]
     limits = 0.0, 1.15 * float(sizes[used].max()) or 1.0
     for k, (when, colour) in enumerate(STATE_COLOURS.items()):
-        x, y = place + 0.4 * k - 0.2, sizes[:, k]
+        x, y = abscissa + 0.4 * k - 0.2, sizes[:, k]
         ax.plot(x[used], y[used], ".", ms=4, color=colour, label=f"{when} calibration")
         ax.plot(x[excluded], y[excluded], "x", ms=6, mew=1.5, color=VERMILLION)
     if excluded.any():

@@ -222,14 +222,15 @@ def _plot_over_one(
 def _plot_over_two(
     shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes
 ) -> None:
+    """Draw the size of a correction, or its value if it has one quantity, over two covariates."""
     size, colours = np.linalg.norm(shape[quantities], axis=1), VOLUME_COLOURS
     low, high = 0.0, float(size.max())
     if len(quantities) == 1:
         size, low, colours = shape[quantities[0]].to_numpy(), -high, "RdBu_r"
     order = np.argsort(np.abs(size))
     x, y = shape[over[0]].iloc[order], shape[over[-1]].iloc[order]
-    drawn = ax.scatter(x, y, c=size[order], s=14, vmin=low, vmax=high, cmap=colours)
-    ax.figure.colorbar(drawn, ax=ax, label=label)
+    points = ax.scatter(x, y, c=size[order], s=14, vmin=low, vmax=high, cmap=colours)
+    ax.figure.colorbar(points, ax=ax, label=label)
     ax.set(xlabel=_head(over[0]), ylabel=_head(over[-1]))
 
 

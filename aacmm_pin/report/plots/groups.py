@@ -139,20 +139,23 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
     Raises:
         AacmmError: nothing was held out.
     """
-    held = result.held_out
-    if held is None:
+    held_out = result.held_out
+    if held_out is None:
         raise AacmmError("no records were held out; expected a diagnosis with hold_out=True")
-    there = np.isfinite(held.extended)
-    numbers = np.unique(held.folds[there])
+    predicted = np.isfinite(held_out.extended)
+    numbers = np.unique(held_out.folds[predicted])
     names = {number: f"block {number + 1}" for number in numbers}
-    if held.kind == "seats":
+    if held_out.kind == "seats":
         seats = result.extended.problem.measurements.seats()
         for number in numbers:
-            mine = (held.folds == number) & there
-            inside = [seat for seat, records in seats.items() if mine[records].any()]
-            names[number] = ", ".join(sorted(inside, key=numbers_by_size)) or names[number]
-    squares = {"recalibrated_mm": held.recalibrated[there], "extended_mm": held.extended[there]}
-    groups = (pd.DataFrame(squares) / MM).pow(2).groupby(held.folds[there])
+            in_part = (held_out.folds == number) & predicted
+            seats_in_part = [seat for seat, rows in seats.items() if in_part[rows].any()]
+            names[number] = ", ".join(sorted(seats_in_part, key=numbers_by_size)) or names[number]
+    squares = {
+        "recalibrated_mm": held_out.recalibrated[predicted],
+        "extended_mm": held_out.extended[predicted],
+    }
+    groups = (pd.DataFrame(squares) / MM).pow(2).groupby(held_out.folds[predicted])
     table = groups.mean().pow(0.5)
     table.insert(0, "records", groups.size())
     table.insert(0, "part", table.index.map(names))

@@ -146,11 +146,13 @@ def postures_of(fit: Fit) -> Array:
     tips, frame = fit.point.prediction.tips, fit.point.frame
     records = fit.problem.measurements
     chosen: list[int] = []
-    near = np.linalg.norm(tips - frame.shift, axis=1)
+    to_nearest_chosen = np.linalg.norm(tips - frame.shift, axis=1)
     for _ in range(min(POSTURES_DRAWN, int(fit.used.sum()))):
-        farthest = int(np.argmax(np.where(fit.used, near, -1.0)))
+        farthest = int(np.argmax(np.where(fit.used, to_nearest_chosen, -1.0)))
         chosen.append(farthest)
-        near = np.minimum(near, np.linalg.norm(tips - tips[farthest], axis=1))
+        to_nearest_chosen = np.minimum(
+            to_nearest_chosen, np.linalg.norm(tips - tips[farthest], axis=1)
+        )
     state = state_of(fit, records.q[chosen], records.conditions.take(chosen))
     return np.stack([frame.apply(points) for points in state.origin.transpose(1, 0, 2)])
 
@@ -173,6 +175,7 @@ def two_views(arm: Arm, q: Array, groups: Groups) -> Figure:
 
 
 def _draw_view(axes: Axes, lines: Array, groups: Groups, plane: list[int]) -> None:
+    """Draw the arm's ``lines`` (corners, 3) [mm] and the groups; ``plane`` has the two axes."""
     for name, (colour, places) in groups.items():
         size = 4 if len(places) > MANY_PLACES else 6
         style: dict[str, Any] = {"ms": size, "lw": size / 4, "color": colour}

@@ -72,28 +72,33 @@ def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
 
 
 def panels_of(
-    ax: Axes | None, each: tuple[float, float], count: int, columns: int, *, share_y: bool = False
+    ax: Axes | None,
+    panel_size: tuple[float, float],
+    count: int,
+    columns: int,
+    *,
+    share_y: bool = False,
 ) -> list[Axes]:
     """Axes of ``count`` panels, row by row.
 
     Args:
-        ax: axes whose place the panels take; None for a new pyplot figure.
-        each: width and height of a panel of a new figure [inches].
+        ax: axes whose area the panels take; None for a new pyplot figure.
+        panel_size: width and height of a panel of a new figure [inches].
 
     Raises:
         AacmmError: the axes have no place in a grid.
     """
     rows = -(-count // columns)
-    width, height = each
-    place = axes_of(ax, (width * columns, height * rows))
-    spec = place.get_subplotspec()
+    width, height = panel_size
+    area = axes_of(ax, (width * columns, height * rows))
+    spec = area.get_subplotspec()
     if spec is None:
         raise AacmmError("ax is not in a grid; expected axes of plt.subplots()")
-    place.remove()
+    area.remove()
     grid = spec.subgridspec(rows, columns).subplots(sharey=share_y, squeeze=False)
     panels = list(grid.flat)
-    for left_over in panels[count:]:
-        left_over.remove()
+    for empty_panel in panels[count:]:
+        empty_panel.remove()
     return panels[:count]
 
 
