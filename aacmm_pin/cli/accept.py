@@ -163,7 +163,7 @@ def run(
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
-    """By name of the characteristic [m]."""
+    """MPEs [m] by the name of the characteristic, from the texts of ``--mpe``."""
     limits: dict[str, float] = {}
     for text in texts:
         for name, stated in _stated_limits(text).items():

@@ -268,7 +268,7 @@ class ContactNoise(EncoderNoise):
     ] = None
 
     def simulated(self, arm: Arm) -> Noise:
-        """As stated, else of the arm, else typical, with a note."""
+        """Noise to simulate: as stated, else that of the arm, else typical, with a note."""
         encoder = arm.encoder_noise if self.encoder_noise is None else self.encoder_noise
         if encoder is None:
             note(str(Note("encoder_noise_assumed", {"noise": ENCODER})))

@@ -323,7 +323,7 @@ def _u_of_commands(
 def _accuracy(
     model: ErrorModel, q: Array, conditions: Conditions, encoder_noise: float | None
 ) -> AccuracyVolume | None:
-    """At ``q`` (n, nq) [rad]; None if no uncertainty is stated."""
+    """Accuracy of the tip at ``q`` (n, nq) [rad], with notes; None if no uncertainty is stated."""
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
     if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
         note(f"u_mm is empty, because {model.arm.name} states no uncertainty")

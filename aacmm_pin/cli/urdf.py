@@ -123,30 +123,35 @@ def _undetermined_tool(arm: Arm) -> list[str]:
     ]
 
 
-def _note_of_causes(model: ErrorModel, form: str, kept: Sequence[Effect] = ()) -> None:
-    """Causes that a file of this ``form`` lacks, and how far they move the tip, if known."""
+def _note_of_causes(model: ErrorModel, form: str, contained: Sequence[Effect] = ()) -> None:
+    """Note the causes that a file of this ``form`` lacks, and how far they move the tip, if known;
+    ``contained`` are in the file.
+    """
     acting = [effect for effect in model.effects if not is_of_setup(effect)]
-    lost = [effect.label for effect in acting if effect not in kept]
-    if not lost:
+    left_out = [effect.label for effect in acting if effect not in contained]
+    if not left_out:
         return
-    acts = model.restricted(tuple(acting))
+    arm_itself = model.restricted(tuple(acting))
     q = spread_postures(model.arm, POSTURES, np.zeros((1, model.arm.nq)))
-    q = q[acts.known_at(q).all(axis=1)]
-    moves = ""
+    q = q[arm_itself.known_at(q).all(axis=1)]
+    displaces = ""
     with suppress(MissingConditionError, UnsupportedArmError):
         if len(q):
-            moved = acts.predict(q) - acts.restricted(tuple(kept)).predict(q)
-            size = rms(np.linalg.norm(moved, axis=1)) / MM
-            moves = f", which displace the tip by {size:.2g} mm (RMS over the ranges of the joints)"
+            of_file = arm_itself.restricted(tuple(contained))
+            displacement = arm_itself.predict(q) - of_file.predict(q)
+            rms_mm = rms(np.linalg.norm(displacement, axis=1)) / MM
+            displaces = (
+                f", which displace the tip by {rms_mm:.2g} mm (RMS over the ranges of the joints)"
+            )
     note(
-        f"the {form} does not contain the causes of error {', '.join(lost)}{moves}. "
+        f"the {form} does not contain the causes of error {', '.join(left_out)}{displaces}. "
         "For the most accurate geometry alone, export an arm that calibrate estimated "
         "without these causes"
     )
 
 
 def urdf_of(model: ErrorModel) -> bytes:
-    """With a note on causes that a URDF cannot state."""
+    """The URDF of a model, with a note on causes that a URDF cannot state."""
     offsets = [e for e in model.effects if isinstance(e, StylusOffset) and e.marker is None]
     _note_of_causes(model, "URDF", offsets)
     file = model.file()

@@ -103,22 +103,24 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
         table["where"] = table["where"].where(missing == "", "missing: " + missing)
     definitions = table[["figure", "standard", "test", "definition"]].drop_duplicates()
     several = len(result.overall) > 1
-    which = ["coordinates"] if several else ["standard"] if details is not None else []
-    values = table.filter([*VALUES, *which, "had", "where", "missing"]).replace({"": None})
-    marked = {"non-conformity": f"{MARK} {shown_verdict('non-conformity')}"}
+    origin_columns = ["coordinates"] if several else ["standard"] if details is not None else []
+    values = table.filter([*VALUES, *origin_columns, "had", "where", "missing"]).replace({"": None})
+    marked_verdicts = {"non-conformity": f"{MARK} {shown_verdict('non-conformity')}"}
     blocks: list[Block] = [
         Table(
             values.dropna(axis=1, how="all"),
             "Test values and MPEs (maximum permissible errors)",
-            {"verdict": lambda verdict: marked.get(verdict) or shown_verdict(verdict)},
+            {"verdict": lambda verdict: marked_verdicts.get(verdict) or shown_verdict(verdict)},
             HEADS,
         ),
         Paragraph(RULE_TEXT),
     ]
     if details is None:
         verdict = Paragraph(f"{result}.", finding=True, head="Acceptance:")
-        what = Table(definitions, DEFINED, heads=HEADS, detail=True)
-        return Document(TITLE, [ORIGIN, verdict, *blocks, Notes(result.notes), what], result.path)
+        definitions_table = Table(definitions, DEFINED, heads=HEADS, detail=True)
+        return Document(
+            TITLE, [ORIGIN, verdict, *blocks, Notes(result.notes), definitions_table], result.path
+        )
     if details.history is not None:
         blocks += history_blocks(details.history)
     mark = f"{MARK} " if result.failed else ""

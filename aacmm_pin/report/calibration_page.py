@@ -408,8 +408,8 @@ def _parameters(result: Calibration) -> Iterator[Block]:
 
 def _parameter_table(table: pd.DataFrame) -> Table:
     rows = []
-    together = table["known"] == IN_COMBINATION
-    for row in pd.concat([table[~together], table[together]]).to_dict("records"):
+    in_combination = table["known"] == IN_COMBINATION
+    for row in pd.concat([table[~in_combination], table[in_combination]]).to_dict("records"):
         value = quantity(row["after"], row["unit"])
         change = small_with_u(row["change"], row["U"], row["unit"])
         if row["known"] == IN_COMBINATION:

@@ -69,7 +69,7 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
 
 
 def _notes_of_masses(effects: Sequence[Effect]) -> Iterator[Note]:
-    """What causes under load lack of the masses, or take for exact."""
+    """Causes under load whose arm file states no masses, or whose masses count as exact."""
     loaded = [e.label for e in effects if hasattr(e, "load_at") and "torque" not in e.needs]
     if any(getattr(effect, "bodies", ()) for effect in effects):
         yield Note("masses_missing", {"causes": loaded})

@@ -214,24 +214,24 @@ def summary_line(result: Diagnosis) -> str:
 
 def gain_in_words(result: Diagnosis) -> str:
     """The gain of the extended model on held-out records."""
-    held = result.held_out
-    if held is None:
+    held_out = result.held_out
+    if held_out is None:
         return "No records were held out, so the gain on new records is unknown."
-    if np.array_equal(held.extended, held.recalibrated, equal_nan=True):
+    if np.array_equal(held_out.extended, held_out.recalibrated, equal_nan=True):
         if result.findings:
             return "Without the held-out records, diagnose would name no cause."
         return "The extended arm has no new cause, and therefore no gain on held-out records."
-    low, high = held.interval
+    low, high = held_out.interval
     sentences = [
-        f"On held-out {HELD_OUT_KINDS[held.kind]}, the gain (reduction of the RMS residual) of the "
-        f"extended arm over the recalibrated arm is {percent(held.gain)} (95 % interval: "
+        f"On held-out {HELD_OUT_KINDS[held_out.kind]}, the gain (reduction of the RMS residual) of "
+        f"the extended arm over the recalibrated arm is {percent(held_out.gain)} (95 % interval: "
         f"{100 * low:z.0f} to {percent(high)})."
     ]
-    if not held.beyond_doubt and high >= -THRESHOLDS.least_gain:
+    if not held_out.beyond_doubt and high >= -THRESHOLDS.least_gain:
         sentences.append("The gain is not significant.")
-    if held.excluded:
-        few = count(held.excluded, "record")
-        sentences.append(f"The gain includes {few} that only the extended arm excludes.")
+    if held_out.excluded:
+        excluded = count(held_out.excluded, "record")
+        sentences.append(f"The gain includes {excluded} that only the extended arm excludes.")
     return " ".join(sentences)
 
 

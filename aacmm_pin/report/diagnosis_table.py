@@ -22,15 +22,15 @@ FILE_HEADS = {"records": "file", "used": "records", "would_show": "shown causes"
 
 def diagnoses_document(table: pd.DataFrame) -> Document:
     """The result of :func:`aacmm_pin.diagnose_files`, one line for each file."""
-    lacking = table[table["error"] != ""]
+    failed = table[table["error"] != ""]
     verdicts = table["verdict"].dropna().value_counts()
     parts = [f"{number} {verdict}" for verdict, number in verdicts.items()]
-    parts += [count(len(lacking), "error")] if len(lacking) else []
+    parts += [count(len(failed), "error")] if len(failed) else []
     shown = with_cause_texts(table).assign(would_show=table["causes_shown"] / table["causes_tried"])
-    shown = shown.drop(lacking.index).filter([*SHOWN])
+    shown = shown.drop(failed.index).filter([*SHOWN])
     if table["arm"].nunique() == 1:
         shown = shown.drop(columns="arm")
-    errors = zip(lacking["records"], lacking["error"], strict=True)
+    errors = zip(failed["records"], failed["error"], strict=True)
     problems = [f"{file}: {error.removeprefix(f'{file}: ')}" for file, error in errors]
     blocks: list[Block] = [
         Paragraph(f"Verdicts of {count(len(table), 'file')}: {listed(parts)}.", finding=True),

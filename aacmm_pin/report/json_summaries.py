@@ -159,6 +159,7 @@ def _spread(values: Array) -> dict[str, Any]:
 
 
 def _posture(circle: PosturesAtPoint, accuracy: AccuracyVolume, by: Array) -> dict[str, Any]:
+    """The posture within limits with the least ``by`` (n,)."""
     if not len(by):
         return dict.fromkeys(("theta_deg", "swivel_deg", "volume_mm3", "u_mm"))
     number = by.argmin()

@@ -102,11 +102,11 @@ def _power(plan: MeasurementPlan) -> Iterator[str]:
         yield "No set-up that the plan considered distinguishes both causes"
         yield "If both correct the arm in the same way, use the extended arm with either cause"
         return
-    before = ""
+    without_new = ""
     if plan.before is not None:
         chance = probability(plan.before.probability)
-        before = f", and {chance} with only the existing records"
-    yield f"The {RIGHT} is {probability(plan.after.probability)}{before}"
+        without_new = f", and {chance} with only the existing records"
+    yield f"The {RIGHT} is {probability(plan.after.probability)}{without_new}"
     increase = f"T = {three_digits(plan.after.least)}"
     yield f"If the model has the wrong cause, χ² increases by about {increase}"
     if not plan.decided:

@@ -44,10 +44,10 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
     }
     rows = []
     for by, group, members in _groups(before):
-        used = members & before.used
-        if used.sum() > 1:
-            sizes = [np.sqrt(square[used].mean()) / MM for square in squares.values()]
-            rows.append([by, group, int(used.sum()), *sizes])
+        used_members = members & before.used
+        if used_members.sum() > 1:
+            sizes = [np.sqrt(square[used_members].mean()) / MM for square in squares.values()]
+            rows.append([by, group, int(used_members.sum()), *sizes])
     table = pd.DataFrame(rows, columns=["by", "group", "records", *squares])
     table.insert(5, "times_predicted", table["nominal_mm"] / table["predicted_mm"])
     table["times_noise"] = table["extended_mm"] / table["noise_mm"]

@@ -94,33 +94,35 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         return _plot_seat_error(result, finding.effect, ax)
     if not varies(result, finding):
         return plot_error_budget(result, ax)
-    shown, ax = partial_residual(result, finding.effect), axes_of(ax, (6.4, 3.8))
-    x, values = shown.x, np.unique(shown.x)
+    amounts, ax = partial_residual(result, finding.effect), axes_of(ax, (6.4, 3.8))
+    x, values = amounts.x, np.unique(amounts.x)
     label, fewest = f"means of {FEWEST_IN_PART} or more records ± u", FEWEST_IN_PART
     parts: Any = pd.cut(x, int(np.clip(len(x) // 8, 4, MOST_PARTS)), labels=False)
     if len(values) <= FEWEST_COVARIATE_VALUES:
         parts, fewest, label = x, 1, "means ± u"
         x = x + aside(len(x), 0.12 * float(np.ptp(values)))
         ax.set_xticks(values)
-    means = _weighted_means(shown, parts, fewest)
+    means = _weighted_means(amounts, parts, fewest)
     ends = [means["value"] - means["u"], means["value"] + means["u"]]
-    limits = _axis_limits(np.concatenate([shown.fitted, *ends]), shown.value)
-    records = with_cut_off("records", shown.value, limits)
+    limits = _axis_limits(np.concatenate([amounts.fitted, *ends]), amounts.value)
+    records = with_cut_off("records", amounts.value, limits)
     ax.axhline(0.0, color=INK, lw=0.6)
-    ax.plot(x, shown.value, ".", ms=3, color=GREY, alpha=0.5, label=records, zorder=1)
-    curve = pd.Series(shown.fitted, shown.x).sort_index()
+    ax.plot(x, amounts.value, ".", ms=3, color=GREY, alpha=0.5, label=records, zorder=1)
+    curve = pd.Series(amounts.fitted, amounts.x).sort_index()
     ax.plot(curve, "-", color=BLUE, lw=2.0, label="fitted cause", zorder=2)
     bars: dict[str, Any] = {"fmt": "o", "ms": 4, "lw": 1.2, "capsize": 2.5, "zorder": 3}
     ax.errorbar(means["x"], means["value"], means["u"], color=VERMILLION, label=label, **bars)
-    ax.set(xlabel=shown.x_label, ylabel=shown.y_label, ylim=limits)
+    ax.set(xlabel=amounts.x_label, ylabel=amounts.y_label, ylim=limits)
     legend_below(ax, columns=3)
     ax.set_title(f"{result.model.arm.name}: {in_words(finding.effect, result.model.arm)}")
     return ax
 
 
-def _weighted_means(shown: PartialResidual, parts: Any, fewest: int) -> pd.DataFrame:
-    """Weighted means of x and value in ``parts`` (n,), and u of the value."""
-    table = pd.DataFrame({"weight": shown.u**-2.0, "x": shown.x, "value": shown.value})
+def _weighted_means(amounts: PartialResidual, parts: Any, fewest: int) -> pd.DataFrame:
+    """Weighted means of x and value in ``parts`` (n,) with ``fewest`` records or more, and u of the
+    value.
+    """
+    table = pd.DataFrame({"weight": amounts.u**-2.0, "x": amounts.x, "value": amounts.value})
     table[["x", "value"]] = table[["x", "value"]].mul(table["weight"], axis=0)
     groups = table.groupby(parts)
     sums = groups.sum()[groups.size() >= fewest]
@@ -143,24 +145,24 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records = fit.problem.measurements
     offset = pd.DataFrame((fit.point.prediction.tips - records.reference) / UM, columns=[*"xyz"])
-    shown = fit.used & records.known
-    seats = offset[shown].groupby(np.asarray(records.conditions.seat)[shown])
+    is_shown = fit.used & records.known
+    seats = offset[is_shown].groupby(np.asarray(records.conditions.seat)[is_shown])
     mean, u = seats.mean(), seats.sem()
     names = sorted(mean.index, key=numbers_by_size)
     effects = [*(finding.effect for finding in result.findings), effect]
-    fitted = {seat.place: seat.values for seat in effects if corrects_seat(seat)}
-    error = pd.DataFrame.from_dict(fitted, "index", columns=[*"xyz"]).reindex(names) / UM
+    values_of_seat = {seat.place: seat.values for seat in effects if corrects_seat(seat)}
+    fitted = pd.DataFrame.from_dict(values_of_seat, "index", columns=[*"xyz"]).reindex(names) / UM
     ax.axhline(0.0, color=INK, lw=0.6)
     for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
         x = np.arange(len(names)) + 0.22 * (k - 1)
-        middle = mean.loc[names, axis] + error[axis].fillna(0.0)
+        middle = mean.loc[names, axis] + fitted[axis].fillna(0.0)
         bars = u.loc[names, axis]
         ax.errorbar(x, middle, bars, fmt="o", ms=4, capsize=2.5, color=colour, label=axis)
-        ax.plot(x, error[axis], "o", ms=9, mfc="none", color=colour)
+        ax.plot(x, fitted[axis], "o", ms=9, mfc="none", color=colour)
     ax.plot([], [], "o", ms=9, mfc="none", color=INK, label="fitted error")
     name_places(ax, names)
-    without = len(records.seats()) - len(names)
-    missing = f" (not shown: {count(without, 'seat')} without coordinates)" if without else ""
+    not_shown = len(records.seats()) - len(names)
+    missing = f" (not shown: {count(not_shown, 'seat')} without coordinates)" if not_shown else ""
     ax.set_xlabel(f"seat{missing}")
     ax.set_ylabel("true minus stated coordinates [µm]")
     legend_below(ax)
