@@ -119,8 +119,8 @@ class OutputFiles:
             if kind is None:
                 self._put_in_place()
             elif isinstance(error, OSError) and self._current is not None:
-                of_reading = error.filename is not None and HIDDEN not in str(error.filename)
-                if not of_reading:
+                is_of_input = error.filename is not None and HIDDEN not in str(error.filename)
+                if not is_of_input:
                     raise _write_error(self._current, error) from None
 
     def _checked_place(self, path: Path, update: bool = False) -> Path:
@@ -142,7 +142,8 @@ class OutputFiles:
             return place
 
     def _require_free(self, path: Path) -> None:
-        if any(are_same(path, read) for read in self._inputs):
+        """Refuse an input of the task, and without ``force`` every existing file."""
+        if any(are_same(path, file) for file in self._inputs):
             raise is_input(path)
         if path.exists() and not self._force:
             raise OutputError(

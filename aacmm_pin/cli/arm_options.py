@@ -114,6 +114,7 @@ class AnyArm(UrdfArm):
     ] = None
 
     def __post_init__(self) -> None:
+        """The name of an example robot as ARM stands for ``--urdf`` with this name."""
         if self.urdf is None and self.arm in EXAMPLE_ROBOTS:
             object.__setattr__(self, "urdf", self.arm)
             object.__setattr__(self, "arm", None)
@@ -208,6 +209,7 @@ class ArmAndData(UncertainArm):
             return self.model(), self.data
         if self.urdf is None or self.arm is None:
             raise typer.BadParameter("state ARM and DATA, or --urdf FILE, --frame NAME and DATA")
+        # With --urdf, the only argument is DATA, which typer takes for ARM.
         return replace(self, arm=None).model(), self.arm
 
     def records(self, model: ErrorModel, path: str) -> Measurements:

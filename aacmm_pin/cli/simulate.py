@@ -127,8 +127,8 @@ def run(
     _refuse_options_without_use(context, scheme, procedure, no_seat_coordinates)
     rng = np.random.default_rng(seed)
     with Results(files, output, arm_out) as results:
-        model = as_filed = arm.model()
-        touches = None if procedure is None else Procedure.read(procedure, model.arm)
+        model = model_of_file = arm.model()
+        to_fill_in = None if procedure is None else Procedure.read(procedure, model.arm)
         effects = [cause_of(text, model) for text in effect or []]
         if random_geometry:
             # A stream of its own: the plan is the same without it.
@@ -139,7 +139,7 @@ def run(
             )
         model = restrict_to_known_range(model.with_effects(*effects))
         noise = stated.simulated(model.arm)
-        if touches is None:
+        if to_fill_in is None:
             if scheme == "ball-bar" and bar_length is None:
                 note(
                     f"the length of the bars is assumed to be {BAR_LENGTH_MM:g} mm; to replace "
@@ -161,14 +161,14 @@ def run(
             )
             text = data.csv()
         else:
-            data = simulate_touches(model, touches.q, touches.points, rng=rng, noise=noise)
-            text = csv_text(touches.filled(data, as_filed))
+            data = simulate_touches(model, to_fill_in.q, to_fill_in.points, rng=rng, noise=noise)
+            text = csv_text(to_fill_in.filled(data, model_of_file))
         results.text(text, output)
         _require_effects_shown(effects, model, data)
         encoder = ", ".join(f"{u / UM:.3g}" for u in dict.fromkeys(noise.encoder))
         words = f"the noise is {encoder} µrad (readings)"
-        for what, size in (("references", noise.reference), ("contacts", noise.probe)):
-            words += f", {size / MM:g} mm ({what})" if size else ""
+        for source, size in (("references", noise.reference), ("contacts", noise.probe)):
+            words += f", {size / MM:g} mm ({source})" if size else ""
         if arm_out is not None:
             results.arm(model, arm_out, f"The simulated arm of {data.source}; {words}.")
     status(f"{data}; {words}")

@@ -560,19 +560,19 @@ def _structure_drawn(result: Diagnosis, name: str) -> Figure:
 
 
 @document_of.register
-def unexplained_document(left: Unexplained) -> Document:
+def unexplained_document(unexplained: Unexplained) -> Document:
     """Dependences on columns that no cause explains."""
-    sizes = pd.DataFrame(discrepancy_to_dicts(left))
+    sizes = pd.DataFrame(discrepancy_to_dicts(unexplained))
     forms: dict[str, Format] = {"covariate": covariate_in_words, "probability": probability}
     ways = [
         f"In the structure that depends on {covariate_in_words(name)}, {way}."
-        for name, way in left.acts_on.items()
+        for name, way in unexplained.acts_on.items()
     ]
-    groups = pd.DataFrame([asdict(group) for group in left.groups])
+    groups = pd.DataFrame([asdict(group) for group in unexplained.groups])
     return Document(
         "Unexplained",
         [
-            Paragraph(" ".join(unexplained_in_words(left)), finding=left.structure),
+            Paragraph(" ".join(unexplained_in_words(unexplained)), finding=unexplained.structure),
             Table(
                 sizes,
                 DISCREPANCY_AT_TIP,

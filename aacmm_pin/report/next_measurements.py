@@ -32,13 +32,14 @@ def next_measurements(result: Diagnosis) -> str:
 
     If the records cannot distinguish two causes, it has the command for a plan.
     """
-    first = _first(result)
+    first = _first_step(result)
     if result.verdict in WITH_STRUCTURE and result.cannot_tell_apart:
         return f"{first}. Then {_to_distinguish(result)}"
     return first
 
 
-def _first(result: Diagnosis) -> str:
+def _first_step(result: Diagnosis) -> str:
+    """The advice of the first case that applies: mistakes, structure, doubts, then a check."""
     verdict, findings, unexplained = result.verdict, result.findings, result.unexplained
     with_structure, depends_on = verdict in WITH_STRUCTURE, unexplained.depends_on
     repeats = result.choice.noise.repeat
@@ -63,8 +64,8 @@ def _first(result: Diagnosis) -> str:
             return f"diagnose the records again. {capital(str(note))}"
     for effect in (finding.effect for finding in findings):
         if effect.remedy:
-            moved = in_words(effect, result.model.arm)
-            return f"{effect.remedy} ({moved}). Then diagnose the records again"
+            cause = in_words(effect, result.model.arm)
+            return f"{effect.remedy} ({cause}). Then diagnose the records again"
     run_order = unexplained.run_order
     if run_order is not None and run_order.joint is not None:
         return (
@@ -84,8 +85,8 @@ def _first(result: Diagnosis) -> str:
             "find the error of its encoder or gear"
         )
     # A wrong length makes residuals everywhere, which then seem to depend on the place.
-    off = any(note.code in LENGTHS_OFF for note in result.contradicted)
-    if result.contradicted and (off or not with_structure):
+    is_of_length = any(note.code in LENGTHS_OFF for note in result.contradicted)
+    if result.contradicted and (is_of_length or not with_structure):
         return f"measure the references again, because {'; '.join(map(str, result.contradicted))}"
     excluded = unexplained.excluded
     if with_structure and excluded is not None and excluded.name in ORDER:
@@ -151,16 +152,16 @@ def _first(result: Diagnosis) -> str:
         )
     if verdict == "inconclusive":
         return _because_of_doubts(result)
-    frame, held = result.extended.problem.setup.reference_frame, result.held_out
+    frame, held_out = result.extended.problem.setup.reference_frame, result.held_out
     option = "" if frame == "base" else f" --reference-frame {frame}"
-    known = "in these records" if held is None else "in held-out records"
-    size = result.rms["extended"] if held is None else rms(held.extended)
+    where = "in these records" if held_out is None else "in held-out records"
+    size = result.rms["extended"] if held_out is None else rms(held_out.extended)
     expected = lengths([*result.rms.values(), size])[-1]
     planes = " from planes" if result.extended.observations.on_plane.all() else ""
     return (
         f"take new records over the full ranges of the joints. Run aacmm-pin check{option} with "
         f"the extended arm on the new records. The RMS distance{planes} should be about "
-        f"{expected}, as {known}"
+        f"{expected}, as {where}"
     )
 
 

@@ -200,20 +200,21 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
 def _plot_over_one(
     shape: pd.DataFrame, over: list[str], quantities: list[str], ylabel: str, ax: Axes
 ) -> None:
-    x, step, spread = shape[over[0]].to_numpy(), 0.0, np.zeros(len(shape))
+    """Draw a correction over one covariate: as curves, or as marks beside each label."""
+    x, step, aside_of_mark = shape[over[0]].to_numpy(), 0.0, np.zeros(len(shape))
     style: dict[str, Any] = {"lw": 2}
     if not is_numeric_dtype(x):
         x, names = pd.factorize(x)
-        step, spread = 0.22, aside(len(x), 0.14)
+        step, aside_of_mark = 0.22, aside(len(x), 0.14)
         style = {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
         name_places(ax, [str(name) for name in names])
     ax.axhline(0.0, color=INK, lw=0.6)
     for k, (quantity, colour) in enumerate(zip(quantities, AXIS_COLOURS.values(), strict=False)):
-        place = x + step * (k - (len(quantities) - 1) / 2)
+        abscissa = x + step * (k - (len(quantities) - 1) / 2)
         of_records = shape[quantity + OF_RECORD]
-        ax.plot(place + spread, of_records, ".", ms=2.5, color=colour, alpha=0.3)
+        ax.plot(abscissa + aside_of_mark, of_records, ".", ms=2.5, color=colour, alpha=0.3)
         label = f"correction in {quantity[0]}" if len(quantities) > 1 else "correction"
-        ax.plot(place, shape[quantity], color=colour, label=label, **style)
+        ax.plot(abscissa, shape[quantity], color=colour, label=label, **style)
     records = shape[[quantity + OF_RECORD for quantity in quantities]].to_numpy()
     limits = _axis_limits(shape[quantities].to_numpy(), records)
     ax.plot([], [], ".", color=GREY, label=with_cut_off("records", records, limits))

@@ -141,6 +141,7 @@ def _neighbours(circle: PosturesAtPoint, members: Index) -> Index:
 def _draw_path(
     scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
 ) -> None:
+    """Draw the path of the elbow or joint in ``colours`` (n, 3); grey outside the limits."""
     pairs = _neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS))
     is_within = circle.within_limits[pairs].all(axis=1)
     within, outside = pairs[is_within], pairs[~is_within]
@@ -155,8 +156,8 @@ def _draw_path(
         if scene.bar is None:
             scene.explain(BLUE, f"path of {name}, within limits", "line")
     if scene.bar is not None:
-        what = f"path of {name}" if len(pairs) else "slider"
-        scene.notes.insert(0, f"The colour bar holds for the {what} within the joint limits.")
+        coloured = f"path of {name}" if len(pairs) else "slider"
+        scene.notes.insert(0, f"The colour bar holds for the {coloured} within the joint limits.")
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:
