@@ -242,12 +242,8 @@ class ErrorSources(Shown):
         return scaled @ scaled.transpose(0, 2, 1)
 
     def budget(self, products: Array, by: str = "parameter") -> pd.DataFrame:
-        """Table of :meth:`AccuracyVolume.budget`.
-
-        Args:
-            products: contributions of one u of source i times those of source j, summed over
-                coordinates (p, p) [m²].
-            by: column whose equal cells make one row.
+        """Table of :meth:`AccuracyVolume.budget` from ``products`` (p, p) [m²]: contributions of
+        one u of each source times those of each other, summed over coordinates.
         """
         import pandas as pd
 

@@ -123,7 +123,7 @@ def parsed_urdf(content: bytes, path: str) -> Element:
 
 
 def _error_at(element: Element, message: str) -> ArmFileError:
-    """With the place of the element: the elements around it from the outermost, except the root."""
+    """Names the element and those around it, except the root."""
     ancestors = [*element.iterancestors()][:-1]
     names = []
     for part in (*reversed(ancestors), element):
@@ -209,9 +209,7 @@ def _check_limits(joint: Element) -> None:
 
 
 def _followers(joints: dict[str, Element]) -> dict[str, Follower]:
-    """Joints that mimic another, by name, each with the independent joint at the end of its chain
-    of mimics.
-    """
+    """Mimicking joints by name, each with the independent joint at the end of its chain."""
     followers = {}
     for name, joint in joints.items():
         visited = {name}

@@ -87,8 +87,8 @@ def dh_file(arm: Arm) -> ArmFile:
 def _file_of_rows(
     arm: Arm, file: UrdfArmFile, rows: list[tuple[StandardRow, int | None]], frames: list[Array]
 ) -> ArmFile:
-    """The arm file of ``rows``, each with the number of its joint or None, whose ``frames`` (4, 4)
-    are those at zero joint values; masses go along.
+    """The arm file of ``rows``, each with its joint or None; ``frames`` (4, 4) are those of the
+    rows at zero joint values.
     """
     axes = [axis(number) for number in arm.chain.moving_rows()]
     rotation, origin = (part[axes] for part in arm.chain.at_zero)

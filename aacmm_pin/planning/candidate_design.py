@@ -53,7 +53,7 @@ class Situation:
     def of(
         task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
     ) -> Situation:
-        """The situation of one set-up. Existing records do not count if it changes the arm file."""
+        """Existing records do not count if the set-up changes the arm file."""
         existing = None if set_up.changes_arm else task.existing
         pool = candidates(task, set_up, postures, rng)
         old_seats = () if existing is None else observations_of(existing, task.setup).labels

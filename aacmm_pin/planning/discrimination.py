@@ -189,10 +189,8 @@ def _enough_records(situation: Situation, chosen: list[int], sizes: Sequence[Arr
 def _sizes_alike(
     situation: Situation, split: tuple[Effect, Effect], sizes: list[Array]
 ) -> list[Array]:
-    """Sizes of two causes, where the user states values of both or of one.
-
-    If one has none, it takes the size whose effect in the existing records is most similar to that
-    of the other.
+    """Sizes; if only one cause has values, the other takes the size whose effect in the existing
+    records is most similar.
     """
     stated = [any(effect.values) for effect in split]
     if stated[0] == stated[1]:

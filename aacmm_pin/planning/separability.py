@@ -124,10 +124,7 @@ class Separation(NamedTuple):
 
 
 def _has_own_effects(distances: Array, alone: Array) -> Mask:
-    """Whether causes are detectable, and have effects that others cannot have.
-
-    Arguments as in :class:`Separation`; shapes broadcast.
-    """
+    """Whether causes are detectable, and have effects that others cannot have."""
     return (alone > UNDETECTABLE) & (distances > SAME_FRACTION * alone)
 
 
@@ -146,15 +143,11 @@ def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power
 
 
 def _right_decision(true: Array, other: Array, size: Array, detectable: float) -> float:
-    """Probability that the true cause has the larger evidence, averaged over directions of β.
+    """Probability that the ``true`` cause (p, q), of this ``size``, has the larger evidence,
+    averaged over directions of β.
 
-    Both priors make the expected squared effect equal to the ``detectable`` one of the true cause,
-    so that size does not decide. The difference of evidences of ``y = R β + noise`` is a quadratic
-    form.
-
-    Args:
-        true, other: columns R of the triangle (p, q) of each cause.
-        size: of the true cause, from :func:`size_of`.
+    Both priors make the expected squared effect the ``detectable`` one of the true cause, so that
+    size does not decide. The difference of evidences of ``y = R β + noise`` is a quadratic form.
     """
     gain, complexity = _evidence(true, detectable)
     other_gain, other_complexity = _evidence(other, detectable)

@@ -216,9 +216,7 @@ def number_seeds_on(
     number: Index,
     space: Array,
 ) -> None:
-    """Set ``number`` of those seeds, from ``first`` on, that have none and are on a curve, to
-    ``label``.
-    """
+    """Give seeds on a curve, from ``first`` on, the number ``label`` if they have none."""
     for seed in range(first, len(seeds)):
         if number[seed] == NO_CURVE and on_curve(links, seeds, seed, curve, vertices, ends, space):
             number[seed] = label
@@ -227,9 +225,8 @@ def number_seeds_on(
 def repeats_earlier_curve(
     links: Array, curve: int, vertices: Array, ends: Index, space: Array
 ) -> bool:
-    """Whether most of some vertices of the latest curve are on one earlier curve.
-
-    A seed next to a crossing is perhaps on no known curve, though the trace from it repeats one.
+    """Whether most of some vertices of a curve are on an earlier one; its seed, close to a
+    crossing, may not show it.
     """
     begin = ends[curve - 1] if curve > 0 else 0
     last = ends[curve] - 1
@@ -347,8 +344,7 @@ def trace(
 ) -> tuple[int, int, bool]:
     """Follow the curve through ``START``, a regular solution, once around.
 
-    A failed step is repeated shorter. Below ``SHORTEST_STEP``, the ``LEAPS`` from the last
-    ``STEADY`` vertex are tried.
+    If no step is short enough, the ``LEAPS`` from the last ``STEADY`` vertex are tried.
 
     Args:
         links, space: see :func:`newton`.
@@ -416,9 +412,8 @@ def trace(
 
 
 def follow(links: Array, vertex: int, length: float, most_correction: float, space: Array) -> float:
-    """Step along the curve from the row of a ``vertex``, followed by its tangent and curvature.
-
-    Predicts a point at ``length``, and corrects it into ``AHEAD`` by less than ``most_correction``.
+    """Predict a step from the row of a ``vertex`` (tangent and curvature follow), and correct it
+    into ``AHEAD`` by less than ``most_correction``.
 
     Returns:
         sign of the determinant there; 0 if the step fails.
@@ -505,9 +500,7 @@ def tangent_at(links: Array, row: int, space: Array) -> float:
 
 
 def take_tangent(row: int, space: Array) -> None:
-    """Put the unit null vector of J, which :func:`correct` left in the last column of the matrix,
-    into the row after ``row``.
-    """
+    """Put the unit null vector of J, which :func:`correct` left, into the row after ``row``."""
     n = space.shape[1] - 2
     square = 0.0
     for j in range(n):
@@ -517,8 +510,8 @@ def take_tangent(row: int, space: Array) -> None:
 
 
 def polish(links: Array, count: int, most: int, space: Array) -> float:
-    """Move ``HERE`` to the nearest solution of ``count`` equations by damped least-norm steps; put
-    the angles of least residual into ``BEST``, and return that residual.
+    """Move ``HERE`` to the nearest solution of ``count`` equations by damped least-norm steps, the
+    best angles into ``BEST``; return their residual.
     """
     n = space.shape[1] - 2
     least = np.inf
@@ -634,8 +627,8 @@ def solve(space: Array) -> float:
 
 
 def linearise(links: Array, row: int, count: int, space: Array) -> float:
-    """Put the tip's frame, the joint axes, and derivatives and values of ``count`` equations at the
-    angles of a ``row`` into the space; return the largest value.
+    """Put the tip's frame, joint axes and ``count`` equations at the angles of a ``row`` into the
+    space; return the largest value.
     """
     n = space.shape[1] - 2
     largest = 0.0
@@ -752,12 +745,12 @@ def rotation_equations(space: Array) -> None:
 
 
 def working_space(n: int) -> Array:
-    """Array for ``n`` angles, with the rows above."""
+    """Array for ``n`` angles, with the rows above and two more columns for equations."""
     return np.empty((MATRIX + n, n + 2))
 
 
 def distance(a: int, b: int, space: Array) -> float:
-    """Between the angles in two rows [rad]; the last two columns of the space are no angles."""
+    """Between the angles in two rows [rad]."""
     square = 0.0
     for j in range(space.shape[1] - 2):
         square += (space[a, j] - space[b, j]) ** 2
@@ -765,7 +758,7 @@ def distance(a: int, b: int, space: Array) -> float:
 
 
 def dot(a: int, b: int, space: Array) -> float:
-    """Scalar product of two rows, without the last two columns."""
+    """Scalar product of two rows of n numbers."""
     total = 0.0
     for j in range(space.shape[1] - 2):
         total += space[a, j] * space[b, j]

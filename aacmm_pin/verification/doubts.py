@@ -124,7 +124,7 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
 
 def _outlier(points: Array, sphere: FittedSphere) -> tuple[int, float] | None:
     """The number of the one of ``points`` (n, 3) [m] that is farther from the sphere of the others
-    than by chance, and its distance: a t-test of the largest studentised residual, times n points.
+    than by chance, and its distance: a t-test of the largest studentised residual.
     """
     dof = len(points) - 5
     if dof < 1:

@@ -266,7 +266,6 @@ class _Layout:
             self.ball_bars(*(bars[parts.index(part)] for part in BALL_BARS.values()))
 
     def probe_point(self, point: Array, q: Array, **cells: Any) -> None:
-        """Add a row of the procedure: its point (3,) [m], posture (nq,) and other cells."""
         self.probed.append((cells, point, q))
 
     def place(self, low: float, high: float, each: int) -> tuple[Array, Array]:
@@ -307,8 +306,8 @@ class _Layout:
                     self._round(center, postures, 9, repeat=repeat, **cells)
 
     def _round(self, center: Array, postures: Array, count: int, **cells: Any) -> None:
-        """Add ``count`` points over the half of a sphere from which the stylus comes, each with the
-        posture whose stylus is closest to the normal there.
+        """Add points over the half of a sphere from which the stylus comes, each with the posture
+        whose stylus is closest to the normal.
         """
         stylus = self.pool.arm.stylus_axis
         if stylus is None:
@@ -326,7 +325,6 @@ class _Layout:
             self.probe_point(points[k], postures[posture[k]], **cells)
 
     def single_points(self) -> None:
-        """Ten postures at one seat in each zone."""
         for name, zone in SEAT_ZONES.items():
             point, postures = self.place(*zone, 10)
             for q in postures:
@@ -350,9 +348,7 @@ class _Layout:
         aside: Array,
         cells: dict[str, Any],
     ) -> None:
-        """Add all lengths of a bar in every repeat, probed ``aside`` (3,) [m] of their ends,
-        outwards.
-        """
+        """Add all lengths of a bar in every repeat, probed ``aside`` (3,) [m] beyond their ends."""
         for repeat in range(REPEATS):
             for number, length in enumerate(lengths, start=1):
                 row = cells | {"repeat": repeat + 1, "length_id": f"L{number}"}
@@ -362,9 +358,8 @@ class _Layout:
                     self.probe_point(ends[end] + sign * aside, q, feature=feature, **row)
 
     def _bar_places(self, lengths: Array) -> list[tuple[Array, Array]]:
-        """Start (3,) [m] and direction (3,) of the bar, in seven distant places.
-
-        It is along two level axes, upright, and along the four diagonals of space, or nearly so.
+        """Start and direction (3,) of the bar in seven distant places: nearly along two level axes,
+        upright, and along the four diagonals.
         """
         up = self.pool.arm.up
         _, _, axes = np.linalg.svd(up[None])
@@ -421,7 +416,7 @@ class _Layout:
                     self.probe_point(point, q[0], feature=feature, **cells)
 
     def procedure(self, arm: Arm, seed: int | None) -> Procedure:
-        """All points so far, with postures that reach them exactly."""
+        """All points, with exact postures."""
         rows, points, near = (np.array(values) for values in zip(*self.probed, strict=True))
         q, arrived = brought_to(self.pool.state_of, near, points, joint_bounds(arm))
         if not arrived.all():
