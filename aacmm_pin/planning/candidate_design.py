@@ -67,10 +67,10 @@ class Situation:
         order = np.r_[nuisances, of_causes]
         # Of what is refitted, its prior; seats are within a metre.
         prior = np.eye(nuisances.size, order.size)
-        known = [prior]
+        known_rows = [prior]
         if existing is not None:
             measured, ties = whitened_rows(problem, scales, seats, task.frame)
-            known += [measured.reshape(-1, order.size)[:, order], ties[:, order]]
+            known_rows += [measured.reshape(-1, order.size)[:, order], ties[:, order]]
         rows, ties = whitened_rows(problem.of(pool), scales, seats, task.frame, old_seats)
         return Situation(
             set_up,
@@ -78,7 +78,7 @@ class Situation:
             np.delete(scales, of_causes),
             nuisances.size,
             causes.slices,
-            np.vstack([*known, ties[:, order]]),
+            np.vstack([*known_rows, ties[:, order]]),
             rows[:, :, order],
             0 if existing is None else existing.n,
         )

@@ -135,9 +135,12 @@ class MeasurementPlan(PlanOfRecords):
         """Return the JSON content of schema ``aacmm-pin/plan/1``."""
         pairs: dict[str, Any] | None = None
         if self.pairs is not None:
-            told = self.pairs["told"]
-            untold = self.pairs[~told].to_dict("records")
-            pairs = {"count": len(told), "told": int(told.sum()), "untold": untold}
+            distinguished = self.pairs["told"]
+            pairs = {
+                "count": len(distinguished),
+                "told": int(distinguished.sum()),
+                "untold": self.pairs[~distinguished].to_dict("records"),
+            }
         return {
             "schema": PLAN_SCHEMA,
             "split": [effect.key for effect in self.split],

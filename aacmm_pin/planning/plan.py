@@ -208,5 +208,5 @@ def _usable(
     if named:
         return causes, None, (Note("records_not_counted", data),)
     data["causes"] = [*dict.fromkeys(effect.label for effect in lacking)]
-    others = tuple(effect for effect in causes if effect not in lacking)
-    return others, existing, (Note("causes_left_out", data),)
+    usable = tuple(effect for effect in causes if effect not in lacking)
+    return usable, existing, (Note("causes_left_out", data),)

@@ -176,7 +176,7 @@ def curves(
         number of curves, and remaining steps.
     """
     n = seeds.shape[1]
-    rounds = 0
+    traces = 0
     for i in range(3):
         space[GOAL, i] = goal[i]
     for seed in range(len(seeds)):
@@ -186,16 +186,18 @@ def curves(
     for seed in range(len(seeds)):
         if number[seed] != NO_CURVE or not is_regular[seed]:
             continue
-        if steps <= 0 or rounds == len(ends) or count == len(ends):
+        if steps <= 0 or traces == len(ends) or count == len(ends):
             break
         for j in range(n):
             space[START, j] = seeds[seed, j]
         begin = ends[count - 1] if count > 0 else 0
-        end, more, closed[count] = trace(links, begin, min(steps, MOST_VERTICES), vertices, space)
-        ends[count], steps, rounds = end, steps - more, rounds + 1
-        number[seed] = (
-            KNOWN_CURVE if repeats_earlier_curve(links, count, vertices, ends, space) else count
-        )
+        most = min(steps, MOST_VERTICES)
+        ends[count], taken, closed[count] = trace(links, begin, most, vertices, space)
+        steps -= taken
+        traces += 1
+        number[seed] = count
+        if repeats_earlier_curve(links, count, vertices, ends, space):
+            number[seed] = KNOWN_CURVE
         number_seeds_on(links, seeds, seed + 1, count, number[seed], vertices, ends, number, space)
         if number[seed] != KNOWN_CURVE:
             count += 1
@@ -265,8 +267,8 @@ def on_curve(
     end = ends[curve]
     for vertex in nearest_vertices(begin, end, vertices, space):
         for side in (1, -1):
-            other = begin + (vertex - begin + side) % (end - begin)
-            if is_at_chord(vertex, other, vertices, space):
+            neighbour = begin + (vertex - begin + side) % (end - begin)
+            if is_at_chord(vertex, neighbour, vertices, space):
                 if not has_tangent:
                     tangent_at(links, SOUGHT, space)
                     has_tangent = True
@@ -310,10 +312,10 @@ def is_at_chord(begin: int, end: int, vertices: Array, space: Array) -> bool:
     n = vertices.shape[1]
     for j in range(n):
         chord = wrap(vertices[end, j] - vertices[begin, j])
-        ahead = wrap(space[SOUGHT, j] - vertices[begin, j])
-        space[IMAGE, j], space[GUESS, j] = vertices[begin, j] + ahead, chord
+        offset = wrap(space[SOUGHT, j] - vertices[begin, j])
+        space[IMAGE, j], space[GUESS, j] = vertices[begin, j] + offset, chord
         squared_chord += chord**2
-        product += chord * ahead
+        product += chord * offset
     fraction = min(max(product / squared_chord, 0.0), 1.0)
     for j in range(n):
         space[GUESS, j] = vertices[begin, j] + fraction * space[GUESS, j]

@@ -261,6 +261,7 @@ def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
 
 
 def _rotation(values: ArrayLike) -> Array:
+    """The exact rotation closest to a matrix that is nearly one."""
     matrix = np.asarray(values)
     if matrix.shape != (3, 3):
         raise ShapeError(f"rotation has shape {matrix.shape}; expected (3, 3)")
@@ -271,8 +272,8 @@ def _rotation(values: ArrayLike) -> Array:
         if deviation > ORTHONORMAL:
             what = f"a deviation of {deviation:.1e} from orthonormal"
         raise ShapeError(f"rotation: {what}; expected a right-handed orthonormal matrix")
-    left, _, right = np.linalg.svd(matrix)
-    return np.asarray(left @ right)
+    u, _, v_transposed = np.linalg.svd(matrix)
+    return np.asarray(u @ v_transposed)
 
 
 def _swivel(arm: Arm, q: Array, point: Array) -> Array:

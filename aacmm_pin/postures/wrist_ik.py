@@ -188,10 +188,10 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
     equations = Equations(links, points, POINT)
     distance = np.linalg.norm(points - links[0, :3, 3], axis=1)
     longest = np.linalg.norm(links[1:, :3, 3], axis=1).sum()
-    near = np.flatnonzero(distance <= longest)
-    held_seeds, their_points = _held_seeds(links, points[near], per_turn)
-    seeds, number = with_spread(held_seeds, their_points, len(near), 4 * per_turn)
-    problem = near[number]
+    in_reach = np.flatnonzero(distance <= longest)
+    held_seeds, their_points = _held_seeds(links, points[in_reach], per_turn)
+    seeds, number = with_spread(held_seeds, their_points, len(in_reach), 4 * per_turn)
+    problem = in_reach[number]
     seeds, good = equations.polish(seeds, problem)
     flat = len(points) > 0 and degenerate(equations, spread_angles(4 * per_turn, POSITIONING))
     return all_curves(equations, seeds[good], problem[good], flat)
