@@ -430,8 +430,12 @@ def map_caveats(
             reached = box_of_wrist(wrist)
             beyond = (reached - box) * OUTWARDS_OF_BOX > NEGLIGIBLE_SHIFT
             names = ("x below", "x above", "z below", "z above")
-            ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
-            sides = [f"{name} {at:.4g} mm (to {end:z.0f} mm)" for name, at, end, cut in ends if cut]
+            sides_mm = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
+            sides = [
+                f"{name} {limit:.4g} mm (to {reach:z.0f} mm)"
+                for name, limit, reach, is_cut in sides_mm
+                if is_cut
+            ]
             if sides:
                 notes.append(Note("extent_cuts_reach", {"sides": ", ".join(sides)}))
         notes += wrist.notes

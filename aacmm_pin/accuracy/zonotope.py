@@ -86,8 +86,9 @@ def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:
     above, beside, ahead = (
         np.where(np.abs(component) > FLAT, np.sign(component), 0.0) for component in components
     )
-    for t in (1.0, -1.0):
-        sign = np.where(above != 0, above, np.where(beside != 0, beside, t * ahead))
+    for end_of_edge in (1.0, -1.0):
+        in_face = np.where(beside != 0, beside, end_of_edge * ahead)
+        sign = np.where(above != 0, above, in_face)
         yield sign @ g
 
 

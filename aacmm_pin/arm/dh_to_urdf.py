@@ -95,6 +95,7 @@ def link_text(
 
 
 def _links_of_row(row: DHRow, number: int, parent: str, standard: bool, is_last: bool) -> list[str]:
+    """Links of a DH row, of which ``frame<number>`` is the last."""
     a = row.a_mm * MM
     d = row.d_mm * MM
     tilt = (row.alpha_rad, 0.0, 0.0)
@@ -120,8 +121,8 @@ def _links_of_row(row: DHRow, number: int, parent: str, standard: bool, is_last:
             limits=row.limits,
         )
     )
-    end, turn = ((a, 0.0, d), tilt) if standard else ((0.0, 0.0, d), ZERO)
-    links.append(link_text(f"frame{number}", f"link{number}", end, turn, content=_inertial(row)))
+    xyz, rpy = ((a, 0.0, d), tilt) if standard else ((0.0, 0.0, d), ZERO)
+    links.append(link_text(f"frame{number}", f"link{number}", xyz, rpy, content=_inertial(row)))
     return links
 
 
@@ -155,8 +156,8 @@ def _visual(material: str, shape: str, xyz: Sequence[float], rpy: Sequence[float
 
 
 def _origin(xyz: Sequence[float], rpy: Sequence[float]) -> str:
-    place, turn = (" ".join(f"{value:.17g}" for value in values) for values in (xyz, rpy))
-    return f'<origin xyz="{place}" rpy="{turn}"/>'
+    xyz_text, rpy_text = (" ".join(f"{value:.17g}" for value in values) for values in (xyz, rpy))
+    return f'<origin xyz="{xyz_text}" rpy="{rpy_text}"/>'
 
 
 def _printable(text: str) -> str:

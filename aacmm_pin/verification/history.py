@@ -192,8 +192,8 @@ class History(Shown):
             may_be_empty = (checks[column] == "") & (column != "value_mm")
             refuse(~(np.isfinite(numbers) | may_be_empty), column, "; expected a number")
             checks[column] = numbers
-        known = {"figure": [d.name for d in DEFINITIONS], "verdict": ["", *WORST_FIRST]}
-        for column, words in known.items():
+        allowed = {"figure": [d.name for d in DEFINITIONS], "verdict": ["", *WORST_FIRST]}
+        for column, words in allowed.items():
             expected = ", ".join(filter(None, sorted(words)))
             refuse(~checks[column].isin(words), column, f"; expected one of {expected}")
         instruments = checks["instrument"]
@@ -270,10 +270,10 @@ class History(Shown):
         )
 
     def __str__(self) -> str:
-        left = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left_range]
+        outside = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left_range]
         checks = self.checks[["time", "instrument"]].drop_duplicates()
         text = count(len(checks), "check")
-        return text + (f"; outside the control limits: {', '.join(left)}" if left else "")
+        return text + (f"; outside the control limits: {', '.join(outside)}" if outside else "")
 
     def summary(self) -> list[dict[str, Any]]:
         """The charts for JSON."""
