@@ -94,14 +94,14 @@ def _submitted(
 @contextmanager
 def _blocked_signals() -> Iterator[None]:
     """Block signals of the terminal inside the context, also for processes that start there."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
+    former_mask = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
     try:
         # Started here, the tracker inherits the block of SIGHUP; its start unblocks the others.
         resource_tracker.ensure_running()
         signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, former_mask)
 
 
 def _begin(stop: Event) -> None:

@@ -198,17 +198,20 @@ def _stated_limits(text: str) -> dict[str, Any]:
 
 
 def _note_history(checks: History, path: Path | None) -> None:
-    others = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
-    if others and not checks.instrument:
+    """Note if other checks are not compared, or if this check is not appended."""
+    instruments = ", ".join(
+        repr(name) for name in sorted(checks.checks["instrument"].unique()) if name
+    )
+    if instruments and not checks.instrument:
         note(
             f"the control chart compares only checks without an instrument; to compare with the "
-            f"checks of {others} in {path}, use --instrument"
+            f"checks of {instruments} in {path}, use --instrument"
         )
     if not checks.appended:
-        why = "the probed points give no test value"
+        reason = "the probed points give no test value"
         if checks.charts():
-            why = f"its check of {checks.time} has the same values"
-        note(f"accept appended no check to {path}, because {why}")
+            reason = f"its check of {checks.time} has the same values"
+        note(f"accept appended no check to {path}, because {reason}")
 
 
 def _when(time: str | None, path: str) -> datetime:
@@ -224,6 +227,7 @@ def _when(time: str | None, path: str) -> datetime:
 
 
 def _next_step(arm: list[str], path: str) -> str:
+    """How to find the cause of a nonconformity with the probed points; ``arm``: words for it."""
     try:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:

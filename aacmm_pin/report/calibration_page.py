@@ -176,8 +176,8 @@ def exclusions_in_words(exclusions: Exclusions) -> str:
 
 def fit_in_words(result: Calibration) -> str:
     """Test of the model and the stated noise by χ²."""
-    judged, p = result.fit.chi2_stated, result.p_value
-    if judged is None or p is None:
+    chi2_and_dof, p = result.fit.chi2_stated, result.p_value
+    if chi2_and_dof is None or p is None:
         if result.fit.noise_is_stated:
             return (
                 "χ² cannot test the fit, because the records have no more measured values than the "
@@ -187,7 +187,9 @@ def fit_in_words(result: Calibration) -> str:
             "χ² cannot test the model, because you did not state all noise. The fit estimated a "
             f"scatter of {length(result.fit.scatter)} per coordinate."
         )
-    numbers = f"(χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)})"
+    numbers = (
+        f"(χ² = {chi2_and_dof[0]:.0f} with {chi2_and_dof[1]:.0f} degrees of freedom, {p_equals(p)})"
+    )
     if p < MISFIT:
         return (
             f"The residuals exceed the stated noise {numbers}. The model lacks a cause of error, "
@@ -322,26 +324,26 @@ def _result(result: Calibration) -> Iterator[Block]:
     if result.turns is not None:
         turns = (result.turns["nominal"], result.turns["calibrated"])
         rows[0] |= {head: turn / UM for head, turn in zip(rotations, turns, strict=True)}
-    for held in result.held_out:
+    for held_out in result.held_out:
         row: dict[str, Any] = {
-            "records": f"held-out {HELD_OUT_KINDS[held.kind]} ({held.groups} parts)",
-            "before_mm": held.rms_before / MM,
-            "after_mm": held.rms_after / MM,
+            "records": f"held-out {HELD_OUT_KINDS[held_out.kind]} ({held_out.groups} parts)",
+            "before_mm": held_out.rms_before / MM,
+            "after_mm": held_out.rms_after / MM,
         }
-        if held.turned:
-            both = (held.turn_before, held.turn_after)
-            row |= {head: rms(turn) / UM for head, turn in zip(rotations, both, strict=True)}
+        if held_out.turned:
+            held_turns = (held_out.turn_before, held_out.turn_after)
+            row |= {head: rms(turn) / UM for head, turn in zip(rotations, held_turns, strict=True)}
         rows.append(row)
     table = pd.DataFrame(rows)
     table.insert(3, "gain", 1.0 - table["after_mm"] / table["before_mm"])
-    would_be = length(result.noise)
+    of_noise = length(result.noise)
     if result.turns is not None:
-        would_be += f" and {result.turns['noise'] / UM:.1f} µrad"
+        of_noise += f" and {result.turns['noise'] / UM:.1f} µrad"
     yield Table(
         table,
         "RMS distance between tip and target, before and after calibration",
         {"gain": percent, **dict.fromkeys(rotations, ".1f")},
-        explained=f"{COMPARED} {noise} would give {would_be}.",
+        explained=f"{COMPARED} {noise} would give {of_noise}.",
     )
     yield Notes(other_notes(result.notes))
 

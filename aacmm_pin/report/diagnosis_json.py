@@ -151,23 +151,23 @@ def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, fl
 
 
 def _held_out(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    gain = diagnosis.held_out
-    if gain is None:
+    held_out = diagnosis.held_out
+    if held_out is None:
         return None
     return {
-        "kind": gain.kind,
-        "groups": gain.groups,
+        "kind": held_out.kind,
+        "groups": held_out.groups,
         "rms_mm": of_models(
             {
-                "nominal": rms(gain.nominal) / MM,
-                "recalibrated": rms(gain.recalibrated) / MM,
-                "extended": rms(gain.extended) / MM,
+                "nominal": rms(held_out.nominal) / MM,
+                "recalibrated": rms(held_out.recalibrated) / MM,
+                "extended": rms(held_out.extended) / MM,
             }
         ),
-        "gain": gain.gain,
-        "gain_ci95": gain.interval,
-        "excluded_counted": gain.excluded,
-        "gross_errors": gain.gross_errors,
+        "gain": held_out.gain,
+        "gain_ci95": held_out.interval,
+        "excluded_counted": held_out.excluded,
+        "gross_errors": held_out.gross_errors,
     }
 
 

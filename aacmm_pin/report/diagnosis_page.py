@@ -235,42 +235,54 @@ def gain_in_words(result: Diagnosis) -> str:
     return " ".join(sentences)
 
 
-def unexplained_in_words(left: Unexplained) -> Iterator[str]:
+def unexplained_in_words(unexplained: Unexplained) -> Iterator[str]:
     """Sentences on the remaining structure, or that there is none."""
-    for one in left.apart:
-        yield f"{capital(str(one))} ({p_equals(one.p_value)})."
-    chance = beside_threshold(left)
-    if left.acts_on:
-        on = f"{listed([*map(covariate_in_words, left.acts_on)])} ({p_equals(left.p_value)})"
-        yield f"The residuals depend on {on} in a way that no cause of the library explains."
-    elif left.has_background:
-        (size,) = (part.rms for part in left.discrepancy if part.covariate == BACKGROUND)
-        on = "depends on several quantities together"
-        yield f"The remaining structure ({length(size)} RMS) {on}."
-    elif left.groups:
-        p = p_equals(left.p_value)
+    for group in unexplained.apart:
+        yield f"{capital(str(group))} ({p_equals(group.p_value)})."
+    tested = beside_threshold(unexplained)
+    if unexplained.acts_on:
+        covariates = listed([*map(covariate_in_words, unexplained.acts_on)])
+        p = p_equals(unexplained.p_value)
+        yield (
+            f"The residuals depend on {covariates} ({p}) in a way that no cause of the library "
+            "explains."
+        )
+    elif unexplained.has_background:
+        (size,) = (part.rms for part in unexplained.discrepancy if part.covariate == BACKGROUND)
+        yield (
+            f"The remaining structure ({length(size)} RMS) depends on several quantities together."
+        )
+    elif unexplained.groups:
+        p = p_equals(unexplained.p_value)
         yield f"Some groups of records have significantly larger residuals than the others ({p})."
-    elif left.left:
-        yield f"The residuals have significant structure that no named cause explains ({chance})."
+    elif unexplained.left:
+        yield f"The residuals have significant structure that no named cause explains ({tested})."
     else:
-        yield f"The residuals do not depend significantly on a column of the file ({chance})."
-    if left.gain is not None and (left.acts_on or left.has_background):
-        removes = f"a smooth correction removes {percent(left.gain)}"
+        yield f"The residuals do not depend significantly on a column of the file ({tested})."
+    if unexplained.gain is not None and (unexplained.acts_on or unexplained.has_background):
+        removes = f"a smooth correction removes {percent(unexplained.gain)}"
         yield f"On held-out records, {removes} of the residual that the causes leave."
 
 
 def _saved_in_words(result: Diagnosis) -> Iterator[str]:
-    parts, lost = [part.covariate for part in result.unexplained.discrepancy], result.not_saved
-    saved = " and on ".join(covariate_in_words(name) for name in parts if name not in lost)
-    if saved:
+    """Whether the arm file has the discrepancy, and which parts no arm file can have."""
+    covariates = [part.covariate for part in result.unexplained.discrepancy]
+    not_saved = result.not_saved
+    can_be_saved = " and on ".join(
+        covariate_in_words(name) for name in covariates if name not in not_saved
+    )
+    if can_be_saved:
         is_saved = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
         contains = "contains" if is_saved else "does not contain"
-        how = "" if is_saved else "; to save it, use --with-discrepancy"
-        yield f"The extended arm {contains} the discrepancy that depends on {saved}{how}."
-    if parts and lost:
+        how_to_save = "" if is_saved else "; to save it, use --with-discrepancy"
         yield (
-            f"No arm file can contain the discrepancy that depends on {listed(lost)}, because new "
-            "readings have no value of this column."
+            f"The extended arm {contains} the discrepancy that depends on "
+            f"{can_be_saved}{how_to_save}."
+        )
+    if covariates and not_saved:
+        yield (
+            f"No arm file can contain the discrepancy that depends on {listed(not_saved)}, because "
+            "new readings have no value of this column."
         )
 
 

@@ -48,14 +48,14 @@ HOW_TO_GO = (
 @document_of.register
 def plan_document(plan: MeasurementPlan) -> Document:
     """The plan and its records."""
-    tried = [
+    set_ups = [
         {
-            "set-up": one.words,
-            "T": one.power.least,
-            "probability": None if one.why_not else probability(one.power.probability),
-            "obstacle": one.why_not,
+            "set-up": set_up.words,
+            "T": set_up.power.least,
+            "probability": None if set_up.why_not else probability(set_up.power.probability),
+            "obstacle": set_up.why_not,
         }
-        for one in plan.tried
+        for set_up in plan.tried
     ]
     pairs = pd.DataFrame()
     if plan.pairs is not None:  # that postures can distinguish, worst first
@@ -65,7 +65,7 @@ def plan_document(plan: MeasurementPlan) -> Document:
         "Plan",
         [
             Paragraph(f"{plan}.", head="Plan:"),
-            Table(pd.DataFrame(tried if len(tried) > 1 else []), CONSIDERED, FORMS),
+            Table(pd.DataFrame(set_ups if len(set_ups) > 1 else []), CONSIDERED, FORMS),
             Table(pairs, PAIRS, FORMS, heads, most=PAIRS_LISTED),
             *where_to_go(plan),
             Notes(plan.notes),

@@ -134,11 +134,11 @@ def _largest_shares(accuracy: AccuracyVolume, by: BudgetBy, most: int) -> pd.Dat
     table = budget[["share", "u_mm"]].assign(name=names)
     if len(table) <= most:
         return table
-    others = table.iloc[most - 1 :]
-    rest = {"name": f"rest ({len(others)})", "share": others["share"].sum(), "u_mm": np.nan}
+    smallest = table.iloc[most - 1 :]
+    sum_row = {"name": f"rest ({len(smallest)})", "share": smallest["share"].sum(), "u_mm": np.nan}
     if accuracy.sources.correlation is None:
-        rest["u_mm"] = np.linalg.norm(others["u_mm"])
-    return pd.concat([table.head(most - 1), pd.DataFrame([rest])], ignore_index=True)
+        sum_row["u_mm"] = np.linalg.norm(smallest["u_mm"])
+    return pd.concat([table.head(most - 1), pd.DataFrame([sum_row])], ignore_index=True)
 
 
 class _Quantity(NamedTuple):

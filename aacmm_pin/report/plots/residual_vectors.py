@@ -111,15 +111,17 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
     return whole(panels)
 
 
-def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
-    """Draw magnified arrows (n, 2) [mm], and above them one for the scale."""
+def _draw_vectors(ax: Axes, start: Array, deviation: Array, factor: float) -> None:
+    """Draw magnified arrows from ``start`` (n, 2) [mm], and above them one for the scale."""
     units: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "units": "inches"}
     scale = 1 / factor
-    arrows = ax.quiver(*start.T, *off.T, color=BLUE, scale=scale, width=0.014, zorder=2, **units)
+    arrows = ax.quiver(
+        *start.T, *deviation.T, color=BLUE, scale=scale, width=0.014, zorder=2, **units
+    )
     size = float(np.ptp(start, axis=0).max()) or 1.0
-    bar = round_down(0.12 * size / factor)
-    ax.update_datalim(start + factor * off)
-    ax.quiverkey(arrows, 0.1, 0.95, bar, length(bar * MM), labelpos="E")
+    key_length = round_down(0.12 * size / factor)
+    ax.update_datalim(start + factor * deviation)
+    ax.quiverkey(arrows, 0.1, 0.95, key_length, length(key_length * MM), labelpos="E")
     ax.margins(0.08)
 
 

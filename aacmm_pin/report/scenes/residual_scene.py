@@ -58,13 +58,13 @@ def residual_scene(
     """
     arm, fits = result.model.arm, models(result)
     name = model or [*fits][-1]
-    fit, judge = model_named(result, name), [*fits.values()][-1]
+    fit, last_fit = model_named(result, name), [*fits.values()][-1]
     start = "target" if isinstance(result, Calibration) else "reference"
     distances_mm = {
-        which: np.linalg.norm(deviations_of(result, fitted), axis=1) / MM
-        for which, fitted in fits.items()
+        of_model: np.linalg.norm(deviations_of(result, model_fit), axis=1) / MM
+        for of_model, model_fit in fits.items()
     }
-    chosen = some_of(np.flatnonzero(judge.used), MOST_VECTORS)
+    chosen = some_of(np.flatnonzero(last_fit.used), MOST_VECTORS)
     chosen = chosen[np.argsort(-distances_mm[name][chosen], kind="stable")]
     # In the base, where the arm is drawn.
     frame, records = fit.point.frame, fit.problem.measurements
@@ -77,7 +77,7 @@ def residual_scene(
     size = float(np.ptp(points, axis=0).max())
 
     title = f"{arm.name}: residuals, {name}"
-    scene = stage(title, _caption(result, judge, len(chosen)), bodies, points, target)
+    scene = stage(title, _caption(result, last_fit, len(chosen)), bodies, points, target)
     size_mm = distances_mm[name][chosen]
     scene.bar = ColourBar.of(f"distance between tip and {start} [mm]", size_mm, SIZE_COLOURS)
     colours = scene.bar.colours(size_mm)
@@ -96,8 +96,8 @@ def residual_scene(
         "seat": [str(seat or "–") for seat in seats[chosen]],
         start: [place_text(place) for place in target],
     }
-    for which, distances in distances_mm.items():
-        texts[f"residual, {which}"] = [f"{mm:.4f} mm" for mm in distances[chosen]]
+    for of_model, distances in distances_mm.items():
+        texts[f"residual, {of_model}"] = [f"{mm:.4f} mm" for mm in distances[chosen]]
     texts |= joint_texts(arm, q)
     del texts["limits"]
     moves = moving(bodies, q, scene) | {"record": placed_at(target)}
