@@ -39,9 +39,11 @@ def run(
 
 
 def _row(cause: type[Effect]) -> dict[str, str]:
+    """How to write a cause, with its place in capitals, and what it needs."""
     effect = example(cause)
-    site, field = cause.location_field(), cause.nonlinear.field
-    parameters = [f"{field}=…"] if field else []
+    place_field, nonlinear_field = cause.location_field(), cause.nonlinear.field
+    place = f":{place_field.upper()}" if place_field else ""
+    parameters = [f"{nonlinear_field}=…"] if nonlinear_field else []
     magnitude, needs = "", ""
     if effect is not None:
         keys = list(effect.file_values())
@@ -49,7 +51,7 @@ def _row(cause: type[Effect]) -> dict[str, str]:
         magnitude = typical_magnitude_in_words(effect)
         needs = ", ".join(CONDITION_COLUMNS[condition] for condition in effect.needs)
     return {
-        "cause": f"{cause.cause}{f':{site.upper()}' if site else ''} ({cause_in_words(cause)})",
+        "cause": f"{cause.cause}{place} ({cause_in_words(cause)})",
         "parameters": ", ".join(parameters),
         "typical magnitude": magnitude,
         "needs": needs,

@@ -48,7 +48,7 @@ def arm_document(arm: Arm) -> Document:
             f"± precedes half-widths, or U (k = 2) for the {number} parameters of a calibration; "
             "values without ± are exact."
         )
-    left = f"The last calibration left an error unexplained ({arm.unexplained})."
+    unexplained = f"The last calibration left an error unexplained ({arm.unexplained})."
     return Document(
         arm.name,
         [
@@ -56,7 +56,7 @@ def arm_document(arm: Arm) -> Document:
             Paragraph(arm.source, head="Source:" if arm.source else ""),
             Table(_joints_table(arm) if arm.dh is None else _dh_rows(arm, arm.dh)),
             uncertainty,
-            left if arm.unexplained else "",
+            unexplained if arm.unexplained else "",
         ],
     )
 

@@ -243,13 +243,13 @@ def open_in_words(result: Calibration) -> str:
 def estimated_causes(result: Calibration) -> pd.DataFrame:
     """Estimated causes of error with their values ± U (k = 2)."""
     vector, arm = result.fit.problem.vector, result.model.arm
-    together = result.parameters["known"] == IN_COMBINATION
+    in_combination = result.parameters["known"] == IN_COMBINATION
     rows = []
-    for effect, its in zip(result.fit.effects, vector.slices, strict=True):
-        if vector.arm_parameters[its.start] is None and not is_of_setup(effect):
-            values = values_with_u(effect, result.covariance[its, its])
+    for effect, entries in zip(result.fit.effects, vector.slices, strict=True):
+        if vector.arm_parameters[entries.start] is None and not is_of_setup(effect):
+            values = values_with_u(effect, result.covariance[entries, entries])
             estimate = values_in_words(effect, values, slides(effect, arm))
-            if together[its].any():
+            if in_combination[entries].any():
                 estimate = "determined only in combination with other parameters"
             rows.append({"cause": in_words(effect, arm), "value ± U (k = 2)": estimate})
     return pd.DataFrame(rows)

@@ -383,11 +383,11 @@ def alias_table(result: Diagnosis) -> pd.DataFrame:
 
 def residuals_table(result: Diagnosis) -> pd.DataFrame:
     """Row and labels of each record, its residual by each model and held out [mm], whether used."""
-    table, held = residuals_by_record(models(result)), result.held_out
-    if held is not None:
-        table["part"] = held.folds
-        table["held_out_recalibrated_mm"] = held.recalibrated / MM
-        table["held_out_extended_mm"] = held.extended / MM
+    table, held_out = residuals_by_record(models(result)), result.held_out
+    if held_out is not None:
+        table["part"] = held_out.folds
+        table["held_out_recalibrated_mm"] = held_out.recalibrated / MM
+        table["held_out_extended_mm"] = held_out.extended / MM
     return table.assign(used=result.extended.used)
 
 

@@ -50,7 +50,7 @@ def with_cause_texts(table: pd.DataFrame) -> pd.DataFrame:
     """The table with causes as text: ``encoder_eccentricity:3 (0.998), bearing_tilt:2 (0.97)``."""
     texts = []
     for causes in table["causes"]:
-        words = [f"{label} ({probability(size)})" for label, size in causes.items()]
+        words = [f"{label} ({probability(p)})" for label, p in causes.items()]
         texts.append(", ".join(words))
     return table.assign(causes=texts)
 

@@ -58,18 +58,18 @@ def plot_residuals_over_joint(
     slides = arm.chain.prismatic[joint - 1]
     motion = fit.by_reading[:, :3, joint - 1]
     size = np.linalg.norm(motion, axis=1)
-    moved = result.fit.used & (size > 1e-6)
-    way = motion[moved] / size[moved, None]
-    along = np.einsum("ni,ni->n", fit.system.deviation[moved], way) / UM
-    unit, one = ("mm", MM) if slides else ("°", DEG)
-    angle = fit.problem.measurements.readings[moved, joint - 1] / one
+    moves_tip = result.fit.used & (size > 1e-6)
+    direction = motion[moves_tip] / size[moves_tip, None]
+    along = np.einsum("ni,ni->n", fit.system.deviation[moves_tip], direction) / UM
+    unit, scale = ("mm", MM) if slides else ("°", DEG)
+    angle = fit.problem.measurements.readings[moves_tip, joint - 1] / scale
     ax = axes_of(ax, (5.0, 3.2))
     ax.axhline(0.0, color=INK, lw=0.7)
     ax.plot(angle, along, ".", ms=3, color=STATE_COLOURS[when], alpha=0.8)
     if len(angle):
         parts = pd.DataFrame({"angle": angle, "value": along}).groupby(pd.cut(angle, JOINT_BINS))
-        many = parts.size() >= LEAST_IN_BIN
-        means, u = parts.mean()[many], parts["value"].sem()[many]
+        enough = parts.size() >= LEAST_IN_BIN
+        means, u = parts.mean()[enough], parts["value"].sem()[enough]
         ax.errorbar(means["angle"], means["value"], u, color=VERMILLION, capsize=2)
     else:  # its axis goes through the tip
         ax.text(0.5, 0.6, "joint does not move the tip", transform=ax.transAxes, ha="center")

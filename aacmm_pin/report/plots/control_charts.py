@@ -65,33 +65,34 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
             panel.set_ylabel("|value| [mm]", fontsize=8)
         if k + ACROSS >= len(charts):
             panel.set_xlabel("date (UTC)", fontsize=8)
-    drawn = {line.get_label(): line for panel in panels for line in panel.lines}
-    handles = [drawn[name] for name in MARKS if name in drawn]
+    line_of_label = {line.get_label(): line for panel in panels for line in panel.lines}
+    handles = [line_of_label[name] for name in MARKS if name in line_of_label]
     figure = whole(panels)
     figure.legend(handles=handles, loc="outside lower center", ncols=len(MARKS), fontsize=7)
     return figure
 
 
 def _draw_chart(ax: Axes, chart: ControlChart) -> None:
+    """Draw the values of one characteristic, its limits, and three dates."""
     values = chart.values / MM
-    number = np.arange(len(values))
+    numbers = np.arange(len(values))
     latest = LATEST_OUTSIDE if chart.left_range else "latest check"
-    ax.plot(number, values, "-", color=GREY, lw=0.8)
-    for name, some in (("earlier check", chart.counted), (NOT_COUNTED, ~chart.counted)):
-        if some.any():
-            ax.plot(number[:-1][some], values[:-1][some], label=name, **MARKS[name])
-    ax.plot(number[-1:], values[-1:], label=latest, **MARKS[latest])
+    ax.plot(numbers, values, "-", color=GREY, lw=0.8)
+    for name, members in (("earlier check", chart.counted), (NOT_COUNTED, ~chart.counted)):
+        if members.any():
+            ax.plot(numbers[:-1][members], values[:-1][members], label=name, **MARKS[name])
+    ax.plot(numbers[-1:], values[-1:], label=latest, **MARKS[latest])
     low, high = chart.limits
     levels = (("mean", chart.centre), ("limits", low), ("limits", high), ("MPE", chart.mpe))
     for name, level in levels:
         if np.isfinite(level):
             ax.axhline(level / MM, label=name, **MARKS[name])
     # The dates of the first, middle and last check, with times if several are on one day.
-    form = "%Y-\n%m-%d"
+    date_format = "%Y-\n%m-%d"
     if len({time.date() for time in chart.times}) < len(chart.times):
-        form += "\n%H:%M"
-    named = np.unique(np.linspace(0, len(number) - 1, 3).round().astype(int))
-    ax.set_xticks(named, [f"{chart.times[k]:{form}}" for k in named])
+        date_format += "\n%H:%M"
+    dated = np.unique(np.linspace(0, len(numbers) - 1, 3).round().astype(int))
+    ax.set_xticks(dated, [f"{chart.times[k]:{date_format}}" for k in dated])
     bottom, top = ax.get_ylim()
     room = max(0.0, FINEST - (top - bottom)) / 2
     ax.set_ylim(bottom - room, top + room)

@@ -102,11 +102,11 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
             line = posture[:, plane].T / MM
             panel.plot(*line, color=GREY, lw=3, alpha=0.5, solid_capstyle="round", zorder=1)
         fit = fits[name]
-        off = deviations_of(result, fit)[shown]
-        start = fit.point.prediction.tips[shown] - off
-        _draw_vectors(panel, start[:, plane] / MM, off[:, plane] / MM, factor)
-        across, along = ("xyz"[axis] for axis in plane)
-        panel.set(xlabel=f"{across} [mm]", ylabel=f"{along} [mm]", aspect="equal")
+        deviations = deviations_of(result, fit)[shown]
+        start = fit.point.prediction.tips[shown] - deviations
+        _draw_vectors(panel, start[:, plane] / MM, deviations[:, plane] / MM, factor)
+        horizontal, vertical = ("xyz"[axis] for axis in plane)
+        panel.set(xlabel=f"{horizontal} [mm]", ylabel=f"{vertical} [mm]", aspect="equal")
         panel.set_title(f"{name}, {VIEWS[plane]}, residuals × {factor:g}")
     return whole(panels)
 

@@ -43,12 +43,12 @@ def without_latex() -> Iterator[None]:
     The end restores only these settings: a backend may set others at the first figure.
     """
     settings: Any = plt.rcParams
-    before = {name: settings[name] for name in STYLE}
+    former_settings = {name: settings[name] for name in STYLE}
     settings.update(STYLE)
     try:
         yield
     finally:
-        settings.update(before)
+        settings.update(former_settings)
 
 
 def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
@@ -136,9 +136,9 @@ def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float =
     """
     names = shortened(names, LONGEST_AT_PLACE)
     width = sum(2 + max(map(len, name.split("\n"))) for name in names)
-    some = slice(None, None, -(-3 * len(names) // letters))
+    named = slice(None, None, -(-3 * len(names) // letters))
     rotation = 90 if width > letters else 0
-    ax.set_xticks(range(len(names))[some], names[some], fontsize=size, rotation=rotation)
+    ax.set_xticks(range(len(names))[named], names[named], fontsize=size, rotation=rotation)
 
 
 def shortened(names: Iterable[str], most: int) -> list[str]:

@@ -274,7 +274,7 @@ def prisms(
     corner = np.arange(TUBE_SIDES)
     angle = corner * (2 * np.pi / TUBE_SIDES)
     section = radius * np.column_stack([np.cos(angle), np.zeros(TUBE_SIDES), np.sin(angle)])
-    rings = np.array([section @ _toward(way).T for way in end - start])
+    rings = np.array([section @ _toward(direction).T for direction in end - start])
     end_rings = 0.0 * rings if point else rings
     # Six vertices about each start, then six about its end: (n, 2, 6, 3).
     vertices = np.stack([start[:, None] + rings, end[:, None] + end_rings], axis=1)
