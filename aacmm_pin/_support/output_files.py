@@ -242,6 +242,7 @@ def _check_folder(path: Path, folder: Path) -> None:
 
 
 def _copy_to_stream(temporary: Path, stream: Path) -> None:
+    """Write a complete file to a pipe, or to the stream of results for :data:`STDOUT`."""
     content = temporary.read_bytes()
     if str(stream) not in STDOUT:
         stream.write_bytes(content)

@@ -183,6 +183,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
 
 
 def _stated_limits(text: str) -> dict[str, Any]:
+    """MPEs [mm], not yet checked, by name: one as typed, or those of a TOML file."""
     name, equals, value = text.partition("=")
     if equals:
         return {name: value}

@@ -200,6 +200,7 @@ def _refuse_options_without_use(
 
 
 def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:
+    """Refuse causes without values, and those that do not change the records."""
     for effect in effects:
         if not any(effect.values):
             values = ",".join(f"{name}=VALUE" for name in effect.file_values())

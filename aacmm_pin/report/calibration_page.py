@@ -124,10 +124,10 @@ def calibration_document(
     the date ``when`` (UTC).
     """
     blocks = [
-        *_result(result),
-        *_residuals(result),
-        *_parameters(result),
-        *_undetermined(result),
+        *_result_section(result),
+        *_residuals_section(result),
+        *_parameters_section(result),
+        *_undetermined_section(result),
         Heading("Excluded records"),
         *excluded_records(result.excluded),
     ]
@@ -135,7 +135,7 @@ def calibration_document(
     if summary is not None:
         names = ("calibration.json", "calibrated.toml")
         note = comment(result, summary["data"], when)
-        blocks += files(summary, result.residuals, result.model, names, note)
+        blocks += files_section(summary, result.residuals, result.model, names, note)
         subtitle += f" of {summary['data']}, {when} (UTC)"
     return Document(f"{result.model.arm.name}: calibration", blocks, subtitle)
 
@@ -303,7 +303,7 @@ def bases_in_json(fit: Fit) -> dict[str, Any]:
     return {"base_in_reference_frame": first, "base_in_other_sessions": bases[1:]}
 
 
-def _result(result: Calibration) -> Iterator[Block]:
+def _result_section(result: Calibration) -> Iterator[Block]:
     yield Heading("Result")
     yield Paragraph(verdict(result), finding=True)
     yield Paragraph(open_in_words(result), finding=True)
@@ -348,7 +348,7 @@ def _result(result: Calibration) -> Iterator[Block]:
     yield Notes(other_notes(result.notes))
 
 
-def _residuals(result: Calibration) -> Iterator[Block]:
+def _residuals_section(result: Calibration) -> Iterator[Block]:
     from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
     yield Heading("Residuals")
@@ -385,7 +385,7 @@ def _residuals(result: Calibration) -> Iterator[Block]:
     yield from repeatability_blocks(result.repeatability)
 
 
-def _parameters(result: Calibration) -> Iterator[Block]:
+def _parameters_section(result: Calibration) -> Iterator[Block]:
     yield Heading("Parameters")
     table = parameter_table(result)
     if not len(table):
@@ -409,6 +409,7 @@ def _parameters(result: Calibration) -> Iterator[Block]:
 
 
 def _parameter_table(table: pd.DataFrame) -> Table:
+    """Parameters in words; those that are determined only in combination come last."""
     rows = []
     in_combination = table["known"] == IN_COMBINATION
     for row in pd.concat([table[~in_combination], table[in_combination]]).to_dict("records"):
@@ -429,7 +430,7 @@ def _parameter_table(table: pd.DataFrame) -> Table:
     return Table(pd.DataFrame(rows), "Parameters", explained=KNOWN)
 
 
-def _undetermined(result: Calibration) -> Iterator[Block]:
+def _undetermined_section(result: Calibration) -> Iterator[Block]:
     yield Heading("What these records do not determine")
     names_frame = any("frame." in line for line in result.undetermined)
     of_frame = ". frame.x to frame.rz are the placement of the base" if names_frame else ""
@@ -460,7 +461,7 @@ def excluded_records(excluded: pd.DataFrame) -> Iterator[Block]:
     )
 
 
-def files(
+def files_section(
     summary: dict[str, Any],
     residuals: pd.DataFrame,
     model: ErrorModel,

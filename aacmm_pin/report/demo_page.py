@@ -38,8 +38,8 @@ from aacmm_pin.report import plots
 from aacmm_pin.report.accuracy_page import accuracy_document, map_document
 from aacmm_pin.report.diagnosis_page import (
     answers,
-    causes_drawn,
     diagnosis_document,
+    figures_of_causes,
     finding_values,
 )
 from aacmm_pin.report.document import (
@@ -117,7 +117,7 @@ class DemoSummary:
         return "\n".join([*self.findings, end])
 
 
-def _at_the_point(
+def _accuracy_section(
     circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]
 ) -> list[Block]:
     def draw() -> Any:
@@ -137,7 +137,7 @@ def _at_the_point(
     ]
 
 
-def _drawn_map(map_: WorkspaceMap, quantity: Quantity, words: str) -> Figure:
+def _figure_of_map(map_: WorkspaceMap, quantity: Quantity, words: str) -> Figure:
     return Figure(
         lambda: plots.plot_map(map_, quantity, blank_axes(6.0, 6.0)),
         f"Map of {words} over distance from joint axis 1 and z",
@@ -146,7 +146,7 @@ def _drawn_map(map_: WorkspaceMap, quantity: Quantity, words: str) -> Figure:
     )
 
 
-def _measured(diagnosis: Diagnosis, hidden: Effect, lines: list[Block]) -> list[Block]:
+def _diagnosis_section(diagnosis: Diagnosis, hidden: Effect, lines: list[Block]) -> list[Block]:
     name = diagnosis.model.arm.name
     true = {key: (value, 0.0) for key, value in hidden.file_values().items()}
     rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
@@ -162,7 +162,7 @@ def _measured(diagnosis: Diagnosis, hidden: Effect, lines: list[Block]) -> list[
             pd.DataFrame(rows, columns=["", "cause", "values"]),
             "The hidden cause, and the causes that diagnose found, with U (k = 2)",
         ),
-        *causes_drawn(diagnosis),
+        *figures_of_causes(diagnosis),
     ]
 
 
@@ -212,11 +212,11 @@ def run_demo(
         files = sorted([*texts, "map.nc", "measured.csv", "index.html"])
         lines = answers(result, diagnosis["next_measurements"])
         story = [
-            *_at_the_point(circle, accuracy, of_point),
+            *_accuracy_section(circle, accuracy, of_point),
             Heading("Accuracy over the workspace"),
             *map_document(map_).blocks,
-            *(_drawn_map(map_, quantity, words) for quantity, words in MAPS.items()),
-            *_measured(result, hidden, lines),
+            *(_figure_of_map(map_, quantity, words) for quantity, words in MAPS.items()),
+            *_diagnosis_section(result, hidden, lines),
         ]
         texts["index.html"] = page(_index(arm, story, files, when))
         map_.save(out / "map.nc")

@@ -36,7 +36,7 @@ from aacmm_pin.report import plots
 from aacmm_pin.report.calibration_page import (
     HELD_OUT_KINDS,
     excluded_records,
-    files,
+    files_section,
     frame_in_words,
 )
 from aacmm_pin.report.diagnosis_json import discrepancy_to_dicts
@@ -141,13 +141,13 @@ def diagnosis_document(
     """
     planned = next_measurements(result) if summary is None else summary["next_measurements"]
     blocks = [
-        *_result(result, planned),
-        *_causes(result),
-        *_other_causes(result),
-        *_held_out(result),
-        *_groups(result),
-        *_on_the_arm(result),
-        *_unexplained_and_excluded(result),
+        *_result_section(result, planned),
+        *_causes_section(result),
+        *_other_causes_section(result),
+        *_held_out_section(result),
+        *_groups_section(result),
+        *_vectors_and_scene(result),
+        *_unexplained_and_excluded_section(result),
         Notes(other_notes(result.notes)),
     ]
     subtitle = count(int(result.extended.used.sum()), "record")
@@ -155,7 +155,7 @@ def diagnosis_document(
         source = summary["source"]
         note = f"aacmm-pin diagnose wrote this file on {when} (UTC) from {source}. {result}"
         names = ("diagnosis.json", "extended.toml")
-        blocks += files(summary, residuals_table(result), result.model, names, note)
+        blocks += files_section(summary, residuals_table(result), result.model, names, note)
         subtitle += f" of {source}, {when} (UTC)"
     return Document(f"{result.model.arm.name}: diagnosis", blocks, subtitle)
 
@@ -406,7 +406,7 @@ def answers(result: Diagnosis, planned: str) -> list[Block]:
     return [Paragraph(text, True, head) for head, text in sentences.items() if text]
 
 
-def _result(result: Diagnosis, planned: str) -> Iterator[Block]:
+def _result_section(result: Diagnosis, planned: str) -> Iterator[Block]:
     yield Heading("Result")
     yield from answers(result, planned)
     height = 0.9 + 0.32 * len(result.budget)
@@ -434,7 +434,7 @@ def _result(result: Diagnosis, planned: str) -> Iterator[Block]:
         yield Paragraph(SEAT_ERRORS, detail=True)
 
 
-def _groups(result: Diagnosis) -> Iterator[Block]:
+def _groups_section(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Residuals of groups of records")
     table = result.residual_groups
     if table.empty:
@@ -468,16 +468,16 @@ def _groups(result: Diagnosis) -> Iterator[Block]:
     )
 
 
-def _causes(result: Diagnosis) -> Iterator[Block]:
+def _causes_section(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Causes of error")
     if not result.findings:
         yield Paragraph("No cause has a probability of 0.5 or more.", detail=True)
     yield Table(places_table(result), PLACES_LISTED, explained=PLACES_EXPLAINED)
     yield Table(ranking(result), "Causes of error in the extended arm", explained=RANKED)
-    yield from causes_drawn(result)
+    yield from figures_of_causes(result)
 
 
-def _other_causes(result: Diagnosis) -> Iterator[Block]:
+def _other_causes_section(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Other possible causes")
     yield Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
     yield Table(
@@ -485,14 +485,14 @@ def _other_causes(result: Diagnosis) -> Iterator[Block]:
     )
 
 
-def causes_drawn(result: Diagnosis) -> Iterator[Block]:
+def figures_of_causes(result: Diagnosis) -> Iterator[Block]:
     """A figure of each cause that depends on something."""
     for finding in result.findings:
         if varies(result, finding):
-            yield _cause_drawn(result, finding)
+            yield _figure_of_cause(result, finding)
 
 
-def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:
+def _figure_of_cause(result: Diagnosis, finding: Finding) -> Figure:
     words = capital(in_words(finding.effect, result.model.arm))
     return Figure(
         lambda: plots.plot_cause(result, finding, blank_axes(7.4, 4.0)),
@@ -503,7 +503,7 @@ def _cause_drawn(result: Diagnosis, finding: Finding) -> Figure:
     )
 
 
-def _on_the_arm(result: Diagnosis) -> Iterator[Block]:
+def _vectors_and_scene(result: Diagnosis) -> Iterator[Block]:
     from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
     before, after = two_models(result)
@@ -522,7 +522,7 @@ def _on_the_arm(result: Diagnosis) -> Iterator[Block]:
     )
 
 
-def _held_out(result: Diagnosis) -> Iterator[Block]:
+def _held_out_section(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Gain on held-out records")
     held_out = result.held_out
     if held_out is None:
@@ -546,13 +546,13 @@ def _held_out(result: Diagnosis) -> Iterator[Block]:
     )
 
 
-def _unexplained_and_excluded(result: Diagnosis) -> Iterator[Block]:
+def _unexplained_and_excluded_section(result: Diagnosis) -> Iterator[Block]:
     unexplained = result.unexplained
     yield Heading("Unexplained residuals and excluded records")
     yield from unexplained_document(unexplained).blocks
     yield Paragraph(" ".join(_saved_in_words(result)))
     for name in unexplained.acts_on:
-        yield _structure_drawn(result, name)
+        yield _figure_of_structure(result, name)
     yield from excluded_records(result.excluded)
     yield Figure(
         lambda: plots.plot_residuals_by_row(result, blank_axes(7.4, 3.2)),
@@ -562,7 +562,7 @@ def _unexplained_and_excluded(result: Diagnosis) -> Iterator[Block]:
     )
 
 
-def _structure_drawn(result: Diagnosis, name: str) -> Figure:
+def _figure_of_structure(result: Diagnosis, name: str) -> Figure:
     on = covariate_in_words(name)
     return Figure(
         lambda: plots.plot_unexplained(result, name, blank_axes(7.4, 4.0)),
@@ -576,9 +576,9 @@ def unexplained_document(unexplained: Unexplained) -> Document:
     """Dependences on columns that no cause explains."""
     sizes = pd.DataFrame(discrepancy_to_dicts(unexplained))
     forms: dict[str, Format] = {"covariate": covariate_in_words, "probability": probability}
-    ways = [
-        f"In the structure that depends on {covariate_in_words(name)}, {way}."
-        for name, way in unexplained.acts_on.items()
+    sentences = [
+        f"In the structure that depends on {covariate_in_words(name)}, {sentence}."
+        for name, sentence in unexplained.acts_on.items()
     ]
     groups = pd.DataFrame([asdict(group) for group in unexplained.groups])
     return Document(
@@ -592,7 +592,7 @@ def unexplained_document(unexplained: Unexplained) -> Document:
                 {"covariate": "depends on"},
                 explained=DISCREPANCY,
             ),
-            Bullets(ways),
+            Bullets(sentences),
             Table(
                 groups,
                 GROUPS,

@@ -219,7 +219,11 @@ def _lacking_in_words(causes: Sequence[Finding], arm: Arm) -> str:
     for finding in causes:
         certain = _is_settled(finding) and finding.borne_out
         by_verb[LACKS[certain, finding.was is not None]].append(finding)
-    clauses = [f"{verb} {_causes_in_words(some, arm)}" for verb, some in by_verb.items() if some]
+    clauses = [
+        f"{verb} {_causes_in_words(findings, arm)}"
+        for verb, findings in by_verb.items()
+        if findings
+    ]
     return " and ".join(clauses)
 
 
@@ -284,6 +288,7 @@ def _size_of_residuals(result: Diagnosis) -> tuple[str, bool]:
 
 
 def _residuals_left(result: Diagnosis) -> str:
+    """Whether the extended arm agrees with the records within the noise, or by how much not."""
     extended = result.extended
     if not extended.has_scatter:
         return "the arm agrees with the records within the noise"

@@ -117,6 +117,7 @@ def _meshes_by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
     joint_to = {joint.child: joint for joint in robot.robot.joints}
 
     def body_of(link: str) -> int:
+        """Number of the last joint of the arm before a link; 0 without one."""
         while link in joint_to:
             joint = joint_to[link]
             if joint.name in number_of_joint:

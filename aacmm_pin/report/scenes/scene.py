@@ -121,7 +121,7 @@ class Frames:
     @property
     def data(self) -> dict[str, Any]:
         """For the page; of placements the three upper rows in single precision."""
-        rows = {path: each[:, :3].astype("<f4") for path, each in self.placements.items()}
+        rows = {path: moved[:, :3].astype("<f4") for path, moved in self.placements.items()}
         return {
             "count": len(self),
             "perSecond": self.per_second,
