@@ -61,6 +61,7 @@ class Loop:
 
 
 def _compiled(function: Callable[..., Any], signature: str, **options: bool) -> Any:
+    """A function compiled by numba, without its cache on disk if that fails."""
     import numba
 
     compile_ = partial(numba.njit, signature, nogil=True, error_model="numpy", **options)

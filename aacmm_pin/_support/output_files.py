@@ -115,6 +115,7 @@ class OutputFiles:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        """Put the files in place, or remove them; name the output that the system refused."""
         with self._stack:
             if kind is None:
                 self._put_in_place()

@@ -31,7 +31,7 @@ PREFIXES = {
     "µ": (1e-6, "ppm"),
     "n": (1e-9, "·10⁻⁹"),
 }
-"""Largest first; and in their stead, for units that take none."""
+"""Factor of each prefix, largest first, and what replaces it before units that take no prefix."""
 
 
 def in_radians(text: str) -> float:
@@ -64,8 +64,9 @@ def prefixed(unit: str, size: float) -> tuple[str, float]:
     factor, power = PREFIXES[prefix]
     if re.match(r"(rad|m|N|s|Pa)(?![²³⁴\w])", unit):
         return prefix + unit, factor
-    bare = unit.removeprefix("1")
-    return power + (bare if bare[:1] in ("", "/") else f" {bare}"), factor
+    without_one = unit.removeprefix("1")
+    gap = "" if without_one[:1] in ("", "/") else " "
+    return f"{power}{gap}{without_one}", factor
 
 
 def plain_mm(length: float) -> str:

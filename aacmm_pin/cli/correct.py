@@ -260,7 +260,7 @@ def _note_comparisons(
     compared_tips, first_in_words = [tips], "the nominal arm"
     if nominal is not None:
         compared_tips.insert(0, nominal.correct(records.q, records.conditions))
-    elif model.effects:  # geometry alone: the file may know the effects together with it
+    elif model.effects:  # perhaps no nominal arm: causes may be calibrated with the geometry
         first_in_words = "the arm without causes of error"
         compared_tips.insert(0, model.arm.positions(records.q))
     for comparison in compare(records, compared_tips, u):

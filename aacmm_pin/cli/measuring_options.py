@@ -52,7 +52,7 @@ class MeasuredHow(ContactNoise):
     ] = False
 
     def keywords(self) -> dict[str, Any]:
-        """For ``calibrate``, ``diagnose`` and ``plan_measurements``."""
+        """Keyword arguments of ``calibrate``, ``diagnose`` and ``plan_measurements``."""
         keywords = asdict(self)
         keywords["prior"] = not keywords.pop("no_prior")
         return keywords

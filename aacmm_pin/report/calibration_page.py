@@ -284,8 +284,8 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
 
 
 def bases_in_json(fit: Fit) -> dict[str, Any]:
-    """Base in the frame of the first session, and of each other one: None and [] if the references
-    are in the base, or if the records leave it open.
+    """Placement of the base in the references' frame of the first session, and of each other one;
+    None and [] if the references are in the base, or if the records do not determine it.
     """
     bases = [
         {

@@ -144,7 +144,10 @@ def magnification_of(place: Array, deviation: Array) -> float:
 
 
 def postures_of(fit: Fit) -> Array:
-    """The arm from base to tip in distant postures, in the references' frame (k, places, 3) [m]."""
+    """The arm from base to tip in some postures, in the references' frame (k, places, 3) [m].
+
+    The tip of each is the farthest from the base and the tips chosen before.
+    """
     tips, frame = fit.point.prediction.tips, fit.point.frame
     records = fit.problem.measurements
     chosen: list[int] = []
