@@ -114,7 +114,7 @@ def _begin(stop: Event) -> None:
     from tqdm import tqdm  # whoever imports this module needs no bars
 
     sys.stdout = sys.stderr  # its output is no result
-    # Its own is a semaphore of the system, which would be left behind by an end at once.
+    # The own lock of tqdm is a semaphore of the system, which os._exit would leave behind.
     tqdm.set_lock(threading.RLock())
     waits: list[Callable[[], object]] = [stop.wait]
     if (parent := parent_process()) is not None:

@@ -206,7 +206,7 @@ def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> 
 def _warn_of_large_changes(
     model: ErrorModel, change: Array, records: Measurements, arrived: Mask
 ) -> None:
-    """Warn if commands ``change`` (n, nq) [rad] revolute joints much, in most rows or in some."""
+    """Warn of a large ``change`` (n, nq) [rad] of revolute joints, in most commands or in some."""
     change = np.where(model.arm.chain.prismatic, 0.0, change)[arrived]
     if not len(change):
         return
