@@ -28,7 +28,7 @@ def main() -> None:
             f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space; expected at "
             f"least {LEAST_MEMORY / 1e6:.0f} MB"
         )
-    # As shells want it for jobs in the background.
+    # Shells ignore SIGINT for jobs in the background, which stays so.
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
         # While compiled code is loaded, no handler of Python's would run.
         signal.signal(signal.SIGINT, signal.SIG_DFL)

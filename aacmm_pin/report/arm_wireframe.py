@@ -47,9 +47,12 @@ class ArmLines:
     def placements(self, q: Array) -> Array:
         """Placements of all bodies at ``q`` (n, nq): (bodies, n, 4, 4) [m]."""
         rotation, origin = self.arm.chain.walk(q)
-        numbers = [chain.BASE, *(chain.axis(row) for row in range(1, len(self.lines)))]
-        placements = np.zeros((len(numbers), len(q), 4, 4))
-        placements[:, :, :3, :3], placements[:, :, :3, 3] = rotation[numbers], origin[numbers]
+        chain_places = [chain.BASE, *(chain.axis(row) for row in range(1, len(self.lines)))]
+        placements = np.zeros((len(chain_places), len(q), 4, 4))
+        placements[:, :, :3, :3], placements[:, :, :3, 3] = (
+            rotation[chain_places],
+            origin[chain_places],
+        )
         placements[:, :, 3, 3] = 1.0
         return placements
 

@@ -100,16 +100,18 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     # Each function has one coefficient for each quantity.
     coefficients = (model.estimate[model.entries[block]] * scales).reshape(-1, len(quantities))
     correction = functions @ coefficients
-    # Shift of the tip for one unit of each quantity (n, 3, quantities): a column is a function
-    # times the shift, so divide by the strongest function.
+    # Displacement of the tip by one unit of each quantity (n, 3, quantities): a column is a
+    # function times this displacement, so divide by the strongest function.
     strongest = np.argmax(np.abs(functions), axis=1)
     columns = (design.columns(block)[:, :3] / scales).reshape(
         len(functions), 3, -1, len(quantities)
     )
-    shift = columns[records, :, strongest] / functions[records, strongest][:, None, None]
+    displacement = columns[records, :, strongest] / functions[records, strongest][:, None, None]
     deviation = choice.deviations[:, :3]
     # Amount of each quantity that the deviation of a record contains (n, quantities).
-    contained = np.einsum("nij,ni->nj", shift, deviation) / np.square(shift).sum(axis=1)
+    contained = np.einsum("nij,ni->nj", displacement, deviation) / np.square(displacement).sum(
+        axis=1
+    )
     table = covariate.values.copy()
     for k, (name, unit) in enumerate(quantities.items()):
         table[name] = correction[:, k] / unit

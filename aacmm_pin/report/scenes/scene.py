@@ -149,7 +149,7 @@ class View:
 
     @property
     def data(self) -> dict[str, Any]:
-        """For the page: the outermost points, and the unit vector towards the camera."""
+        """View for the page: the outermost points, and the unit vector towards the camera."""
         level = np.cos(ELEVATION)
         x, y = level * np.cos(self.azimuth), level * np.sin(self.azimuth)
         # One direction at a time: the points may be hundreds of thousands.
