@@ -25,7 +25,7 @@ def chi2_isf(probability: ArrayLike, dof: ArrayLike) -> Array:
 
 
 def beta_sf(share: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
-    """Probability that a beta distributed share is larger."""
+    """Probability that a beta distributed share, of these two parameters, is larger."""
     return np.asarray(betainc(second, first, 1.0 - np.asarray(share)))
 
 

@@ -29,5 +29,5 @@ def plain(value: Any) -> Any:
 
 
 def of_models(sizes: Mapping[str, float]) -> dict[str, float]:
-    """Sizes by model; the nominal arm also has its name before 0.3."""
+    """Sizes by model; the nominal arm also by its name before version 0.3, ``simulation``."""
     return {**sizes, "simulation": sizes["nominal"]}

@@ -347,5 +347,6 @@ def _accuracy(
 
 
 def _base_is_exact(arm: Arm) -> bool:
-    of_base = [p.u for p in arm.parameters if p.joint == 1]
-    return arm.covariance is not None and arm.dh is None and not any(of_base)
+    """Whether a calibrated arm of a URDF has no uncertainty of the placement of joint 1."""
+    u_of_base = [p.u for p in arm.parameters if p.joint == 1]
+    return arm.covariance is not None and arm.dh is None and not any(u_of_base)

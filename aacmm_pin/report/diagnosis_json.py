@@ -116,7 +116,7 @@ def finding_to_dict(finding: Finding) -> dict[str, Any]:
     }
 
 
-def discrepancy_to_dicts(left: Unexplained) -> list[dict[str, Any]]:
+def discrepancy_to_dicts(unexplained: Unexplained) -> list[dict[str, Any]]:
     """The parts of the discrepancy at the tip."""
     return [
         {
@@ -125,7 +125,7 @@ def discrepancy_to_dicts(left: Unexplained) -> list[dict[str, Any]]:
             "u_mm": part.u / MM,
             "probability": part.probability,
         }
-        for part in left.discrepancy
+        for part in unexplained.discrepancy
     ]
 
 
@@ -171,15 +171,15 @@ def _held_out(diagnosis: Diagnosis) -> dict[str, Any] | None:
     }
 
 
-def _unexplained(left: Unexplained) -> dict[str, Any]:
-    shared = left.shared_by_postures
+def _unexplained(unexplained: Unexplained) -> dict[str, Any]:
+    shared_error = unexplained.shared_by_postures
     return {
-        "p_value": left.p_value,
-        "threshold": left.threshold,
-        "depends_on": left.depends_on,
-        "acts_on": left.acts_on,
-        "smooth_correction_gain": left.gain,
-        "groups": [asdict(group) for group in left.groups],
+        "p_value": unexplained.p_value,
+        "threshold": unexplained.threshold,
+        "depends_on": unexplained.depends_on,
+        "acts_on": unexplained.acts_on,
+        "smooth_correction_gain": unexplained.gain,
+        "groups": [asdict(group) for group in unexplained.groups],
         "scattered_readings": [
             {
                 "joint": readings.joint,
@@ -192,9 +192,13 @@ def _unexplained(left: Unexplained) -> dict[str, Any]:
                 "log_likelihood_ratio": readings.log_ratio,
                 "p_value": readings.p_value,
             }
-            for readings in left.readings
+            for readings in unexplained.readings
         ],
-        "shared_by_postures": shared
-        and {"rms_mm": shared.rms / MM, "times_a_record": shared.times, "p_value": shared.p_value},
-        "run_order": left.run_order and asdict(left.run_order),
+        "shared_by_postures": shared_error
+        and {
+            "rms_mm": shared_error.rms / MM,
+            "times_a_record": shared_error.times,
+            "p_value": shared_error.p_value,
+        },
+        "run_order": unexplained.run_order and asdict(unexplained.run_order),
     }

@@ -68,9 +68,9 @@ from aacmm_pin.report.plots.groups import part_in_words, place_in_words
 from aacmm_pin.report.plots.partial_residuals import state_of, varies
 from aacmm_pin.report.plots.residual_vectors import models, two_models
 from aacmm_pin.report.verdicts import (
-    beside_threshold,
     covariate_in_words,
     labels_in_words,
+    p_and_threshold,
     verdict_in_words,
 )
 
@@ -239,7 +239,7 @@ def unexplained_in_words(unexplained: Unexplained) -> Iterator[str]:
     """Sentences on the remaining structure, or that there is none."""
     for group in unexplained.apart:
         yield f"{capital(str(group))} ({p_equals(group.p_value)})."
-    tested = beside_threshold(unexplained)
+    tested = p_and_threshold(unexplained)
     if unexplained.acts_on:
         covariates = listed([*map(covariate_in_words, unexplained.acts_on)])
         p = p_equals(unexplained.p_value)

@@ -112,10 +112,10 @@ def _power(plan: MeasurementPlan) -> Iterator[str]:
     if not plan.decided:
         yield "The probability is too small to decide"
         if plan.enough is not None:
-            yield f"About {plan.enough} new records{_beside(plan)} would be enough"
+            yield f"About {plan.enough} new records{_besides_existing(plan)} would be enough"
 
 
-def _beside(plan: CalibrationPlan | MeasurementPlan) -> str:
+def _besides_existing(plan: CalibrationPlan | MeasurementPlan) -> str:
     return f" in addition to the {plan.existing} existing ones" if plan.existing else ""
 
 
@@ -133,8 +133,9 @@ def calibration_plan_document(plan: CalibrationPlan) -> Document:
 
 def calibration_plan_line(plan: CalibrationPlan) -> str:
     """Number of records, and observability and u compared with random records."""
+    besides = _besides_existing(plan)
     return (
-        f"Take {len(plan.records)} records to calibrate {plan.model.arm.name}{_beside(plan)}. "
+        f"Take {len(plan.records)} records to calibrate {plan.model.arm.name}{besides}. "
         "After calibration, the standard uncertainty u of the tip is "
         f"{plan.u / MM:.4f} mm (RMS over the postures). Random records would give "
         f"{float(np.median(plan.u_random)) / MM:.4f} mm. The observability index O1 is "

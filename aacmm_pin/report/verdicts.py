@@ -358,7 +358,7 @@ def _structure_left(result: Diagnosis) -> str:
     """The residuals have significant structure (`unexplained.p_value` is below the threshold)."""
     if result.verdict in WITH_STRUCTURE or "more causes" in result.doubts:
         return ""
-    return f"the residuals have significant structure ({beside_threshold(result.unexplained)})"
+    return f"the residuals have significant structure ({p_and_threshold(result.unexplained)})"
 
 
 def _more_causes(result: Diagnosis) -> str:
@@ -389,7 +389,7 @@ WORDS_OF_DOUBTS: Mapping[str, Callable[[Diagnosis], str]] = {
 """The sentence of each doubt, by its name; empty if the verdict, or another doubt, states it."""
 
 
-def beside_threshold(unexplained: Unexplained) -> str:
+def p_and_threshold(unexplained: Unexplained) -> str:
     """The p-value and its threshold: ``p = 0.02, threshold 0.001``."""
     return f"{p_equals(unexplained.p_value)}, threshold {unexplained.threshold:g}"
 

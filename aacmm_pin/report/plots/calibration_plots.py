@@ -18,15 +18,15 @@ from aacmm_pin.report.plots.style import (
     GREY,
     INK,
     VERMILLION,
-    aside,
     axes_of,
+    figure_of,
     legend_below,
     name_places,
     name_rows,
     numbers_by_size,
     panels_of,
     plain,
-    whole,
+    shifts_aside,
     with_cut_off,
 )
 
@@ -97,7 +97,7 @@ def plot_residuals_over_joints(
             panel.set_ylabel("")
     title = f"{result.model.arm.name}: residual along the motion of each joint, {when} calibration"
     panels[(columns - 1) // 2].set_title(title)
-    return whole(panels)
+    return figure_of(panels)
 
 
 @plain
@@ -115,7 +115,9 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     names, table = sorted(seats, key=numbers_by_size), result.residuals
     ax = axes_of(ax, (min(14.0, max(5.0, 1.6 + 0.55 * len(seats))), 3.6))
     records = np.concatenate([seats[name] for name in names])
-    abscissa = np.concatenate([k + aside(len(seats[name]), 0.28) for k, name in enumerate(names)])
+    abscissa = np.concatenate(
+        [k + shifts_aside(len(seats[name]), 0.28) for k, name in enumerate(names)]
+    )
     used, excluded = result.fit.used[records], result.fit.excluded[records]
     sizes = table[["before_mm", "after_mm"]].to_numpy()[records]
     limits = 0.0, 1.15 * float(sizes[used].max()) or 1.0
@@ -183,7 +185,7 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figur
     for panel, part in zip(panels, parts, strict=True):
         _draw_changes(part, panel)
     panels[0].set_title(title)
-    return whole(panels)
+    return figure_of(panels)
 
 
 def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:

@@ -23,12 +23,12 @@ from aacmm_pin.report.plots.style import (
     INK,
     VERMILLION,
     VOLUME_COLOURS,
-    aside,
     axes_of,
     legend_below,
     name_places,
     numbers_by_size,
     plain,
+    shifts_aside,
     with_cut_off,
 )
 
@@ -100,7 +100,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
     parts: Any = pd.cut(x, int(np.clip(len(x) // 8, 4, MOST_PARTS)), labels=False)
     if len(values) <= FEWEST_COVARIATE_VALUES:
         parts, fewest, label = x, 1, "means ± u"
-        x = x + aside(len(x), 0.12 * float(np.ptp(values)))
+        x = x + shifts_aside(len(x), 0.12 * float(np.ptp(values)))
         ax.set_xticks(values)
     means = _weighted_means(amounts, parts, fewest)
     ends = [means["value"] - means["u"], means["value"] + means["u"]]
@@ -205,7 +205,7 @@ def _plot_over_one(
     style: dict[str, Any] = {"lw": 2}
     if not is_numeric_dtype(x):
         x, names = pd.factorize(x)
-        step, aside_of_mark = 0.22, aside(len(x), 0.14)
+        step, aside_of_mark = 0.22, shifts_aside(len(x), 0.14)
         style = {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
         name_places(ax, [str(name) for name in names])
     ax.axhline(0.0, color=INK, lw=0.6)

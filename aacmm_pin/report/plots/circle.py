@@ -22,8 +22,8 @@ from aacmm_pin.report.plots.style import (
     VERMILLION,
     VOLUME_COLOURS,
     VOLUME_LABEL,
+    evenly_selected,
     plain,
-    some_of,
 )
 
 TUBE_WIDTH = 4.5
@@ -61,7 +61,7 @@ def plot_circle(
     if len(circle):
         reach = f"{len(inside)} of {len(circle)} postures within limits"
         eligible = inside if len(inside) else np.arange(len(circle))
-        _draw_postures(ax, circle, some_of(eligible, postures))
+        _draw_postures(ax, circle, evenly_selected(eligible, postures))
         _draw_elbow(ax, circle, accuracy)
     shoulder, point = circle.components.swivel.shoulder / MM, circle.point / MM
     ax.plot(*shoulder[:, None], "s", ms=7, color=INK, zorder=5, label="base (shoulder)")

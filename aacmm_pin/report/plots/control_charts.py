@@ -15,9 +15,9 @@ from aacmm_pin.report.plots.style import (
     INK,
     VERMILLION,
     axes_of,
+    figure_of,
     panels_of,
     plain,
-    whole,
 )
 from aacmm_pin.verification import ControlChart, History, brief
 
@@ -54,7 +54,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
         ax = axes_of(ax, (4.0, 1.0))
         ax.text(0.5, 0.5, "no characteristic has two checks", ha="center", va="center")
         ax.set_axis_off()
-        return whole([ax])
+        return figure_of([ax])
     panels = panels_of(ax, (9.4 / ACROSS, 1.9), len(charts), ACROSS)
     several = len({chart.arm for chart in charts}) > 1
     for k, (panel, chart) in enumerate(zip(panels, charts, strict=True)):
@@ -67,7 +67,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
             panel.set_xlabel("date (UTC)", fontsize=8)
     line_of_label = {line.get_label(): line for panel in panels for line in panel.lines}
     handles = [line_of_label[name] for name in MARKS if name in line_of_label]
-    figure = whole(panels)
+    figure = figure_of(panels)
     figure.legend(handles=handles, loc="outside lower center", ncols=len(MARKS), fontsize=7)
     return figure
 

@@ -19,11 +19,11 @@ from aacmm_pin.report.plots.style import (
     VERMILLION,
     axes_of,
     draw_bars,
+    figure_of,
     name_places,
     numbers_by_size,
     panels_of,
     plain,
-    whole,
 )
 
 MODELS = {"nominal": INK, "recalibrated": GREY, "extended": BLUE}
@@ -101,7 +101,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
         panel.set_ylabel("RMS residual [mm]")
     handles, labels = panels[0].get_legend_handles_labels()
     panels[0].figure.legend(handles, labels, loc="outside lower center", ncols=5)
-    return whole(panels)
+    return figure_of(panels)
 
 
 def _draw_groups(

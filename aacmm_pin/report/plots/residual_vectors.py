@@ -23,11 +23,11 @@ from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
     INK,
+    evenly_selected,
+    figure_of,
     panels_of,
     plain,
     round_down,
-    some_of,
-    whole,
 )
 
 VIEWS = {(0, 1): "plan (xy)", (0, 2): "side (xz)"}
@@ -93,7 +93,7 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
     panels = panels_of(ax, (4.3, 4.0), 4, 2)
     fits, last_fit = models(result), [*models(result).values()][-1]
     names, used = two_models(result), last_fit.used
-    shown = some_of(np.flatnonzero(used), MOST_VECTORS)
+    shown = evenly_selected(np.flatnonzero(used), MOST_VECTORS)
     first = fits[names[0]]
     deviation = deviations_of(result, first)[used]
     factor = magnification_of(first.point.prediction.tips[used] - deviation, deviation)
@@ -108,7 +108,7 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
         horizontal, vertical = ("xyz"[axis] for axis in plane)
         panel.set(xlabel=f"{horizontal} [mm]", ylabel=f"{vertical} [mm]", aspect="equal")
         panel.set_title(f"{name}, {VIEWS[plane]}, residuals × {factor:g}")
-    return whole(panels)
+    return figure_of(panels)
 
 
 def _draw_vectors(ax: Axes, start: Array, deviation: Array, factor: float) -> None:

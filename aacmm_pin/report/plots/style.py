@@ -102,8 +102,8 @@ def panels_of(
     return panels[:count]
 
 
-def whole(panels: Sequence[Axes]) -> Figure:
-    """The figure of several panels."""
+def figure_of(panels: Sequence[Axes]) -> Figure:
+    """The figure that contains the panels."""
     return cast(Figure, panels[0].figure)
 
 
@@ -154,7 +154,7 @@ def with_cut_off(name: str, values: Array, limits: tuple[float, float]) -> str:
     return f"{name} ({beyond} beyond the scale)" if beyond else name
 
 
-def aside(count: int, width: float) -> Array:
+def shifts_aside(count: int, width: float) -> Array:
     """Shifts within ``width`` that separate records of one place (count,)."""
     part = np.arange(count) * 0.618 % 1.0
     return np.asarray(width * (part - 0.5))
@@ -173,6 +173,6 @@ def round_down(value: float) -> float:
     return float(steps[steps <= value].max())
 
 
-def some_of(members: Index, most: int) -> Index:
+def evenly_selected(members: Index, most: int) -> Index:
     """At most so many of the members, evenly selected."""
     return members[:: max(1, -(-len(members) // most))]

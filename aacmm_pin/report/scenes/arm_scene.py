@@ -10,7 +10,7 @@ from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.plots.style import BLUE, GREY
 from aacmm_pin.report.scenes.robot_bodies import OPAQUE, BodyStyle, bodies_of
 from aacmm_pin.report.scenes.scene import Frames, Scene
-from aacmm_pin.report.scenes.stage import joint_texts, moving, place_text, stage
+from aacmm_pin.report.scenes.stage import joint_texts, place_in_first_posture, place_text, stage
 
 
 def arm_scene(model: GivenModel, q: ArrayLike, *, body_style: BodyStyle = "meshes") -> Scene:
@@ -35,5 +35,5 @@ def arm_scene(model: GivenModel, q: ArrayLike, *, body_style: BodyStyle = "meshe
     scene = stage(arm.name, caption, bodies, bodies.outline(q), tips)
     texts = {"tip x, y, z": [place_text(tip) for tip in tips], **joint_texts(arm, q)}
     colours = [BLUE if text == "within" else GREY for text in texts["limits"]]
-    scene.frames = Frames(moving(bodies, q, scene), texts, colours)
+    scene.frames = Frames(place_in_first_posture(bodies, q, scene), texts, colours)
     return scene

@@ -16,22 +16,22 @@ from aacmm_pin.report.plots.style import (
     GREY,
     VOLUME_COLOURS,
     VOLUME_LABEL,
+    evenly_selected,
     round_down,
-    some_of,
 )
 from aacmm_pin.report.scenes.robot_bodies import BodyStyle, bodies_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
 from aacmm_pin.report.scenes.stage import (
-    ahead,
     draw_ball,
     draw_ghosts,
     flat,
+    in_front,
     joint_texts,
-    moving,
-    on_slider,
+    place_in_first_posture,
     place_text,
     placed_at,
     prisms,
+    slider_in_words,
     stage,
 )
 
@@ -75,7 +75,7 @@ def circle_scene(
         raise AacmmError(f"{circle}; expected one posture or more")
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
     eligible = inside if len(inside) else np.arange(len(circle.q))
-    members = some_of(eligible, MOST_CIRCLE_FRAMES)
+    members = evenly_selected(eligible, MOST_CIRCLE_FRAMES)
     q, bodies = circle.q[members], bodies_of(circle.arm, body_style)
     path, path_name = _path_of(circle)
     points = np.vstack([bodies.outline(circle.q), path])
@@ -91,12 +91,12 @@ def circle_scene(
     )
     within = " within the joint limits" if len(inside) else ""
     postures_in_words = f"postures{within}, one closed curve after the other"
-    scene.notes.insert(0, on_slider(len(members), len(eligible), postures_in_words))
-    draw_ghosts(scene, bodies.radius, bodies.corners(circle.q[some_of(eligible, GHOSTS)]))
+    scene.notes.insert(0, slider_in_words(len(members), len(eligible), postures_in_words))
+    draw_ghosts(scene, bodies.radius, bodies.corners(circle.q[evenly_selected(eligible, GHOSTS)]))
     draw_ball(scene, "point", "working point", 0.75 * bodies.radius, circle.point)
     colours = np.tile(to_rgb(GREY), (len(circle.q), 1))
     colours[inside] = to_rgb(BLUE)
-    moves = moving(bodies, q, scene)
+    moves = place_in_first_posture(bodies, q, scene)
     texts = {"component": [str(number) for number in circle.component[members]]}
     if isinstance(circle, ConfigurationCircle):
         texts["swivel angle"] = [f"{angle:.1f}°" for angle in circle.swivel[members] / DEG]
@@ -142,7 +142,7 @@ def _draw_path(
     scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
 ) -> None:
     """Draw the path of the elbow or joint in ``colours`` (n, 3); grey outside the limits."""
-    pairs = _neighbours(circle, some_of(np.arange(len(circle.q)), PATH_POINTS))
+    pairs = _neighbours(circle, evenly_selected(np.arange(len(circle.q)), PATH_POINTS))
     is_within = circle.within_limits[pairs].all(axis=1)
     within, outside = pairs[is_within], pairs[~is_within]
     if len(outside):
@@ -171,7 +171,7 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     drawn_half = factor * np.maximum(half, THIN * half.max(axis=1, keepdims=True))
     placements = placed_at(np.tile(centre, (len(vectors), 1)))
     placements[:, :3, :3] = vectors * drawn_half[:, None, :]
-    scene["accuracy"].set_object(Sphere(1.0), ahead(ELLIPSOID, 0.6))
+    scene["accuracy"].set_object(Sphere(1.0), in_front(ELLIPSOID, 0.6))
     scene["accuracy"].set_transform(placements[0])
     scene.explain(ELLIPSOID, "uncertainty ellipsoid of the posture", "area")
     scene.notes.insert(

@@ -16,14 +16,14 @@ from aacmm_pin.report.plots.residual_vectors import (
     models,
     rms_of,
 )
-from aacmm_pin.report.plots.style import some_of
+from aacmm_pin.report.plots.style import evenly_selected
 from aacmm_pin.report.scenes.robot_bodies import BodyStyle, bodies_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
 from aacmm_pin.report.scenes.stage import (
     draw_ball,
     flat,
     joint_texts,
-    moving,
+    place_in_first_posture,
     place_text,
     placed_at,
     prisms,
@@ -64,7 +64,7 @@ def residual_scene(
         of_model: np.linalg.norm(deviations_of(result, model_fit), axis=1) / MM
         for of_model, model_fit in fits.items()
     }
-    chosen = some_of(np.flatnonzero(last_fit.used), MOST_VECTORS)
+    chosen = evenly_selected(np.flatnonzero(last_fit.used), MOST_VECTORS)
     chosen = chosen[np.argsort(-distances_mm[name][chosen], kind="stable")]
     # In the base, where the arm is drawn.
     frame, records = fit.point.frame, fit.problem.measurements
@@ -100,7 +100,7 @@ def residual_scene(
         texts[f"residual, {of_model}"] = [f"{mm:.4f} mm" for mm in distances[chosen]]
     texts |= joint_texts(arm, q)
     del texts["limits"]
-    moves = moving(bodies, q, scene) | {"record": placed_at(target)}
+    moves = place_in_first_posture(bodies, q, scene) | {"record": placed_at(target)}
     scene.frames = Frames(moves, texts, colours, per_second=PER_SECOND)
     return scene
 

@@ -164,8 +164,8 @@ def _scale(node: Any, size: float) -> None:
     node.set_transform(np.diag([size, size, size, 1.0]))
 
 
-def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
-    """Move the bodies to the first posture; return the placements of the moving bodies by path."""
+def place_in_first_posture(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
+    """Place the bodies; return the placements in all postures of the moving bodies, by path."""
     placements_of_path = {
         f"arm/body {k}": placements for k, placements in enumerate(bodies.placements(q))
     }
@@ -185,7 +185,7 @@ def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
 
 def draw_ball(scene: Scene, path: str, what: str, radius: float, place: Array) -> None:
     """Draw a ball at ``place`` (3,) [m] that nothing hides."""
-    _put(scene[path], Sphere(radius), placed_at(place), ahead(VERMILLION, 0.85))
+    _put(scene[path], Sphere(radius), placed_at(place), in_front(VERMILLION, 0.85))
     scene.explain(VERMILLION, what)
 
 
@@ -207,7 +207,7 @@ def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
     return texts | {"limits": limits}
 
 
-def on_slider(frames: int, number: int, things: str) -> str:
+def slider_in_words(frames: int, number: int, things: str) -> str:
     """How many of ``number`` things are on the slider."""
     part = "" if frames == number else f"{frames} of "
     return f"The slider shows {part}the {number} {things}."
@@ -238,7 +238,7 @@ def flat(colour: str = "white", *, by_vertex: bool = False) -> Any:
     return MeshBasicMaterial(color=colour_number(colour), vertexColors=by_vertex)
 
 
-def ahead(colour: str, opacity: float) -> Any:
+def in_front(colour: str, opacity: float) -> Any:
     """Material that nothing hides, drawn last."""
     return MeshPhongMaterial(
         color=colour_number(colour),
