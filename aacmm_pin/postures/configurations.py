@@ -244,7 +244,6 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
 def _sampled(
     arm: Arm, point: Array, at: str, components: Components, count: int, notes: tuple[Note, ...]
 ) -> ConfigurationCircle:
-    """The circle at one point, with ``count`` postures on each of its curves."""
     q = np.empty((0, arm.nq))
     component = np.empty(0, dtype=np.intp)
     if components.curves:

@@ -304,8 +304,8 @@ def nearest_vertices(begin: int, end: int, vertices: Array, space: Array) -> tup
 def is_at_chord(begin: int, end: int, vertices: Array, space: Array) -> bool:
     """Whether ``SOUGHT`` is as close to the chord between two vertices as their curve is.
 
-    Puts the nearest point of the chord into ``GUESS``, and ``SOUGHT`` into ``IMAGE``, with the
-    whole revolutions of the first vertex.
+    Puts the nearest point of the chord into ``GUESS``, and ``SOUGHT``, in the revolutions of the
+    chord, into ``IMAGE``.
     """
     squared_chord = 1e-200
     product = 0.0
@@ -323,8 +323,8 @@ def is_at_chord(begin: int, end: int, vertices: Array, space: Array) -> bool:
 
 
 def curve_meets_plane(links: Array, tangent: int, space: Array) -> bool:
-    """Whether the curve near ``GUESS`` passes ``IMAGE``: cuts the plane through it, with the
-    ``tangent`` (a row) as normal, there. Moves ``GUESS`` into that plane, and to the curve.
+    """Whether the curve near ``GUESS`` passes ``IMAGE``. Moves ``GUESS`` to where the curve cuts
+    the plane through ``IMAGE`` across the ``tangent`` (a row).
     """
     n = space.shape[1] - 2
     beyond = 0.0
@@ -346,8 +346,6 @@ def trace(
 ) -> tuple[int, int, bool]:
     """Follow the curve through ``START``, a regular solution, once around.
 
-    If no step is short enough, the ``LEAPS`` from the last ``STEADY`` vertex are tried.
-
     Args:
         links, space: see :func:`newton`.
         begin: number of its first vertex.
@@ -365,8 +363,8 @@ def trace(
         space[HERE + 2, j] = space[STEADY + 2, j] = 0.0
     length = FIRST_STEP
     end = begin + 1
-    leaps = 0
-    leap = 0
+    crossings = 0
+    leap = 0  # number of the leap over a crossing that is tried; 0 for a step along the curve
     for step in range(most):
         vertex = HERE
         predicted = length
@@ -380,8 +378,8 @@ def trace(
             length *= SHORTENED
             if length < SHORTEST_STEP:
                 leap = 1
-                leaps = leaps + 1
-            if leaps > MOST_LEAPS:
+                crossings = crossings + 1
+            if crossings > MOST_LEAPS:
                 return end, step + 1, False
             continue
         if sign_ahead == 0.0:
@@ -437,7 +435,7 @@ def follow(links: Array, vertex: int, length: float, most_correction: float, spa
 def passes_start(links: Array, moved: float, space: Array) -> bool:
     """Whether the step from ``HERE`` to ``AHEAD``, of length ``moved``, passes ``START``.
 
-    Uses ``IMAGE`` for ``START`` and ``GUESS`` for the nearest point of the step.
+    ``IMAGE`` becomes ``START``, ``GUESS`` the nearest point of the step.
     """
     n = space.shape[1] - 2
     along = 0.0
@@ -460,8 +458,8 @@ def passes_start(links: Array, moved: float, space: Array) -> bool:
 
 
 def correct(links: Array, row: int, tangent: int, most: int, space: Array) -> tuple[bool, float]:
-    """Move a ``row`` at right angles to the ``tangent`` (another row) to a solution, in at most
-    ``most`` Newton steps. Leave the null vector of J in the last column of the matrix.
+    """Move a ``row`` across the ``tangent`` (another row) to a solution in at most ``most`` steps;
+    leave the null vector of J in the last column of the matrix.
 
     Returns:
         whether it arrived, and the sign of det [J; tᵀ].

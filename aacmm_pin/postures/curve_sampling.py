@@ -160,9 +160,7 @@ def evenly(
     """``count`` solutions on each curve, evenly spaced along a path.
 
     Args:
-        equations: of the curves.
         curves: at least one.
-        count: of each curve.
         path: from solutions along a curve (m, k) to places (m, any). If these stand still, the
             angles count.
 
@@ -233,9 +231,8 @@ def _solutions_at_swivel(
     """Postures (n, k) on each ``piece`` (n,) with swivel ``wanted`` (n,), ``ahead`` of its start;
     and which were found.
 
-    False position, every trial moved onto the curve. It replaces the end on its side of the wanted
-    swivel; the gap of an end that stays is weighted less and less: N. Anderson, Å. Björck, "A new
-    high order method of regula falsi type", BIT 13 (1973).
+    False position, every trial moved onto the curve; an end that stays counts less and less: N.
+    Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
     """
     problem = pieces.problem[piece]
     open_rows = np.arange(len(piece))
@@ -364,9 +361,7 @@ def arc_fractions(components: Components, limits: Array) -> Array:
 
 
 def _covered_bins(problem: Index, start: Array, change: Array, points: int) -> Index:
-    """Number of ``ARC_BINS`` with the centre on an arc of each point (points,); arcs (n,) go from
-    ``start`` over ``change`` [rad].
-    """
+    """Number of ``ARC_BINS`` with the centre on an arc from ``start`` over ``change`` (points,)."""
     bins = ARC_BINS
     bins_per_radian = bins / (2 * np.pi)
     low = np.where(change >= 0, start, start + change) % (2 * np.pi) * bins_per_radian

@@ -29,7 +29,6 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
 
     Args:
         dh: table with exactly six joints, the first six rows.
-        points: (m, 3) [m].
         stylus: unit direction in the last frame (3,).
         axis: its wanted unit direction in the base (3,).
     """
