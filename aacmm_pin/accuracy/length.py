@@ -159,7 +159,7 @@ def length_uncertainty_between(
 
 
 def _directions(difference: Array) -> tuple[Array, Array]:
-    """Unit directions (n, 3) and lengths (n,) [m]; refuses coinciding points."""
+    """Unit directions (n, 3) and lengths (n,) [m]."""
     length = np.linalg.norm(difference, axis=1)
     if (length < SHORTEST).any():
         raise AacmmError(

@@ -307,7 +307,7 @@ def accuracy_volume(
 def _parts(
     q: Array, conditions: Conditions | None, size: int = POSTURES_AT_ONCE
 ) -> Iterator[tuple[Array, Conditions | None]]:
-    """Postures and their conditions, ``size`` at once; a single record holds for all postures."""
+    """Postures with their conditions; a single record holds for all."""
     for rows in chunks(len(q), size):
         postures = q[rows]
         if conditions is None:
@@ -320,7 +320,7 @@ def _parts(
 def _first_order(
     sources: ErrorSources, method: Method, part: tuple[Array, Conditions | None]
 ) -> tuple[Array, Array]:
-    """Volume (n,) [m³] and covariance (n, 3, 3) [m²] of postures and their conditions."""
+    """Volume (n,) [m³] and covariance (n, 3, 3) [m²]."""
     from aacmm_pin.accuracy import zonotope
 
     sensitivity = sources.sensitivity(*part)

@@ -373,7 +373,7 @@ def _smallest(groups: Index, values: Array) -> Index:
 
 
 def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Array:
-    """The stated extent, checked, else one around the reach, in round numbers (4,) [m]."""
+    """As stated, else around the reach, in round numbers (4,) [m]."""
     wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP, revolute=True))
     if extent is None:
         reached = box_of_wrist(wrist)

@@ -458,7 +458,7 @@ class Arm(Shown):
         return chain.end(row - 1)
 
     def _over_rows(self, of_joints: Array) -> Array:
-        """Values of joints (nq, …) as those of rows (rows, …), zero for rigid ones."""
+        """Values of joints as those of rows, zero for rigid ones."""
         values = np.zeros((self.chain.rows, *of_joints.shape[1:]))
         values[np.array(self.chain.joint_rows()) - 1] = of_joints
         return values
@@ -620,7 +620,6 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
 
 
 def _corrected(nominal: Any, file: UrdfArmFile, mimics: tuple[Mimic, ...] = ()) -> Arm:
-    """The arm of a nominal Pinocchio model with the corrections of its file."""
     if not file.joints:
         joints = [UrdfJoint.model_construct(name=name) for name in nominal.names[1:]]
         file = file.model_copy(update={"joints": joints})

@@ -95,7 +95,6 @@ def link_text(
 
 
 def _links_of_row(row: DHRow, number: int, parent: str, standard: bool, is_last: bool) -> list[str]:
-    """Links of a DH row, of which ``frame<number>`` is the last."""
     a = row.a_mm * MM
     d = row.d_mm * MM
     tilt = (row.alpha_rad, 0.0, 0.0)

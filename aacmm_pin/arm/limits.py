@@ -59,8 +59,7 @@ def whole_turn_notes(q: Array, limits: Array, slides: Mask) -> list[Note]:
 
 
 def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
-    """The fractions of straight steps from ``start`` to ``end`` between which they are inside the
-    limits.
+    """The fractions of steps from ``start`` to ``end`` between which they are inside the limits.
 
     Args:
         start, end: (n, nq) [rad], less than π apart.

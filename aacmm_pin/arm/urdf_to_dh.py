@@ -173,7 +173,6 @@ def _row(z: Array, point: Array) -> StandardRow:
 
 
 def _motion(row: StandardRow) -> Array:
-    """Transform of a row (4, 4) [m]."""
     (about_z,) = screws(np.array([row.theta]), row.d, 2)
     (about_x,) = screws(np.array([row.alpha]), row.a, 0)
     return np.asarray(about_z @ about_x)

@@ -92,7 +92,7 @@ def candidates(
 def _conditions(
     task: Task, set_up: MeasurementConditions, postures: Measurements, rng: np.random.Generator
 ) -> Conditions:
-    """Conditions of the postures: those free in the set-up at random, others as before."""
+    """Those free in the set-up at random, others as before."""
     arm = set_up.model.arm
     n = postures.n
     existing = task.conditions

@@ -165,7 +165,7 @@ def for_all(
 def _chosen(
     situation: Situation, sizes: Sequence[Array], pairs: Sequence[Pair], steps: Iterable[int]
 ) -> list[int]:
-    """Numbers of the records of the pool that separate the worst of ``pairs`` best."""
+    """Records of the pool that separate the worst of ``pairs`` best."""
     rows = situation.rows
     width = rows.shape[2]
     loose_prior = np.where(np.arange(width) < situation.nuisances, 0.0, LOOSE)

@@ -79,7 +79,6 @@ Change = tuple[str, dict[str, Any]]
 def _changes(
     arm: Arm, causes: tuple[Effect, ...], reference_temperature: float
 ) -> Iterator[Change]:
-    """Changes of how records are taken, by effort, which may show a cause."""
     rows = arm.chain.moving_rows()
     joints = sorted(
         {rows.index(e.row) + 1 for e in causes if "approach" in e.needs and e.row in rows}
@@ -98,7 +97,7 @@ def _changes(
 
 
 def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
-    """Changes of the arm file: a load after the last joint but one, or a rotated mount."""
+    """A load after the last joint but one, or a rotated mount."""
     if arm.masses is not None:
         rows = arm.chain.moving_rows()
         row = rows[-2] if len(rows) > 1 else rows[-1]

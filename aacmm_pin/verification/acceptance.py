@@ -372,23 +372,25 @@ def _in_range(evaluated: Evaluated, longest: float, measuring_range: float) -> E
 def _notes(
     figures: Sequence[CharacteristicValue], measuring_range: float | None
 ) -> tuple[Note, ...]:
-    judged = [figure for figure in figures if figure.verdict is not None]
-    unstated = [f for f in judged if not f.stated]
-    partly = [f for f in judged if f.stated and f.stated < len(f.evaluated.errors)]
+    with_verdict = [figure for figure in figures if figure.verdict is not None]
+    no_u = [f for f in with_verdict if not f.stated]
+    u_of_some = [f for f in with_verdict if f.stated and f.stated < len(f.evaluated.errors)]
     by_code: dict[str, list[CharacteristicValue]] = {"guard_band_zero": [], "no_guard_band": []}
-    for figure in unstated:
-        alone = figure.definition.name.startswith(UNCALIBRATED)
-        by_code["no_guard_band" if alone else "guard_band_zero"].append(figure)
-    by_code["some_guard_bands_zero"] = partly
+    for figure in no_u:
+        is_uncalibrated = figure.definition.name.startswith(UNCALIBRATED)
+        by_code["no_guard_band" if is_uncalibrated else "guard_band_zero"].append(figure)
+    by_code["some_guard_bands_zero"] = u_of_some
     notes = []
     for code, of_code in by_code.items():
         names = [*dict.fromkeys(figure.definition.name for figure in of_code)]
         if names:
             notes.append(Note(code, {"figures": names}))
-    far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.largest.value), MM)]
-    for name, mpe in {f.definition.name: f.mpe for f in far}.items():
+    far_below = [
+        f for f in with_verdict if f.mpe > max(FAR_BELOW * abs(f.evaluated.largest.value), MM)
+    ]
+    for name, mpe in {f.definition.name: f.mpe for f in far_below}.items():
         notes.append(Note("mpe_large", {"figure": name, "mpe": mpe, "times": FAR_BELOW}))
-    for figure in judged:
+    for figure in with_verdict:
         if figure.decided_by is not None:
             data = {
                 "figure": figure.definition.name,

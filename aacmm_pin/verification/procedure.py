@@ -215,7 +215,7 @@ def _stands(arm: Arm) -> bool:
 
 
 def _shoulder(arm: Arm) -> Array:
-    """Origin of joint axis 2, else of the only axis, at joint values of zero (3,) [m]."""
+    """Origin of joint axis 2 (or the only one) at zero joint values (3,) [m]."""
     _, origin = arm.chain.at_zero
     first_two = arm.chain.moving_axes()[:2]
     return np.asarray(origin[first_two[-1]])
@@ -223,7 +223,7 @@ def _shoulder(arm: Arm) -> Array:
 
 @dataclass(eq=False)
 class _Layout:
-    """Probed points so far: other cells of their rows, point (3,) [m] and posture (nq,)."""
+    """Points so far: other cells of the row, point (3,) [m] and posture (nq,) of each."""
 
     pool: Pool
     sphere_diameter: float
