@@ -66,8 +66,9 @@ def coupling_matrix(couplings: Sequence[Coupling], rows: Sequence[int]) -> Array
         stated.add(pair)
         matrix[pair] = coupling.ratio
     length = np.linalg.norm(matrix, axis=0)
-    unit = matrix / np.where(length > 0.0, length, 1.0)
-    if np.linalg.svd(unit, compute_uv=False)[-1] < SINGULAR:
+    unit_columns = matrix / np.where(length > 0.0, length, 1.0)
+    singular_values = np.linalg.svd(unit_columns, compute_uv=False)
+    if singular_values[-1] < SINGULAR:
         raise ValueError(
             "the couplings are singular, because other readings give the same joint angles; change "
             "a ratio"

@@ -370,9 +370,8 @@ class _Layout:
         to_middle = lengths[-1] / 2
         placed: list[tuple[Array, Array]] = []
         for wanted in (*level_axes, up, *diagonals):
-            directions = wanted + np.arange(TRIED)[:, None] / TRIED * self.rng.normal(
-                size=(TRIED, 3)
-            )
+            deviation = np.arange(TRIED)[:, None] / TRIED
+            directions = wanted + deviation * self.rng.normal(size=(TRIED, 3))
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
             for direction in directions:  # the wanted one first, then others, farther from it
                 starts = self._bar_starts(direction, lengths, thinnest)
