@@ -119,7 +119,7 @@ def _floats(values: ArrayLike, name: str) -> Array:
 
 
 def _check_plausible(array: Array, name: str, unit: str) -> None:
-    """Refuse numbers that are not finite, outside the range of ``unit``, or angles in degrees."""
+    """Refuse numbers not finite, outside the range of ``unit``, or in degrees."""
     # NaN is the smallest and the largest.
     if array.size and not np.isfinite([array.min(), array.max()]).all():
         not_finite = np.argwhere(~np.isfinite(array))

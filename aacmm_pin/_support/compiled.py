@@ -61,7 +61,6 @@ class Loop:
 
 
 def _compiled(function: Callable[..., Any], signature: str, **options: bool) -> Any:
-    """A function compiled by numba, without its cache on disk if that fails."""
     import numba
 
     compile_ = partial(numba.njit, signature, nogil=True, error_model="numpy", **options)
@@ -73,10 +72,7 @@ def _compiled(function: Callable[..., Any], signature: str, **options: bool) -> 
 
 @cache
 def _globals_of(helpers: Helpers) -> dict[str, Any]:
-    """Global names of the helpers' module, in which the compiled helpers replace those of Python.
-
-    They are compiled once for all loops.
-    """
+    """Globals of the helpers' module with compiled helpers, which all loops share."""
     import numba
 
     names = dict(helpers[0][0].__globals__)

@@ -47,9 +47,7 @@ class Problems:
         self.found.append((None, shortened(column), message))
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
-        """Add a problem of the rows ``bad`` (n,), if any: ``message`` with the ``values`` (n,) of
-        the first of them.
-        """
+        """Add a problem of rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first."""
         rows = np.flatnonzero(bad)
         if not rows.size:
             return
@@ -67,12 +65,7 @@ class Problems:
         by: pd.Series,
         of: str,
     ) -> Index:
-        """Add a problem of rows whose value differs from that of their group.
-
-        Args:
-            stated: rows that state a value (n,).
-            by: group of each row (n,).
-            of: what a group is, in words.
+        """Add a problem of rows that state another value than their group ``by`` (n,), one ``of``.
 
         Returns:
             First row of each row's group that states a value (n,), or -1.

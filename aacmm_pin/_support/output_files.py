@@ -115,7 +115,6 @@ class OutputFiles:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Put the files in place, or remove them; name the output that the system refused."""
         with self._stack:
             if kind is None:
                 self._put_in_place()
@@ -143,7 +142,6 @@ class OutputFiles:
             return place
 
     def _require_free(self, path: Path) -> None:
-        """Refuse an input of the task, and without ``force`` every existing file."""
         if any(are_same(path, file) for file in self._inputs):
             raise is_input(path)
         if path.exists() and not self._force:
@@ -209,9 +207,7 @@ def _write_error(path: Path, error: OSError) -> OutputError:
 
 @contextmanager
 def _as_output_errors(path: Path) -> Iterator[None]:
-    """Raise system errors as :class:`OutputError`; only a closed pipe after standard output stays
-    a ``BrokenPipeError``.
-    """
+    """System errors as :class:`OutputError`, except that the reader of standard output ended."""
     try:
         yield
     except OSError as error:
@@ -229,7 +225,6 @@ def _is_stream(path: Path) -> bool:
 
 
 def _check_folder(path: Path, folder: Path) -> None:
-    """Refuse output ``path`` if nothing can be written into its ``folder``."""
     if not folder.is_dir():
         raise OutputError(
             f"{path}: the folder {folder} does not exist; create this folder, or name another "
@@ -243,7 +238,6 @@ def _check_folder(path: Path, folder: Path) -> None:
 
 
 def _copy_to_stream(temporary: Path, stream: Path) -> None:
-    """Write a complete file to a pipe, or to the stream of results for :data:`STDOUT`."""
     content = temporary.read_bytes()
     if str(stream) not in STDOUT:
         stream.write_bytes(content)

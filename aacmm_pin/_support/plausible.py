@@ -169,9 +169,7 @@ EXPECTED = {
 
 
 def expected_words(problem: Any) -> str:
-    """What to write in place of the value that pydantic refused with ``problem``, one of its
-    ``errors()``.
-    """
+    """What pydantic expected, by one of its ``errors()``."""
     words = EXPECTED.get(problem["type"])
     if words is None:
         return re.sub(r"^\w+ should (be|have) ", "", problem["msg"])

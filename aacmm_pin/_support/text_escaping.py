@@ -135,7 +135,6 @@ def csv_text(
 
 
 def _quoted(value: object) -> object:
-    """The cell of a value: text without formulas, ``true``, ``false``, "" if missing, or itself."""
     if isinstance(value, str):
         return csv_quoted(value)
     if isinstance(value, bool):

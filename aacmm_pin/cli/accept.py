@@ -199,7 +199,6 @@ def _stated_limits(text: str) -> dict[str, Any]:
 
 
 def _note_history(checks: History, path: Path | None) -> None:
-    """Note if other checks are not compared, or if this check is not appended."""
     instruments = ", ".join(
         repr(name) for name in sorted(checks.checks["instrument"].unique()) if name
     )
@@ -216,7 +215,6 @@ def _note_history(checks: History, path: Path | None) -> None:
 
 
 def _when(time: str | None, path: str) -> datetime:
-    """The time of ``--time``, or else that of the last change of the data file."""
     if time is None:
         return datetime.fromtimestamp(Path(path).stat().st_mtime, UTC).replace(microsecond=0)
     try:
@@ -228,7 +226,7 @@ def _when(time: str | None, path: str) -> datetime:
 
 
 def _next_step(arm: list[str], path: str) -> str:
-    """How to find the cause of a nonconformity with the probed points; ``arm``: words for it."""
+    """How to find the cause of a nonconformity; ``arm``: words for the command."""
     try:
         seats = Measurements.read(path).seats()
     except MeasurementFileError:

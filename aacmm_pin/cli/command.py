@@ -47,9 +47,7 @@ def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., Non
 
 
 def _options(function: Callable[..., Any]) -> Iterator[inspect.Parameter]:
-    """Parameters of a function or dataclass, in which fields replace parameters that are
-    dataclasses.
-    """
+    """Parameters, where fields replace those that are dataclasses."""
     types = get_type_hints(function, include_extras=True)
     for name, parameter in inspect.signature(function).parameters.items():
         if is_dataclass(types[name]):

@@ -65,8 +65,6 @@ def output_option(metavar: str, help_: str, *names: str) -> Any:
 
 
 def arm_file_option(help_: str, *names: str) -> Any:
-    """An option for an arm file to write; it refuses names of pages and pictures."""
-
     def checked(path: Path | None) -> Path | None:
         from aacmm_pin.report import suffixes  # the list of commands needs none
 

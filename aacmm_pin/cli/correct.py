@@ -298,8 +298,8 @@ def _u_of_commands(
     records: Measurements,
     encoder_noise: float | None,
 ) -> Array:
-    """u of the tip in the base, and after an alignment of the base (n, 2) [m]; nan if no
-    uncertainty is stated, and for commands that are nan.
+    """u of the tip in the base, and after its alignment (n, 2) [m]; nan without a command or
+    stated uncertainty.
     """
     u = np.full((len(commands), 2), np.nan)
     usable = np.flatnonzero(np.isfinite(commands).all(axis=1))
@@ -347,6 +347,6 @@ def _accuracy(
 
 
 def _base_is_exact(arm: Arm) -> bool:
-    """Whether a calibrated arm of a URDF has no uncertainty of the placement of joint 1."""
+    """Whether a calibrated URDF has no uncertainty of joint 1."""
     u_of_base = [p.u for p in arm.parameters if p.joint == 1]
     return arm.covariance is not None and arm.dh is None and not any(u_of_base)

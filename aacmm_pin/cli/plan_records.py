@@ -90,7 +90,6 @@ def plan_records(
     document_of: Callable[[Plan], Document],
     arm_out: Path | None = None,
 ) -> Plan:
-    """Plan records by ``choose``, show and write the plan; with ``arm_out`` also its set-up."""
     with Results(planned, planned.output, arm_out, page=planned.sheet) as results:
         model, existing = restrict_to_known_range(arm.model()), None
         if planned.existing is not None:

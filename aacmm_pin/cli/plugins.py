@@ -41,7 +41,6 @@ def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
 
 
 def _load(origin: str, load: Callable[[], Any]) -> None:
-    """Import a plugin by ``load``; errors name its ``origin``, and a note asks for a cause."""
     registered = dict(CAUSES)
     try:
         with redirect_stdout(sys.stderr):  # what a module prints is no result

@@ -106,9 +106,7 @@ class Orientation:
         return result
 
     def _postures(self, arm: Arm, point: Array) -> PosturesAtPoint:
-        """All postures at a point (3,) [m], by the closed form if the arm has one; an empty result
-        states the reason.
-        """
+        """All postures at a point (3,) [m]; an empty result states the reason."""
         has_table, tip = arm.dh is not None, self.oriented or arm.dh is None
         if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
             return configuration_circle(arm, point, tip=tip, axis=self.axis, count=self.count)

@@ -112,7 +112,6 @@ def _posture(arm: Arm, text: str | None) -> Array:
 
 
 def _serve(html: str, browser: bool) -> None:
-    """Serve a page to this computer alone, until Ctrl-C."""
     page = html.encode()
 
     class Page(BaseHTTPRequestHandler):

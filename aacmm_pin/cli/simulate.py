@@ -177,7 +177,6 @@ def run(
 def _refuse_options_without_use(
     context: typer.Context, scheme: Scheme, procedure: Path | None, no_seat_coordinates: bool
 ) -> None:
-    """Refuse options that do nothing with this scheme or the other options."""
     reasons = {
         option: f"requires --scheme {' or '.join(schemes)}"
         for option, schemes in SCHEMES_WITH.items()
@@ -200,7 +199,6 @@ def _refuse_options_without_use(
 
 
 def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:
-    """Refuse causes without values, and those that do not change the records."""
     for effect in effects:
         if not any(effect.values):
             values = ",".join(f"{name}=VALUE" for name in effect.file_values())

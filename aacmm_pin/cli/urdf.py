@@ -124,9 +124,7 @@ def _undetermined_tool(arm: Arm) -> list[str]:
 
 
 def _note_of_causes(model: ErrorModel, form: str, contained: Sequence[Effect] = ()) -> None:
-    """Note the causes that a file of this ``form`` lacks, and how far they move the tip, if known;
-    ``contained`` are in the file.
-    """
+    """Note causes that a file of this ``form`` lacks, and how far they move the tip, if known."""
     acting = [effect for effect in model.effects if not is_of_setup(effect)]
     left_out = [effect.label for effect in acting if effect not in contained]
     if not left_out:
@@ -151,7 +149,7 @@ def _note_of_causes(model: ErrorModel, form: str, contained: Sequence[Effect] = 
 
 
 def urdf_of(model: ErrorModel) -> bytes:
-    """The URDF of a model, with a note on causes that a URDF cannot state."""
+    """The URDF, with a note on causes that it cannot state."""
     offsets = [e for e in model.effects if isinstance(e, StylusOffset) and e.marker is None]
     _note_of_causes(model, "URDF", offsets)
     file = model.file()

@@ -177,7 +177,6 @@ def history_blocks(history: History) -> Iterator[Block]:
 
 
 def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
-    """What the verdict depends on: origin of coordinates, stated values, lengths, details."""
     origins = [
         "from the file" if arm == AS_GIVEN else f"from readings by {arm}" for arm in result.overall
     ]

@@ -70,7 +70,7 @@ def _dh_rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
 
 
 def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFrame:
-    """DH rows as text, with the half-widths [m, rad] of parameters by name, such as ``a2``."""
+    """DH rows as text, with half-widths [m, rad] by name, such as ``a2``."""
     table = pd.DataFrame({"row": range(1, dh.rows + 1)})
     for kind, values in zip(KINDS, dh.values().T, strict=True):
         scale = MM if kind in ("a", "d") else DEG

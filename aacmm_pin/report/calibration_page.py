@@ -409,7 +409,6 @@ def _parameters_section(result: Calibration) -> Iterator[Block]:
 
 
 def _parameter_table(table: pd.DataFrame) -> Table:
-    """Parameters in words; those that are determined only in combination come last."""
     rows = []
     in_combination = table["known"] == IN_COMBINATION
     for row in pd.concat([table[~in_combination], table[in_combination]]).to_dict("records"):

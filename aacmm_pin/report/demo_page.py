@@ -232,7 +232,7 @@ def run_demo(
 
 
 def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
-    """A cause to be found, and records of an arm with this cause and with errors of geometry."""
+    """A hidden cause, and records of an arm that has it."""
     rng = np.random.default_rng(SEED)
     phase = rng.uniform(-np.pi, np.pi)
     hidden = EncoderEccentricity(JOINT, values=(SIZE * np.cos(phase), SIZE * np.sin(phase)))

@@ -28,7 +28,7 @@ on.
 
 
 def notes_of(result: Diagnosis) -> Iterator[Note]:
-    """Notes on what the diagnosis did not try, assumed, or found besides the causes."""
+    """Notes on what the diagnosis did not try or assumed."""
     choice, extended, findings = result.choice, result.extended, result.findings
     arm, conditions = result.model.arm, extended.problem.measurements.conditions
     yield from notes_of_fit(extended)

@@ -265,7 +265,6 @@ def unexplained_in_words(unexplained: Unexplained) -> Iterator[str]:
 
 
 def _saved_in_words(result: Diagnosis) -> Iterator[str]:
-    """Whether the arm file has the discrepancy, and which parts no arm file can have."""
     covariates = [part.covariate for part in result.unexplained.discrepancy]
     not_saved = result.not_saved
     can_be_saved = " and on ".join(
@@ -336,8 +335,7 @@ def places_table(result: Diagnosis) -> pd.DataFrame:
 
 
 def _forms_in_words(result: Diagnosis, place: Place) -> str:
-    """The causes, or sets of causes, that may act at a place, each with its probability."""
-    """The causes, or sets of causes, that may act at a place, each with its probability."""
+    """Sets of causes that may act at a place, with their probabilities."""
     texts = []
     for labels, p in place.forms.items():
         if p >= THRESHOLDS.rival:

@@ -52,7 +52,6 @@ def measurements_document(
 
 
 def _range(values: NDArray[Any]) -> str:
-    """The labels of a column, or the smallest and largest number."""
     if values.dtype == object:
         labels = [label for label in dict.fromkeys(values) if label]
         more = " …" if len(labels) > VALUES_LISTED else ""

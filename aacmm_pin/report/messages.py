@@ -35,8 +35,6 @@ def sentence(note: Note) -> str:
 
 
 class _Values(Formatter):
-    """Values in the formats that this module states."""
-
     def format_field(self, value: Any, format_spec: str) -> str:
         form, _, unit = format_spec.rpartition(" ")
         if unit in FORMAT_UNITS:

@@ -39,7 +39,7 @@ def next_measurements(result: Diagnosis) -> str:
 
 
 def _first_step(result: Diagnosis) -> str:
-    """The advice of the first case that applies: mistakes, structure, doubts, then a check."""
+    """The advice of the first case that applies."""
     verdict, findings, unexplained = result.verdict, result.findings, result.unexplained
     with_structure, depends_on = verdict in WITH_STRUCTURE, unexplained.depends_on
     repeats = result.choice.noise.repeat
@@ -171,7 +171,7 @@ def _because_of_doubts(result: Diagnosis) -> str:
 
 
 def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
-    """How to separate two causes that alternative sets exchange, or a cause from a covariate."""
+    """How to separate two causes, or a cause from a covariate."""
     # Two causes in which the most probable set and a possible other set differ.
     best = next(iter(result.alternatives))
     named = {finding.label: finding.effect for finding in result.findings}
@@ -192,7 +192,7 @@ def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
 
 
 def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str:
-    """What to measure; no plan separates a cause from a free form at the same place."""
+    """No plan separates a cause from a free form at the same place."""
     if cause.refitted or other.refitted:  # so that no plan can split it from another
         return f"{MORE_RECORDS}, to distinguish {cause.label} from {other.label}"
     for specific, free in ((cause, other), (other, cause)):
@@ -209,7 +209,6 @@ def _to_distinguish_pair(result: Diagnosis, cause: Effect, other: Effect) -> str
 
 
 def _plan_command(result: Diagnosis, cause: Effect, other: Effect) -> str:
-    """The command that plans records with the set-up and noise of the diagnosis."""
     records, setup = result.extended.problem.measurements, result.extended.problem.setup
     source, name = records.source, result.model.arm.name.lower()
     seats, encoder = records.conditions.seat, setup.encoder_noise

@@ -97,7 +97,6 @@ def plan_line(plan: MeasurementPlan) -> str:
 
 
 def _power(plan: MeasurementPlan) -> Iterator[str]:
-    """How probably the planned records distinguish the causes, and how many would be enough."""
     if plan.after.same:
         yield "No set-up that the plan considered distinguishes both causes"
         yield "If both correct the arm in the same way, use the extended arm with either cause"

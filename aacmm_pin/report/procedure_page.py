@@ -95,10 +95,7 @@ def procedure_document(procedure: Procedure) -> Document:
 
 
 def _ends(procedure: Procedure) -> pd.DataFrame:
-    """Places of artefacts, and of far ends of bars: kind, position, end, x, y, z [m].
-
-    Features between the ends of a bar are left out.
-    """
+    """Places of artefacts, and of far ends of bars: kind, position, end, x, y, z [m]."""
     columns = ["test", "position", "feature"]
     points = pd.DataFrame(procedure.points, columns=[*"xyz"])
     table = procedure.probed_points[columns].reset_index(drop=True).join(points)
@@ -112,7 +109,7 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
 
 
 def _positions_table(procedure: Procedure) -> pd.DataFrame:
-    """Where every artefact, and every far end of a bar, stands round the base."""
+    """Where artefacts, and far ends of bars, stand round the base."""
     ends = _ends(procedure)
     heads = ["distance [mm]", "bearing [°]", "height [mm]"]
     located = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
@@ -137,7 +134,7 @@ def _sizes(points: pd.DataFrame) -> pd.DataFrame:
 
 
 def _steps(points: pd.DataFrame) -> pd.DataFrame:
-    """Consecutive points of one feature in one posture as one row, with their lines of the file."""
+    """Consecutive points of one feature in one posture as one row."""
     repeat = ", repeat " + points["repeat"].astype("string")
     repeat = repeat.where(points["repeat"] != "").fillna("")
     test = points["test"] + " " + points["position"] + repeat

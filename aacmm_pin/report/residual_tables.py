@@ -55,7 +55,7 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
 
 
 def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
-    """Kind of group (seat, joint 3, time, …), name of the group, and its records (n,)."""
+    """Kind of group (``joint 3``), name of the group, and its records (n,)."""
     records = fit.problem.measurements
     conditions = records.conditions
     for name in ("seat", "marker", "session"):
@@ -73,9 +73,7 @@ def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
 
 
 def _ranges(name: str, values: Array, unit: str) -> Iterator[tuple[str, str, Mask]]:
-    """Ranges of ``values`` (n,) with equal numbers of records, as :func:`_groups`; the ends in
-    words have two digits of the width.
-    """
+    """Ranges with equal numbers of records; their ends have two digits of the width."""
     quantiles = np.linspace(0, 1, RANGES_OF_A_NUMBER + 1)
     edges = np.unique(np.quantile(values, quantiles))
     for low, high in itertools.pairwise(edges):
@@ -91,7 +89,7 @@ def shapes_of(choice: Choice) -> dict[str, pd.DataFrame]:
 
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
-    """The smooth correction over the covariate of a block, and that by each record alone."""
+    """Smooth correction over the covariate of a block, and that by each record."""
     design, covariate = choice.design, choice.covariate(block)
     model = choice.posterior.median_model
     functions, quantities = choice.way(block).functions, choice.way(block).quantities

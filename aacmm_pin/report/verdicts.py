@@ -243,7 +243,7 @@ def _causes_in_words(findings: Iterable[Finding], arm: Arm) -> str:
 
 
 def _structure_in_words(result: Diagnosis) -> str:
-    """What the unexplained residuals depend on, which groups disagree, or how large they are."""
+    """What residuals depend on, which groups disagree, or how large residuals are."""
     unexplained = result.unexplained
     size_of_residuals, much_larger = _size_of_residuals(result)
     names = [covariate_in_words(name) for name in unexplained.strongest]
@@ -272,7 +272,7 @@ def _structure_in_words(result: Diagnosis) -> str:
 
 
 def _size_of_residuals(result: Diagnosis) -> tuple[str, bool]:
-    """The clause on their size with the extended arm; whether this is much more than noise."""
+    """The clause on their size; whether this is much more than noise."""
     rms, noise, extended = result.rms["extended"], result.noise, result.extended
     text = f"the RMS residual is still {length(rms)}, but the stated noise is zero"
     if noise > NO_SCATTER:
@@ -288,7 +288,6 @@ def _size_of_residuals(result: Diagnosis) -> tuple[str, bool]:
 
 
 def _residuals_left(result: Diagnosis) -> str:
-    """Whether the extended arm agrees with the records within the noise, or by how much not."""
     extended = result.extended
     if not extended.has_scatter:
         return "the arm agrees with the records within the noise"

@@ -189,7 +189,6 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figur
 
 
 def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
-    """Draw a row for each parameter of one unit, or of any with stated half-widths."""
     largest = np.nanmax(np.abs(table[["change", "U"]].to_numpy()))
     unit, factor = small_unit(table["unit"].iloc[0], largest)
     label, scale = f"[{unit}]", pd.Series(1 / factor, table.index)

@@ -119,9 +119,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
 
 
 def _weighted_means(amounts: PartialResidual, parts: Any, fewest: int) -> pd.DataFrame:
-    """Weighted means of x and value in ``parts`` (n,) with ``fewest`` records or more, and u of the
-    value.
-    """
+    """Weighted means of x and value in ``parts`` (n,), and u of the value."""
     table = pd.DataFrame({"weight": amounts.u**-2.0, "x": amounts.x, "value": amounts.value})
     table[["x", "value"]] = table[["x", "value"]].mul(table["weight"], axis=0)
     groups = table.groupby(parts)
@@ -200,7 +198,7 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
 def _plot_over_one(
     shape: pd.DataFrame, over: list[str], quantities: list[str], ylabel: str, ax: Axes
 ) -> None:
-    """Draw a correction over one covariate: as curves, or as marks beside each label."""
+    """Draw a correction over one covariate, or as marks at each label."""
     x, step, aside_of_mark = shape[over[0]].to_numpy(), 0.0, np.zeros(len(shape))
     style: dict[str, Any] = {"lw": 2}
     if not is_numeric_dtype(x):
@@ -225,7 +223,7 @@ def _plot_over_one(
 def _plot_over_two(
     shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes
 ) -> None:
-    """Draw the size of a correction, or its value if it has one quantity, over two covariates."""
+    """Draw a correction over two covariates, as colours."""
     size, colours = np.linalg.norm(shape[quantities], axis=1), VOLUME_COLOURS
     low, high = 0.0, float(size.max())
     if len(quantities) == 1:

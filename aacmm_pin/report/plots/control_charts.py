@@ -73,7 +73,6 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
 
 
 def _draw_chart(ax: Axes, chart: ControlChart) -> None:
-    """Draw the values of one characteristic, its limits, and three dates."""
     values = chart.values / MM
     numbers = np.arange(len(values))
     latest = LATEST_OUTSIDE if chart.left_range else "latest check"

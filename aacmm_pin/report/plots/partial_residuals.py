@@ -120,9 +120,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
 
 
 def _amount(effect: Effect, state: State) -> _Amount:
-    """As expansion by temperature, as the one motion that ``effect`` causes at its place, or else
-    as displacement of the target.
-    """
+    """As expansion by temperature, motion at one place, or displacement of the target."""
     displacements, values = effect.displacements(state), np.array(effect.values)
     target_displacement = sensitivity(effect, state) @ values
     temperature = state.conditions.temperature

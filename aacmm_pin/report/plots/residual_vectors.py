@@ -144,13 +144,10 @@ def magnification_of(place: Array, deviation: Array) -> float:
 
 
 def postures_of(fit: Fit) -> Array:
-    """The arm from base to tip in some postures, in the references' frame (k, places, 3) [m].
-
-    The tip of each is the farthest from the base and the tips chosen before.
-    """
+    """The arm from base to tip in distant postures, in the references' frame (k, places, 3) [m]."""
     tips, frame = fit.point.prediction.tips, fit.point.frame
     records = fit.problem.measurements
-    chosen: list[int] = []
+    chosen: list[int] = []  # each is the farthest from the base and those before
     to_nearest_chosen = np.linalg.norm(tips - frame.shift, axis=1)
     for _ in range(min(POSTURES_DRAWN, int(fit.used.sum()))):
         farthest = int(np.argmax(np.where(fit.used, to_nearest_chosen, -1.0)))
@@ -180,7 +177,7 @@ def two_views(arm: Arm, q: Array, groups: Groups) -> Figure:
 
 
 def _draw_view(axes: Axes, lines: Array, groups: Groups, plane: list[int]) -> None:
-    """Draw the arm's ``lines`` (corners, 3) [mm] and the groups; ``plane`` has the two axes."""
+    """Draw lines (corners, 3) [mm] and groups in the ``plane`` of two axes."""
     for name, (colour, places) in groups.items():
         size = 4 if len(places) > MANY_PLACES else 6
         style: dict[str, Any] = {"ms": size, "lw": size / 4, "color": colour}

@@ -141,7 +141,6 @@ def _neighbours(circle: PosturesAtPoint, members: Index) -> Index:
 def _draw_path(
     scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
 ) -> None:
-    """Draw the path of the elbow or joint in ``colours`` (n, 3); grey outside the limits."""
     pairs = _neighbours(circle, evenly_selected(np.arange(len(circle.q)), PATH_POINTS))
     is_within = circle.within_limits[pairs].all(axis=1)
     within, outside = pairs[is_within], pairs[~is_within]

@@ -106,7 +106,6 @@ def residual_scene(
 
 
 def _caption(result: Calibration | Diagnosis, fit: Fit, shown: int) -> str:
-    """How many records the scene shows, and the RMS residual of each model."""
     rms = rms_of(result)
     pairs = zip(rms, lengths(rms.values()), strict=True)
     sizes = ", ".join(f"{size} ({model})" for model, size in pairs)

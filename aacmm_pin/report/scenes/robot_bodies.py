@@ -110,7 +110,7 @@ def bodies_of(arm: Arm, style: BodyStyle, opacity: float = TRANSLUCENT) -> Bodie
 
 
 def _meshes_by_body(arm: Arm, robot: yourdfpy.URDF) -> Meshes:
-    """Meshes of a URDF in the axes of the body that carries them (0: base; i: after joint i)."""
+    """Meshes in the axes of their bodies (0: base; i: after joint i)."""
     import trimesh
 
     number_of_joint = {name: number for number, name in enumerate(arm.joint_names, start=1)}

@@ -265,7 +265,6 @@ class Scene:
         )
 
     def _frame(self, attribute: str) -> str:
-        """Element that shows the scene; an ``attribute`` says where its page comes from."""
         style = f"position: relative; width: 100%; height: {FRAME_HEIGHT}px; border: 0"
         title = escape(self.title)
         return f'<iframe title="{title}" {attribute} allowfullscreen style="{style}"></iframe>'

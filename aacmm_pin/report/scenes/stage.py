@@ -116,7 +116,7 @@ class Bodies(ArmLines):
         _put(node, *rod(top - height, top, 3.4 * self.radius), solid(BASE))
 
     def _shows(self, start: Array, end: Array) -> bool:
-        """Whether a tube between two points (3,) [m] is longer than the joint that hides it."""
+        """Whether a tube is longer than the joint that hides it."""
         return float(np.linalg.norm(end - start)) > DRAWN * self.radius
 
 
