@@ -179,7 +179,7 @@ def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> 
     _warn_of_large_changes(model, commands - records.q, records, arrived)
     if np.array_equal(commands, records.q):
         note(
-            f"correct changed no because {model.arm.name} and the nominal arm have the "
+            f"correct changed no command, because {model.arm.name} and the nominal arm have the "
             "same tip positions"
         )
     outside = outside_limits(commands, model.arm.limits).any(axis=1)
