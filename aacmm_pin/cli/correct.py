@@ -103,8 +103,8 @@ def run(
             if getattr(arm, name) is not None:
                 raise typer.BadParameter(f"--{name} cannot be used with correct; omit this option")
         table, _, read_as, dialect = read_table(path)
-        unit, factor = ("rad", 1.0) if "theta1_rad" in table else ("deg", DEG)
-        if controller is not None:
+        unit = "rad" if "theta1_rad" in table else "deg"
+        if commands:
             sent = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)]
             added = [*sent, "u_mm", "u_aligned_mm"]
         elif orientation or any(form[0] in table for form in ORIENTATIONS):
@@ -129,20 +129,15 @@ def run(
         inside = readings.take(rows)
         try:
             if controller is not None:
-                q = _commands(model, controller, inside)
-                u = _u_of_commands(model, q, inside, noise.encoder_noise)
-                values = [model.arm.readings(q) / factor, u / MM]
+                values = _command_values(model, controller, inside, unit, noise.encoder_noise)
             else:
-                state = model.state(inside.q, inside.conditions)
                 accuracy = _accuracy(model, inside.q, inside.conditions, noise.encoder_noise)
-                u, u_tips = np.full(inside.n, np.nan), math.nan
-                if accuracy is not None:
-                    u, u_tips = accuracy.u, rms(accuracy.u)
-                values = [state.position / MM, u / MM, quaternions(state.rotation[-1])]
-                _note_comparisons(model, nominal_model, table, rows, state.position, u_tips, path)
+                values = _tip_values(model, inside, accuracy)
+                u = math.nan if accuracy is None else rms(accuracy.u)
+                _note_comparisons(model, nominal_model, table, rows, values[:, :3] * MM, u, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
-        computed = pd.DataFrame(np.column_stack(values)[:, : len(added)], rows, added)
+        computed = pd.DataFrame(values[:, : len(added)], rows, added)
         decimals = {name: DECIMALS_OF_UNIT.get(name.rpartition("_")[2], 9) for name in added}
         columns = computed.round(decimals).reindex(range(readings.n))
         results.text(dialect.text(pd.concat([table, columns], axis=1)), output)
@@ -171,6 +166,27 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
             f"{model.arm.name} has"
         )
     return nominal
+
+
+def _command_values(
+    model: ErrorModel,
+    nominal: ErrorModel,
+    records: Measurements,
+    unit: str,
+    encoder_noise: float | None,
+) -> Array:
+    """Corrected commands in the file's ``unit``, and both uncertainties [mm] (n, nq + 2)."""
+    q = _commands(model, nominal, records)
+    u = _u_of_commands(model, q, records, encoder_noise)
+    readings = model.arm.readings(q)
+    return np.column_stack([readings if unit == "rad" else readings / DEG, u / MM])
+
+
+def _tip_values(model: ErrorModel, records: Measurements, accuracy: AccuracyVolume | None) -> Array:
+    """Position of the tip and its u [mm], and its orientation as quaternions (n, 8)."""
+    state = model.state(records.q, records.conditions)
+    u = np.full(records.n, np.nan) if accuracy is None else accuracy.u
+    return np.column_stack([state.position / MM, u / MM, quaternions(state.rotation[-1])])
 
 
 def _commands(model: ErrorModel, nominal: ErrorModel, records: Measurements) -> Array:
