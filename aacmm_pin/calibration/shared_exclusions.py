@@ -13,7 +13,6 @@ import pandas as pd
 from scipy.special import betaln
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
@@ -24,8 +23,6 @@ TOGETHER = 1e-3
 """Chance, over all covariates, below which excluded records that share something are no gross
 errors.
 """
-NEIGHBOURS = (4, 8, 16, 32)
-"""Numbers of records round an excluded one that are tried."""
 MOST_CENTRES = 24
 BEYOND_USED = 0.5
 """Excluded records farther beyond the used ones, in parts of their range, do not count."""
@@ -292,34 +289,6 @@ def _neighbours(scale: Scale, like: Index, excluded: Mask) -> tuple[Index, float
 
 def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
     return np.asarray(-np.log1p(n) - betaln(np.add(k, 1), np.subtract(n, k) + 1))
-
-
-def round_excluded(fit: Fit, residuals: Array) -> Shared | None:
-    """The ball round an excluded record in which records deviate in one direction; None if that is
-    chance. ``residuals``: of variance one (n, 3); of excluded ones only directions count.
-    """
-    out = fit.excluded
-    has_target = fit.observations.has_target
-    size = np.where(out, np.sqrt(np.square(residuals).sum(axis=1) / 3.0), 1.0)
-    residuals = residuals / size[:, None]
-    tips = fit.problem.model.arm.positions(fit.problem.measurements.q) / MM
-    place = Scale("place", "the tip", tips)
-    sizes = np.array(NEIGHBOURS)
-    sizes = sizes[2 * sizes <= has_target.sum()]
-    best = None
-    for centre in np.flatnonzero(out) if sizes.size else ():
-        distance = np.where(has_target, np.linalg.norm(tips - tips[centre], axis=1), np.inf)
-        order = np.argsort(distance, kind="stable")
-        squares = np.square(np.cumsum(residuals[order[: sizes[-1]]], axis=0)[sizes - 1]).sum(axis=1)
-        chances = chi2_sf(squares / sizes, 3) * sizes.size * int(out.sum())
-        k = int(np.argmin(chances))
-        if chances[k] < (TOGETHER if best is None else best.p_value):
-            inside = order[: sizes[k]]
-            where = f"{place.extent(inside)}, where used records deviate similarly"
-            n_excluded = int(out[inside].sum())
-            chance = float(chances[k])
-            best = Shared("place", chance, where, n_excluded, inside.size, int(out.sum()))
-    return best
 
 
 def as_numbers(values: Iterable[object]) -> pd.Series | None:

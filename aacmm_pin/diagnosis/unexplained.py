@@ -13,7 +13,7 @@ from aacmm_pin._support.display import Shown, report, two_digits
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
-from aacmm_pin.calibration.shared_exclusions import Shared, round_excluded, shared_by
+from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.held_out_gain import Gain
 from aacmm_pin.diagnosis.nonlinear_parameters import noise_is_known
@@ -183,7 +183,7 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplaine
     """The discrepancy, and whether structure is left beside the named causes."""
     covariates = [choice.covariate(k) for k in choice.covariates]
     odd = tuple(odd_groups(choice))
-    shared = shared_by(choice.fit) or round_excluded(choice.fit, choice.whitened_deviations)
+    shared = shared_by(choice.fit)
     depends = [group.name for group in odd[:1]]
     for covariate in covariates:
         depends += covariate.depends_on
