@@ -83,7 +83,6 @@ class Mistake:
     """A mistake in a file, and what undoes it.
 
     Attributes:
-        kind: two mistakes of one kind are not tried together.
         matrix, offset: correct readings are ``matrix`` (nq, nq) times those in the file, plus
             ``offset`` (nq,) [rad, m].
         axes: matrix (3, 3) that multiplies coordinates; uncertainties stay.
@@ -92,7 +91,6 @@ class Mistake:
         chosen: the records choose its value among many.
     """
 
-    kind: str
     code: str
     data: Mapping[str, Any] = field(default_factory=dict)
     matrix: Array | None = None
@@ -135,7 +133,7 @@ class Mistake:
         return replace(problem, measurements=changed, setup=setup, targets=())
 
 
-OTHER_FRAME = Mistake("axes", "other_frame", options={"reference_frame": "external"})
+OTHER_FRAME = Mistake("other_frame", options={"reference_frame": "external"})
 
 
 def single_mistakes(problem: Problem) -> Iterator[Mistake]:
@@ -143,30 +141,30 @@ def single_mistakes(problem: Problem) -> Iterator[Mistake]:
     records = problem.measurements
     yield from _of_readings(problem)
     for code, data, changed in _of_arm(problem.model.arm):
-        yield Mistake("arm", code, data, arm=changed)
+        yield Mistake(code, data, arm=changed)
     if records.known.any():
         yield from _of_coordinates(problem)
     if records.bars():
         for (unit, taken), factor in LENGTH_UNITS.items():
             data = {"unit": unit, "taken": taken}
-            yield Mistake("bars", "bars_unit", data, bar_factor=factor)
+            yield Mistake("bars_unit", data, bar_factor=factor)
 
 
 def _of_coordinates(problem: Problem) -> Iterator[Mistake]:
     if problem.external:  # where all mirror images are alike
-        yield Mistake("axes", "coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
+        yield Mistake("coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
     else:
         yield from _of_axes()
         yield OTHER_FRAME
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
     if problem.setup.target != "unknown" and not has_offset:
-        yield Mistake("target", "target_off_tip", options={"target": "unknown"})
+        yield Mistake("target_off_tip", options={"target": "unknown"})
     for (unit, taken), factor in LENGTH_UNITS.items():
         if not _is_small(problem.model.arm.file):
             data = {"unit": unit, "taken": taken}
-            yield Mistake("unit", "coordinates_unit", data, axes=factor * np.eye(3))
+            yield Mistake("coordinates_unit", data, axes=factor * np.eye(3))
     for k, axis in enumerate("xyz"):
-        yield Mistake("unit", "coordinate_in_metres", {"axis": axis}, axes=_times(k, 1e3, 3))
+        yield Mistake("coordinate_in_metres", {"axis": axis}, axes=_times(k, 1e3, 3))
 
 
 def _of_axes() -> Iterator[Mistake]:
@@ -174,7 +172,7 @@ def _of_axes() -> Iterator[Mistake]:
     for order, signs in changes[1:]:  # the first changes nothing
         letters = [f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)]
         axes = np.eye(3)[:, order] * signs
-        yield Mistake("axes", "other_axes", {"axes": ", ".join(letters)}, axes=axes)
+        yield Mistake("other_axes", {"axes": ", ".join(letters)}, axes=axes)
 
 
 def _of_readings(problem: Problem) -> Iterator[Mistake]:
@@ -194,18 +192,18 @@ def _of_readings(problem: Problem) -> Iterator[Mistake]:
             column = "rad" if unit == "degrees" else "deg"
             data = {"joint": j + 1, "unit": unit, "column": column}
             code = "slide_unit" if slides else "joint_angles_unit"
-            yield Mistake(f"unit {j}", code, data, matrix=_times(j, factor, arm.nq))
+            yield Mistake(code, data, matrix=_times(j, factor, arm.nq))
     for j, degrees in product(range(arm.nq), QUARTERS[1:]):
         yield _turned(j, degrees, arm.nq)
     for j, k in combinations(range(arm.nq), 2):
         order = np.arange(arm.nq)
         order[[j, k]] = k, j
         data = {"joints": (j + 1, k + 1)}
-        yield Mistake("columns", "joints_exchanged", data, matrix=np.eye(arm.nq)[order])
+        yield Mistake("joints_exchanged", data, matrix=np.eye(arm.nq)[order])
     yield from _of_couplings(arm)
     for (unit, taken), factor in ANGLE_UNITS.items():
         data = {"unit": unit, "taken": taken}
-        yield Mistake("angles", "angles_unit", data, matrix=factor * np.eye(arm.nq))
+        yield Mistake("angles_unit", data, matrix=factor * np.eye(arm.nq))
 
 
 def _times(number: int, factor: float, size: int) -> Array:
@@ -215,7 +213,7 @@ def _times(number: int, factor: float, size: int) -> Array:
 @cache
 def _reversed(joint: int, nq: int) -> Mistake:
     matrix = _times(joint, -1.0, nq)
-    return Mistake(f"sign {joint}", "joint_reversed", {"joint": joint + 1}, matrix=matrix)
+    return Mistake("joint_reversed", {"joint": joint + 1}, matrix=matrix)
 
 
 @cache
@@ -223,7 +221,7 @@ def _turned(joint: int, degrees: int, nq: int) -> Mistake:
     data = {"joint": joint + 1, "degrees": degrees}
     same = np.eye(nq)
     offset = degrees * DEG * same[joint]
-    return Mistake(f"zero {joint}", "zero_turned", data, matrix=same, offset=offset)
+    return Mistake("zero_turned", data, matrix=same, offset=offset)
 
 
 def _of_couplings(arm: Arm) -> Iterator[Mistake]:
@@ -238,7 +236,7 @@ def _of_couplings(arm: Arm) -> Iterator[Mistake]:
             changed[j, k] = expected
             data = {"joint": rows[j], "of": rows[k], "ratio": ratio, "expected": expected}
             matrix = np.asarray(np.linalg.solve(stated, changed))
-            yield Mistake("sum", "coupling_ratio", data, matrix=matrix)
+            yield Mistake("coupling_ratio", data, matrix=matrix)
     upwards = [(joint + 1, joint) for joint in range(arm.nq - 1)]
     downwards = [(joint, other) for other, joint in upwards]
     for (j, k), sign in product([*upwards, *downwards], (1.0, -1.0)):
@@ -248,7 +246,7 @@ def _of_couplings(arm: Arm) -> Iterator[Mistake]:
         matrix = without + sign * np.outer(without[j], without[k])
         ratio = float((stated @ matrix)[j, k])
         data = {"joint": j + 1, "other": k + 1, "row": rows[j], "of": rows[k], "ratio": ratio}
-        yield Mistake("sum", code, data, matrix=matrix)
+        yield Mistake(code, data, matrix=matrix)
 
 
 def _of_arm(arm: Arm) -> Iterator[tuple[str, _Values, Arm]]:
@@ -332,13 +330,13 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
     wrong = None if after is None else wrong_value(after)
     if wrong is not None:
         changed = moved_arm(arm, wrong.errors, arm.covariance)
-        yield Mistake("arm", wrong.note.code, wrong.note.data, arm=changed, chosen=True)
+        yield Mistake(wrong.note.code, wrong.note.data, arm=changed, chosen=True)
     rows = arm.chain.moving_rows()
     for joint, factor in enumerate(likely_ratios(problem)):
         ratio = float(arm.coupling_matrix[joint, joint]) * factor
         data = {"joint": joint + 1, "row": rows[joint], "ratio": ratio}
         matrix = _times(joint, factor, arm.nq)
-        yield Mistake("ratio", "joint_ratio", data, matrix=matrix, chosen=True)
+        yield Mistake("joint_ratio", data, matrix=matrix, chosen=True)
     scales = likely_scales(problem)
     if scales is None:
         return
@@ -347,7 +345,7 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
         scale = float(np.mean(scales[scaled]))
         scaling = {"axes": [*letters], "factor": 1 / scale}
         axes = np.diag(np.where(scaled, scale, 1.0))
-        yield Mistake("unit", "coordinates_scaled", scaling, axes=axes, chosen=True)
+        yield Mistake("coordinates_scaled", scaling, axes=axes, chosen=True)
 
 
 def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
@@ -357,7 +355,7 @@ def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
     for order in likely_orders(problem):
         data = {"joints": [joint + 1 for joint in order]}
         matrix = np.eye(arm.nq)[np.argsort(order)]
-        mistakes.append((Mistake("columns", "columns_in_order", data, matrix=matrix),))
+        mistakes.append((Mistake("columns_in_order", data, matrix=matrix),))
     for signs, degrees in likely_columns(problem):
         reversed_ = [_reversed(joint, arm.nq) for joint in np.flatnonzero(signs < 0).tolist()]
         turned = [_turned(j, int(degrees[j]), arm.nq) for j in np.flatnonzero(degrees).tolist()]
@@ -373,12 +371,3 @@ def in_words(mistakes: tuple[Mistake, ...]) -> str:
         others = [note for note in notes if note.code != "joint_reversed"]
         notes = [Note("joints_reversed", {"joints": joints}), *others]
     return ", and ".join(map(str, notes))
-
-
-def pairs(mistakes: Sequence[Mistake]) -> Iterator[tuple[Mistake, ...]]:
-    """Every two mistakes of different kinds, but for two of columns, or of a table and a column."""
-    for one, other in combinations(mistakes, 2):
-        of_columns = all(mistake.kind.startswith(("sign", "zero")) for mistake in (one, other))
-        of_table = one.changes_tips and other.changes_tips and (one.arm or other.arm)
-        if one.kind != other.kind and not of_table and not of_columns:
-            yield one, other

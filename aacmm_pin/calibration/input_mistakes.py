@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -26,7 +26,6 @@ from aacmm_pin.calibration.candidate_mistakes import (
     Mistake,
     in_words,
     mistakes_by_records,
-    pairs,
     several_columns,
     single_mistakes,
 )
@@ -59,8 +58,6 @@ EXPLAINS = 0.2
 TRIED = 3
 FITTED = 8
 """Of those alike; more than four are rare."""
-CACHED = 256
-"""So many tips, and targets, are kept while pairs of mistakes are tried."""
 MOST_GROSS = 0.15
 FEWEST_FOR_MISTAKES = 10
 """With fewer records some mistake fits anything."""
@@ -82,7 +79,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     """:func:`fit` that refuses records of another arm.
 
     Raises:
-        MistakenFileError: undoing one mistake, or two, explains the records.
+        MistakenFileError: undoing a mistake explains the records.
         AacmmError: the fit leaves a large part of what the tips travel, or a relation of planes is
             impossible; see :func:`fit`.
     """
@@ -258,7 +255,7 @@ def _require_no_mistake(
 
     Args:
         fitted: median distance after a fit, infinite without one [m].
-        thorough: try two mistakes, and several signs and zeros.
+        thorough: try several signs and zeros.
         options: try options that were left out. Geometry may take up what they leave open: a tip
             off by a length of the last row is no mistake.
         after: a fit, for one wrong value of the arm.
@@ -285,7 +282,6 @@ def _require_no_mistake(
         several_columns(thinned) if thorough else [],
         [(mistake,) for mistake in (*left_out, *chosen)],
         [tuple(left_out)] if len(left_out) == 2 else [],
-        [*pairs(single)] if thorough else [],
     ]
     for tier in tiers:
         misfits = {mistakes: misfit(*mistakes)[1] for mistakes in tier}
@@ -411,12 +407,12 @@ def _misfits(problem: Problem) -> Callable[..., tuple[float, float]]:
     records = replace(problem.measurements, orientation=None)
     bare = problem_of(problem.model, records, of_targets, problem.setup)
 
-    @lru_cache(CACHED)
+    @cache
     def tips_of(*mistakes: Mistake) -> tuple[Problem, Array]:
         undone = _undone(bare, mistakes)
         return undone, undone.poses(undone.start, Frame.identity())
 
-    @lru_cache(CACHED)
+    @cache
     def touches_of(*mistakes: Mistake) -> _Touches:
         undone = _undone(bare, mistakes)
         return undone, observations_of(undone.measurements, undone.setup)
