@@ -15,8 +15,10 @@ OWN_PART = 1e-9
 """Least independent part of a record's variance, which gives the rest an inverse."""
 
 
-def one_reading(measurements: Measurements, observations: Observations) -> tuple[Index, ...]:
-    """Records that share a reading, for each number m of records that do: (groups, m).
+def records_sharing_readings(
+    measurements: Measurements, observations: Observations
+) -> tuple[Index, ...]:
+    """Records of one reading, for each number m of records of a reading: (groups, m).
 
     Their readings are identical, each has another target, and they touch one seat or none. A target
     measured again in a posture was read again.
@@ -27,16 +29,16 @@ def one_reading(measurements: Measurements, observations: Observations) -> tuple
     columns = [f"reading {k}" for k in range(measurements.nq)]
     table = pd.DataFrame(measurements.readings, columns=columns)
     table = table.assign(seat=observations.seat, marker=marker)[observations.has_target]
-    again = table.groupby([*columns, "seat", "marker"], sort=False).cumcount()
-    table = table.assign(again=again)
-    reading = table.groupby([*columns, "seat", "again"], sort=False).ngroup().to_numpy()
+    repeat = table.groupby([*columns, "seat", "marker"], sort=False).cumcount()
+    table = table.assign(repeat=repeat)
+    reading = table.groupby([*columns, "seat", "repeat"], sort=False).ngroup().to_numpy()
     order = np.argsort(reading, kind="stable")
     count = np.bincount(reading)
     first = np.cumsum(count) - count
     groups = []
     for size in np.unique(count[count > 1]).tolist():
-        places = first[count == size][:, None] + np.arange(size)
-        groups.append(table.index.to_numpy()[order[places]])
+        positions = first[count == size][:, None] + np.arange(size)
+        groups.append(table.index.to_numpy()[order[positions]])
     return tuple(groups)
 
 
@@ -60,26 +62,26 @@ class Correlation:
         flat = by_reading.reshape(n * width, nq)
         factors = []
         for group in records:
-            columns = flat[_rows(group, width)]
+            columns = flat[_row_numbers(group, width)]
             covariance = (1.0 - OWN_PART) * columns @ columns.transpose(0, 2, 1)
-            record = np.tile(np.repeat(np.arange(group.shape[1]), 3), width // 3)
-            covariance[:, record[:, None] == record] = 0.0
-            factors.append(np.asarray(np.linalg.cholesky(covariance + np.eye(record.size))))
+            record_of_row = np.tile(np.repeat(np.arange(group.shape[1]), 3), width // 3)
+            covariance[:, record_of_row[:, None] == record_of_row] = 0.0
+            factors.append(np.asarray(np.linalg.cholesky(covariance + np.eye(record_of_row.size))))
         return Correlation(records, tuple(factors))
 
     def take(self, chosen: Index) -> Correlation:
         """Of some records, whole groups of them."""
         if not self.records:
             return self
-        number = np.full(max(int(group.max()) for group in self.records) + 1, -1)
-        inside = chosen < number.size
-        number[chosen[inside]] = np.flatnonzero(inside)
+        new_numbers = np.full(max(int(group.max()) for group in self.records) + 1, -1)
+        inside = chosen < new_numbers.size
+        new_numbers[chosen[inside]] = np.flatnonzero(inside)
         records = []
         factors = []
         for group, factor in zip(self.records, self.factors, strict=True):
-            there = (number[group] >= 0).all(axis=1)
-            records.append(number[group[there]])
-            factors.append(factor[there])
+            is_whole = (new_numbers[group] >= 0).all(axis=1)
+            records.append(new_numbers[group[is_whole]])
+            factors.append(factor[is_whole])
         return Correlation(tuple(records), tuple(factors))
 
     def whitened(self, rows: Array) -> Array:
@@ -106,14 +108,14 @@ class Correlation:
         width = rows.shape[1]
         flat = rows.reshape(len(rows) * width, int(np.prod(rows.shape[2:])))
         for group, matrix in zip(self.records, matrices, strict=True):
-            places = _rows(group, width)
-            # Of the tips alone, the first rows are the factor.
-            size = places.shape[1]
-            flat[places] = matrix[:, :size, :size] @ flat[places]
+            numbers = _row_numbers(group, width)
+            # Tips come first: for rows of tips alone, the upper left part of a factor is theirs.
+            size = numbers.shape[1]
+            flat[numbers] = matrix[:, :size, :size] @ flat[numbers]
         return flat.reshape(rows.shape)
 
 
-def _rows(records: Index, width: int) -> Index:
+def _row_numbers(records: Index, width: int) -> Index:
     """The ``width`` rows of each record of groups (groups, m), tips before turns: (groups, m
     width).
     """

@@ -106,16 +106,16 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     """
     records = fit.problem.measurements
     for kind in ("seat", "session"):
-        # Other records say nothing of the frame of a session.
+        # Other sessions do not determine the frame of a session.
         if kind == "session" and fit.problem.setup.frame_of_session:
             continue
         labels = records.conditions.labels(kind)
-        numbers, labelled = pd.factorize(labels)[0], labels != ""
+        numbers, has_label = pd.factorize(labels)[0], labels != ""
         groups = merged_by_posture(numbers, records.postures)
-        if np.unique(groups[fit.used & labelled]).size < FEWEST_GROUPS:
+        if np.unique(groups[fit.used & has_label]).size < FEWEST_GROUPS:
             continue
         if kind == "seat":
-            groups = _seats_and_blocks(numbers, labelled, records, rng)
+            groups = _seats_and_blocks(numbers, has_label, records, rng)
         return f"{kind}s", groups
     return "blocks", _blocks(records, FOLDS, rng)
 
@@ -127,60 +127,63 @@ def fold_numbers(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     records = fit.problem.measurements
     seat = fit.observations.seat
     touched = seat >= 0
-    numbers = np.full(records.n, -1)
-    numbers[touched] = fit.observations.clusters[seat[touched]]
-    groups = merged_by_posture(numbers, records.postures)
+    bodies = np.full(records.n, -1)
+    bodies[touched] = fit.observations.clusters[seat[touched]]
+    groups = merged_by_posture(bodies, records.postures)
     if np.unique(groups[touched]).size >= FEWEST_SEATS and touched.sum() > MOSTLY * records.n:
-        return "seats", _folds(_seats_and_blocks(numbers, touched, records, rng), records, rng)
-    clusters = _blocks(records, min(FOLDS, max(2, records.n // 5)), rng)
-    return "blocks", np.unique(clusters, return_inverse=True)[1].astype(np.intp)
+        return "seats", _folds(_seats_and_blocks(bodies, touched, records, rng), records, rng)
+    blocks = _blocks(records, min(FOLDS, max(2, records.n // 5)), rng)
+    return "blocks", np.unique(blocks, return_inverse=True)[1].astype(np.intp)
 
 
 def _seats_and_blocks(
-    seat: Index, touched: Mask, records: Measurements, rng: np.random.Generator
+    numbers: Index, touched: Mask, records: Measurements, rng: np.random.Generator
 ) -> Index:
     """Numbers of seats (n,) where one is ``touched``, and blocks of joint space for the other
     points: without all of these, seats alone may leave the frame open.
     """
-    groups = seat.copy()
+    groups = numbers.copy()
     if not touched.all():
-        groups[~touched] = seat.max() + 1 + _blocks(records, FOLDS, rng)[~touched]
+        groups[~touched] = numbers.max() + 1 + _blocks(records, FOLDS, rng)[~touched]
     return merged_by_posture(groups, records.postures)
 
 
 def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index:
-    """K-means over one record of every posture."""
+    """Numbers (n,) of blocks of joint space, by k-means over one record of every posture."""
     order = _in_order(records)
     _, first = np.unique(records.postures[order], return_index=True)
-    one = order[np.sort(first)]
-    turns = np.hstack([np.cos(records.q[one]), np.sin(records.q[one])])
-    count = min(most, len(one))
-    _, number = scipy.cluster.vq.kmeans2(turns, count, minit="++", rng=rng)
-    clusters = np.empty(len(one), dtype=np.intp)
-    clusters[records.postures[one]] = number
-    return clusters[records.postures]
+    chosen = order[np.sort(first)]
+    on_circles = np.hstack([np.cos(records.q[chosen]), np.sin(records.q[chosen])])
+    count = min(most, len(chosen))
+    _, block = scipy.cluster.vq.kmeans2(on_circles, count, minit="++", rng=rng)
+    block_of_posture = np.empty(len(chosen), dtype=np.intp)
+    block_of_posture[records.postures[chosen]] = block
+    return block_of_posture[records.postures]
 
 
 def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> Index:
-    """Part, 0 to 9, of each record; those of one label together."""
+    """Fold, 0 to 9, of each record (n,); those of one label together."""
     first = np.unique(labels[_in_order(records)], return_index=True)[1]
-    part = np.argsort(rng.permutation(first.size)) % FOLDS
-    number = np.unique(labels, return_inverse=True)[1]
-    return np.asarray(part[np.argsort(np.argsort(first))[number]], dtype=np.intp)
+    fold_of_rank = np.argsort(rng.permutation(first.size)) % FOLDS
+    label = np.unique(labels, return_inverse=True)[1]
+    rank_of_label = np.argsort(np.argsort(first))
+    return np.asarray(fold_of_rank[rank_of_label[label]], dtype=np.intp)
 
 
 def _in_order(records: Measurements) -> Index:
-    """By angles: draws then depend neither on the file's order nor on labels."""
+    """Records sorted by angles, so that draws depend neither on the file's order nor on labels."""
     angles = np.round(records.q, ANGLE_DECIMALS)
     return np.lexsort(angles.T[::-1])
 
 
 def merged_by_posture(labels: Index, postures: Index) -> Index:
     """Labels (n,), from 0, with those that share a posture made one."""
-    _, joined = np.unique(labels, return_inverse=True)
-    posture_nodes = joined.max() + 1 + postures
-    number = clusters_of(np.column_stack([joined, posture_nodes]), int(posture_nodes.max()) + 1)
-    return number[joined]
+    _, label_nodes = np.unique(labels, return_inverse=True)
+    posture_nodes = label_nodes.max() + 1 + postures
+    merged = clusters_of(
+        np.column_stack([label_nodes, posture_nodes]), int(posture_nodes.max()) + 1
+    )
+    return merged[label_nodes]
 
 
 def enough_postures(records: Measurements, used: Mask | slice = slice(None)) -> bool:
@@ -201,30 +204,29 @@ def distances(
     there.
 
     A spread about the mean of m records is widened by √(m/(m-1)), NaN for one; spheres and planes
-    likewise. ``seats``: places by other records (3,), of planes point and anchor (2, 3) [m]. Turns
+    likewise. ``seats``: points by other records (3,), of planes point and anchor (2, 3) [m]. Turns
     behind the tips (n, 6) count over a ``lever`` [m].
     """
     tips = poses[:, :3]
     radius = np.nan_to_num(records.contact_radius)
     distance = np.abs(np.linalg.norm(tips - records.reference, axis=1) - radius)
     for label, members in records.seats().items():
-        unknown = members[~records.known[members]]
+        unplaced = members[~records.known[members]]
         if seats is not None and label in seats:
-            place = seats[label]
-            distance[unknown] = _distances_from(place, tips[unknown], radius[unknown])
-        elif records.on_surface[unknown].any():
-            distance[unknown] = _distances_from_best(tips[unknown], records.take(unknown))
-        elif unknown.size > 1:
-            spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
-            distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
+            distance[unplaced] = _distances_from(seats[label], tips[unplaced], radius[unplaced])
+        elif records.on_surface[unplaced].any():
+            distance[unplaced] = _distances_from_best(tips[unplaced], records.take(unplaced))
+        elif unplaced.size > 1:
+            spread = np.linalg.norm(tips[unplaced] - tips[unplaced].mean(axis=0), axis=1)
+            distance[unplaced] = spread * np.sqrt(unplaced.size / (unplaced.size - 1))
     return np.asarray(np.hypot(distance, lever * np.linalg.norm(poses[:, 3:], axis=1)))
 
 
-def _distances_from(place: Array, tips: Array, radius: Array) -> Array:
+def _distances_from(seat: Array, tips: Array, radius: Array) -> Array:
     """From a point, a sphere of ``radius`` (m,), or the plane of point and anchor [m]."""
-    if place.ndim == 1:
-        return np.asarray(np.abs(np.linalg.norm(tips - place, axis=1) - radius))
-    point, anchor = place
+    if seat.ndim == 1:
+        return np.asarray(np.abs(np.linalg.norm(tips - seat, axis=1) - radius))
+    point, anchor = seat
     normal = (point - anchor) / np.linalg.norm(point - anchor)
     return np.asarray(np.abs((tips - point) @ normal))
 
@@ -236,11 +238,11 @@ def _distances_from_best(tips: Array, records: Measurements) -> Array:
     radius = np.nan_to_num(records.contact_radius)
     if records.on_plane.any():
         middle = tips.mean(axis=0)
-        place = np.stack([middle, middle - normal_of_plane(tips)])
+        best = np.stack([middle, middle - normal_of_plane(tips)])
     else:
-        place = centre_of_sphere(tips, float(radius[0]))
+        best = centre_of_sphere(tips, float(radius[0]))
     widened = np.sqrt(len(tips) / (len(tips) - 3))
-    return np.asarray(widened * _distances_from(place, tips, radius))
+    return np.asarray(widened * _distances_from(best, tips, radius))
 
 
 def held_out(
@@ -255,17 +257,17 @@ def held_out(
         return []
     kind, labels = groups_of(after, rng)
     results = []
-    for name, part in (
+    for name, folds in (
         ("records", _folds(records.postures, records, rng)),
         (kind, _folds(labels, records, rng)),
     ):
-        numbers = np.unique(part[used]).tolist()
+        numbers = np.unique(folds[used]).tolist()
         if len(numbers) < 2:
             continue
         residuals = np.full((4, records.n), np.nan)
-        with watched(numbers, progress, f"held-out {name}", "part") as parts:
-            for number in parts:
-                out = used & (part == number)
+        with watched(numbers, progress, f"held-out {name}", "part") as numbers_shown:
+            for number in numbers_shown:
+                out = used & (folds == number)
                 residuals[:, out] = _held_out_residuals((before, after), used & ~out, out)
         results.append(HeldOut(name, len(numbers), *residuals))
     return results

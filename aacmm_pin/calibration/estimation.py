@@ -29,8 +29,8 @@ MOST_NOISE_ROUNDS = 12
 MOST_SCATTER_ROUNDS = 100
 """Rounds of the scatter, at most; from offsets of 100° it takes 17, as the widths loosen."""
 FALLS = 0.99
-"""Outliers are judged again while the better half's scatter falls below this part: from 100° it
-falls by a tenth in most rounds, in some by 2 %.
+"""Outliers are judged again while a round lowers the better half's scatter below this part: from
+100° most rounds lower it by a tenth, some by 2 %.
 """
 STAYED = 1e-6
 """Motion along an undetermined direction that is none [widths]."""
@@ -47,7 +47,7 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     degrees of freedom; zero if the stated noise suffices.
 
     Args:
-        used: the records that belong (n,), if known.
+        used: the records without outliers (n,), if known.
 
     Raises:
         AacmmError: no record determines the tip.
@@ -68,8 +68,8 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
         if first.redundant:
             noise, point, used = estimation.without_outliers(first)
             del first  # its rows are as large as those that come
-            everyone = None if (used == has_target).all() else estimation.fit_of_all(point)
-            return everyone or estimation.final_fit(noise, point, used)
+            of_all = None if (used == has_target).all() else estimation.fit_of_all(point)
+            return of_all or estimation.final_fit(noise, point, used)
     used = has_target if used is None else used & has_target
     first = estimation.initial_fit(point, used, robust=False)
     noise = first.noise
@@ -89,10 +89,11 @@ class _Estimation:
         return NoiseModel.of(self.problem, x, frame, scatters, self.observations, seats)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Fit:
-        """With the records' present scatter as noise; if robust, until it falls no more.
+        """A rough fit with the records' present scatter as noise; if robust, repeated until the
+        scatter falls no more.
 
-        From afar, with the stated noise, the search would follow every valley of poorly known
-        parameters; the widths hold it in.
+        From afar, with the stated noise, the search would follow every valley of poorly determined
+        parameters.
         """
         squares = np.square(self.observations.deviations(point.prediction.poses, point.seats))
         tip = _median_scatter(squares[used, :3])
@@ -116,7 +117,7 @@ class _Estimation:
     def without_outliers(self, first: Fit) -> tuple[NoiseModel, Point, Mask]:
         """Noise, end and records of a search without outliers, by the scatter of the better half.
 
-        From afar this scatter is the way that remains, beside which nothing is an outlier.
+        Far from the minimum this scatter is large, and nothing is an outlier.
         """
         dof = max(first.chi2.dof, 1.0)
         share = min(1.0, dof / int(self.observations.counts.sum()))
@@ -126,44 +127,40 @@ class _Estimation:
         for _ in range(MOST_SCATTER_ROUNDS):
             noise = self.noise(solution.point, scatters)
             solution = Fit.at(self.problem, noise, solution.point, solution.weights)
-            solution, used = self.belonging(solution, dof)
+            solution, used = self.fit_without_outliers(solution, dof)
             scatters = self.scatters_of_median(noise, solution.point, has_target, share)
             if scatters.tip >= FALLS * noise.scatters.tip:
                 break
         return solution.noise, solution.point, used
 
-    def belonging(self, solution: Fit, dof: float) -> tuple[Fit, Mask]:
-        """The search without outliers beside the noise of ``solution``, whose scatter has ``dof``
-        degrees of freedom; and its records.
+    def fit_without_outliers(self, solution: Fit, dof: float) -> tuple[Fit, Mask]:
+        """The fit with the noise of ``solution``, whose scatter has ``dof`` degrees of freedom,
+        without the outliers for this noise; and the records that it uses (n,).
         """
         has_target = self.observations.has_target
         count = int(has_target.sum())
-        # A scatter that the records themselves tell is uncertain, and more records may seem far off
-        # beside it.
+        # A scatter that the records determine is uncertain: more records may seem far off.
         chance = FALSE_EXCLUSION / count
-        numbers = np.maximum(self.observations.counts, 1)
+        rows = np.maximum(self.observations.counts, 1)
         is_estimated = solution.noise.scatters.tip > 0
         limit = (
-            numbers * f_isf(chance, numbers, EFFICIENCY * dof)
-            if is_estimated
-            else chi2_isf(chance, numbers)
+            rows * f_isf(chance, rows, EFFICIENCY * dof) if is_estimated else chi2_isf(chance, rows)
         )
         if not self.noise_is_stated:
             limit = limit * UNEQUAL**2
         used = has_target.copy()
-        for tried in range(MOST_NOISE_ROUNDS):
-            belongs = has_target & (deleted_distances(solution) <= limit)
-            if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
+        for refits in range(MOST_NOISE_ROUNDS):
+            inliers = has_target & (deleted_distances(solution) <= limit)
+            if inliers.sum() < 0.5 * count or (refits and (inliers == used).all()):
                 break
-            used = belongs
+            used = inliers
             weights = used.astype(np.float64)
             solution = solve(self.problem, solution.noise, solution.point, weights)
         return solution, used
 
     def fit_of_all(self, point: Point) -> Fit | None:
-        """None unless the stated noise and prior explain the fit and each record.
-
-        A robust search fits some of few records at the expense of others, which then seem outliers.
+        """The fit to all records; None unless the stated noise and prior explain it and each
+        record. A robust search fits some of few records at the expense of others.
         """
         if not self.noise_is_stated:
             return None
@@ -179,32 +176,31 @@ class _Estimation:
     def scatters_of_median(
         self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0
     ) -> Scatters:
-        """That bring median squared distances, of which the fit left a ``share``, to those of χ².
-        Seats have that of tips.
+        """Scatters with which the median squared distances are the ``share`` that a fit leaves of
+        the median of χ². Seats have the scatter of tips.
         """
         deviations = noise.observations.deviations(point.prediction.poses, point.seats)
         stated = noise.without_scatter
-        turned = used & noise.observations.oriented
+        with_turn = used & noise.observations.oriented
         medians = chi2_isf(0.5, np.where(noise.observations.on_surface, 1, 3))
         tip = self._scatter_of_median(
             deviations[used, :3], stated[used, :3, :3], medians[used], share
         )
         turn = 0.0
-        if turned.any():
-            of_turns = stated[turned, 3:, 3:]
-            turn = self._scatter_of_median(deviations[turned, 3:], of_turns, MEDIAN, share)
+        if with_turn.any():
+            of_turns = stated[with_turn, 3:, 3:]
+            turn = self._scatter_of_median(deviations[with_turn, 3:], of_turns, MEDIAN, share)
         return Scatters(tip, turn, tip)
 
     def _scatter_of_median(
         self, deviation: Array, stated: Array, medians: Array | float, share: float
     ) -> float:
-
         def excess(variance: float) -> float:
             covariance = stated + variance * np.eye(3)
             relative = squared_distances(deviation, covariance) / medians
             return float(np.median(relative)) - share
 
-        # The median of a few records scatters by itself.
+        # The median over few records varies by chance.
         slack = 6.0 / np.sqrt(len(stated))
         if self.noise_is_stated and excess(0.0) < slack:
             return 0.0
@@ -245,34 +241,35 @@ class _Estimation:
         """
         noise = self.noise(point, Scatters())
         weights = used.astype(np.float64)
-        here = Fit.at(self.problem, noise, point, weights)
-        chi2 = Chi2(here.chi2.value - here.system.solution.reduction, here.chi2.dof)
+        at_point = Fit.at(self.problem, noise, point, weights)
+        chi2 = Chi2(at_point.chi2.value - at_point.system.solution.reduction, at_point.chi2.dof)
         if not chi2.acceptable:
             return None, chi2
         solution = solve(self.problem, noise, point, weights)
         return self.as_far_as_determined(replace(solution, chi2_stated=solution.chi2)), chi2
 
     def as_far_as_determined(self, fitted: Fit) -> Fit:
-        """With what is undetermined left at its start: anisotropic noise would otherwise turn an
-        arm that nothing else holds.
+        """The fit with undetermined directions at their start: anisotropic noise would otherwise
+        rotate an arm that nothing else holds.
         """
         unknown = fitted.unknown[: self.problem.widths.size].T
-        moved = unknown @ ((fitted.point.x - self.problem.start) / self.problem.widths)
-        if np.abs(moved).max(initial=0.0) < STAYED:
+        motion = unknown @ ((fitted.point.x - self.problem.start) / self.problem.widths)
+        if np.abs(motion).max(initial=0.0) < STAYED:
             return fitted
         problem = replace(self.problem, held=unknown)
-        held = solve(problem, fitted.noise, fitted.point, fitted.weights)
-        back = Fit.at(self.problem, fitted.noise, held.point, fitted.weights)
+        refit = solve(problem, fitted.noise, fitted.point, fitted.weights)
+        # Judged without the rows that held these directions.
+        at_start = Fit.at(self.problem, fitted.noise, refit.point, fitted.weights)
         return replace(
-            back,
-            steps=fitted.steps + held.steps,
-            message=fitted.message or held.message,
+            at_start,
+            steps=fitted.steps + refit.steps,
+            message=fitted.message or refit.message,
             chi2_stated=fitted.chi2_stated,
         )
 
 
 def _median_scatter(squares: Array) -> float:
-    """Of three normal numbers with these squares (n, 3); 0 without any."""
+    """Standard deviation of normal numbers with these squares (n, 3); 0 without any."""
     if not len(squares):
         return 0.0
     median = np.median(squares.sum(axis=1))

@@ -29,22 +29,22 @@ change.
 ROTATION_TOLERANCE = 0.05
 MOST_NEWTON_STEPS = 40
 """Five to twenty do."""
-STANDS = 1e-6
-"""A smaller step over the rotations is none [rad]."""
+NO_STEP = 1e-6
+"""Newton's method ends at smaller steps [rad]."""
 PLACEMENT_RANK_RATIO = 1e-5
 """Combinations of offsets and shift with a smaller part of the effect stay zero."""
 TINY = 1e-300
 
 
-class _Place(NamedTuple):
-    """Sum of all distances [m]; factors of the columns; what is linear, t and c (m + 3,) [m]."""
+class _Placement(NamedTuple):
+    """Sum of all distances [m]; factors w of the columns; solution z, t and c (m + 3,) [m]."""
 
     total: float
     w: Array
-    solution: Array
+    z: Array
 
 
-def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Array]:
+def first_placement(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Array]:
     """Frame, and offsets of the targets (m,) [m], with the least sum of distances.
 
     Args:
@@ -56,15 +56,15 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
     stating = records.known
     tips, references, linear = tips[stating], records.reference[stating], by_offset[stating]
     if not problem.external:
-        standing = _Equations((references - tips)[:, :, None], linear)
-        return Frame.identity(), _nearest(standing, None).solution
+        equations = _Equations((references - tips)[:, :, None], linear)
+        return Frame.identity(), _nearest_placement(equations, None).z
     middle = references.mean(axis=0)
     by_shift = np.broadcast_to(np.eye(3), (len(tips), 3, 3))
     linear = np.concatenate([linear, by_shift], axis=2)
     equations = _Equations.of(tips, references - middle, linear)
-    places = [_nearest(equations, start) for start in _minima(equations)[:BASINS]]
-    nearest = min(places, key=lambda place: place.total)
-    offsets, shift = np.split(nearest.solution, [-3])
+    placements = [_nearest_placement(equations, start) for start in _minima(equations)[:BASINS]]
+    nearest = min(placements, key=lambda placement: placement.total)
+    offsets, shift = np.split(nearest.z, [-3])
     rotation = nearest.w[:9].reshape(3, 3).T
     return Frame(rotation, middle + rotation @ shift), offsets
 
@@ -73,7 +73,7 @@ class _Equations(NamedTuple):
     """``columns w = linear z``: w are the nine numbers of W and -1, and z is what is linear.
 
     Attributes:
-        columns: (n, 3, 10); if the base stands, their sum (n, 3, 1).
+        columns: (n, 3, 10); if the frame is known, their sum (n, 3, 1).
         linear: (n, 3, m).
     """
 
@@ -87,7 +87,7 @@ class _Equations(NamedTuple):
         return _Equations(np.concatenate([by_rotation, tips[:, :, None]], axis=2), linear)
 
     def eliminated(self, weights: Array) -> tuple[Array, Array]:
-        """z for each column (m, 10), and what it leaves of the columns (n, 3, 10)."""
+        """z for each column (m, 10), and the columns less ``linear z`` (n, 3, 10)."""
         count = 3 * weights.size
         root = np.sqrt(weights)[:, None, None]
         rows = (root * self.linear).reshape(count, -1)
@@ -96,31 +96,33 @@ class _Equations(NamedTuple):
         return solution, self.columns - self.linear @ solution
 
 
-def _nearest(equations: _Equations, rotation: Array | None) -> _Place:
-    """Weighted anew by the inverse distances (Weiszfeld); None if the base stands."""
+def _nearest_placement(equations: _Equations, rotation: Array | None) -> _Placement:
+    """The placement with the least sum of distances near a ``rotation`` W (3, 3), by inverse
+    distances as weights (Weiszfeld); None if the frame is known.
+    """
     weights = np.ones(len(equations.columns))
     w = np.ones(1)
     before = np.inf
     for _ in range(MOST_REWEIGHTINGS):
-        solution, left = equations.eliminated(weights)
+        z_of_columns, residual_columns = equations.eliminated(weights)
         if rotation is not None:
-            rotation = _descended(_gram(left, weights), rotation[None])[0][0]
+            rotation = _descend(_gram(residual_columns, weights), rotation[None])[0][0]
             w = np.append(rotation, -1.0)
-        distances = np.linalg.norm(left @ w, axis=1)
+        distances = np.linalg.norm(residual_columns @ w, axis=1)
         total = float(distances.sum())
         if abs(before - total) < SETTLED_PART * total:
             break
         before = total
         weights = inverse_distances(distances)
-    return _Place(total, w, solution @ w)
+    return _Placement(total, w, z_of_columns @ w)
 
 
 def _minima(equations: _Equations) -> list[Array]:
     """Rotations with the least sums of squares nearby, lowest first."""
     weights = np.ones(len(equations.columns))
-    _, left = equations.eliminated(weights)
+    _, residual_columns = equations.eliminated(weights)
     cube = scipy.spatial.transform.Rotation.create_group("O").as_matrix()
-    rotations, values = _descended(_gram(left, weights), cube)
+    rotations, values = _descend(_gram(residual_columns, weights), cube)
     distinct: list[Array] = []
     for rotation in rotations[np.argsort(values)]:
         if all(np.linalg.norm(rotation - other) > ROTATION_TOLERANCE for other in distinct):
@@ -128,16 +130,16 @@ def _minima(equations: _Equations) -> list[Array]:
     return distinct
 
 
-def _gram(left: Array, weights: Array) -> Array:
-    weighted = weights[:, None, None] * left
-    return np.asarray(weighted.reshape(-1, 10).T @ left.reshape(-1, 10))
+def _gram(columns: Array, weights: Array) -> Array:
+    weighted = weights[:, None, None] * columns
+    return np.asarray(weighted.reshape(-1, 10).T @ columns.reshape(-1, 10))
 
 
-def _descended(gram: Array, rotations: Array) -> tuple[Array, Array]:
+def _descend(gram: Array, rotations: Array) -> tuple[Array, Array]:
     """The minima of ``(w, -1)ᵀ gram (w, -1)`` near each rotation (k, 3, 3), and its values there
     (k,).
 
-    Newton's method over turns ω, which add ``[ω] W + [ω]² W / 2``: damped, with absolute
+    Newton's method over rotations ω, which add ``[ω] W + [ω]² W / 2``: damped, with absolute
     curvatures, so that no step goes up (Dauphin et al. 2014). Gauss–Newton steps take ten times as
     long for records of another arm.
     """
@@ -150,23 +152,23 @@ def _descended(gram: Array, rotations: Array) -> tuple[Array, Array]:
     values = value(rotations.reshape(-1, 9))
     damping = np.full(len(rotations), 1e-6)
     for _ in range(MOST_NEWTON_STEPS):
-        by_turn = (skew(np.eye(3)) @ rotations[:, None]).reshape(-1, 3, 9)
-        pull = rotations.reshape(-1, 9) @ quadratic - linear
-        slope = by_turn @ pull[:, :, None]
-        bent = rotations @ pull.reshape(-1, 3, 3).transpose(0, 2, 1)
-        trace = np.trace(bent, axis1=1, axis2=2)[:, None, None]
-        curvature = by_turn @ quadratic @ by_turn.transpose(0, 2, 1) - trace * np.eye(3)
-        curvature += 0.5 * (bent + bent.transpose(0, 2, 1))
-        curvatures, along = np.linalg.eigh(curvature)
+        by_rotation = (skew(np.eye(3)) @ rotations[:, None]).reshape(-1, 3, 9)
+        gradient = rotations.reshape(-1, 9) @ quadratic - linear
+        slope = by_rotation @ gradient[:, :, None]
+        second_order = rotations @ gradient.reshape(-1, 3, 3).transpose(0, 2, 1)
+        trace = np.trace(second_order, axis1=1, axis2=2)[:, None, None]
+        curvature = by_rotation @ quadratic @ by_rotation.transpose(0, 2, 1) - trace * np.eye(3)
+        curvature += 0.5 * (second_order + second_order.transpose(0, 2, 1))
+        curvatures, directions = np.linalg.eigh(curvature)
         sizes = np.abs(curvatures) + damping[:, None] * np.trace(quadratic) + TINY
-        step = -(along @ (along.transpose(0, 2, 1) @ slope / sizes[:, :, None]))[:, :, 0]
+        step = -(directions @ (directions.transpose(0, 2, 1) @ slope / sizes[:, :, None]))[:, :, 0]
         step /= np.maximum(1.0, np.linalg.norm(step, axis=1))[:, None]
         trial = exp(np.hstack([np.zeros_like(step), step]))[:, :3, :3] @ rotations
-        tried = value(trial.reshape(-1, 9))
-        lower = tried < values
+        trial_values = value(trial.reshape(-1, 9))
+        lower = trial_values < values
         rotations = np.where(lower[:, None, None], trial, rotations)
-        values = np.where(lower, tried, values)
+        values = np.where(lower, trial_values, values)
         damping = np.where(lower, damping / 10.0, damping * 10.0)
-        if np.abs(step).max() < STANDS:
+        if np.abs(step).max() < NO_STEP:
             break
     return rotations, values

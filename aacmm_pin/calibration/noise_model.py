@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.notes import Note
-from aacmm_pin.calibration.common_readings import Correlation, one_reading
+from aacmm_pin.calibration.common_readings import Correlation, records_sharing_readings
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.measurements import (
@@ -82,7 +82,7 @@ class NoiseModel:
             3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
         by_reading: displacement of each tip by one u of each reading (n, 3 or 6, nq) [m, rad]; (n,
             3 or 6, 0) without noise of readings.
-        together: see :func:`one_reading`.
+        together: see :func:`records_sharing_readings`.
     """
 
     scatters: Scatters
@@ -122,7 +122,7 @@ class NoiseModel:
         if setup.encoder_noise is not None and setup.encoder_noise.any():
             by_reading = problem.reading_jacobian(x, frame) * setup.encoder_noise
             tips = tips + by_reading @ by_reading.transpose(0, 2, 1)
-            together = one_reading(problem.measurements, observations)
+            together = records_sharing_readings(problem.measurements, observations)
         return NoiseModel(scatters, observations, tips, by_reading, together)
 
     def correlation(self, whitening: Array) -> Correlation:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.calibration.first_placement import placed
+from aacmm_pin.calibration.first_placement import first_placement
 from aacmm_pin.calibration.fit import MEDIAN, Fit
 from aacmm_pin.calibration.least_squares import bounded_step
 from aacmm_pin.calibration.linearisation import Linearisation, Point, linearise
@@ -69,10 +69,12 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
             "coordinates; expected 3 or more to estimate their frame"
         )
     if offsets.size and enough:
-        placement, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
+        placement, offset_values = first_placement(
+            problem, tips, prediction.jacobian[:, :3, offsets]
+        )
         frame = replace(placement, targets=frame.targets)
         x = x.copy()
-        x[offsets] += moved
+        x[offsets] += offset_values
     elif problem.external:
         frame = replace(registered(at, stated), targets=frame.targets)
     if problem.turns:
