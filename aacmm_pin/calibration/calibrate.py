@@ -18,8 +18,7 @@ from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import whole_turn_notes
 from aacmm_pin.calibration.calibrated_arm import temperature_of
-from aacmm_pin.calibration.cross_validation import enough_postures, rms
-from aacmm_pin.calibration.cross_validation import held_out as left_out
+from aacmm_pin.calibration.cross_validation import enough_postures, held_out, rms
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit, mistakes_of
@@ -75,7 +74,7 @@ ODD_RELATION = 4.0
 OFTEN = 2
 """With more consecutive records of a posture on average, they read one contact."""
 HELD_IN = 0.5
-"""Stated uncertainties hold parameters in if, without them, the scatter is below this part …"""
+"""Stated uncertainties are too small if, without them, the scatter is below this part …"""
 FAR_OFF = 4.0
 """… and some are farther off than so many standard uncertainties; …"""
 OTHER_DIAMETER = 5e-4
@@ -162,10 +161,10 @@ def calibrate(
     """
     model = ErrorModel.of(model)
     measurements = as_measurements(measurements, model.arm)
-    chosen = _chosen(parameters, model, measurements)
+    chosen = _sets_names_and_causes(parameters, model, measurements)
     asked = [effect.label for effect in chosen if isinstance(effect, Effect)]
     model, measurements = checked_input(model, measurements, asked)
-    measurements, repeated = counted_once(measurements)
+    measurements, notes_of_input = counted_once(measurements)
     for effect in chosen:
         if isinstance(effect, Effect):
             require_shown(
@@ -181,7 +180,7 @@ def calibrate(
         probe_noise,
         length_noise,
     )
-    repeated += held_postures(measurements, setup)
+    notes_of_input += held_postures(measurements, setup)
     measurements, setup = in_first_frame(model, measurements, setup)
     problem = problem_of(model, measurements, chosen, setup)
     if lengths := unidentifiable_lengths(problem):
@@ -199,29 +198,33 @@ def calibrate(
             "the noise. State the noise, take more records, or estimate fewer parameters"
         )
     if unused := unused_places(model, measurements, setup, asked):
-        repeated.append(Note("places_unused", {"places": unused}))
+        notes_of_input.append(Note("places_unused", {"places": unused}))
     if len(measurements.extra.columns):
-        repeated.append(Note("columns_unused", {"columns": [*measurements.extra]}))
-    notes = (*mistakes_of(after), *notes_of(after), *session_notes(after), *repeated)
+        notes_of_input.append(Note("columns_unused", {"columns": [*measurements.extra]}))
+    notes = (*mistakes_of(after), *notes_of(after), *session_notes(after), *notes_of_input)
     calibration = Calibration(after, problem_of(model, measurements, [], setup), (), notes)
     if not hold_out:
         return calibration
-    held = left_out(calibration.before, after, rng or np.random.default_rng(1), progress)
-    return replace(calibration, held_out=tuple(held))
+    rng = rng or np.random.default_rng(1)
+    residuals = held_out(calibration.before, after, rng, progress)
+    return replace(calibration, held_out=tuple(residuals))
 
 
-def _chosen(
+def _sets_names_and_causes(
     parameters: GivenCause | Iterable[GivenCause], model: ErrorModel, measurements: Measurements
 ) -> list[GivenCause]:
+    """What a user asks for: sets and names of parameters as text, all else as causes."""
     items = [parameters] if isinstance(parameters, Effect | str) else list(parameters)
     sets = get_args(ParameterSet)
     present = measurements.conditions.present
-    kept = {*sets, *named_parameters(model.arm, items)}
+    as_text = {*sets, *named_parameters(model.arm, items)}
     for item in items:
-        if isinstance(item, str) and item not in kept and re.split("[:,]", item)[0] not in CAUSES:
+        if item in as_text or not isinstance(item, str):
+            continue
+        if re.split("[:,]", item)[0] not in CAUSES:
             names = [parameter.name for parameter in model.arm.parameters]
             raise UnknownNameError("set of parameters", item, [*sets, *names, *CAUSES])
-    return [item if item in kept else as_causes([item], model, present)[0] for item in items]
+    return [item if item in as_text else as_causes([item], model, present)[0] for item in items]
 
 
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
@@ -235,14 +238,13 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
     notes = list(measurements.read_as)
     if copies.size:
         notes.append(Note("copies", {"rows": measurements.row[copies].tolist()}))
-    means, held = means_of_contacts(kept)
-    if held.size:
-        contacts = held.size - kept.n + means.n
-        notes.append(
-            Note("contacts_averaged", {"rows": kept.row[held].tolist(), "contacts": contacts})
-        )
+    means, averaged = means_of_contacts(kept)
+    if averaged.size:
+        contacts = averaged.size - kept.n + means.n
+        rows = kept.row[averaged].tolist()
+        notes.append(Note("contacts_averaged", {"rows": rows, "contacts": contacts}))
         kept = means
-    kept, seated = _seated(kept)
+    kept, seated = _with_seats(kept)
     if seated.size:
         notes.append(Note("seats_by_coordinates", {"rows": kept.row[seated].tolist()}))
     if not enough_postures(kept):
@@ -263,18 +265,18 @@ def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
     return [Note("held_postures", {"records": measurements.n, "postures": postures})]
 
 
-def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
-    """A seat for records without one that repeat coordinates of others; and these records."""
+def _with_seats(measurements: Measurements) -> tuple[Measurements, Index]:
+    """The records, with seats for those without that repeat coordinates; and their numbers."""
     seat = measurements.conditions.labels("seat").copy()
     table = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known]
-    again = table[table.duplicated([0, 1, 2], keep=False)]
+    repeated = table[table.duplicated([0, 1, 2], keep=False)]
     seated = []
-    for _, of_place in again.groupby([0, 1, 2], sort=False):
-        alone = of_place.index[of_place["seat"] == ""].to_numpy()
+    for _, of_point in repeated.groupby([0, 1, 2], sort=False):
+        alone = of_point.index[of_point["seat"] == ""].to_numpy()
         # Of two without a seat, one may have the coordinates of the other by mistake.
-        if alone.size and len(of_place) >= (SEVERAL if alone.size == len(of_place) else 2):
-            at = ", ".join(f"{x / MM:.6g}" for x in measurements.reference[alone[0]])
-            label = next(filter(None, of_place["seat"]), f"at {at} mm")
+        if alone.size and len(of_point) >= (SEVERAL if alone.size == len(of_point) else 2):
+            point = ", ".join(f"{x / MM:.6g}" for x in measurements.reference[alone[0]])
+            label = next(filter(None, of_point["seat"]), f"at {point} mm")
             seat[alone] = label
             seated += alone.tolist()
     if not seated:
@@ -284,7 +286,8 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
     )
 
 
-def _of_relations(after: Fit) -> Iterator[Note]:
+def _worst_relation(after: Fit) -> Iterator[Note]:
+    """A note on the bar, or on the relation of planes, that the other data contradict most."""
     observations = after.observations
     if len(observations.ends) < 2:
         return
@@ -304,18 +307,20 @@ def _of_relations(after: Fit) -> Iterator[Note]:
         yield Note("relation_off", data | {"kind": word, "planes": planes})
 
 
-def _of_earlier(after: Fit) -> Iterator[Note]:
-    """Records behind the prior are correlated inputs (JCGM 100:2008, F.1.2.3)."""
+def _notes_on_prior(after: Fit) -> Iterator[Note]:
+    """Notes on an earlier calibration: records that it used too are correlated inputs (JCGM
+    100:2008, F.1.2.3).
+    """
     problem = after.problem
     if not problem.from_earlier:
         return
     used = problem.measurements.take(after.used)
     arm = problem.model.arm
     name = {"arm": arm.name}
-    before = {*problem.known_from}
-    if again := before.intersection(fingerprints(used)):
+    earlier = {*problem.known_from}
+    if again := earlier.intersection(fingerprints(used)):
         yield Note("records_used_before", {"again": len(again), "records": used.n} | name)
-    elif standards := before.intersection(fingerprints_of_standards(used)):
+    elif standards := earlier.intersection(fingerprints_of_standards(used)):
         yield Note("standards_used_before", {"standards": len(standards)} | name)
     if arm.unexplained:
         yield Note("prior_left_unexplained", {"unexplained": arm.unexplained} | name)
@@ -324,23 +329,28 @@ def _of_earlier(after: Fit) -> Iterator[Note]:
 def notes_of_records(after: Fit) -> Iterator[Note]:
     """What looks unusual in the records themselves."""
     records = after.problem.measurements
-    stating = after.used & records.known
-    if stating.any():
+    placed = after.used & records.known
+    if placed.any():
         # NaN: not stated.
-        u = float(np.median(reference_u(records, after.problem.setup, np.nan)[stating]))
-        residual = rms(after.system.deviation[stating])
+        u = float(np.median(reference_u(records, after.problem.setup, np.nan)[placed]))
+        residual = rms(after.system.deviation[placed])
         too_small = u < BEST_REFERENCE and u < residual / UNIT_RATIO
         if too_small or 0.0 < residual < u / UNIT_RATIO:
             yield Note("reference_noise_odd", {"u": u, "residual": residual})
     arm = after.problem.model.arm
     yield from whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
     yield from records.conditions.odd_temperatures(arm.reference_temperature)
-    yield from _of_torques(after)
+    yield from _large_torques(after)
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         joint = {"joint": int(j)}
         yield Note("slide_units", joint)
         if not (records.known.any() or records.lengths()):
             yield Note("slide_scale_exact", joint)
+    yield from _sphere_diameters(after)
+
+
+def _sphere_diameters(after: Fit) -> Iterator[Note]:
+    """A note if spheres by their contacts have other diameters than stated, in the median."""
     observations = after.observations
     tips = after.point.prediction.tips
     differences = []
@@ -349,12 +359,12 @@ def notes_of_records(after: Fit) -> Iterator[Note]:
         if contacts.sum() > FEWEST_CONTACTS:
             _, radius = best_sphere(tips[contacts])
             differences.append(2.0 * (radius - observations.radius[contacts][0]))
-    middle = float(np.median(differences)) if differences else 0.0
-    if abs(middle) >= OTHER_DIAMETER:
-        yield Note("sphere_diameters", {"off": middle})
+    median = float(np.median(differences)) if differences else 0.0
+    if abs(median) >= OTHER_DIAMETER:
+        yield Note("sphere_diameters", {"off": median})
 
 
-def _of_calibrated_arm(after: Fit) -> Iterator[Note]:
+def _notes_on_calibrated_arm(after: Fit) -> Iterator[Note]:
     arm = after.problem.model.arm
     for effect in after.effects if after.problem.tip_on_target else ():
         if isinstance(effect, StylusOffset) and effect.marker is None:
@@ -371,8 +381,8 @@ def _of_calibrated_arm(after: Fit) -> Iterator[Note]:
         yield Note("temperature_of_lengths", {"temperature": temperature, "stated": stated})
 
 
-def _of_torques(after: Fit) -> Iterator[Note]:
-    """Only if the masses of the arm are known."""
+def _large_torques(after: Fit) -> Iterator[Note]:
+    """A note if the stated masses explain only a small part of the torques."""
     arm = after.problem.model.arm
     records = after.problem.measurements
     torque = records.conditions.torque
@@ -390,14 +400,14 @@ def _of_torques(after: Fit) -> Iterator[Note]:
         yield Note("torques_large", {"torque": measured, "weight": weight})
 
 
-def _of_noise(after: Fit) -> Iterator[Note]:
+def _notes_on_noise(after: Fit) -> Iterator[Note]:
     setup = after.problem.setup
     if setup.encoder_noise is None:
         yield Note("encoder_noise_estimated")
     if after.noise_is_stated:
         if after.scatter > 0:
             yield Note("scatter_added", {"scatter": after.scatter_in_words})
-            yield from _farther_off(after)
+            yield from _binding_uncertainties(after)
         return
     unstated_noise = setup.unstated(after.problem.measurements)
     of_seats = after.noise.scatters.seat
@@ -414,29 +424,35 @@ def _of_noise(after: Fit) -> Iterator[Note]:
         yield Note("few_seats", {"seats": seats})
 
 
-def _farther_off(after: Fit) -> Iterator[Note]:
+def _binding_uncertainties(after: Fit) -> Iterator[Note]:
+    """A note if a fit without the stated uncertainties of the geometry scatters much less, with
+    parameters far from the arm file.
+    """
     problem = after.problem
-    geometric = problem.stated & problem.vector.geometric
-    if not geometric.any():
+    stated_geometry = problem.stated & problem.vector.geometric
+    if not stated_geometry.any():
         return
-    without = fit(free_geometry(problem), used=after.used)
-    in_widths = np.where(geometric, np.abs(without.point.x - problem.start) / problem.widths, 0.0)
-    if without.scatter > HELD_IN * after.scatter or in_widths.max() < FAR_OFF:
+    free = fit(free_geometry(problem), used=after.used)
+    over_u = np.abs(free.point.x - problem.start) / problem.widths
+    over_u[~stated_geometry] = 0.0
+    if free.scatter > HELD_IN * after.scatter or over_u.max() < FAR_OFF:
         return
-    largest = np.argsort(-in_widths)[:MOST_NAMED]
-    names = [problem.vector.names[k] for k in largest if in_widths[k] > FAR_OFF]
-    data = {"scatter": without.scatter, "parameters": names, "off": float(in_widths.max())}
+    largest = np.argsort(-over_u)[:MOST_NAMED]
+    names = [problem.vector.names[k] for k in largest if over_u[k] > FAR_OFF]
+    data = {"scatter": free.scatter, "parameters": names, "off": float(over_u.max())}
     yield Note("stated_values_hold", data)
 
 
 def contradicted_places(after: Fit) -> Iterator[Note]:
-    """Stated places and lengths that the other data, or all excluded records, contradict."""
+    """Notes on stated coordinates and lengths that other data, or all excluded records,
+    contradict.
+    """
     records = after.problem.measurements
     count = int(after.excluded.sum())
-    at = {*records.conditions.labels("seat")[after.excluded]}
-    if len(at) == 1 and count >= SEVERAL and "" not in at:
-        yield Note("seat_excluded", {"records": count, "seat": at.pop()})
-    yield from _of_relations(after)
+    seats = {*records.conditions.labels("seat")[after.excluded]}
+    if len(seats) == 1 and count >= SEVERAL and "" not in seats:
+        yield Note("seat_excluded", {"records": count, "seat": seats.pop()})
+    yield from _worst_relation(after)
     yield from contradictions(records, after.problem.setup, after.noise.scatters)
 
 
@@ -444,16 +460,18 @@ def notes_of(after: Fit) -> Iterator[Note]:
     """What was assumed, or estimated instead of stated."""
     problem = after.problem
     yield from exclusions_of(after).notes
-    yield from _of_earlier(after)
-    yield from _of_noise(after)
+    yield from _notes_on_prior(after)
+    yield from _notes_on_noise(after)
     yield from notes_of_records(after)
-    yield from _of_calibrated_arm(after)
+    yield from _notes_on_calibrated_arm(after)
     if after.scatter > FAR:
         yield Note("scatter_too_large", {"scatter": after.scatter})
     arm_parameters = zip(problem.vector.arm_parameters, problem.stated, strict=True)
-    free = [p.name for p, stated in arm_parameters if p is not None and not stated]
-    if free:
-        names = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
+    unstated = [p.name for p, stated in arm_parameters if p is not None and not stated]
+    if unstated:
+        names = ", ".join(unstated)
+        if len(unstated) > MOST_NAMED:
+            names = f"{len(unstated)} parameters"
         assumed = {"parameters": names, "length": ASSEMBLED["m"], "angle": ASSEMBLED["rad"]}
         yield Note("uncertainty_assumed", assumed)
     estimated = {p.name for p in problem.vector.arm_parameters if p is not None}
@@ -462,8 +480,8 @@ def notes_of(after: Fit) -> Iterator[Note]:
         yield Note("geometry_held", {"held": held})
     if not after.redundant and not after.excluded.any():
         yield Note("gross_errors_unsought")
-    with_u = [np.isfinite(bar.u) for bar in problem.measurements.bars()]
-    if problem.setup.length_noise is None and not all(with_u):
+    has_u = [np.isfinite(bar.u) for bar in problem.measurements.bars()]
+    if problem.setup.length_noise is None and not all(has_u):
         yield Note("bar_noise_assumed", {"u": BAR_NOISE})
     if not after.converged:
         yield Note("not_converged", {"why": after.message})

@@ -130,34 +130,36 @@ class Fit:
         """The degrees of freedom of turns."""
         if not self.problem.turns:
             return 0.0
-        shares = self._of_records(self.system.jacobian @ self.system.independent_steps)
-        stated = self.used & (self.observations.counts == 6)
-        return 3.0 * int(stated.sum()) - float(np.square(shares[:, 3:]).sum())
+        shares = self._rows_by_record(self.system.jacobian @ self.system.independent_steps)
+        with_turn = self.used & (self.observations.counts == 6)
+        return 3.0 * int(with_turn.sum()) - float(np.square(shares[:, 3:]).sum())
 
-    def _of_records(self, rows: Array) -> Array:
-        """The rows of the linear model (m, c) of each record (n, 3 or 6, c); zero without."""
+    def _rows_by_record(self, rows: Array) -> Array:
+        """Rows of the linear model (m, c) by record (n, 3 or 6, c); zero without target."""
         has_target = self.observations.has_target
         width = self.noise.whitening.shape[1]
         count = width * int(has_target.sum())
-        of_records = np.zeros((has_target.size, width, rows.shape[1]))
-        of_records[has_target] = rows[:count].reshape(-1, *of_records.shape[1:])
-        return of_records
+        by_record = np.zeros((has_target.size, width, rows.shape[1]))
+        by_record[has_target] = rows[:count].reshape(-1, *by_record.shape[1:])
+        return by_record
 
     def of_each_record(self, rows: Array) -> Array:
-        """The same of each record by itself, without what it shares with others of a reading."""
+        """Rows of the linear model (m, c) by record (n, 3 or 6, c), each whitened by itself, not
+        with others of its reading.
+        """
         root_weights = np.sqrt(self.weights)[:, None, None]
         correlation = self.noise.correlation(self.noise.whitening * root_weights)
-        return correlation.whitened_back(self._of_records(rows))
+        return correlation.whitened_back(self._rows_by_record(rows))
 
     def chi2_of(self, records: Mask) -> Chi2:
         """χ² of some records (n,) and the prior, after a fit to them alone, to first order."""
         seat = np.where(records, self.observations.seat, -1)
         one_part = np.zeros(records.size, dtype=np.intp)
-        observations, old, _ = replace(self.observations, seat=seat).divided(one_part)
+        observations, seats, _ = replace(self.observations, seat=seat).divided(one_part)
         noise = replace(self.noise, observations=observations)
-        point = replace(self.point, seats=self.point.seats[old])
-        there = Fit.at(self.problem, noise, point, records.astype(np.float64))
-        return Chi2(there.system.cost - there.system.solution.reduction, there.chi2.dof)
+        point = replace(self.point, seats=self.point.seats[seats])
+        alone = Fit.at(self.problem, noise, point, records.astype(np.float64))
+        return Chi2(alone.system.cost - alone.system.solution.reduction, alone.chi2.dof)
 
     @property
     def scatter(self) -> float:
@@ -173,10 +175,11 @@ class Fit:
     @property
     def lever(self) -> float:
         """Ratio of the noise of shifts to that of turns [m]; 0 without orientations."""
-        both = self.residual_noise[self.used & self.observations.oriented]
-        if not len(both):
+        covariances = self.residual_noise[self.used & self.observations.oriented]
+        if not len(covariances):
             return 0.0
-        shifts, turns = np.split(np.diagonal(both, axis1=1, axis2=2).sum(axis=0), 2)
+        variances = np.diagonal(covariances, axis1=1, axis2=2)
+        shifts, turns = np.split(variances.sum(axis=0), 2)
         return float(np.sqrt(shifts.sum() / turns.sum()))
 
     @property
@@ -191,8 +194,8 @@ class Fit:
         stated.
         """
         open_surfaces = self.observations.surfaces & ~self.observations.known
-        taken = (3 if self.noise_is_stated else 6) * int(open_surfaces.sum())
-        return self.chi2.dof >= 0.5 * (self.free + taken)
+        open_numbers = (3 if self.noise_is_stated else 6) * int(open_surfaces.sum())
+        return self.chi2.dof >= 0.5 * (self.free + open_numbers)
 
     @property
     def too_many_excluded(self) -> bool:
@@ -237,10 +240,10 @@ class Fit:
         effects = (*of_geometry(model.arm), *model.effects)
         columns = [np.empty((records.n, state.coordinates, 0))]
         columns += [sensitivity(effect, state) for effect in effects]
-        moved = np.concatenate(columns, axis=2) @ root
-        halves = moved.reshape(records.n, -1, 3, root.shape[1])
-        along = (self.point.frame.rotation @ halves).reshape(moved.shape)
-        counting = self.observations.along_normals(along.transpose(0, 2, 1))
+        in_base = np.concatenate(columns, axis=2) @ root
+        vectors_in_base = in_base.reshape(records.n, -1, 3, root.shape[1])
+        displacements = (self.point.frame.rotation @ vectors_in_base).reshape(in_base.shape)
+        counting = self.observations.along_normals(displacements.transpose(0, 2, 1))
         return counting.transpose(0, 2, 1)
 
     @property
@@ -268,10 +271,10 @@ class Fit:
         if not (self.used.any() and self.problem.model.covariance().any()):
             return float("nan")
         by_geometry = self.by_geometry
-        by_estimates, by_held = self._whitened_beside(by_geometry)
-        whitened = self.of_each_record(by_held + by_estimates @ self.response(by_geometry))
-        left = np.linalg.cholesky(self.residual_noise) @ whitened
-        of_geometry = np.square(left[self.used, :3]).sum(axis=(1, 2)).mean()
+        by_estimates, by_errors = self._whitened_rows(by_geometry)
+        whitened = self.of_each_record(by_errors + by_estimates @ self.response(by_geometry))
+        after_fit = np.linalg.cholesky(self.residual_noise) @ whitened
+        of_geometry = np.square(after_fit[self.used, :3]).sum(axis=(1, 2)).mean()
         return float(np.sqrt(of_geometry + self.expected_rms(self.noise.without_scatter) ** 2))
 
     @property
@@ -293,25 +296,26 @@ class Fit:
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
         seat = self.observations.seat[self.used]
-        placed = np.append(self.observations.known, True)
-        touches = np.bincount(seat + 1, minlength=placed.size)[seat + 1]
-        taken = np.where(self.observations.on_surface[self.used], 3.0, 1.0)
-        remaining = np.where(placed[seat], 1.0, np.maximum(1.0 - taken / touches, 0.0))
+        is_stated = np.append(self.observations.known, True)  # the last for records without seat
+        touches = np.bincount(seat + 1, minlength=is_stated.size)[seat + 1]
+        fitted = np.where(self.observations.on_surface[self.used], 3.0, 1.0)
+        remaining = np.where(is_stated[seat], 1.0, np.maximum(1.0 - fitted / touches, 0.0))
         mean = (variance * remaining).mean()
         return float(np.sqrt(mean))
 
     @cached_property
     def unknown(self) -> Array:
-        """Directions that these records do not determine (p, k), orthonormal [scales].
+        """Directions that these records do not determine (p, k), orthonormal [scales]: by
+        derivatives at the tips, or at the targets, from which the tips scatter.
 
-        If tips scatter, a turn of the arm about its base, or of its target about the last joint,
-        seems to change residuals. The first does not at targets, the second not at tips.
+        A rotation of the arm about its base moves no target, but a tip beside it. A rotation of the
+        target about the last joint moves no tip.
         """
         point = self.point
         targets = point.prediction.tips - np.nan_to_num(self.system.deviation)
-        there = self.problem.predict(point.x, point.frame, targets)
-        at_targets = self._with_jacobian(there.jacobian, self.system.prior).unknown
-        directions = np.hstack([self.system.unknown, at_targets])
+        at_targets = self.problem.predict(point.x, point.frame, targets)
+        by_targets = self._with_jacobian(at_targets.jacobian, self.system.prior)
+        directions = np.hstack([self.system.unknown, by_targets.unknown])
         return np.asarray(orth(directions, rcond=ONE_DIRECTION))
 
     @cached_property
@@ -331,9 +335,9 @@ class Fit:
         point = replace(self.point, prediction=prediction)
         return linearise(point, prior, self.noise, self.weights)
 
-    def _whitened_beside(self, columns: Array) -> tuple[Array, Array]:
-        """Rows by the estimates (m, p), and by what displaces the records by ``columns`` (n, 3 or
-        6, q) per unit (m, q).
+    def _whitened_rows(self, columns: Array) -> tuple[Array, Array]:
+        """Whitened rows by the estimates (m, p), and by q other values (m, q), whose units displace
+        the records by ``columns`` (n, 3 or 6, q).
         """
         jacobian = np.concatenate([self.point.prediction.jacobian, columns], axis=2)
         rows = self._with_jacobian(jacobian, self.system.prior).jacobian
@@ -344,7 +348,7 @@ class Fit:
         """Derivative of all estimates by what the fit held (p, q) [units]: ``-(JᵀJ)⁻¹ Jᵀ C``;
         ``columns`` displace the records by one unit (n, 3 or 6, q) [m, rad].
         """
-        by_estimates, by_held = self._whitened_beside(columns)
+        by_estimates, by_held = self._whitened_rows(columns)
         steps = self.system.independent_steps
         return -steps @ (steps.T @ (by_estimates.T @ by_held))
 
@@ -373,19 +377,19 @@ class Fit:
     @cached_property
     def full_covariance(self) -> Array:
         """Of all columns and, last, of the nonlinear parameters."""
-        covariance = self._of_independent_records()
+        covariance = self._covariance_of_independent_records()
         p = self.problem.scales.size
         covariance[:p, :p] += self.added_covariance
         return covariance
 
-    def _of_independent_records(self) -> Array:
+    def _covariance_of_independent_records(self) -> Array:
         parameters = self.nonlinear_parameters
         if not parameters:
             return self.system.covariance(self.unknown)
         point = self.point
         widths = np.array([width for *_, width in parameters])
         by_nonlinear = np.stack(
-            [self._by_nonlinear(*parameter) for parameter in parameters], axis=2
+            [self._nonlinear_derivative(*parameter) for parameter in parameters], axis=2
         )
         jacobian = np.concatenate([point.prediction.jacobian, by_nonlinear], axis=2)
         system = self._with_jacobian(jacobian, self.problem.prior(point.x, widths))
@@ -394,17 +398,17 @@ class Fit:
             variance = covariance[column, column]
             least = self.estimated_nonlinear.get(effect.key, {}).get(name, 0.0) ** 2
             if 0.0 < variance < least:  # what is correlated with it grows too
-                along = covariance[column] / variance
-                covariance = covariance + (least - variance) * np.outer(along, along)
+                regression = covariance[column] / variance
+                covariance = covariance + (least - variance) * np.outer(regression, regression)
         return covariance
 
-    def _by_nonlinear(self, number: int, effect: Effect, name: str, width: float) -> Array:
+    def _nonlinear_derivative(self, number: int, effect: Effect, name: str, width: float) -> Array:
         """∂(pose)/∂(nonlinear parameter) (n, 3 or 6) [m/unit]."""
         poses = []
         for step in (OF_WIDTH * width, -OF_WIDTH * width):
             effects = list(self.problem.vector.effects)
             effects[number] = replace(effects[number], **{name: getattr(effect, name) + step})
             vector = replace(self.problem.vector, effects=tuple(effects))
-            moved = replace(self.problem, vector=vector)
-            poses.append(moved.poses(self.point.x, self.point.frame))
+            displaced = replace(self.problem, vector=vector)
+            poses.append(displaced.poses(self.point.x, self.point.frame))
         return (poses[0] - poses[1]) / (2 * OF_WIDTH * width)

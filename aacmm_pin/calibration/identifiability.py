@@ -47,12 +47,12 @@ class Undetermined:
         """
         if not self.spread.size:
             return self.spread
-        prediction = self._elsewhere(on_tip=True)
+        prediction = self._prediction_elsewhere(on_tip=True)
         jacobian = prediction.jacobian[:, :3, : self.problem.widths.size].copy()
         for _, entries in self.problem.vector.of_sessions():
             jacobian[:, :, entries] = 0.0
-        free = self.problem.external or not self.problem.measurements.known.any()
-        return _moving(self.spread, jacobian, prediction.tips if free else None)
+        base_is_open = self.problem.external or not self.problem.measurements.known.any()
+        return _moving_span(self.spread, jacobian, prediction.tips if base_is_open else None)
 
     @cached_property
     def target_directions(self) -> Array:
@@ -61,10 +61,11 @@ class Undetermined:
         """
         if not self.directions.size:
             return self.directions
-        prediction = self._elsewhere(on_tip=False)
+        prediction = self._prediction_elsewhere(on_tip=False)
         jacobian = prediction.jacobian[:, :3] * self.problem.scales
-        free = not self.problem.measurements.known.any()
-        return _moving(self.directions, jacobian, prediction.tips if free else None)
+        frame_is_open = not self.problem.measurements.known.any()
+        free_points = prediction.tips if frame_is_open else None
+        return _moving_span(self.directions, jacobian, free_points)
 
     @cached_property
     def frame_is_open(self) -> bool:
@@ -80,7 +81,7 @@ class Undetermined:
         """Parameters of the arm that records determine only together with the base."""
         p = self.problem.widths.size
         names = self.problem.names
-        rows = _combinations(self.problem, self.directions)
+        rows = _sparse_combinations(self.problem, self.directions)
         with_frame = rows[:, p : p + 6].any(axis=1)
         of_arm = rows[with_frame, :p].any(axis=0)
         return tuple(names[k] for k in np.flatnonzero(of_arm))
@@ -88,10 +89,11 @@ class Undetermined:
     @property
     def words(self) -> tuple[str, ...]:
         """Combinations that neither records nor a stated uncertainty determine."""
-        rows = _combinations(self.problem, self.directions)
-        return tuple(_words(row, self.problem.names) for row in rows)
+        rows = _sparse_combinations(self.problem, self.directions)
+        return tuple(_combination_in_words(row, self.problem.names) for row in rows)
 
-    def _elsewhere(self, *, on_tip: bool) -> Prediction:
+    def _prediction_elsewhere(self, *, on_tip: bool) -> Prediction:
+        """Targets, or with ``on_tip`` tips, at postures over the whole range of the arm."""
         records = self.problem.measurements
         model = self.problem.model.with_effects(*self.problem.vector.effects)
         arm = model.restricted_to_known_range().arm
@@ -100,17 +102,17 @@ class Undetermined:
         conditions = drawn.conditions
         if on_tip and conditions.marker is not None:
             conditions = replace(conditions, marker=np.full(OTHER_POSTURES, "", dtype=object))
-        there = self.problem.of(replace(drawn, q=q, conditions=conditions))
-        return there.predict(self.point.x, self.point.frame)
+        elsewhere = self.problem.of(replace(drawn, q=q, conditions=conditions))
+        return elsewhere.predict(self.point.x, self.point.frame)
 
 
-def _moving(directions: Array, jacobian: Array, free: Array | None) -> Array:
+def _moving_span(directions: Array, jacobian: Array, free_points: Array | None) -> Array:
     """Span of the directions (p, k), of unit variance, that moves points, by their derivative (n,
-    3, p), but for rigid motions of ``free`` points (n, 3) [m].
+    3, p). Rigid motions of all ``free_points`` (n, 3) [m] do not count.
     """
     motion = (jacobian @ directions).reshape(-1, directions.shape[1])
-    if free is not None:
-        basis = np.linalg.qr(rigid_motions(free).reshape(-1, 6))[0]
+    if free_points is not None:
+        basis = np.linalg.qr(rigid_motions(free_points).reshape(-1, 6))[0]
         motion = motion - basis @ (basis.T @ motion)
     _, size, combined = np.linalg.svd(motion / np.sqrt(len(jacobian)), full_matrices=False)
     return np.asarray(directions @ combined[size > MOVES].T)
@@ -146,17 +148,19 @@ class Observability(Shown):
         return Observability(o1, low / high, low, low**2 / high, o5, values.size)
 
 
-def _combinations(problem: Problem, directions: Array) -> Array:
-    """The span of ``directions`` (p, k) [scales] with many zeros (k, p) [units]."""
-    # Parts can be compared by 1 mm and 1 mrad, others by their widths.
+def _sparse_combinations(problem: Problem, directions: Array) -> Array:
+    """Combinations (k, p) [units] that span ``directions`` (p, k) [scales], with many zeros by
+    Gauss–Jordan elimination.
+    """
+    # 1 mm and 1 mrad are comparable; other parameters are so by their widths.
     typical = np.full(len(problem.names), 1e-3)
     for k, parameter in enumerate(problem.vector.parameters):
         if parameter.unit not in ("m", "rad"):
             typical[k] = problem.widths[k]
     rows = (directions * problem.scales[:, None] / typical[:, None]).T.copy()
     for k in range(len(rows)):
-        open_rows = np.abs(rows[k:])
-        i, j = divmod(int(np.argmax(open_rows)), open_rows.shape[1])
+        remaining = np.abs(rows[k:])
+        i, j = divmod(int(np.argmax(remaining)), remaining.shape[1])
         rows[[k, k + i]] = rows[[k + i, k]]
         rows[k] /= rows[k, j]
         others = np.arange(len(rows)) != k
@@ -166,7 +170,7 @@ def _combinations(problem: Problem, directions: Array) -> Array:
     return np.asarray(rows * typical)
 
 
-def _words(combination: Array, names: list[str]) -> str:
+def _combination_in_words(combination: Array, names: list[str]) -> str:
     parts = np.flatnonzero(combination)
     members = [names[i] for i in parts]
     if len(members) == 1:

@@ -25,11 +25,14 @@ from aacmm_pin.effects import (
 )
 
 Twists = dict[int, Array]
+"""Of frames, by number (n or 1, 6)."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Same:
-    """Parameters with the same twist in every record: places (k,), twists (k, 6), numbers (k,)."""
+class _ConstantTwists:
+    """Parameters with one twist in all records: frames (k,), twists (k, 6), and numbers of the
+    parameters (k,).
+    """
 
     place: Index
     twist: Array
@@ -38,8 +41,8 @@ class _Same:
 
 
 @dataclass(frozen=True, eq=False)
-class _Varying:
-    """One place, twists per unit in each record (n, 6, k), and numbers of the parameters."""
+class _VaryingTwists:
+    """Twists of one frame per unit in each record (n, 6, k), and numbers of the parameters."""
 
     displacement: Displacement
     number: slice
@@ -58,8 +61,8 @@ class Columns:
 
     state: State
     vector: ParameterVector
-    same: _Same
-    varying: tuple[_Varying, ...]
+    constant: _ConstantTwists
+    varying: tuple[_VaryingTwists, ...]
     given: tuple[Effect, ...]
 
     @staticmethod
@@ -76,45 +79,48 @@ class Columns:
             displacements = [] if effect.elastic else effect.displacements(state)
             for d in displacements:
                 if not (len(displacements) == len(d.columns) == 1 and straight):
-                    varying.append(_Varying(d, entries, effect.of_reference, straight))
+                    varying.append(_VaryingTwists(d, entries, effect.of_reference, straight))
                     continue
                 width = entries.stop - entries.start
                 places += width * [d.place]
                 twists.append(d.columns[0].T)
                 numbers += range(entries.start, entries.stop)
                 of_reference += width * [effect.of_reference]
-        same = _Same(
+        constant = _ConstantTwists(
             np.array(places, dtype=np.intp),
             np.concatenate([np.zeros((0, 6)), *twists]),
             np.array(numbers, dtype=np.intp),
             np.array(of_reference, dtype=bool),
         )
         acting = tuple(effect for effect in given if any(effect.values))
-        return Columns(state, vector, same, tuple(varying), acting)
+        return Columns(state, vector, constant, tuple(varying), acting)
 
     @cached_property
     def _given_twists(self) -> tuple[Twists, Twists]:
-        """Of the arm, and of the references."""
-        twists: tuple[Twists, Twists] = ({}, {})
+        """Of the arm, and of the references, by the given effects that are not elastic."""
+        of_arm: Twists = {}
+        of_references: Twists = {}
         for effect in self.given:
+            twists = of_references if effect.of_reference else of_arm
             for place, twist in [] if effect.elastic else effect.exact(self.state):
-                _sum(twists[effect.of_reference], {place: twist})
-        return twists
+                _add(twists, {place: twist})
+        return of_arm, of_references
 
     @cached_property
     def _elastic(self) -> list[tuple[Effect, slice]]:
         return [(effect, entries) for effect, entries in self.vector if effect.elastic]
 
     @cached_property
-    def _same_twists(self) -> list[tuple[list[int], Array]]:
-        """Places and twists by one unit of each parameter (places, 6, p): of the arm, of the
-        references.
+    def _constant_twists(self) -> list[tuple[list[int], Array]]:
+        """Numbers of frames, and their twists by one unit of each parameter (frames, 6, p): of the
+        arm, of the references.
         """
+        constant = self.constant
         twists = []
-        for chosen in (~self.same.of_reference, self.same.of_reference):
-            places, at = np.unique(self.same.place[chosen], return_inverse=True)
+        for chosen in (~constant.of_reference, constant.of_reference):
+            places, frame = np.unique(constant.place[chosen], return_inverse=True)
             per_unit = np.zeros((places.size, 6, self.vector.size))
-            per_unit[at, :, self.same.number[chosen]] = self.same.twist[chosen]
+            per_unit[frame, :, constant.number[chosen]] = constant.twist[chosen]
             twists.append((places.tolist(), per_unit))
         return twists
 
@@ -127,49 +133,52 @@ class Columns:
         of_reference = self._twists(x, True)
         if not of_reference:
             return state
-        return replace(state, twists=_sum(dict(state.twists), of_reference))
+        twists = dict(state.twists)
+        _add(twists, of_reference)
+        return replace(state, twists=twists)
 
     def jacobian(self, state: State, more: int = 0) -> Array:
-        """:func:`aacmm_pin.effects.sensitivity` of all parameters in ``state``, and ``more`` zero
-        columns.
+        """:func:`aacmm_pin.effects.sensitivity` of all p parameters in ``state``, and ``more`` zero
+        columns (n, 3 or 6, p + more); records are last in memory.
         """
-        total = np.zeros((state.coordinates, self.vector.size + more, state.n)).transpose(2, 0, 1)
-        if self.same.place.size:
-            total[:, :, self.same.number] = self._same_columns(state)
+        shape = (state.coordinates, self.vector.size + more, state.n)
+        columns = np.zeros(shape).transpose(2, 0, 1)
+        if self.constant.place.size:
+            columns[:, :, self.constant.number] = self._constant_columns(state)
         for part in self.varying:
-            total[:, :, part.number] += point_sensitivity(state, part.displacement)
+            columns[:, :, part.number] += point_sensitivity(state, part.displacement)
         for effect, entries in self._elastic:
-            total[:, :, entries] = sensitivity(effect, state)
-        return total
+            columns[:, :, entries] = sensitivity(effect, state)
+        return columns
 
-    def _same_columns(self, state: State) -> Array:
-        """``R v + (R ω) × (p - o)`` (n, 3, k); behind it turns ``R ω``."""
-        place = self.same.place
+    def _constant_columns(self, state: State) -> Array:
+        """``R v + (R ω) × (p - o)`` (n, 3, k); behind it rotations ``R ω``."""
+        place = self.constant.place
         axes = state.rotation.transpose(0, 3, 2, 1)[place].reshape(-1, 3, 3 * state.n)
-        moves = (self.same.twist.reshape(-1, 2, 3) @ axes).reshape(-1, 2, 3, state.n)
+        twists = (self.constant.twist.reshape(-1, 2, 3) @ axes).reshape(-1, 2, 3, state.n)
         lever = state.position.T - state.origin.transpose(0, 2, 1)[place]
-        turns = moves[:, 1]
-        motions = moves[:, 0] + cross(turns, lever)
+        turns = twists[:, 1]
+        motions = twists[:, 0] + cross(turns, lever)
         if state.with_rotation:
             motions = np.concatenate([motions, turns], axis=1)
         return motions.transpose(2, 1, 0)
 
     def _twists(self, x: Array, of_reference: bool) -> Twists:
-        places, per_unit = self._same_twists[of_reference]
+        """By given effects and parameters ``x`` (p,), of the arm or of the references."""
+        places, per_unit = self._constant_twists[of_reference]
         twists = dict(self._given_twists[of_reference])
-        _sum(twists, dict(zip(places, (per_unit @ x)[:, None], strict=True)))
+        _add(twists, dict(zip(places, (per_unit @ x)[:, None], strict=True)))
         for part in self.varying:
             if part.of_reference == of_reference and part.straight and x[part.number].any():
-                _sum(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})
+                _add(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})
         for effect, entries in self.vector:
             is_linear = effect.elastic or type(effect).exact is Effect.exact
             if not is_linear and effect.of_reference == of_reference and x[entries].any():
                 for place, twist in effect.at(x[entries]).exact(self.state):
-                    _sum(twists, {place: twist})
+                    _add(twists, {place: twist})
         return twists
 
 
-def _sum(twists: Twists, more: Twists) -> Twists:
+def _add(twists: Twists, more: Twists) -> None:
     for place, twist in more.items():
         twists[place] = twists[place] + twist if place in twists else twist
-    return twists
