@@ -28,7 +28,7 @@ from aacmm_pin.calibration.wrong_columns import (
 from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.effects import StylusOffset
 
-TURN = 2 * np.pi
+FULL_TURN = 2 * np.pi
 """A larger angle was hardly in radians [rad]."""
 SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
 LEAST_LENGTH = 2e-3
@@ -103,23 +103,25 @@ class Mistake:
 
     @property
     def changes_tips(self) -> bool:
-        """Not in coordinates or lengths."""
+        """Whether it is not in coordinates or lengths."""
         return "target" in self.options or self.matrix is not None or self.arm is not None
 
     @property
     def free(self) -> int:
         """How many numbers it leaves open, which may absorb other mistakes."""
-        of_options = {"reference_frame": 6, "target": 3}
-        return 10 * self.chosen + sum(of_options[option] for option in self.options)
+        numbers_of_option = {"reference_frame": 6, "target": 3}
+        return 10 * self.chosen + sum(numbers_of_option[option] for option in self.options)
 
     def undone(self, problem: Problem) -> Problem:
         """Return the problem without the mistake."""
         records = problem.measurements
         length = records.bar_length
         readings = records.readings
+        if self.matrix is not None:
+            readings = readings @ self.matrix.T + self.offset
         changed = replace(
             records,
-            q=readings if self.matrix is None else readings @ self.matrix.T + self.offset,
+            q=readings,
             of_encoders=None,
             reference=records.reference @ self.axes,
             reference_u=records.reference_u[:, np.abs(self.axes).argmax(axis=0)],
@@ -139,22 +141,22 @@ OTHER_FRAME = Mistake("other_frame", options={"reference_frame": "external"})
 def single_mistakes(problem: Problem) -> Iterator[Mistake]:
     """Without values that the records choose."""
     records = problem.measurements
-    yield from _of_readings(problem)
-    for code, data, changed in _of_arm(problem.model.arm):
-        yield Mistake(code, data, arm=changed)
+    yield from _mistakes_in_readings(problem)
+    for code, data, correct in _mistakes_in_arm(problem.model.arm):
+        yield Mistake(code, data, arm=correct)
     if records.known.any():
-        yield from _of_coordinates(problem)
+        yield from _mistakes_in_coordinates(problem)
     if records.bars():
         for (unit, taken), factor in LENGTH_UNITS.items():
             data = {"unit": unit, "taken": taken}
             yield Mistake("bars_unit", data, bar_factor=factor)
 
 
-def _of_coordinates(problem: Problem) -> Iterator[Mistake]:
+def _mistakes_in_coordinates(problem: Problem) -> Iterator[Mistake]:
     if problem.external:  # where all mirror images are alike
         yield Mistake("coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
     else:
-        yield from _of_axes()
+        yield from _exchanged_axes()
         yield OTHER_FRAME
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
     if problem.setup.target != "unknown" and not has_offset:
@@ -167,15 +169,15 @@ def _of_coordinates(problem: Problem) -> Iterator[Mistake]:
         yield Mistake("coordinate_in_metres", {"axis": axis}, axes=_times(k, 1e3, 3))
 
 
-def _of_axes() -> Iterator[Mistake]:
-    changes = [*product(permutations(range(3)), product((1, -1), repeat=3))]
-    for order, signs in changes[1:]:  # the first changes nothing
+def _exchanged_axes() -> Iterator[Mistake]:
+    orders_and_signs = [*product(permutations(range(3)), product((1, -1), repeat=3))]
+    for order, signs in orders_and_signs[1:]:  # the first changes nothing
         letters = [f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True)]
         axes = np.eye(3)[:, order] * signs
         yield Mistake("other_axes", {"axes": ", ".join(letters)}, axes=axes)
 
 
-def _of_readings(problem: Problem) -> Iterator[Mistake]:
+def _mistakes_in_readings(problem: Problem) -> Iterator[Mistake]:
     arm = problem.model.arm
     readings = problem.measurements.readings
     for j, largest in enumerate(np.abs(readings).max(axis=0)):
@@ -184,9 +186,9 @@ def _of_readings(problem: Problem) -> Iterator[Mistake]:
         units = SLIDE_UNITS
         if not slides:
             units = {"gon": GON}
-            if largest > TURN:
+            if largest > FULL_TURN:
                 units["degrees"] = DEG
-            elif largest <= TURN * DEG:
+            elif largest <= FULL_TURN * DEG:
                 units["radians"] = 1 / DEG
         for unit, factor in units.items():
             column = "rad" if unit == "degrees" else "deg"
@@ -200,7 +202,7 @@ def _of_readings(problem: Problem) -> Iterator[Mistake]:
         order[[j, k]] = k, j
         data = {"joints": (j + 1, k + 1)}
         yield Mistake("joints_exchanged", data, matrix=np.eye(arm.nq)[order])
-    yield from _of_couplings(arm)
+    yield from _wrong_couplings(arm)
     for (unit, taken), factor in ANGLE_UNITS.items():
         data = {"unit": unit, "taken": taken}
         yield Mistake("angles_unit", data, matrix=factor * np.eye(arm.nq))
@@ -224,14 +226,14 @@ def _turned(joint: int, degrees: int, nq: int) -> Mistake:
     return Mistake("zero_turned", data, matrix=same, offset=offset)
 
 
-def _of_couplings(arm: Arm) -> Iterator[Mistake]:
+def _wrong_couplings(arm: Arm) -> Iterator[Mistake]:
     stated = arm.coupling_matrix
-    without = np.eye(arm.nq)
+    uncoupled = np.eye(arm.nq)
     rows = arm.chain.moving_rows()
-    for j, k in np.argwhere(stated != without):
+    for j, k in np.argwhere(stated != uncoupled):
         ratio = float(stated[j, k])
         inverse = 1.0 / ratio if j == k else 0.0
-        for expected in {-ratio, inverse, float(without[j, k])} - {ratio}:
+        for expected in {-ratio, inverse, float(uncoupled[j, k])} - {ratio}:
             changed = stated.copy()
             changed[j, k] = expected
             data = {"joint": rows[j], "of": rows[k], "ratio": ratio, "expected": expected}
@@ -243,32 +245,36 @@ def _of_couplings(arm: Arm) -> Iterator[Mistake]:
         if stated[j, k]:
             continue
         code = "joint_shows_sum" if sign < 0 else "joint_shows_difference"
-        matrix = without + sign * np.outer(without[j], without[k])
+        matrix = uncoupled + sign * np.outer(uncoupled[j], uncoupled[k])
         ratio = float((stated @ matrix)[j, k])
         data = {"joint": j + 1, "other": k + 1, "row": rows[j], "of": rows[k], "ratio": ratio}
         yield Mistake(code, data, matrix=matrix)
 
 
-def _of_arm(arm: Arm) -> Iterator[tuple[str, _Values, Arm]]:
+def _mistakes_in_arm(arm: Arm) -> Iterator[tuple[str, _Values, Arm]]:
     """Code and data of each mistake in the file of the arm, and the arm without it."""
     if isinstance(arm.file, ArmFile):
-        yield from _of_table(arm.file)
+        yield from _mistakes_in_table(arm.file)
     if arm.dh is None and not arm.mimics:
-        yield from _of_placements(arm)
+        yield from _mistakes_in_placements(arm)
 
 
-def _of_table(file: ArmFile) -> Iterator[tuple[str, _Values, Arm]]:
+def _mistakes_in_table(file: ArmFile) -> Iterator[tuple[str, _Values, Arm]]:
+    """As :func:`_mistakes_in_arm`: of one row, of two rows exchanged, and of all rows."""
     other = "modified-dh" if file.convention == "standard-dh" else "standard-dh"
     conventions = {"other": other, "convention": file.convention}
-    changed = Arm.from_file(file.model_copy(update={"convention": other}))
-    yield "other_convention", conventions, changed
+    by_other = Arm.from_file(file.model_copy(update={"convention": other}))
+    yield "other_convention", conventions, by_other
     for number in range(len(file.joints)):
-        for code, data, values in _of_row(file, number):
+        for code, data, values in _mistakes_in_row(file, number):
             yield code, data, _with_values(file, {number: values})
     for j, k in combinations(range(len(file.joints)), 2):
         for keys, code in EXCHANGED.items():
-            rows = {row: file.joints[j + k - row].model_dump(include={*keys}) for row in (j, k)}
-            yield code, {"rows": (j + 1, k + 1), "value": keys[0][0]}, _with_values(file, rows)
+            values_of_j, values_of_k = (
+                file.joints[row].model_dump(include={*keys}) for row in (j, k)
+            )
+            data = {"rows": (j + 1, k + 1), "value": keys[0][0]}
+            yield code, data, _with_values(file, {j: values_of_k, k: values_of_j})
     if 0.0 < max(abs(row.alpha_rad) for row in file.joints) < MOST_IN_RADIANS:
         yield "table_in_radians", {}, _scaled(file, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
     for (unit, _), factor in LENGTH_UNITS.items():
@@ -276,8 +282,8 @@ def _of_table(file: ArmFile) -> Iterator[tuple[str, _Values, Arm]]:
             yield "table_unit", {"unit": unit}, _scaled(file, ("a_mm", "d_mm"), factor)
 
 
-def _of_row(file: ArmFile, number: int) -> Iterator[tuple[str, _Values, _Values]]:
-    """Code and data of each mistake in one row (from 0), and its correct values."""
+def _mistakes_in_row(file: ArmFile, number: int) -> Iterator[tuple[str, _Values, _Values]]:
+    """Code and data of each mistake in one row (from 0), and the correct values."""
     row = file.joints[number]
     yield "row_exchanged", {"row": number + 1}, {"a_mm": row.d_mm, "d_mm": row.a_mm}
     twist = {"row": number + 1, "alpha": row.alpha_rad}
@@ -289,8 +295,8 @@ def _of_row(file: ArmFile, number: int) -> Iterator[tuple[str, _Values, _Values]
             data = {"parameter": f"{key[0]}{number + 1}", "stated": stated * MM}
             data["likely"] = factor * stated * MM
             yield "length_mistyped", data, {key: factor * stated}
-    for turn in QUARTERS[1:]:
-        alpha = float(np.remainder(row.alpha_rad + turn * DEG + np.pi, TURN) - np.pi)
+    for degrees in QUARTERS[1:]:
+        alpha = float(np.remainder(row.alpha_rad + degrees * DEG + np.pi, FULL_TURN) - np.pi)
         if abs(alpha + row.alpha_rad) >= LEAST_SINE:  # not the opposite sign
             yield "twist_mistyped", twist | {"likely": alpha}, {"alpha_rad": alpha}
     if not row.fixed and not row.slides:
@@ -311,7 +317,7 @@ def _is_small(file: object) -> bool:
     return isinstance(file, ArmFile) and file.size * MM < SMALL
 
 
-def _of_placements(arm: Arm) -> Iterator[tuple[str, _Values, Arm]]:
+def _mistakes_in_placements(arm: Arm) -> Iterator[tuple[str, _Values, Arm]]:
     names = [parameter.name for parameter in arm.parameters]
     for joint in range(arm.nq):
         of_joint = names[6 * joint + 3 : 6 * joint + 6]
@@ -365,8 +371,8 @@ def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:
 
 def in_words(mistakes: tuple[Mistake, ...]) -> str:
     """One sentence, joints with the opposite sign together."""
-    notes = [Note(one.code, one.data) for one in mistakes]
-    joints = [one.data["joint"] for one in mistakes if one.code == "joint_reversed"]
+    notes = [Note(mistake.code, mistake.data) for mistake in mistakes]
+    joints = [note.data["joint"] for note in notes if note.code == "joint_reversed"]
     if len(joints) > 1:
         others = [note for note in notes if note.code != "joint_reversed"]
         notes = [Note("joints_reversed", {"joints": joints}), *others]

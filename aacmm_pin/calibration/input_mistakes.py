@@ -72,7 +72,8 @@ ORIENTATION_FAR = 0.05
 
 
 GEOMETRIC_EFFECTS = {JointPlacement, *DH_KIND_OF_EFFECT}
-_Touches = tuple[Problem, Observations]
+_Targets = tuple[Problem, Observations]
+"""Records without mistakes in their targets, and their observations."""
 
 
 def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
@@ -98,10 +99,10 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         _require_no_mistake_in_a_session(problem)
     travel = _travel(problem)
     unlike = after.scatter > max(FAR, UNLIKE * travel)
-    fitted = _median(after.system.deviation)
+    fitted = _median_distance(after.system.deviation)
     if fitted >= FAR:
-        _require_rows_together(problem, fitted)
-    if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
+        _require_unshifted_rows(problem, fitted)
+    if unlike or problem.measurements.bars() or max(fitted, _distance_as_described(after)) >= FAR:
         absorbs = _absorbs(after)
         geometry = {type(effect) for effect in problem.vector.effects} & GEOMETRIC_EFFECTS
         zeros_alone = geometry <= {JointZeroOffset}  # which may have any value
@@ -131,8 +132,8 @@ def _advice(problem: Problem) -> Note:
     for j, k in combinations(range(readings.shape[1]), 2):
         if np.array_equal(readings[:, j], readings[:, k]):
             return Note("unlike_arm_copy", {"joints": [j + 1, k + 1]})
-    sessions = _by_session(problem)
-    if _each_fits(sessions or _ends(problem)):
+    sessions = _problems_by_session(problem)
+    if _each_fits_alone(sessions or _first_and_last_third(problem)):
         return Note("sessions_unlike" if sessions else "ends_fit_alone")
     return Note("unlike_arm")
 
@@ -151,55 +152,55 @@ def _frozen_readings(after: Fit) -> Iterator[Note]:
     """The longest run of one reading of a joint, if others move and most rows are excluded."""
     records = after.problem.measurements
     for joint, readings in enumerate(records.readings.T):
-        run = np.cumsum(np.append(True, np.diff(readings) != 0.0))
-        rows = np.flatnonzero(run == np.bincount(run).argmax())
-        moves = np.ptp(records.readings[rows], axis=0).any()
+        run_of_row = np.cumsum(np.append(True, np.diff(readings) != 0.0))
+        rows = np.flatnonzero(run_of_row == np.bincount(run_of_row).argmax())
+        others_move = np.ptp(records.readings[rows], axis=0).any()
         # The first of them may be right.
-        frozen = after.excluded[rows[1:]]
-        if rows.size > FEWEST_ROWS and moves and frozen.mean() > MOST_OF_ROWS:
+        is_excluded = after.excluded[rows[1:]]
+        if rows.size > FEWEST_ROWS and others_move and is_excluded.mean() > MOST_OF_ROWS:
             yield Note("reading_frozen", {"joint": joint + 1, "rows": records.row[rows].tolist()})
 
 
 def _shifted_rows(after: Fit) -> Iterator[Note]:
+    """A note if excluded records fit the coordinates of the row before or after."""
     records = after.problem.measurements
     tips = after.point.prediction.tips
-    out = np.flatnonzero(after.excluded & records.known)
+    excluded = np.flatnonzero(after.excluded & records.known)
     for where, step in (("before", 1), ("after", -1)):
-        inside = out[(out + step >= 0) & (out + step < records.n)]
-        if inside.size < FEWEST_ROWS:
+        rows = excluded[(excluded + step >= 0) & (excluded + step < records.n)]
+        if rows.size < FEWEST_ROWS:
             continue
-        stated, shifted = (
-            np.linalg.norm(tips[inside] - records.reference[rows], axis=1)
-            for rows in (inside, inside + step)
-        )
-        if np.mean(shifted < SHIFTED_REMAINS * stated) > MOST_OF_ROWS:
-            data = {"rows": records.row[inside].tolist(), "where": where}
+        as_stated = np.linalg.norm(tips[rows] - records.reference[rows], axis=1)
+        as_shifted = np.linalg.norm(tips[rows] - records.reference[rows + step], axis=1)
+        if np.mean(as_shifted < SHIFTED_REMAINS * as_stated) > MOST_OF_ROWS:
+            data = {"rows": records.row[rows].tolist(), "where": where}
             yield Note("some_rows_shifted", data)
 
 
-def _by_session(problem: Problem) -> list[Problem]:
+def _problems_by_session(problem: Problem) -> list[Problem]:
+    """One for each session; none for one without references if each session has its own frame."""
     records = problem.measurements
     labels = records.conditions.session
-    alone = []
+    problems = []
     for session in () if labels is None else np.unique(labels):
         of_session = records.take(labels == session)
         if of_session.placed.any() or not problem.setup.frame_of_session:
             source = f"{records.source}: session {session}"
-            alone.append(problem.of(replace(of_session, source=source)))
-    return alone
+            problems.append(problem.of(replace(of_session, source=source)))
+    return problems
 
 
-def _ends(problem: Problem) -> list[Problem]:
-    """The first and last thirds; none of few records."""
+def _first_and_last_third(problem: Problem) -> list[Problem]:
+    """Problems of these records; none for few records."""
     records = problem.measurements
     third = records.n // 3
     if third < FEWEST_FOR_MISTAKES:
         return []
     rows = np.arange(records.n)
-    return [problem.of(records.take(end)) for end in (rows[:third], rows[-third:])]
+    return [problem.of(records.take(part)) for part in (rows[:third], rows[-third:])]
 
 
-def _each_fits(parts: Sequence[Problem]) -> bool:
+def _each_fits_alone(parts: Sequence[Problem]) -> bool:
     try:
         fits = [fit(OTHER_FRAME.undone(part)) for part in parts]
     except AacmmError:
@@ -210,17 +211,18 @@ def _each_fits(parts: Sequence[Problem]) -> bool:
 def _require_no_mistake_in_a_session(problem: Problem) -> None:
     """Refuse a session whose columns have a mistake, if others fit the arm."""
     distances = {}
-    for alone in _by_session(problem):
+    for of_session in _problems_by_session(problem):
         try:
-            after = fit(alone)
+            after = fit(of_session)
         except AacmmError:
-            distances[alone] = np.inf
+            distances[of_session] = np.inf
         else:
-            distances[alone] = max(_median(after.system.deviation), _as_described(after))
+            distance = _median_distance(after.system.deviation)
+            distances[of_session] = max(distance, _distance_as_described(after))
     if min(distances.values(), default=np.inf) < FAR:
-        for alone, distance in distances.items():
+        for of_session, distance in distances.items():
             if distance >= FAR:
-                _require_no_mistake(alone, distance, thorough=False, options=False)
+                _require_no_mistake(of_session, distance, thorough=False, options=False)
 
 
 def _require_orientations(after: Fit) -> None:
@@ -234,12 +236,12 @@ def _require_orientations(after: Fit) -> None:
     if median_angle < ORIENTATION_FAR:
         return
     reason = Note("orientation_unlike")
-    for mistake, other in (
+    for mistake, correct in (
         ("orientation_scalar_last", stated[:, [3, 0, 1, 2]]),
         ("orientation_inverse", stated * [1, -1, -1, -1]),
     ):
-        changed = problem.of(replace(problem.measurements, orientation=other))
-        poses = changed.poses(point.x, changed.with_targets(point.x, point.frame))
+        corrected = problem.of(replace(problem.measurements, orientation=correct))
+        poses = corrected.poses(point.x, corrected.with_targets(point.x, point.frame))
         if np.median(np.linalg.norm(poses[rows, 3:], axis=1)) < ORIENTATION_FAR:
             reason = Note(mistake)
     raise AacmmError(
@@ -255,9 +257,9 @@ def _require_no_mistake(
 
     Args:
         fitted: median distance after a fit, infinite without one [m].
-        thorough: try several signs and zeros.
-        options: try options that were left out. Geometry may take up what they leave open: a tip
-            off by a length of the last row is no mistake.
+        thorough: try several signs and zeros together.
+        options: try options that were left out. Geometry may absorb what they leave open: a tip off
+            by a length of the last row is no mistake.
         after: a fit, for one wrong value of the arm.
     """
     if problem.setup.frame_of_session:
@@ -266,90 +268,98 @@ def _require_no_mistake(
     if records.n < FEWEST_FOR_MISTAKES:
         return
     thinned = problem.of(records.take(_thinned(records)))
-    misfit = _misfits(thinned)
+    misfit = _misfit_function(thinned)
     described_distance, described_misfit = misfit()
     described_fits = described_distance < FAR or described_misfit < UNLIKE
     if described_distance == np.inf or (described_fits and fitted < FAR):
         return
-    taken_up = fitted < FAR or fitted == np.inf
-    as_is = described_distance if taken_up else fitted
-    limit = (EXPLAINS if taken_up else 1.0) * described_misfit
-    single = [mistake for mistake in single_mistakes(problem) if options or not mistake.free]
-    left_out = [mistake for mistake in single if mistake.free]
-    chosen = [*mistakes_by_records(thinned, after)] if options else []
+    # Without a fit, or if geometry absorbed the mistake, the arm as described is the measure.
+    by_description = fitted < FAR or fitted == np.inf
+    as_is = described_distance if by_description else fitted
+    limit = (EXPLAINS if by_description else 1.0) * described_misfit
+    single = [*single_mistakes(problem)]
+    of_options = [mistake for mistake in single if options and mistake.free]
+    with_value = [*mistakes_by_records(thinned, after)] if options else []
     tiers: list[list[tuple[Mistake, ...]]] = [
         [(mistake,) for mistake in single if not mistake.free],
         several_columns(thinned) if thorough else [],
-        [(mistake,) for mistake in (*left_out, *chosen)],
-        [tuple(left_out)] if len(left_out) == 2 else [],
+        [(mistake,) for mistake in (*of_options, *with_value)],
+        [tuple(of_options)] if len(of_options) == 2 else [],
     ]
     for tier in tiers:
         misfits = {mistakes: misfit(*mistakes)[1] for mistakes in tier}
-        for together in _likely(misfits, limit):
+        for group in _likely_groups(misfits, limit):
             distances = {}
-            for mistakes in together:
-                without = _fit_without(_undone(problem, mistakes), as_is)
-                if without is not None:
-                    distances[mistakes] = _median(without.system.deviation)
+            for mistakes in group:
+                explaining = _explaining_fit(_undone(problem, mistakes), as_is)
+                if explaining is not None:
+                    distances[mistakes] = _median_distance(explaining.system.deviation)
             if distances:
-                raise _named(records.source, distances, as_is)
+                raise _mistaken_file_error(records.source, distances, as_is)
 
 
-def _likely(
+def _likely_groups(
     misfits: Mapping[tuple[Mistake, ...], float], limit: float
 ) -> Iterator[list[tuple[Mistake, ...]]]:
-    """The least misfits up to a ``limit``: those alike together, simplest first, then a few."""
-    nearest = sorted((one for one in misfits if misfits[one] <= limit), key=misfits.__getitem__)
+    """The least misfits up to a ``limit``: those alike as one group, simplest first, then a few
+    groups of one.
+    """
+    within = [mistakes for mistakes, misfit in misfits.items() if misfit <= limit]
+    nearest = sorted(within, key=misfits.__getitem__)
     if not nearest:
         return
     most = SIMILAR_RATIO * misfits[nearest[0]]
-    alike = [one for one in misfits if misfits[one] <= min(most, limit)]
-    alike.sort(key=lambda mistakes: (len(mistakes), sum(one.free for one in mistakes)))
+    alike = [mistakes for mistakes in within if misfits[mistakes] <= most]
+    alike.sort(key=lambda mistakes: (len(mistakes), sum(mistake.free for mistake in mistakes)))
     yield alike[:FITTED]
     for mistakes in nearest[len(alike) : TRIED]:
         yield [mistakes]
 
 
-def _named(
+def _mistaken_file_error(
     source: str, distances: Mapping[tuple[Mistake, ...], float], as_is: float
 ) -> MistakenFileError:
+    """Names the sets of mistakes that leave about the least distance and contain no other."""
     most = SIMILAR_RATIO * min(distances.values())
-    named = [mistakes for mistakes, distance in distances.items() if distance <= most]
+    alike = [mistakes for mistakes, distance in distances.items() if distance <= most]
     fewest = [
-        mistakes for mistakes in named if not any(set(fewer) < set(mistakes) for fewer in named)
+        mistakes for mistakes in alike if not any(set(fewer) < set(mistakes) for fewer in alike)
     ]
     first, *others = map(in_words, fewest)
     return MistakenFileError(source, first, as_is, distances[fewest[0]], tuple(others))
 
 
-def _require_rows_together(problem: Problem, as_is: float) -> None:
+def _require_unshifted_rows(problem: Problem, as_is: float) -> None:
     records = problem.measurements
     if records.n < FEWEST_FOR_MISTAKES or not records.placed.all():
         return
     for where, step in (("before", 1), ("after", -1)):
         rows = np.arange(max(-step, 0), records.n - max(step, 0))
-        touched = records.take(rows + step)
-        shifted = records.take(rows)
-        shifted = replace(shifted, reference=touched.reference, reference_u=touched.reference_u)
-        after = _fit_without(problem.of(shifted), as_is)
+        neighbours = records.take(rows + step)
+        shifted = replace(
+            records.take(rows),
+            reference=neighbours.reference,
+            reference_u=neighbours.reference_u,
+        )
+        after = _explaining_fit(problem.of(shifted), as_is)
         if after is None:
             continue
         name = Note("rows_shifted", {"where": where})
         if after.excluded.mean() > MOST_GROSS:
             fitting = shifted.row[~after.excluded].tolist()
             name = Note("some_rows_shifted", {"rows": fitting, "where": where})
-        distance = _median(after.system.deviation)
+        distance = _median_distance(after.system.deviation)
         raise MistakenFileError(records.source, str(name), as_is, distance)
 
 
-def _fit_without(without: Problem, as_is: float) -> Fit | None:
+def _explaining_fit(corrected: Problem, as_is: float) -> Fit | None:
     """None unless its median distance is far below ``as_is`` [m], and no more than noise."""
     try:
-        after = fit(without)
+        after = fit(corrected)
     except (AacmmError, np.linalg.LinAlgError):  # a hypothesis that is far off has no fit
         return None
     limit = min(EXPLAINS * as_is, UNLIKE * _travel(after.problem))
-    explained = after.scatter < FAR and _median(after.system.deviation) < limit
+    explained = after.scatter < FAR and _median_distance(after.system.deviation) < limit
     return after if explained and not _absorbs(after) else None
 
 
@@ -366,100 +376,101 @@ def _travel(problem: Problem) -> float:
 
 
 def _absorbs(after: Fit) -> bool:
-    """Whether the fit moved geometry, and the tips, farther than any arm is off."""
+    """Whether the fit moved geometry, and the tips by it, farther than any arm is off."""
     point = after.point
     changes = np.abs(point.x - after.problem.start)
     squares = np.square(point.prediction.jacobian[:, :3, : changes.size])
-    tips = changes * np.sqrt(squares.sum(axis=1).mean(axis=0))
+    tip_motions = changes * np.sqrt(squares.sum(axis=1).mean(axis=0))
+    moves_tips = tip_motions > MOVED * ASSEMBLED["m"]
     for effect, entries in after.problem.vector:
         if isinstance(effect, (JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT)):
             most = MOVED * np.array([ASSEMBLED[term.unit] for term in effect.terms])
-            if ((changes[entries] > most) & (tips[entries] > MOVED * ASSEMBLED["m"])).any():
+            if ((changes[entries] > most) & moves_tips[entries]).any():
                 return True
     return False
 
 
-def _as_described(after: Fit) -> float:
-    """By the arm as described, with the fitted frame and seats, to first order [m]."""
+def _distance_as_described(after: Fit) -> float:
+    """Median distance with the arm as described, but the fitted frame and seats, to first order
+    [m].
+    """
     x = after.point.x - after.problem.start
     jacobian = after.point.prediction.jacobian[:, :3, : x.size]
-    return _median(after.system.deviation - jacobian @ x)
+    return _median_distance(after.system.deviation - jacobian @ x)
 
 
-def _median(deviation: Array) -> float:
-    """Of the records with a target [m]; infinite without any."""
-    return _median_distance(np.linalg.norm(deviation, axis=1))
+def _median_distance(deviations: Array) -> float:
+    """By deviations of the records with a target (n, 3) [m]; infinite without any."""
+    return _finite_median(np.linalg.norm(deviations, axis=1))
 
 
-def _median_distance(distance: Array) -> float:
-    distance = distance[np.isfinite(distance)]
-    return float(np.median(distance)) if distance.size else np.inf
+def _finite_median(distances: Array) -> float:
+    finite = distances[np.isfinite(distances)]
+    return float(np.median(finite)) if finite.size else np.inf
 
 
-def _misfits(problem: Problem) -> Callable[..., tuple[float, float]]:
-    """A function of some mistakes: the median distance [m] of tips and targets without them, and
-    over the tips' travel; infinite if there is none. By the arm as described, with frame and
-    targets unknown.
+def _misfit_function(problem: Problem) -> Callable[..., tuple[float, float]]:
+    """A function of mistakes: the median distance [m] of tips and targets without them, and its
+    ratio to the tips' travel; infinite if there is none. By the arm as described, with frame and
+    targets unknown. Tips and targets of no mistake, which most of them share, are kept.
     """
-    of_targets = [
-        item for item in problem.asked if item == "tool" or isinstance(item, StylusOffset)
-    ]
+    offsets = [item for item in problem.asked if item == "tool" or isinstance(item, StylusOffset)]
     records = replace(problem.measurements, orientation=None)
-    bare = problem_of(problem.model, records, of_targets, problem.setup)
+    as_described = problem_of(problem.model, records, offsets, problem.setup)
 
     @cache
     def tips_of(*mistakes: Mistake) -> tuple[Problem, Array]:
-        undone = _undone(bare, mistakes)
+        undone = _undone(as_described, mistakes)
         return undone, undone.poses(undone.start, Frame.identity())
 
     @cache
-    def touches_of(*mistakes: Mistake) -> _Touches:
-        undone = _undone(bare, mistakes)
+    def targets_of(*mistakes: Mistake) -> _Targets:
+        undone = _undone(as_described, mistakes)
         return undone, observations_of(undone.measurements, undone.setup)
 
-    def without(*mistakes: Mistake) -> tuple[float, float]:
-        of_tips = [mistake for mistake in mistakes if mistake.changes_tips]
-        of_touches = [mistake for mistake in mistakes if not mistake.changes_tips]
+    def misfit(*mistakes: Mistake) -> tuple[float, float]:
+        in_tips = [mistake for mistake in mistakes if mistake.changes_tips]
+        in_targets = [mistake for mistake in mistakes if not mistake.changes_tips]
         try:
-            touches = touches_of(*of_touches)
-            tips, points = _fitted_tips(*tips_of(*of_tips), touches)
+            targets = targets_of(*in_targets)
+            tips, seats = _fitted_tips(*tips_of(*in_tips), targets)
         except AacmmError:
             return np.inf, np.inf
-        median = _median_distance(_distances(tips, points, touches[1]))
+        median = _finite_median(_distances(tips, seats, targets[1]))
         travel = float(np.median(np.linalg.norm(tips - np.median(tips, axis=0), axis=1)))
         return median, median / max(travel, 1e-9)
 
-    return without
+    return misfit
 
 
-def _distances(tips: Array, points: Array, observations: Observations) -> Array:
-    """Of tips and targets (n,) [m], with half of a bar's error at each of its ends."""
-    deviations = observations.with_normals(tips, points).deviations(tips, points)
+def _distances(tips: Array, seats: Array, observations: Observations) -> Array:
+    """Of tips (n, 3) and targets (n,) [m], with half of a bar's error at each of its seats."""
+    deviations = observations.with_normals(tips, seats).deviations(tips, seats)
     bars = observations.relation == OF_BAR
     ends = observations.ends[bars]
-    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-    of_seats = np.zeros(len(points) + 1)  # the last is of no seat
-    np.add.at(of_seats, ends.T, np.abs(lengths - observations.value[bars]) / 2)
-    return np.asarray(np.linalg.norm(deviations, axis=1) + of_seats[observations.seat])
+    lengths = np.linalg.norm(seats[ends[:, 0]] - seats[ends[:, 1]], axis=1)
+    bar_errors = np.zeros(len(seats) + 1)  # the last for records without seat
+    np.add.at(bar_errors, ends.T, np.abs(lengths - observations.value[bars]) / 2)
+    return np.asarray(np.linalg.norm(deviations, axis=1) + bar_errors[observations.seat])
 
 
-def _fitted_tips(bare: Problem, tips: Array, touches: _Touches) -> tuple[Array, Array]:
+def _fitted_tips(arm_problem: Problem, tips: Array, targets: _Targets) -> tuple[Array, Array]:
     """Tips (n, 3) and seats (s, 3) in the frame of the references, with that and unknown targets
     fitted [m].
     """
-    touched, observations = touches
-    records, setup = touched.measurements, touched.setup
-    stating = records.known
-    if setup.external and stating.sum() < FEWEST_PLACED:
+    target_problem, observations = targets
+    records, setup = target_problem.measurements, target_problem.setup
+    placed = records.known
+    if setup.external and placed.sum() < FEWEST_PLACED:
         raise AacmmError(f"{records.source}: too few coordinates for a frame")
-    if not bare.vector.effects:
+    if not arm_problem.vector.effects:
         if setup.external:
-            tips = registered(tips[stating], records.reference[stating]).apply(tips)
+            tips = registered(tips[placed], records.reference[placed]).apply(tips)
         return tips, observations.start(tips)
-    changed = replace(records, q=bare.measurements.q)
-    problem = replace(bare, measurements=changed, setup=setup)
+    combined = replace(records, q=arm_problem.measurements.q)
+    problem = replace(arm_problem, measurements=combined, setup=setup)
     point = initial_point(problem, observations)
-    if not stating.all():
+    if not placed.all():
         scatters = Scatters(FAR, 0.0, FIRST_SCATTER)
         noise = NoiseModel.of(problem, point.x, point.frame, scatters, observations)
         point = solve(problem, noise, point, np.ones(records.n), robust=True, roughly=True).point
@@ -469,13 +480,13 @@ def _fitted_tips(bare: Problem, tips: Array, touches: _Touches) -> tuple[Array, 
 def _of_first_session(problem: Problem) -> Problem:
     records = problem.measurements
     session = records.conditions.require("session", "reference frame")
-    alone = problem.of(records.take(session == sessions_of(records)[0]))
+    first = problem.of(records.take(session == sessions_of(records)[0]))
     setup = replace(problem.setup, reference_frame="external")
-    return asked_again(alone, problem.model, setup)
+    return asked_again(first, problem.model, setup)
 
 
 def _thinned(records: Measurements) -> Index:
-    """Some of every seat."""
+    """Numbers of some records of every seat."""
     rows = np.arange(records.n)
     seats = records.seats()
     if not seats:
