@@ -53,15 +53,18 @@ class SeatElimination:
     @property
     def cost(self) -> float:
         """χ² of stated coordinates and relations at these points."""
-        of_ties = np.square(self._seat_residual).sum() + np.square(self._relation_residual).sum()
-        return float(of_ties)
+        of_seats = np.square(self._seat_residual).sum()
+        of_relations = np.square(self._relation_residual).sum()
+        return float(of_seats + of_relations)
 
     def _set_orthonormal(self, by: Array) -> None:
-        """Set ``Q`` and its root by Cholesky QR twice: orthonormal to rounding."""
-        placed = self.observations.known[:, None]
+        """Set ``Q``, of records and of stated coordinates, and ``C``, by Cholesky QR twice:
+        orthonormal to rounding.
+        """
+        is_stated = self.observations.known[:, None]
         count = len(self.observations.labels)
-        weight = np.where(placed, 1.0 / np.where(placed, self.observations.stated_u, 1.0), 0.0)
-        by_tie = weight[:, :, None] * np.eye(3)
+        u = np.where(is_stated, self.observations.stated_u, 1.0)
+        by_tie = np.where(is_stated, 1.0 / u, 0.0)[:, :, None] * np.eye(3)
         # Contacts of a sphere or plane may leave a direction of it open.
         may_be_open = self.observations.surfaces & ~self.observations.known
         self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
@@ -69,9 +72,9 @@ class SeatElimination:
             square = (
                 self._seat_sums(by.transpose(0, 2, 1) @ by) + by_tie.transpose(0, 2, 1) @ by_tie
             )
-            # The others have nothing to be made orthonormal.
-            some = np.trace(square, axis1=1, axis2=2) > least
-            square = np.where(some[:, None, None], square, np.eye(3))
+            # The others have no information to be made orthonormal.
+            has_rows = np.trace(square, axis1=1, axis2=2) > least
+            square = np.where(has_rows[:, None, None], square, np.eye(3))
             values, directions = np.linalg.eigh(square[may_be_open])
             added = np.maximum(OPEN_CENTRE * values.sum(axis=1, keepdims=True) - values, 0.0)
             square[may_be_open] += directions * added[:, None] @ directions.transpose(0, 2, 1)
@@ -84,11 +87,12 @@ class SeatElimination:
             )
         self._q, self._q_tie = by, by_tie
 
-    def _seat_sums(self, arrays: Array, places: Index | None = None) -> Array:
+    def _seat_sums(self, arrays: Array, chosen: Index | None = None) -> Array:
+        """Sums by seat (s, …) of arrays of the touched records, or of those ``chosen`` (m, …)."""
         shape = arrays.shape[1:]
         flat = arrays.reshape(len(arrays), int(np.prod(shape)))
-        by_seat = self._summing if places is None else self._summing[:, places]
-        sums = np.asarray(by_seat @ flat)
+        summing = self._summing if chosen is None else self._summing[:, chosen]
+        sums = np.asarray(summing @ flat)
         return sums.reshape(len(sums), *shape)
 
     def eliminated(self, rows: Array) -> tuple[Array, tuple[Array, Array, Array]]:
@@ -107,10 +111,10 @@ class SeatElimination:
 
     def along(self, rows: Array, records: Index) -> Array:
         """``Qᵀ M`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
-        inside = np.flatnonzero(self.observations.seat[records] >= 0)
-        places = np.searchsorted(self._touched, records[inside])
-        projected = self._q[places].transpose(0, 2, 1) @ rows[inside]
-        return self._seat_sums(projected, places)
+        touched = np.flatnonzero(self.observations.seat[records] >= 0)
+        positions = np.searchsorted(self._touched, records[touched])
+        projected = self._q[positions].transpose(0, 2, 1) @ rows[touched]
+        return self._seat_sums(projected, positions)
 
     def squares(self, along: Array, seats: Index, relations: Index) -> tuple[Array, Array]:
         """Rows whose squares some seats and relations add to those of the records, and take from
@@ -125,7 +129,7 @@ class SeatElimination:
         return np.concatenate([of_ties, of_relations]), along[seats].reshape(-1, along.shape[2])
 
     def _relation_rows(self, along: Array) -> Array:
-        """With the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ M)``."""
+        """Rows of relations with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ M)``."""
         rows = -self._relation_jacobian @ along.reshape(-1, along.shape[2])
         rows[:, -1] += self._relation_residual
         if len(rows):

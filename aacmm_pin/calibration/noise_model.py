@@ -30,7 +30,7 @@ BAR_NOISE = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""
 LEAST_U = 1e-12
 """Least standard uncertainty, as a divisor [m]."""
-SAME_PLACE = 1e-9
+SAME_POINT = 1e-9
 """Coordinates that differ by less are the same [m]."""
 MEASURED = 1 / 3
 ROUNDED = 2.0
@@ -82,7 +82,7 @@ class NoiseModel:
             3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
         by_reading: displacement of each tip by one u of each reading (n, 3 or 6, nq) [m, rad]; (n,
             3 or 6, 0) without noise of readings.
-        together: see :func:`records_sharing_readings`.
+        together: records of one reading, see :func:`records_sharing_readings`.
     """
 
     scatters: Scatters
@@ -159,35 +159,39 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     coordinates than its seat stands for itself: if records repeat the seat's, those off by twice
     the uncertainty, for less may be rounding; if not, by a third of it.
     """
-    stated_place = measurements.placed
     contact = setup.probe_noise or 0.0
-    seat, labels = _numbered(measurements)
+    seat, labels = _seats_of_records(measurements)
     u = reference_u(measurements, setup, np.nan)
-    stating = stated_place & (seat >= 0)
-    at_seat = seat[stating]
+    states_seat = measurements.placed & (seat >= 0)
+    stated_seat = seat[states_seat]
     count = len(labels)
-    least = np.nan_to_num(np.fmin.reduce(_of_each(np.fmin, u[stating], at_seat, count), axis=1))
-    repeated, most = _repeated(at_seat, measurements.reference[stating], count)
+    least_u = _combined_by_seat(np.fmin, u[states_seat], stated_seat, count)
+    least_u = np.nan_to_num(np.fmin.reduce(least_u, axis=1))
+    repeated, most_stated = _repeated_coordinates(
+        stated_seat, measurements.reference[states_seat], count
+    )
     if repeated.any():
-        from_repeated = np.abs(measurements.reference - most[seat]).max(axis=1)
-        far = from_repeated > np.maximum(SAME_PLACE, ROUNDED * least)[seat]
-        seat = np.where(stating & repeated[seat] & far, -1, seat)
-        stating = stated_place & (seat >= 0)
-    at_seat = seat[stating]
-    stated = measurements.reference[stating]
-    combined = [_of_each(combine, stated, at_seat, count) for combine in (np.add, np.fmax, np.fmin)]
-    total, high, low = combined
-    records = np.maximum(np.bincount(at_seat, minlength=count), 1)
-    at = total / records[:, None]
-    at_u = _of_each(np.fmax, u[stating], at_seat, count)
+        from_repeated = np.abs(measurements.reference - most_stated[seat]).max(axis=1)
+        far = from_repeated > np.maximum(SAME_POINT, ROUNDED * least_u)[seat]
+        seat = np.where(states_seat & repeated[seat] & far, -1, seat)
+        states_seat = measurements.placed & (seat >= 0)
+        stated_seat = seat[states_seat]
+    stated = measurements.reference[states_seat]
+    total, high, low = (
+        _combined_by_seat(combine, stated, stated_seat, count)
+        for combine in (np.add, np.fmax, np.fmin)
+    )
+    records = np.maximum(np.bincount(stated_seat, minlength=count), 1)
+    mean = total / records[:, None]
+    largest_u = _combined_by_seat(np.fmax, u[states_seat], stated_seat, count)
     extent = (high - low).max(axis=1)
-    mixed = ~repeated & (extent > np.maximum(SAME_PLACE, MEASURED * least))
     # A seat whose records state coordinates of their own is none, as is a surface of few contacts.
+    is_none = ~repeated & (extent > np.maximum(SAME_POINT, MEASURED * least_u))
     contacts = np.bincount(seat[measurements.on_surface & (seat >= 0)], minlength=count)
     few = (contacts > 0) & (contacts < FEWEST_CONTACTS)
-    mixed |= few & ~np.isfinite(at).all(axis=1)
-    number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
-    seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
+    is_none |= few & ~np.isfinite(mean).all(axis=1)
+    new_number = np.where(is_none, -1, np.cumsum(~is_none) - 1)
+    seat = np.where(seat >= 0, new_number[seat] if len(labels) else -1, -1)
     radius = np.where(seat >= 0, measurements.contact_radius, np.nan)
     on_plane = measurements.on_plane & (seat >= 0)
     alone = measurements.known & (seat < 0)
@@ -199,16 +203,16 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         if measurements.orientation_u is not None:
             turn = np.nan_to_num(measurements.orientation_u)
         noise = np.hstack([noise, np.repeat(turn[:, None], 3, axis=1)])
-    chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
-    place = {label: k for k, label in enumerate(chosen)}
-    ends, relation, value, value_u = _relations(measurements, setup, place)
+    kept = [label for label, none in zip(labels, is_none, strict=True) if not none]
+    number_of_seat = {label: k for k, label in enumerate(kept)}
+    ends, relation, value, value_u = _relations(measurements, setup, number_of_seat)
     return Observations(
         reference=np.where(alone[:, None], measurements.reference, np.nan),
         seat=seat.astype(np.intp),
         covariance=noise[:, :, None] ** 2 * np.eye(noise.shape[1]),
-        labels=tuple(chosen),
-        stated=at[~mixed],
-        stated_u=at_u[~mixed],
+        labels=tuple(kept),
+        stated=mean[~is_none],
+        stated_u=largest_u[~is_none],
         ends=ends,
         relation=relation,
         value=value,
@@ -216,7 +220,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         oriented=measurements.oriented,
         radius=radius,
         on_plane=on_plane,
-        anchor=np.full((len(chosen), 3), np.nan),
+        anchor=np.full((len(kept), 3), np.nan),
         normal=np.zeros((measurements.n, 3)),
         by_place=np.zeros((measurements.n, 3)),
     )
@@ -226,33 +230,37 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
     """Seats and bars with stated coordinates farther apart than their noise allows."""
     u = reference_u(measurements, setup, max(scatters.tip, scatters.seat))
     placed = measurements.placed
-    seat, labels = _numbered(measurements)
-    at_seats = placed & (seat >= 0)
-    repeats, _ = _repeated(seat[at_seats], measurements.reference[at_seats], len(labels))
-    repeated = dict(zip(labels, repeats, strict=True))
-    stating = {
+    seat, labels = _seats_of_records(measurements)
+    states_seat = placed & (seat >= 0)
+    repeated, _ = _repeated_coordinates(
+        seat[states_seat], measurements.reference[states_seat], len(labels)
+    )
+    repeated_at = dict(zip(labels, repeated, strict=True))
+    records_stating = {
         label: records[placed[records]]
         for label, records in measurements.seats().items()
         if placed[records].any()
     }
     for bar in measurements.bars():
-        of_ends = [stating[seat] for seat in (bar.seat_a, bar.seat_b) if seat in stating]
+        ends = [bar.seat_a, bar.seat_b]
+        of_ends = [records_stating[label] for label in ends if label in records_stating]
         if len(of_ends) < 2:
             continue
         a, b = (measurements.reference[records].mean(axis=0) for records in of_ends)
-        apart = float(np.linalg.norm(a - b))
-        allowed = [*(u[records].max() for records in of_ends), _length_u(bar, setup)]
-        if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
-            data = {"bar": bar.bar, "length": bar.length, "apart": apart}
+        distance = float(np.linalg.norm(a - b))
+        u_of_parts = [*(u[records].max() for records in of_ends), _length_u(bar, setup)]
+        if abs(distance - bar.length) > CONTRADICTING * np.linalg.norm(u_of_parts):
+            data = {"bar": bar.bar, "length": bar.length, "apart": distance}
             yield Note("bar_contradicted", data)
-    for label, records in stating.items():
-        at = measurements.reference[records]
-        over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME_PLACE)
-        if over_u.max() > (ROUNDED if repeated[label] else CONTRADICTING):
-            ends = records[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
-            apart = float(np.linalg.norm(np.diff(measurements.reference[ends], axis=0)))
-            rows = np.sort(measurements.row[ends]).tolist()
-            yield Note("seat_contradicted", {"seat": label, "apart": apart, "rows": rows})
+    for label, records in records_stating.items():
+        stated = measurements.reference[records]
+        over_u = np.ptp(stated, axis=0) / np.maximum(u[records].max(axis=0), SAME_POINT)
+        if over_u.max() > (ROUNDED if repeated_at[label] else CONTRADICTING):
+            along_axis = stated[:, over_u.argmax()]
+            extremes = records[[along_axis.argmin(), along_axis.argmax()]]
+            distance = float(np.linalg.norm(np.diff(measurements.reference[extremes], axis=0)))
+            rows = np.sort(measurements.row[extremes]).tolist()
+            yield Note("seat_contradicted", {"seat": label, "apart": distance, "rows": rows})
 
 
 def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:
@@ -262,8 +270,8 @@ def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Arr
     return np.maximum(u, LEAST_U)
 
 
-def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
-    """Of first records in order (n,), -1 without a seat; and labels."""
+def _seats_of_records(measurements: Measurements) -> tuple[Index, list[str]]:
+    """Number of each record's seat in order of occurrence (n,), -1 without; and their labels."""
     labels = measurements.conditions.seat
     if labels is None:
         return np.full(measurements.n, -1, dtype=np.intp), []
@@ -271,28 +279,28 @@ def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
     return np.asarray(numbers, dtype=np.intp), [str(label) for label in labels_of_seats]
 
 
-def _of_each(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array:
-    """By ``np.add``, ``np.fmin`` or ``np.fmax``, of values (n, 3) at each seat (s, 3); else NaN."""
+def _combined_by_seat(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array:
+    """Values (n, 3) of records with a ``seat`` (n,), by ``np.add``, ``np.fmin`` or ``np.fmax`` (s,
+    3); NaN for seats without.
+    """
     combined = np.full((count, 3), np.nan)
     combined[seat] = 0.0 if combine is np.add else np.nan
     combine.at(combined, seat, values)
     return combined
 
 
-def _repeated(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
-    """Of each seat (s,); and the coordinates that most records state (s, 3)."""
-    rows = np.column_stack([seat, stated])
-    different, times = np.unique(rows, axis=0, return_counts=True)
-    at_seat = different[:, 0].astype(np.intp)
-    distinct = np.bincount(at_seat, minlength=count)
-    repeated = (distinct > 0) & (
-        np.bincount(at_seat, times, minlength=count) >= REPEATED * distinct
-    )
-    order = np.lexsort((-times, at_seat))
-    most = np.full((count, 3), np.nan)
-    numbers, first = np.unique(at_seat[order], return_index=True)
-    most[numbers] = different[order[first], 1:]
-    return repeated, most
+def _repeated_coordinates(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
+    """Whether records repeat coordinates, by seat (s,); and those that most state (s, 3)."""
+    distinct, times = np.unique(np.column_stack([seat, stated]), axis=0, return_counts=True)
+    seat_of_distinct = distinct[:, 0].astype(np.intp)
+    distinct_count = np.bincount(seat_of_distinct, minlength=count)
+    records = np.bincount(seat_of_distinct, times, minlength=count)
+    repeated = (distinct_count > 0) & (records >= REPEATED * distinct_count)
+    order = np.lexsort((-times, seat_of_distinct))
+    most_stated = np.full((count, 3), np.nan)
+    numbers, first = np.unique(seat_of_distinct[order], return_index=True)
+    most_stated[numbers] = distinct[order[first], 1:]
+    return repeated, most_stated
 
 
 def _relations(
@@ -316,14 +324,14 @@ def _relations(
     ends = np.array([(number[a], number[b]) for a, b, *_ in between_seats], dtype=np.intp).reshape(
         -1, 2
     )
-    cluster = clusters_of(ends, len(number))
-    places = defaultdict(set)
+    body_of_seat = clusters_of(ends, len(number))
+    bodies = defaultdict(set)  # on which each value is stated
     for k, (_, _, row, _) in enumerate(between_seats):
-        places[row].add(-1 - k if row[0] == OF_BAR else cluster[ends[k, 0]])
-    common = [1.0 if guessed else len(places[row]) ** 0.5 for _, _, row, guessed in between_seats]
+        bodies[row].add(-1 - k if row[0] == OF_BAR else body_of_seat[ends[k, 0]])
+    factor = [1.0 if guessed else len(bodies[row]) ** 0.5 for _, _, row, guessed in between_seats]
     kind = np.array([row[0] for _, _, row, _ in between_seats], dtype=np.str_)
     value, u = np.array([row[1:] for _, _, row, _ in between_seats]).reshape(-1, 2).T
-    return ends, kind, value, u * common
+    return ends, kind, value, u * factor
 
 
 def _length_u(bar: Bar, setup: Setup) -> float:
