@@ -44,9 +44,9 @@ class HeldEffects:
 
     def of_effect(self, effect: Effect) -> Array:
         """Covariance of one (q, q) [units]."""
-        ends = np.cumsum([len(held.terms) for held in self.effects])
+        stops = np.cumsum([len(held.terms) for held in self.effects])
         number = [held.label for held in self.effects].index(effect.label)
-        entries = slice(ends[number] - len(effect.terms), ends[number])
+        entries = slice(stops[number] - len(effect.terms), stops[number])
         return self.covariance[entries, entries]
 
 
@@ -62,55 +62,56 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
     arm = problem.model.arm
     u = np.sqrt(np.diag(fit.covariance))
     x = fit.point.x
-    by_parameter = zip(vector.arm_parameters, x.tolist(), strict=True)
-    steps = {p.name: step for p, step in by_parameter if p is not None}
-    spread = fit.undetermined.spread
-    of_tip = fit.undetermined.tip_spread
-    unknown = np.linalg.norm(spread, axis=1)
+    values = zip(vector.arm_parameters, x.tolist(), strict=True)
+    steps = {p.name: step for p, step in values if p is not None}
+    tip_spread = fit.undetermined.tip_spread
+    open_u = np.linalg.norm(fit.undetermined.spread, axis=1)
     # A parameter that nothing determines has no u that means anything, unless it moves the tip.
-    determined = (unknown < UNDETERMINED_PART * problem.widths) | (
-        np.linalg.norm(of_tip, axis=1) > NEGLIGIBLE_PART * unknown
+    has_u = (open_u < UNDETERMINED_PART * problem.widths) | (
+        np.linalg.norm(tip_spread, axis=1) > NEGLIGIBLE_PART * open_u
     )
-    alone = np.hypot(u[: vector.size], unknown)
+    u_with_open = np.hypot(u[: vector.size], open_u)
     effects = []
     for effect, entries in vector:
         if is_of_setup(effect):
-            determined[entries] = False
+            has_u[entries] = False
         elif vector.arm_parameters[entries.start] is None:
             nonlinear_u = fit.nonlinear_u.get((effect.key, effect.nonlinear.field), 0.0)
-            effects.append(replace(effect.at(x[entries], alone[entries]), nonlinear_u=nonlinear_u))
-    names = [name if known else "" for name, known in zip(vector.names, determined, strict=True)]
+            at_estimate = effect.at(x[entries], u_with_open[entries])
+            effects.append(replace(at_estimate, nonlinear_u=nonlinear_u))
+    names = [name if keep else "" for name, keep in zip(vector.names, has_u, strict=True)]
     names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.nonlinear_parameters]
-    # Between them those of the frame.
-    columns = [*range(vector.size), *range(problem.scales.size, len(fit.full_covariance))]
+    # The columns of the frame stay out.
+    nonlinear = range(problem.scales.size, len(fit.full_covariance))
+    columns = [*range(vector.size), *nonlinear]
     matrix = fit.full_covariance[np.ix_(columns, columns)]
-    matrix[: vector.size, : vector.size] += of_tip @ of_tip.T
+    matrix[: vector.size, : vector.size] += tip_spread @ tip_spread.T
     others = problem.model.effects
     if held is not None:
-        across = np.zeros((len(matrix), len(held.covariance)))
-        across[: vector.size] = held.response[: vector.size] @ held.covariance
-        matrix = np.block([[matrix, across], [across.T, held.covariance]])
+        cross = np.zeros((len(matrix), len(held.covariance)))
+        cross[: vector.size] = held.response[: vector.size] @ held.covariance
+        matrix = np.block([[matrix, cross], [cross.T, held.covariance]])
         for effect in held.effects:
             names += [parameter.name for parameter in effect.parameters()]
-        with_u = {effect.key: effect for effect in held.effects}
-        others = tuple(with_u.get(effect.key, effect) for effect in others)
+        held_effects = {effect.key: effect for effect in held.effects}
+        others = tuple(held_effects.get(effect.key, effect) for effect in others)
     used = problem.measurements.take(fit.used)
     records = (*problem.known_from, *fingerprints(used), *fingerprints_of_standards(used))
-    joint = joined_covariance(arm, names, matrix, " ".join(dict.fromkeys(records)))
+    covariance = joined_covariance(arm, names, matrix, " ".join(dict.fromkeys(records)))
     all_effects = (*others, *effects)
     code = "scatter_beyond_noise" if fit.noise_is_stated else "scatter_of_unstated_noise"
-    scatters = fit.noise.scatters.of_targets > NO_SCATTER
-    unexplained = str(Note(code, {"scatter": fit.scatter_in_words})) if scatters else ""
+    has_scatter = fit.noise.scatters.of_targets > NO_SCATTER
+    unexplained = str(Note(code, {"scatter": fit.scatter_in_words})) if has_scatter else ""
     of_file = {
         "reference_temperature_c": temperature_of(fit),
         "unexplained": unexplained,
         "tip_on_target": problem.tip_on_target or arm.tip_on_target,
         **entries_of(all_effects),
     }
-    moved = moved_arm(arm, steps, joint, of_file)
+    calibrated = moved_arm(arm, steps, covariance, of_file)
     if problem.setup.encoder_noise is not None:
-        moved = moved.with_encoder_noise(problem.setup.encoder_noise)
-    return ErrorModel(moved, all_effects)
+        calibrated = calibrated.with_encoder_noise(problem.setup.encoder_noise)
+    return ErrorModel(calibrated, all_effects)
 
 
 def is_of_setup(effect: Effect) -> bool:
@@ -124,14 +125,14 @@ def temperature_of(fit: Fit) -> float:
     """Of the calibrated lengths [°C]: the mean of the records if no effect depends on it."""
     problem = fit.problem
     conditions = problem.measurements.conditions.take(fit.used)
-    stated = conditions.temperature
-    if stated is None:
-        stated = conditions.link_temperature
+    recorded = conditions.temperature
+    if recorded is None:
+        recorded = conditions.link_temperature
     grows = any("temperature" in effect.needs for effect in (*problem.model.effects, *fit.effects))
-    lengths = any(p is not None and p.unit == "m" for p in problem.vector.arm_parameters)
-    if stated is None or grows or not lengths:
+    has_length = any(p is not None and p.unit == "m" for p in problem.vector.arm_parameters)
+    if recorded is None or grows or not has_length:
         return problem.model.arm.reference_temperature
-    return round(float(stated.mean()), 2)
+    return round(float(recorded.mean()), 2)
 
 
 def joined_covariance(
@@ -141,7 +142,7 @@ def joined_covariance(
     uncorrelated. None if no parameter is left.
 
     Args:
-        names: of the new parameters (p,); "" leaves one out, as a variance of zero does.
+        names: of the new parameters (p,); "" leaves one out, and so does a variance of zero.
         matrix: their covariance (p, p) [their units].
         fingerprints: of the records.
     """
@@ -173,8 +174,8 @@ def moved_arm(
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
         moved = arm.with_placements(twists, covariance)
         of_urdf = moved.urdf_file.model_copy(update=update)
-        warm = of_urdf.reference_temperature_c
-        return replace(moved, reference_temperature=warm, file=of_urdf)
+        temperature = of_urdf.reference_temperature_c
+        return replace(moved, reference_temperature=temperature, file=of_urdf)
     file = moved_file(arm, steps).model_copy(update={**update, "covariance": covariance})
     return Arm.from_file(file)
 

@@ -53,31 +53,31 @@ def require_possible_relations(problem: Problem) -> None:
         return
     free = fit(problem.of(replace(records, relations=())))
     names = ("ends", "relation", "value", "value_u")
-    at = replace(free.observations, **{name: getattr(stated, name) for name in names})
-    noise = replace(free.noise, observations=at)
+    related = replace(free.observations, **{name: getattr(stated, name) for name in names})
+    noise = replace(free.noise, observations=related)
     system = Fit.at(problem, noise, free.point, free.weights).system
-    # All relations may be wrong alike, by a wrong diameter of the probe, so that no other tells.
+    # All relations may be wrong alike, by a wrong diameter of the probe.
     deviations = np.maximum(
         deviations_of_relations(system), _deviations_from_free(system, free.system)
     )
-    turned = np.isin(at.relation, TILTS)
-    of_angles = replace(at, relation=np.where(turned, ANGLE, at.relation))
-    excess = of_angles.of_relations(free.point.seats)[0] * at.value_u
-    distance = at.relation == DISTANCE
-    gross = np.where(distance, GROSS_DISTANCE + GROSS_SCALE * at.value, GROSS_ANGLE)
+    is_tilt = np.isin(related.relation, TILTS)
+    as_angles = replace(related, relation=np.where(is_tilt, ANGLE, related.relation))
+    excess = as_angles.of_relations(free.point.seats)[0] * related.value_u
+    is_distance = related.relation == DISTANCE
+    gross = np.where(is_distance, GROSS_DISTANCE + GROSS_SCALE * related.value, GROSS_ANGLE)
     impossible = of_planes & (deviations >= IMPOSSIBLE) & (np.abs(excess) >= gross)
     if not impossible.any():
         return
     worst = int(np.where(impossible, deviations, 0.0).argmax())
-    what = f"angle by {excess[worst] / DEG:+.3g}°"
-    if distance[worst]:
-        what = f"distance by {excess[worst] / MM:+.3g} mm"
-    one, other = (at.labels[end] for end in at.ends[worst])
+    excess_in_words = f"angle by {excess[worst] / DEG:+.3g}°"
+    if is_distance[worst]:
+        excess_in_words = f"distance by {excess[worst] / MM:+.3g} mm"
+    one, other = (related.labels[end] for end in related.ends[worst])
     raise AacmmError(
         f"{records.source}: the contacts of planes {one!r} and {other!r} contradict the stated "
-        f"{what} ({deviations[worst]:.0f} standard deviations); expected a value that agrees with "
-        "the contacts; check the distance, the angle (0: same side, 180: opposite sides), "
-        "probe_diameter_mm and the labels of the contacts"
+        f"{excess_in_words} ({deviations[worst]:.0f} standard deviations); expected a value that "
+        "agrees with the contacts; check the distance, the angle (0: same side, 180: opposite "
+        "sides), probe_diameter_mm and the labels of the contacts"
     )
 
 

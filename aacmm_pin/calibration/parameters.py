@@ -67,18 +67,17 @@ def problem_of(
     named_causes = {item.label for item in items if isinstance(item, Effect)}
     places = known_places(model, measurements, setup)
     items += [place for place in places if place.label not in named_causes]
-    # A value that is asked for by itself, with a width of its own, stands in its own place.
-    asked = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
+    # A value that is asked for with a u of its own replaces that of a set.
+    with_own_u = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
     chosen = [
         unknown
-        for unknown in _of_target(measurements, setup.target)
-        if unknown[0].label not in asked
+        for unknown in _target_offsets(measurements, setup.target)
+        if unknown[0].label not in with_own_u
     ]
     if setup.frame_of_session:
-        nobody = np.zeros(FRAME_WIDTHS.size, dtype=bool)
+        unstated = np.zeros(FRAME_WIDTHS.size, dtype=bool)
         others = sessions_of(measurements)[1:]
-        chosen += [(ReferenceFrame(label), FRAME_WIDTHS, nobody) for label in others]
-    named = named_parameters(model.arm, items)
+        chosen += [(ReferenceFrame(label), FRAME_WIDTHS, unstated) for label in others]
     for item in items:
         if isinstance(item, Effect):
             u = np.array(item.u)
@@ -86,14 +85,19 @@ def problem_of(
             chosen.append((item, np.where(u > 0, u, bounds), u > 0))
         elif item == "tool":
             if setup.target != "unknown":
-                chosen += _of_target(measurements, "unknown")
+                chosen += _target_offsets(measurements, "unknown")
         elif item == "zero-offsets":
-            chosen += [_geometric(model.arm, zero, setup.prior) for zero in joint_zeros(model.arm)]
+            chosen += [
+                _unknown_geometry(model.arm, zero, setup.prior) for zero in joint_zeros(model.arm)
+            ]
         elif item == "geometry":
             chosen += [
-                unknown for unknown in _geometry(model.arm, setup) if unknown[0].label not in asked
+                unknown
+                for unknown in _all_geometry(model.arm, setup)
+                if unknown[0].label not in with_own_u
             ]
-    chosen += _of_names(model.arm, set().union(*named.values()), setup)
+    names = set().union(*named_parameters(model.arm, items).values())
+    chosen += _named_geometry(model.arm, names, setup)
     effects = tuple(effect for effect, _, _ in chosen)
     labels = [effect.label for effect in effects]
     keys = [effect.key for effect in effects]
@@ -127,18 +131,18 @@ def named_parameters(arm: Arm, items: Iterable[str | Effect]) -> dict[str, list[
     """Geometric parameters that each name or pattern, such as ``theta_offset*``, stands for."""
     names = [parameter.name for parameter in arm.parameters]
     matches = {item: fnmatch.filter(names, item) for item in items if isinstance(item, str)}
-    return {item: those for item, those in matches.items() if those}
+    return {item: matching for item, matching in matches.items() if matching}
 
 
-def _of_names(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
-    """Of the placements of a URDF, the other parameters stay."""
+def _named_geometry(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
+    """The unknowns that contain these parameters; other parameters of a placement stay."""
     parameters = [parameter for parameter in arm.parameters if parameter.name in names]
     if arm.dh is not None:
         effects = [of_parameter(arm, parameter) for parameter in parameters]
-        return [_geometric(arm, effect, setup.prior) for effect in effects]
+        return [_unknown_geometry(arm, effect, setup.prior) for effect in effects]
     unknowns = []
     for row in sorted({parameter.joint for parameter in parameters if parameter.joint}):
-        effect, widths, stated = _geometric(arm, JointPlacement(row), setup.prior)
+        effect, widths, stated = _unknown_geometry(arm, JointPlacement(row), setup.prior)
         stays = np.array([p.name not in names for p in geometric_parameters(arm, effect)])
         unknowns.append((effect, np.where(stays, HELD_WIDTH, widths), stated | stays))
     return unknowns
@@ -188,8 +192,8 @@ def length_held(problem: Problem) -> Effect | None:
 
 
 def _correlation(covariance: Covariance | None, names: list[str], stated: Array) -> Array:
-    """Of the prior (p, p), from the arm's file; none for parameters with another ``stated`` u (p,),
-    such as a cause that may have changed.
+    """Of the prior (p, p), from the arm's file; none for parameters whose ``stated`` u (p,) differs
+    from the file's, such as a cause that may have changed.
     """
     correlation = np.eye(stated.size)
     if covariance is None:
@@ -203,7 +207,7 @@ def _correlation(covariance: Covariance | None, names: list[str], stated: Array)
     return correlation
 
 
-def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
+def _all_geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
     if arm.dh is None:
         effects: list[Effect] = [JointPlacement(row) for row in range(1, arm.chain.rows + 1)]
     else:
@@ -213,17 +217,17 @@ def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
             twist = arm.dh.alpha[row - 1 if arm.dh.standard else row]
             if arm.dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL_SINE:
                 effects.append(LinkTilt(row if arm.dh.standard else row + 1))
-    unknowns = [_geometric(arm, effect, setup.prior) for effect in effects]
+    unknowns = [_unknown_geometry(arm, effect, setup.prior) for effect in effects]
     for k, effect in enumerate(effects):
         if setup.held is not None and effect.label == setup.held.label:
             # Its lengths stay; angles of the same placement do not.
-            possible = ASSEMBLED | {"m": HELD_WIDTH}
-            widths = np.array([possible[term.unit] for term in effect.terms])
+            width_of_unit = ASSEMBLED | {"m": HELD_WIDTH}
+            widths = np.array([width_of_unit[term.unit] for term in effect.terms])
             unknowns[k] = effect, widths, np.ones(widths.size, dtype=bool)
     return unknowns
 
 
-def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
+def _unknown_geometry(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
     of_arm = geometric_parameters(arm, effect)
     u = np.array([p.u for p in of_arm]) if of_arm else np.zeros(len(effect.terms))
     stated = (u > 0) & prior
@@ -233,13 +237,13 @@ def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
     """Whether it is the place of a target of the records, without a u that counts."""
-    labels = {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
+    labels = {unknown.label for unknown, _, _ in _target_offsets(measurements, setup.target)}
     return effect.label in labels and not _is_known_place(effect, setup)
 
 
 def known_places(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
     """Places of the records' targets that the arm states with a u that counts."""
-    labels = {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
+    labels = {unknown.label for unknown, _, _ in _target_offsets(measurements, setup.target)}
     return [e for e in model.effects if e.label in labels and _is_known_place(e, setup)]
 
 
@@ -258,8 +262,8 @@ def _is_known_place(effect: Effect, setup: Setup) -> bool:
     return of_marker and setup.prior and any(effect.u)
 
 
-def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:
-    """One for each marker, one where nobody states that the target is the tip."""
+def _target_offsets(measurements: Measurements, target: Target) -> list[_Unknown]:
+    """Offsets of the targets: one for each marker, or one if the target is not the tip."""
     width = np.full(3, REACH_OF_TARGET)
     unstated = np.zeros(3, dtype=bool)
     markers = dict.fromkeys(filter(None, measurements.conditions.labels("marker").tolist()))

@@ -141,11 +141,11 @@ class Problem:
     @property
     def tip_on_target(self) -> bool:
         """Whether the tip is placed on a target of unknown place."""
-        placed = (
+        has_offset = any(
             isinstance(effect, StylusOffset) and effect.marker is None
             for effect in self.vector.effects
         )
-        return self.setup.target == "unknown" and any(placed)
+        return self.setup.target == "unknown" and has_offset
 
     @property
     def names(self) -> list[str]:
@@ -154,8 +154,8 @@ class Problem:
         if self.external:
             names += FRAME
         for label in self.targets:
-            place = f":{label}" if label else ""
-            names += [f"target.{axis}{place}" for axis in ("rx", "ry", "rz")]
+            suffix = f":{label}" if label else ""
+            names += [f"target.{axis}{suffix}" for axis in ("rx", "ry", "rz")]
         return names
 
     @cached_property
@@ -174,12 +174,12 @@ class Problem:
     def prior_rows(self) -> Array:
         """In units of the widths (p + k, p); none for the frame.
 
-        A combination without variance was not determined by earlier records: it is as known as its
+        Earlier records did not determine a combination without variance: it has the widths of its
         parameters.
         """
         variances, combinations = np.linalg.eigh(self.correlation)
-        known_variances = np.where(variances > DETERMINED_VARIANCE, variances, 1.0)
-        rows = combinations.T / np.sqrt(known_variances)[:, None]
+        determined = np.where(variances > DETERMINED_VARIANCE, variances, 1.0)
+        rows = combinations.T / np.sqrt(determined)[:, None]
         if not self.held.size:
             return rows
         return np.concatenate([rows, HELD_PRECISION * self.held])
@@ -187,21 +187,22 @@ class Problem:
     def prior(self, x: Array, more: Array = NONE) -> Prior:
         """Of all columns, at the parameters ``x`` (p,); behind them ``more`` (q,) widths."""
         scales = np.concatenate([self.scales, more])
-        not_known = np.zeros((0, self.scales.size - x.size))
-        rows = np.pad(block_diag(self.prior_rows, not_known, np.eye(more.size)), ((0, 0), (0, 1)))
+        of_frame = np.zeros((0, self.scales.size - x.size))
+        rows = block_diag(self.prior_rows, of_frame, np.eye(more.size))
+        rows = np.pad(rows, ((0, 0), (0, 1)))
         rows[: len(self.prior_rows), -1] = self.prior_rows @ ((x - self.start) / self.widths)
         stated = rows.copy()
         stated[: x.size, np.flatnonzero(~self.stated)] = 0.0
         return Prior(rows, scales, stated)
 
     @cached_property
-    def _drawn(self) -> State:
+    def _nominal_state(self) -> State:
         arm, records = self.model.arm, self.measurements
         return State(arm, records.q, records.conditions, arm.chain.tip, with_rotation=self.turns)
 
     @cached_property
     def _columns(self) -> Columns:
-        return Columns.of(self._drawn, self.vector.effects, self.model.effects)
+        return Columns.of(self._nominal_state, self.vector.effects, self.model.effects)
 
     def reading_jacobian(self, x: Array, frame: Frame) -> Array:
         """∂(target)/∂(readings) (n, 3 or 6, nq) [m/rad] in the references' axes, by the nominal arm
@@ -209,7 +210,7 @@ class Problem:
         """
         effects = (*self.model.effects, *self.vector.at(x))
         of_targets = [effect for effect in effects if isinstance(effect, StylusOffset)]
-        state = Columns.of(self._drawn, (), of_targets).at(np.zeros(0))
+        state = Columns.of(self._nominal_state, (), of_targets).at(np.zeros(0))
         shifts, turns = self.model.arm.chain.jacobian(state.rotation, state.origin, state.position)
         shifts = self.model.arm.by_readings(frame.rotation @ shifts)
         if not self.turns:
@@ -225,20 +226,23 @@ class Problem:
         derivative instead of the tips.
         """
         state = self._columns.at(x)
-        seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
-        of_frame = len(FRAME) if self.external else 0
-        jacobian = self._columns.jacobian(seen, of_frame)
+        at_points = state
+        if looked_at is not None:
+            at_points = replace(state, looked_at=frame.back(looked_at))
+        frame_columns = len(FRAME) if self.external else 0
+        jacobian = self._columns.jacobian(at_points, frame_columns)
         if self.external:
             jacobian[:, :3, -6:-3] = np.eye(3)
-            jacobian[:, :3, -3:] = -skew(seen.position)
+            jacobian[:, :3, -3:] = -skew(at_points.position)
             jacobian[:, 3:, -3:] = np.eye(3, jacobian.shape[1] - 3).T
-            _turn(frame.rotation, jacobian)
+            _rotate(frame.rotation, jacobian)
         poses = self._poses(state, frame)
         if self.turns:
-            one = np.arange(len(self.targets)) == self._target[:, None]
-            of_targets = one[:, None, :, None] * self._orientations(state, frame)[:, :, None, :]
-            of_targets = np.pad(of_targets.reshape(state.n, 3, -1), ((0, 0), (3, 0), (0, 0)))
-            jacobian = np.concatenate([jacobian, of_targets], axis=2)
+            is_target = np.arange(len(self.targets)) == self._target[:, None]
+            orientations = self._orientations(state, frame)
+            by_turns = is_target[:, None, :, None] * orientations[:, :, None, :]
+            by_turns = np.pad(by_turns.reshape(state.n, 3, -1), ((0, 0), (3, 0), (0, 0)))
+            jacobian = np.concatenate([jacobian, by_turns], axis=2)
             jacobian[:, 3:] = orientation.by_small_turn(poses[:, 3:]) @ jacobian[:, 3:]
         return Prediction(poses, jacobian)
 
@@ -261,12 +265,12 @@ class Problem:
     def with_targets(self, x: Array, frame: Frame) -> Frame:
         """The frame with each target turned to the mean of its stated orientations."""
         state = self._columns.at(x)
-        tip = frame.rotation @ state.rotation[-1]
-        turned = tip.transpose(0, 2, 1) @ self._stated
+        tips = frame.rotation @ state.rotation[-1]
+        in_tip_axes = tips.transpose(0, 2, 1) @ self._stated
         targets = np.zeros((len(self.targets), 3, 3))
         for k in range(len(targets)):
             of_target = self.measurements.oriented & (self._target == k)
-            targets[k] = orientation.mean(turned[of_target])
+            targets[k] = orientation.mean(in_tip_axes[of_target])
         return replace(frame, targets=targets)
 
     @cached_property
@@ -276,7 +280,7 @@ class Problem:
 
     @cached_property
     def _target(self) -> Index:
-        """Among those of unknown orientation (n,); 0 without one."""
+        """Number of each record's target among :attr:`targets` (n,); 0 without one."""
         marker = self.measurements.conditions.labels("marker")
         numbers = np.zeros(marker.size, dtype=np.intp)
         for k, label in enumerate(self.targets):
@@ -288,7 +292,7 @@ class Problem:
         return replace(self, measurements=measurements)
 
 
-def _turn(rotation: Array, columns: Array) -> None:
+def _rotate(rotation: Array, columns: Array) -> None:
     """In place: a copy of all columns (n, 3 or 6, p) would double the memory."""
     for first in range(0, columns.shape[2], COLUMNS_AT_ONCE):
         some = columns[:, :, first : first + COLUMNS_AT_ONCE].transpose(1, 2, 0)
@@ -307,19 +311,20 @@ def registered(tips: Array, references: Array) -> Frame:
     rotation.
     """
     weights = np.ones(len(tips))
-    before = np.inf
+    total_before = np.inf
     frame = Frame.identity()
     for _ in range(MOST_REWEIGHTINGS):
         share = weights / weights.sum()
-        middle = share @ tips
-        target = share @ references
-        left, _, right = np.linalg.svd((references - target).T @ ((tips - middle) * share[:, None]))
-        flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-        rotation = left @ flip @ right
-        frame = Frame(rotation, target - rotation @ middle)
+        tip_mean = share @ tips
+        reference_mean = share @ references
+        weighted_tips = (tips - tip_mean) * share[:, None]
+        left, _, right = np.linalg.svd((references - reference_mean).T @ weighted_tips)
+        no_mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+        rotation = left @ no_mirror @ right
+        frame = Frame(rotation, reference_mean - rotation @ tip_mean)
         distance = np.linalg.norm(frame.apply(tips) - references, axis=1)
-        if abs(before - distance.sum()) < SETTLED_PART * distance.sum():
+        if abs(total_before - distance.sum()) < SETTLED_PART * distance.sum():
             break
-        before = distance.sum()
+        total_before = distance.sum()
         weights = inverse_distances(distance)
     return frame

@@ -127,7 +127,7 @@ def repeatability_of(fit: Fit) -> Repeatability | None:
     """
     records, conditions = fit.problem.measurements, fit.problem.measurements.conditions
     seat = None if conditions.seat is None else np.where(records.placed, "", conditions.seat)
-    shared = {
+    labels = {
         "posture": records.postures,
         "placed": records.placed,
         "seat": seat,
@@ -135,14 +135,16 @@ def repeatability_of(fit: Fit) -> Repeatability | None:
         "session": conditions.session,
     }
     used = np.flatnonzero(fit.used & ~fit.observations.on_surface)
-    table = pd.DataFrame(shared).iloc[used]
+    table = pd.DataFrame(labels).iloc[used]
     repeated = table.duplicated(keep=False).to_numpy()
     if not repeated.any():
         return None
     rows = used[repeated]
-    by_posture = table[repeated].groupby([*shared], sort=False, dropna=False)
+    by_posture = table[repeated].groupby([*labels], sort=False, dropna=False)
     target = np.where(records.placed[:, None], records.reference, 0.0)
-    apart = pd.DataFrame((fit.point.prediction.tips - target)[rows], index=table[repeated].index)
+    deviations = pd.DataFrame(
+        (fit.point.prediction.tips - target)[rows], index=table[repeated].index
+    )
     posture = np.asarray(by_posture.ngroup(), dtype=np.intp)
     # The coordinates of a seat are one reference for all of its records.
     own_reference = records.placed & (fit.observations.seat < 0)
@@ -151,7 +153,7 @@ def repeatability_of(fit: Fit) -> Repeatability | None:
     clock = records.row if time is None else time
     return Repeatability(
         posture,
-        (apart - apart.groupby(posture).transform("mean")).to_numpy(),
+        (deviations - deviations.groupby(posture).transform("mean")).to_numpy(),
         np.asarray(clock[rows], dtype=np.float64),
         time is not None,
         fit.system.deviation[used],

@@ -117,8 +117,8 @@ class Calibration(Shown):
         """Probability of an equal or larger χ² if the model and the stated noise are correct; None
         if the noise is not stated, or the degrees of freedom are too few.
         """
-        judged = self.fit.chi2_stated
-        return None if judged is None or judged[1] < LEAST_DOF else float(chi2_sf(*judged))
+        chi2 = self.fit.chi2_stated
+        return None if chi2 is None or chi2.dof < LEAST_DOF else float(chi2_sf(*chi2))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -151,12 +151,11 @@ class Calibration(Shown):
         vector = problem.vector
         units = [parameter.unit for parameter in vector.parameters]
         spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
-        # A target may be a metre off, but is known from its place on the last body like any length
-        # of the arm.
+        # The width of a target is a metre, but that of any length of the arm counts.
         assembled = np.array([ASSEMBLED.get(unit, np.inf) for unit in units])
-        open_ = spread > MENTIONED * np.minimum(problem.widths, assembled)
-        whole_u = np.hypot(np.sqrt(np.diag(self.covariance)), spread)
-        u = np.where(open_, np.nan, whole_u)
+        is_open = spread > MENTIONED * np.minimum(problem.widths, assembled)
+        u_with_open = np.hypot(np.sqrt(np.diag(self.covariance)), spread)
+        u = np.where(is_open, np.nan, u_with_open)
         before = vector.stated_values + problem.start
         change = self.fit.point.x - problem.start
         table = pd.DataFrame({"parameter": vector.names, "unit": units})
@@ -168,17 +167,18 @@ class Calibration(Shown):
             table[name] = value / factor
         as_stated = problem.stated & (u > UNCHANGED * problem.widths)
         hardly = u > np.where(problem.stated, LESS, HARDLY_KNOWN) * problem.widths
-        ways = ["in combination", "as stated", "hardly"]
-        table["known"] = np.select([np.isnan(u), as_stated, hardly], ways, "measured")
+        words = ["in combination", "as stated", "hardly"]
+        table["known"] = np.select([np.isnan(u), as_stated, hardly], words, "measured")
         return table
 
     @cached_property
     def correlation(self) -> pd.DataFrame:
         """The correlation matrix of the parameters."""
         u = np.sqrt(np.diag(self.covariance))
-        safe = np.where(u > 0, u, 1.0)
+        divisor = np.where(u > 0, u, 1.0)
         names = self.fit.problem.vector.names
-        return pd.DataFrame(self.covariance / np.outer(safe, safe), index=names, columns=names)
+        correlation = self.covariance / np.outer(divisor, divisor)
+        return pd.DataFrame(correlation, index=names, columns=names)
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
@@ -246,14 +246,14 @@ class Calibration(Shown):
         return dict(plain(summary))
 
     def __str__(self) -> str:
-        left = self.exclusions
-        excluded = f"{left.excluded} excluded{', no gross errors' * left.doubtful}"
+        exclusions = self.exclusions
+        excluded = f"{exclusions.excluded} excluded{', no gross errors' * exclusions.doubtful}"
         text = (
-            f"The RMS residual of {left.used} records of {self.model.arm.name} ({excluded}) is "
-            f"{self.rms_before / MM:.4f} mm before and {self.rms / MM:.4f} mm after calibration"
+            f"The RMS residual of {exclusions.used} records of {self.model.arm.name} ({excluded}) "
+            f"is {self.rms_before / MM:.4f} mm before and {self.rms / MM:.4f} mm after calibration"
         )
-        for h in self.held_out:
-            text += f", {h.rms_after / MM:.4f} mm for held-out {h.kind}"
+        for held in self.held_out:
+            text += f", {held.rms_after / MM:.4f} mm for held-out {held.kind}"
         return text
 
     def plot(self, ax: Axes | None = None) -> Figure:
@@ -302,18 +302,23 @@ def base_placements(fit: Fit) -> list[BasePlacement]:
     of_frame = fit.covariance[p : p + 6]
     by_session = problem.setup.frame_of_session
     first = sessions_of(problem.measurements)[0] if by_session else ""
-    placements = [_placed(first, frame.rotation, frame.shift, of_frame[:, p : p + 6])]
+    placements = [_base_placement(first, frame.rotation, frame.shift, of_frame[:, p : p + 6])]
     for session, entries in problem.vector.of_sessions():
         displaced = Frame(frame.rotation, frame.shift).moved(fit.point.x[entries])
-        crossed = of_frame[:, entries]
-        covariance = of_frame[:, p : p + 6] + fit.covariance[entries, entries] + crossed + crossed.T
-        turned, moved = problem.setup.moved_frames.get(session, (np.eye(3), np.zeros(3)))
-        there = turned.T @ displaced.rotation, turned.T @ (displaced.shift - moved)
-        placements.append(_placed(session, *there, covariance))
+        cross = of_frame[:, entries]
+        covariance = of_frame[:, p : p + 6] + fit.covariance[entries, entries] + cross + cross.T
+        # Back from the frame of the first session to that of the session.
+        to_first = problem.setup.moved_frames.get(session, (np.eye(3), np.zeros(3)))
+        rotation = to_first[0].T @ displaced.rotation
+        shift = to_first[0].T @ (displaced.shift - to_first[1])
+        placements.append(_base_placement(session, rotation, shift, covariance))
     return placements
 
 
-def _placed(session: str, rotation: Array, shift: Array, covariance: Array) -> BasePlacement:
-    turned = np.kron(np.eye(2), rotation)
-    u = np.sqrt(np.diag(turned @ covariance @ turned.T))
+def _base_placement(
+    session: str, rotation: Array, shift: Array, covariance: Array
+) -> BasePlacement:
+    """With u along the axes of the references, by the covariance in those of the base (6, 6)."""
+    rotations = np.kron(np.eye(2), rotation)
+    u = np.sqrt(np.diag(rotations @ covariance @ rotations.T))
     return BasePlacement(session, rotation, shift, u[:3], u[3:])

@@ -58,38 +58,38 @@ def _in_one_frame(
     model: ErrorModel, records: Measurements, setup: Setup
 ) -> tuple[Measurements, Setup]:
     labels = sessions_of(records)
-    stated = records.conditions.labels("session")
-    records = _without_frames(records)
+    stated_session = records.conditions.labels("session")
+    records = _with_session_of_references(records)
     session = records.conditions.labels("session")
     frames = {}
     for label in labels:
-        alone = replace(records.take(session == label), source=f"{records.source}: session {label}")
-        frames[label] = _registration(model, alone, setup)
-    stays = frames.pop(labels[0])
-    moved = {}
+        source = f"{records.source}: session {label}"
+        of_session = replace(records.take(session == label), source=source)
+        frames[label] = _registration(model, of_session, setup)
+    first = frames.pop(labels[0])
+    moved_frames = {}
     for label, frame in frames.items():
-        of_session = session == label
-        rotation = stays.rotation @ frame.rotation.T
-        shift = stays.shift - rotation @ frame.shift
-        there = records.reference[of_session & records.placed]
-        if np.abs(there @ rotation.T + shift - there).max(initial=0.0) >= ONE_FRAME:
-            records = _moved(records, of_session, rotation, shift)
-            records = _with_directions(records, stated == label, rotation)
-            moved[label] = (rotation, shift)
-    return records, replace(setup, moved_frames=moved)
+        in_session = session == label
+        rotation = first.rotation @ frame.rotation.T
+        shift = first.shift - rotation @ frame.shift
+        references = records.reference[in_session & records.placed]
+        in_first = references @ rotation.T + shift
+        if np.abs(in_first - references).max(initial=0.0) >= ONE_FRAME:
+            records = _with_references_moved(records, in_session, rotation, shift)
+            records = _with_directions(records, stated_session == label, rotation)
+            moved_frames[label] = (rotation, shift)
+    return records, replace(setup, moved_frames=moved_frames)
 
 
-def _without_frames(records: Measurements) -> Measurements:
-    """Records of a seat with references are in the session of these; others without a reference in
-    none.
-    """
+def _with_session_of_references(records: Measurements) -> Measurements:
+    """Records without a reference in the session of the references of their seat, or in none."""
     conditions = records.conditions
     stated = conditions.labels("session")
     session = np.where(records.placed, stated, "")
     for rows in records.seats().values():
-        placed = rows[records.placed[rows]]
-        if placed.size:
-            session[rows] = np.where(records.placed[rows], stated[rows], stated[placed[0]])
+        is_placed = records.placed[rows]
+        if is_placed.any():
+            session[rows] = np.where(is_placed, stated[rows], stated[rows[is_placed][0]])
     return replace(records, conditions=replace(conditions, session=session))
 
 
@@ -97,20 +97,19 @@ def session_notes(fit: Fit) -> Iterator[Note]:
     """Whether each session's frame agrees with the first, by the Mahalanobis distance of the
     displacement.
     """
-    moved = fit.problem.setup.moved_frames
+    moved_frames = fit.problem.setup.moved_frames
     for session, entries in fit.problem.vector.of_sessions():
         data = {"session": session, "first": sessions_of(fit.problem.measurements)[0]}
-        if session in moved:
-            rotation, _ = moved[session]
+        if session in moved_frames:
+            rotation, _ = moved_frames[session]
             turn = float(scipy.spatial.transform.Rotation.from_matrix(rotation).magnitude())
             yield Note("session_moved", data | {"turn": turn})
             continue
-        step = fit.point.x[entries]
-        distance = float(
-            step @ np.linalg.pinv(fit.covariance[entries, entries], hermitian=True) @ step
-        )
-        p_value = float(chi2_sf(distance, step.size))
-        shift, turn = np.linalg.norm(step.reshape(2, 3), axis=1).tolist()
+        displacement = fit.point.x[entries]
+        precision = np.linalg.pinv(fit.covariance[entries, entries], hermitian=True)
+        chi2 = float(displacement @ precision @ displacement)
+        p_value = float(chi2_sf(chi2, displacement.size))
+        shift, turn = np.linalg.norm(displacement.reshape(2, 3), axis=1).tolist()
         code = "sessions_agree" if p_value > AGREES else "sessions_differ"
         yield Note(code, data | {"p_value": p_value, "shift": shift, "turn": turn})
 
@@ -118,49 +117,53 @@ def session_notes(fit: Fit) -> Iterator[Note]:
 def another_frame(after: Fit) -> Iterator[Note]:
     """A note if the excluded records fit the calibrated arm in a reference frame of their own."""
     records = after.problem.measurements
-    out = after.excluded & records.known
-    if out.sum() < FEWEST_OF_A_FRAME or after.problem.setup.frame_of_session:
+    excluded = after.excluded & records.known
+    if excluded.sum() < FEWEST_OF_A_FRAME or after.problem.setup.frame_of_session:
         return
-    here = after.point.frame
-    in_base = (after.point.prediction.tips[out] - here.shift) @ here.rotation
-    frame = registered(in_base, records.reference[out])
-    in_own_frame = np.linalg.norm(frame.apply(in_base) - records.reference[out], axis=1)
+    fitted = after.point.frame
+    references = records.reference[excluded]
+    in_base = fitted.back(after.point.prediction.tips[excluded])
+    own = registered(in_base, references)
+    in_own_frame = np.linalg.norm(own.apply(in_base) - references, axis=1)
     distances = np.linalg.norm(after.system.deviation, axis=1)
     others = np.nanquantile(distances[after.used], MOST_OF_THEM)
     fits = np.quantile(in_own_frame, MOST_OF_THEM) < AS_CLOSE * others
-    if not fits or np.median(in_own_frame) > REMAINS * np.median(distances[out]):
+    if not fits or np.median(in_own_frame) > REMAINS * np.median(distances[excluded]):
         return
-    turn = frame.rotation @ here.rotation.T
-    centre = records.reference[out].mean(axis=0)
-    there = turn @ (centre - here.shift) + frame.shift
-    angle = scipy.spatial.transform.Rotation.from_matrix(turn).magnitude()
-    data = {"rows": records.row[out].tolist(), "shift": float(np.linalg.norm(there - centre))}
+    rotation = own.rotation @ fitted.rotation.T
+    centre = references.mean(axis=0)
+    moved_centre = own.apply(fitted.back(centre))
+    angle = scipy.spatial.transform.Rotation.from_matrix(rotation).magnitude()
+    shift = float(np.linalg.norm(moved_centre - centre))
+    data = {"rows": records.row[excluded].tolist(), "shift": shift}
     yield Note("rows_in_another_frame", data | {"turn": float(angle)})
 
 
 def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Frame:
-    alone = replace(setup, reference_frame="external")
-    problem = problem_of(model, replace(records, orientation=None), [], alone)
-    return initial_point(problem, observations_of(problem.measurements, alone)).frame
+    external = replace(setup, reference_frame="external")
+    problem = problem_of(model, replace(records, orientation=None), [], external)
+    return initial_point(problem, observations_of(problem.measurements, external)).frame
 
 
 def _with_directions(records: Measurements, chosen: Mask, rotation: Array) -> Measurements:
     direction = records.conditions.probe_direction
     if direction is None:
         return records
-    turned = np.where(chosen[:, None], direction @ rotation.T, direction)
-    conditions = replace(records.conditions, probe_direction=turned)
+    rotated = np.where(chosen[:, None], direction @ rotation.T, direction)
+    conditions = replace(records.conditions, probe_direction=rotated)
     return replace(records, conditions=conditions)
 
 
-def _moved(records: Measurements, chosen: Mask, rotation: Array, shift: Array) -> Measurements:
+def _with_references_moved(
+    records: Measurements, chosen: Mask, rotation: Array, shift: Array
+) -> Measurements:
     reference = np.where(chosen[:, None], records.reference @ rotation.T + shift, records.reference)
-    turned_u = np.sqrt(np.square(records.reference_u) @ np.square(rotation).T)
-    reference_u = np.where(chosen[:, None], turned_u, records.reference_u)
+    rotated_u = np.sqrt(np.square(records.reference_u) @ np.square(rotation).T)
+    reference_u = np.where(chosen[:, None], rotated_u, records.reference_u)
     moved = replace(records, reference=reference, reference_u=reference_u)
     if records.orientation is None:
         return moved
     stated = records.orientation.copy()
-    turned = chosen & records.oriented
-    stated[turned] = orientation.quaternions(rotation @ orientation.matrices(stated[turned]))
+    rows = chosen & records.oriented
+    stated[rows] = orientation.quaternions(rotation @ orientation.matrices(stated[rows]))
     return replace(moved, orientation=stated)

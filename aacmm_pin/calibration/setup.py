@@ -109,11 +109,10 @@ class Setup:
             turn_u = np.full(measurements.n, np.nan)
         if not np.isfinite(turn_u[measurements.oriented]).all():
             unstated.append("orientations")
-        # Without these a seat touched again would have to give the very same tip.
+        # Without any of these, repeated contacts of a seat would have to give one and the same tip.
         seats = measurements.seats().values()
-        placed = [measurements.placed[records].any() for records in seats]
-        exact = self.encoder_noise is None or not all(placed)
-        if seats and self.probe_noise is None and exact:
+        all_placed = all(measurements.placed[records].any() for records in seats)
+        if seats and self.probe_noise is None and (self.encoder_noise is None or not all_placed):
             unstated.append("contacts in seats")
         return unstated
 

@@ -50,7 +50,7 @@ class Shared:
 
     @property
     def note(self) -> Note:
-        """That they share it."""
+        """Note that they share it."""
         others = self.records - self.excluded
         data = {"excluded": self.excluded, "of": self.of, "where": self.where, "others": others}
         return Note("excluded_share", data)
@@ -72,7 +72,7 @@ class Narrowed:
 
     @property
     def note(self) -> Note:
-        """That it does."""
+        """Note that the used ones hardly moved it."""
         data = {"joint": self.joint, "used": self.used, "seen": self.seen}
         return Note("joint_narrowed", data | {"unit": "mm" if self.slides else "°"})
 
@@ -94,7 +94,7 @@ class Exclusions:
 
     @property
     def notes(self) -> list[Note]:
-        """Of what they share, and of each joint."""
+        """On what they share, and on each joint."""
         shared = [] if self.shared is None else [self.shared.note]
         return shared + [joint.note for joint in self.narrowed]
 
@@ -128,13 +128,13 @@ def _narrowed(fit: Fit) -> Iterator[Narrowed]:
     for j, row in enumerate(chain.moving_rows()):
         low = q[fit.used, j].min()
         high = q[fit.used, j].max()
-        values = q[fit.excluded, j]
-        beyond = np.maximum(low - values, values - high)
+        excluded = q[fit.excluded, j]
+        beyond = np.maximum(low - excluded, excluded - high)
         if (beyond > 0.0).sum() < FEWEST_TOGETHER:
             continue
         # A reading or two may be wrong by any angle.
-        values = values[beyond <= np.sort(beyond)[-FEWEST_TOGETHER]]
-        seen = max(high, values.max()) - min(low, values.min())
+        credible = excluded[beyond <= np.sort(beyond)[-FEWEST_TOGETHER]]
+        seen = max(high, credible.max()) - min(low, credible.min())
         if high - low < NARROW * seen:
             yield Narrowed(row, float(high - low), float(seen), bool(chain.prismatic[j]))
 
@@ -146,10 +146,10 @@ def shared_by(fit: Fit) -> Shared | None:
     arm = fit.problem.model.arm
     unlikely = clusters(arm, fit.problem.measurements, fit.excluded, fit.used)
 
-    def order(shared: Shared) -> tuple[bool, bool, float]:
+    def rank(shared: Shared) -> tuple[bool, bool, float]:
         return shared.name not in LABELS, shared.name != "time", shared.p_value
 
-    return min((cluster.shared for cluster in unlikely), key=order, default=None)
+    return min((cluster.shared for cluster in unlikely), key=rank, default=None)
 
 
 class Cluster(NamedTuple):
@@ -216,10 +216,16 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
         chance *= 1 if scale.is_order else len(scales) - 1
         if chance < TOGETHER:
             inside = np.isin(postures, postures[window])
-            there = int(excluded[inside].sum())
-            counting = there + int(used[inside].sum())
-            where = scale.extent(window)
-            shared = Shared(scale.name, chance, where, there, counting, int(excluded.sum()))
+            excluded_inside = int(excluded[inside].sum())
+            total_inside = excluded_inside + int(used[inside].sum())
+            shared = Shared(
+                scale.name,
+                chance,
+                scale.extent(window),
+                excluded_inside,
+                total_inside,
+                int(excluded.sum()),
+            )
             unlikely.append(Cluster(inside, shared))
     return unlikely
 
@@ -232,8 +238,8 @@ def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
         yield Scale("time", "time_s", time[:, None])
     chain = arm.chain
     for j, row in enumerate(chain.moving_rows()):
-        unit, size = ("mm", MM) if chain.prismatic[j] else ("°", DEG)
-        yield Scale(f"joint {row}", f"joint {row} [{unit}]", records.q[:, j : j + 1] / size)
+        unit, factor = ("mm", MM) if chain.prismatic[j] else ("°", DEG)
+        yield Scale(f"joint {row}", f"joint {row} [{unit}]", records.q[:, j : j + 1] / factor)
     tips = arm.positions(records.q) / MM
     yield Scale("place", "the tip", tips)
     for axis, values in zip("xyz", tips.T, strict=True):
@@ -251,40 +257,42 @@ def _scales(arm: Arm, records: Measurements) -> Iterator[Scale]:
             yield Scale(column.quantity, column.name, cells.to_numpy(np.float64)[:, None])
 
 
-def _neighbours(scale: Scale, like: Index, excluded: Mask) -> tuple[Index, float]:
-    """Of the records ``like``, those round an excluded one that are the least likely to have so
+def _neighbours(scale: Scale, counted: Index, excluded: Mask) -> tuple[Index, float]:
+    """Of the ``counted`` records, those round an excluded one that are the least likely to have so
     many excluded ones; and the chance of any such.
 
-    With k of N drawn at random, one of them as the centre, m are among its w - 1 nearest and itself
-    with a chance of at most ``C(w - 1, m - 1) C(N - m, k - m) / C(N - 1, k - 1)``; Bonferroni's
+    With k of n drawn at random, one of them as the centre, m are among its w - 1 nearest and itself
+    with a chance of at most ``C(w - 1, m - 1) C(n - m, k - m) / C(n - 1, k - 1)``; Bonferroni's
     bound over the centres and over m. Numbers count by their ranks.
     """
-    values = scale.values[like]
+    values = scale.values[counted]
     if values.shape[1] == 1:
         ranks = np.unique(values, return_inverse=True)[1]
         values = ranks.reshape(-1, 1).astype(np.float64)
-    out = excluded[like]
-    count = like.size
-    k = int(out.sum())
-    least = like[:0], 1.0
+    is_excluded = excluded[counted]
+    n = counted.size
+    k = int(is_excluded.sum())
+    window, least_chance = counted[:0], 1.0
     if k < FEWEST_TOGETHER:
-        return least
+        return window, least_chance
     some = np.linspace(0, k - 1, min(k, MOST_CENTRES)).round().astype(np.intp)
-    for centre in values[out][some]:
+    for centre in values[is_excluded][some]:
         distance = np.linalg.norm(values - centre, axis=1)
-        radii = np.sort(distance[out])[FEWEST_TOGETHER - 1 :]
-        m = np.searchsorted(np.sort(distance[out]), radii, side="right")
+        to_excluded = np.sort(distance[is_excluded])
+        radii = to_excluded[FEWEST_TOGETHER - 1 :]
+        m = np.searchsorted(to_excluded, radii, side="right")
         w = np.searchsorted(np.sort(distance), radii, side="right")
-        ways = _log_binomial(w - 1, m - 1) + _log_binomial(count - m, k - m)
-        chances = ways - _log_binomial(count - 1, k - 1)
-        best = int(np.argmin(chances))
-        chance = k * radii.size * float(np.exp(min(chances[best], 0.0)))
-        if chance < least[1]:
-            ball = distance <= radii[best]
-            low, high = values[ball & out].min(axis=0), values[ball & out].max(axis=0)
+        log_draws = _log_binomial(w - 1, m - 1) + _log_binomial(n - m, k - m)
+        log_chances = log_draws - _log_binomial(n - 1, k - 1)
+        best = int(np.argmin(log_chances))
+        chance = k * radii.size * float(np.exp(min(log_chances[best], 0.0)))
+        if chance < least_chance:
+            in_ball = distance <= radii[best]
+            excluded_values = values[in_ball & is_excluded]
+            low, high = excluded_values.min(axis=0), excluded_values.max(axis=0)
             between = ((values >= low) & (values <= high)).all(axis=1)
-            least = like[ball & between], chance
-    return least
+            window, least_chance = counted[in_ball & between], chance
+    return window, least_chance
 
 
 def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:

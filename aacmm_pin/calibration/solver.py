@@ -28,10 +28,10 @@ LOOSELY_SETTLED = 1e-2
 """The same of a mere start."""
 NO_STEP = 1e-12
 """A step that promises less is not taken: it is a millionth of u."""
-AT_BEST = 1e-7
+LEAST_SEAT_STEP = 1e-7
 """Least motion of the ends of relations [m]."""
 FLAT_REDUCTION = 1e-2
-"""A promise below this that nothing comes of ends the search too, within 0.1 u."""
+"""If a step that promises less lowers χ² hardly, the search ends too, within 0.1 u."""
 SMALLEST_STEP = 1e-12
 """Least radius of the trust region, as a part of the first step."""
 ROUNDING = 1e-12
@@ -48,27 +48,27 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     """
     frame = Frame.identity(len(problem.targets))
     x = problem.start
-    stating = problem.measurements.known
+    placed = problem.measurements.known
     prediction = problem.predict(x, frame)
     is_offset = np.zeros(x.size, dtype=bool)
     for effect, entries in problem.vector:
         is_offset[entries] = isinstance(effect, StylusOffset)
     offsets = np.flatnonzero(is_offset & ~problem.stated)
     tips = prediction.tips
-    enough = stating.sum() >= FEWEST_PLACED
-    at, stated = tips[stating], problem.measurements.reference[stating]
-    if problem.external and not enough:
+    enough_placed = placed.sum() >= FEWEST_PLACED
+    points, references = tips[placed], problem.measurements.reference[placed]
+    if problem.external and not enough_placed:
         for k in np.flatnonzero(observations.spheres & observations.known):
             contacts = observations.seat == k
             centre = centre_of_sphere(tips[contacts], float(observations.radius[contacts][0]))
-            at = np.concatenate([at, centre[None]])
-            stated = np.concatenate([stated, observations.stated[k : k + 1]])
-    if problem.external and len(at) < FEWEST_PLACED:
+            points = np.concatenate([points, centre[None]])
+            references = np.concatenate([references, observations.stated[k : k + 1]])
+    if problem.external and len(points) < FEWEST_PLACED:
         raise AacmmError(
-            f"{problem.measurements.source}: {len(at)} records or spheres have reference "
+            f"{problem.measurements.source}: {len(points)} records or spheres have reference "
             "coordinates; expected 3 or more to estimate their frame"
         )
-    if offsets.size and enough:
+    if offsets.size and enough_placed:
         placement, offset_values = first_placement(
             problem, tips, prediction.jacobian[:, :3, offsets]
         )
@@ -76,7 +76,7 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
         x = x.copy()
         x[offsets] += offset_values
     elif problem.external:
-        frame = replace(registered(at, stated), targets=frame.targets)
+        frame = replace(registered(points, references), targets=frame.targets)
     if problem.turns:
         frame = problem.with_targets(x, frame)
     if problem.turns or offsets.size:
@@ -126,7 +126,7 @@ class _Search:
                 point, system = self.seats_at_best(point, system)
             units = np.maximum(units, system.lengths)
             step = bounded_step(system, units, self.radius)
-            # Of a mere start it need not be taken.
+            # The step to a mere start need not be taken.
             if step.reduction < (tolerance if self.is_start else NO_STEP):
                 message = ""
                 break
@@ -165,42 +165,44 @@ class _Search:
         """The point after a step; None for an arm that cannot be evaluated, such as one too soft
         for its weight.
         """
-        x, of_frame = np.split(step, [point.x.size])
-        x = point.x + x
-        frame = point.frame.moved(of_frame)
+        step_of_x, step_of_frame = np.split(step, [point.x.size])
+        x = point.x + step_of_x
+        frame = point.frame.moved(step_of_frame)
         try:
             prediction = self.problem.predict(x, frame)
         except AacmmError:  # it could be evaluated where the search began
             return None
-        there = Point(x, frame, seats, prediction)
-        return self.seats_at_best(there, self.system(there))
+        trial = Point(x, frame, seats, prediction)
+        return self.seats_at_best(trial, self.system(trial))
 
     def seats_at_best(self, point: Point, system: Linearisation) -> tuple[Point, Linearisation]:
-        """So that no step of the parameters seems to lower what the relations add to χ²."""
+        """Gauss–Newton steps of related seats alone. Otherwise a step of the parameters might seem
+        to lower what relations add to χ².
+        """
         if not len(self.noise.observations.ends):
             return point, system
-        still = np.zeros(self.problem.scales.size)
+        no_step = np.zeros(self.problem.scales.size)
         for _ in range(MOST_STEPS):
-            step = system.seat_step(still)
-            # Relations turn planes, which is not linear: the whole step may lead far away.
-            while np.abs(step).max(initial=0.0) >= AT_BEST:
-                nearer = replace(point, seats=point.seats + step)
-                there = self.system(nearer)
-                if there.seats_cost < system.seats_cost:
+            seat_step = system.seat_step(no_step)
+            # Relations rotate planes, which is not linear: the whole step may lead far away.
+            while np.abs(seat_step).max(initial=0.0) >= LEAST_SEAT_STEP:
+                trial = replace(point, seats=point.seats + seat_step)
+                trial_system = self.system(trial)
+                if trial_system.seats_cost < system.seats_cost:
                     break
-                step = step / 4
-            else:
+                seat_step = seat_step / 4
+            else:  # no shorter step lowers χ²
                 break
-            gain = system.seats_cost - there.seats_cost
-            point, system = nearer, there
+            gain = system.seats_cost - trial_system.seats_cost
+            point, system = trial, trial_system
             if gain < SETTLED:
                 break
         return point, system
 
 
 def _robust_weights(distance: Array) -> Array:
-    """Cauchy's weights, of squared distances over their median."""
-    counts = np.isfinite(distance)
-    scale = np.median(distance[counts]) / MEDIAN if counts.any() else 1.0
-    relative = np.where(counts, distance, 0.0) / max(float(scale), 1e-300)
+    """Cauchy's weights (n,), by squared distances over their median."""
+    has_target = np.isfinite(distance)
+    scale = np.median(distance[has_target]) / MEDIAN if has_target.any() else 1.0
+    relative = np.where(has_target, distance, 0.0) / max(float(scale), 1e-300)
     return 1.0 / (1.0 + relative / (3 * WILD**2))

@@ -32,15 +32,15 @@ def variance_components(fit: Fit, open_: Mask) -> Scatters:
     stated uncertainty, equal their degrees of freedom; those of ``fit`` without any.
     """
     before = fit.noise.scatters
-    seat, dof_of_seats = _of_seats(fit, open_) if open_.any() else (0.0, 0.0)
+    seat, dof_of_seats = _seat_scatter(fit, open_) if open_.any() else (0.0, 0.0)
     turn_dof = fit.turn_dof
     dof = fit.chi2.dof - turn_dof - dof_of_seats
-    tip = before.tip if dof < LEAST_DOF else _of_tips(fit, open_, dof)
-    turn = before.turn if turn_dof < LEAST_DOF else _of_turns(fit, turn_dof)
+    tip = before.tip if dof < LEAST_DOF else _tip_scatter(fit, open_, dof)
+    turn = before.turn if turn_dof < LEAST_DOF else _turn_scatter(fit, turn_dof)
     return Scatters(tip, turn, seat)
 
 
-def _of_tips(fit: Fit, open_: Mask, dof: float) -> float:
+def _tip_scatter(fit: Fit, open_: Mask, dof: float) -> float:
     noise = fit.noise
     seats = fit.point.seats
     deviation = np.where(fit.used[:, None], fit.system.deviation, 0.0)
@@ -55,8 +55,8 @@ def _of_tips(fit: Fit, open_: Mask, dof: float) -> float:
     return float(np.sqrt(root(excess, deviation)))
 
 
-def _of_turns(fit: Fit, dof: float) -> float:
-    """Given the deviations of their tips."""
+def _turn_scatter(fit: Fit, dof: float) -> float:
+    """[rad], given the deviations of the tips."""
     deviation = np.where(fit.used[:, None], fit.system.deviations, 0.0)
     stated = fit.noise.without_scatter
     stated[:, :3, :3] += fit.noise.scatters.tip**2 * np.eye(3)
@@ -70,7 +70,7 @@ def _of_turns(fit: Fit, dof: float) -> float:
 
 
 def _chi2(fit: Fit, deviation: Array, covariance: Array) -> float:
-    """By the covariance (n, k, k) of deviations (n, k), and what records of one reading share."""
+    """Of deviations (n, k) with a covariance (n, k, k), and what records of one reading share."""
     # Stated noise may be zero, of an exact contact with exact readings.
     least = LEAST_SCATTER**2 * np.eye(deviation.shape[1])
     whitening = np.linalg.inv(np.linalg.cholesky(covariance + least))
@@ -79,7 +79,7 @@ def _chi2(fit: Fit, deviation: Array, covariance: Array) -> float:
     return float(np.square(rows).sum())
 
 
-def _of_seats(fit: Fit, open_: Mask) -> tuple[float, float]:
+def _seat_scatter(fit: Fit, open_: Mask) -> tuple[float, float]:
     """Scatter of the ``open_`` coordinates of seats (s, 3) [m], and their degrees of freedom.
 
     The almost unbiased estimate of a variance component (Horn, Horn and Duncan 1975, J. Am. Stat.
@@ -88,18 +88,18 @@ def _of_seats(fit: Fit, open_: Mask) -> tuple[float, float]:
     """
     noise = fit.noise
     system = fit.system
-    placed = fit.noise.observations.known
-    ties = 3 * int(placed.sum())
+    stated = noise.observations.known
+    seat_rows = 3 * int(stated.sum())
     relations = len(noise.observations.ends)
-    first = len(system.residual) - ties - relations
-    steps = system.jacobian[first : first + ties] @ system.independent_steps
+    first = len(system.residual) - seat_rows - relations
+    steps = system.jacobian[first : first + seat_rows] @ system.independent_steps
     by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
     information, tie, *_ = information_of_seats(fit)
-    variances = np.diagonal(np.linalg.inv(information[placed]), axis1=1, axis2=2)
-    parts = 1.0 - tie[placed] * variances - by_parameters
-    dof_of_seat = np.where(open_[placed], parts, 0.0).sum(axis=1)
+    variances = np.diagonal(np.linalg.inv(information[stated]), axis1=1, axis2=2)
+    dof_of_coordinate = 1.0 - tie[stated] * variances - by_parameters
+    dof_of_seat = np.where(open_[stated], dof_of_coordinate, 0.0).sum(axis=1)
     residuals = np.where(open_, fit.point.seats - noise.observations.stated, 0.0)
-    squares = np.square(residuals[placed]).sum(axis=1)
+    squares = np.square(residuals[stated]).sum(axis=1)
     dof = float(dof_of_seat.sum())
     is_shown = dof_of_seat > LEAST_DOF_OF_SEAT
     squares = squares[is_shown]
@@ -108,8 +108,8 @@ def _of_seats(fit: Fit, open_: Mask) -> tuple[float, float]:
     tip_variance = noise.scatters.tip**2
     limit = f_isf(FALSE_EXCLUSION / max(ratios.size, 1), 3, max(EFFICIENCY * dof, 1.0))
     median_ratio = float(np.median(ratios)) if ratios.size else 0.0
-    belongs = ratios <= limit * (3.0 / MEDIAN) * max(median_ratio, tip_variance)
-    variance = (squares[belongs].sum() + tip_variance) / (dof_of_seat[belongs].sum() + 1.0)
+    inlier = ratios <= limit * (3.0 / MEDIAN) * max(median_ratio, tip_variance)
+    variance = (squares[inlier].sum() + tip_variance) / (dof_of_seat[inlier].sum() + 1.0)
     return float(np.sqrt(variance)), dof
 
 
@@ -146,12 +146,12 @@ def deleted_distances(fit: Fit) -> Array:
         # Rounding may leave less than no information of a direction that one contact determines.
         rounding = ROUNDING_OF_INFORMATION * np.trace(information, axis1=1, axis2=2)[seat]
         least = np.maximum(NOTHING_KNOWN, rounding)[:, None, None] * np.eye(3)
-        others = np.linalg.inv(information[seat] - of_records + least)
+        by_others = np.linalg.inv(information[seat] - of_records + least)
         # By one unit of a seat a deviation changes by minus these.
         changes = -observations.by_seats(np.tile(np.eye(3), (len(deviations), 1, 1)))[touched]
-        moved = changes @ others @ pulls @ deviations[touched][:, :, None]
-        deviations[touched] += moved[:, :, 0]
-        covariance[touched] += changes @ others @ changes.transpose(0, 2, 1)
+        corrections = changes @ by_others @ pulls @ deviations[touched][:, :, None]
+        deviations[touched] += corrections[:, :, 0]
+        covariance[touched] += changes @ by_others @ changes.transpose(0, 2, 1)
     covariance = observations.counting(covariance)
     deviations = observations.along_normals(deviations[:, None, :])[:, 0]
     has_target = observations.has_target

@@ -1,8 +1,8 @@
-"""Signs and quarter turns of several joint angles at once, or the ratio of one, that bring tips and
-targets together.
+"""Signs and quarter turns of several joint angles at once, orders of columns, or the ratio of one
+joint, with which tips meet their targets.
 
-A controller and a DH table often count joints otherwise: too many ways for a fit of each, so that a
-few records judge all.
+A controller and a DH table often count joints otherwise: too many possibilities for a fit of each,
+so that a few records judge all.
 """
 
 from __future__ import annotations
@@ -49,20 +49,21 @@ def likely_columns(problem: Problem) -> list[tuple[Index, Index]]:
     arm = problem.model.arm
     if arm.nq > MANY_JOINTS:
         return []
-    # The number of a joint's change: twice that of its quarter turn, and one if it is reversed.
+    # The change of a joint is twice the number of its quarter turn, plus one if it is reversed.
     changes = np.indices((2 * len(QUARTERS),) * arm.nq, dtype=np.int8).reshape(arm.nq, -1).T
-    joints = np.count_nonzero(changes, axis=1)
-    turned = changes > 1
-    few = (joints <= MOST_TURNED) | ~turned.any(axis=1)
-    tried = (joints > 1) & few & ~turned[:, arm.chain.prismatic].any(axis=1)
-    changes, joints = changes[tried], joints[tried]
+    changed_joints = np.count_nonzero(changes, axis=1)
+    is_turned = changes > 1
+    is_likely = (changed_joints <= MOST_TURNED) | ~is_turned.any(axis=1)
+    tried = (changed_joints > 1) & is_likely & ~is_turned[:, arm.chain.prismatic].any(axis=1)
+    changes, changed_joints = changes[tried], changed_joints[tried]
     signs = 1 - 2 * (changes % 2)
     degrees = np.array(QUARTERS)[changes // 2]
     misfit = _misfits(problem, lambda readings: signs[:, None] * readings + DEG * degrees[:, None])
     if not misfit.size:
         return []
     alike = misfit <= SIMILAR_RATIO * misfit.min()
-    simplest = np.lexsort((misfit, np.where(alike, joints, arm.nq + 1)))[:NEAREST]
+    simplicity = np.where(alike, changed_joints, arm.nq + 1)
+    simplest = np.lexsort((misfit, simplicity))[:NEAREST]
     return [*zip(signs[simplest], degrees[simplest], strict=True)]
 
 
@@ -119,12 +120,13 @@ def likely_scales(problem: Problem) -> Array | None:
 def _misfits(
     problem: Problem, change: Callable[[Array], Array], *, any_zeros: bool = False
 ) -> Array:
-    """Median distance of tips and targets over the tips' travel, with readings (n, nq) changed in m
-    ways (m, n, nq) [rad], and with ``any_zeros`` the best zeros to first order: (m,), or none
-    without references and seats.
+    """Median distance of tips and targets over the tips' travel (m,) with each of m changes of the
+    readings (n, nq) to (m, n, nq) [rad]; none without references and seats.
+
+    With ``any_zeros``, zeros of the joints and an unknown frame are fitted to first order.
     """
     arm, records, external = problem.model.arm, problem.measurements, problem.external
-    rows, groups = _judges(records)
+    rows, seats = _judging_records(records)
     if not rows.size:
         return np.empty(0)
     readings = change(records.readings[rows])
@@ -132,28 +134,28 @@ def _misfits(
     tips = tips.reshape(len(readings), rows.size, 3)
     centred = tips - np.median(tips, axis=1, keepdims=True)
     travel = np.median(np.linalg.norm(centred, axis=2), axis=1)
-    if groups is None:
-        deviations = _from_references(tips, records.reference[rows], external)
+    if seats is None:
+        deviations = _deviations_from_references(tips, records.reference[rows], external)
     else:
-        means = [tips[:, groups == group].mean(axis=1) for group in np.unique(groups)]
-        deviations = tips - np.stack(means, axis=1)[:, groups]
+        means = [tips[:, seats == seat].mean(axis=1) for seat in np.unique(seats)]
+        deviations = tips - np.stack(means, axis=1)[:, seats]
     if any_zeros:
         _, jacobian = arm.chain.position_and_jacobian(readings.reshape(-1, arm.nq))
         jacobian = jacobian.reshape(*tips.shape, arm.nq)
-        if external and groups is None:
-            turns = np.cross(np.eye(3), tips[:, :, None]).transpose(0, 1, 3, 2)
-            shifts = np.broadcast_to(np.eye(3), turns.shape)
-            jacobian = np.concatenate([jacobian, turns, shifts], axis=3)
+        if external and seats is None:
+            by_rotation = np.cross(np.eye(3), tips[:, :, None]).transpose(0, 1, 3, 2)
+            by_translation = np.broadcast_to(np.eye(3), by_rotation.shape)
+            jacobian = np.concatenate([jacobian, by_rotation, by_translation], axis=3)
         columns = jacobian.reshape(len(tips), -1, jacobian.shape[3])
-        flat = deviations.reshape(len(tips), -1, 1)
-        steps = np.linalg.pinv(columns, SMALLEST_SINGULAR) @ flat
-        deviations = (flat - columns @ steps).reshape(tips.shape)
+        stacked = deviations.reshape(len(tips), -1, 1)
+        steps = np.linalg.pinv(columns, SMALLEST_SINGULAR) @ stacked
+        deviations = (stacked - columns @ steps).reshape(tips.shape)
     distance = np.median(np.linalg.norm(deviations, axis=2), axis=1)
     return np.asarray(distance / np.maximum(travel, SMALLEST_TRAVEL))
 
 
-def _judges(records: Measurements) -> tuple[Index, Index | None]:
-    """With the numbers of their seats; None with references."""
+def _judging_records(records: Measurements) -> tuple[Index, Index | None]:
+    """Numbers of a few records that judge (n,); and of their seats, or None with references."""
     placed = np.flatnonzero(records.known)
     if placed.size:
         spread = np.linspace(0, placed.size - 1, min(KNOWN_RECORDS, placed.size))
@@ -164,15 +166,15 @@ def _judges(records: Measurements) -> tuple[Index, Index | None]:
     return rows, np.repeat(np.arange(len(of_seats)), [len(members) for members in of_seats])
 
 
-def _from_references(tips: Array, reference: Array, external: bool) -> Array:
-    """Tips (m, n, 3) minus references (n, 3), moved into the base if their frame is unknown (m, n,
-    3) [m].
+def _deviations_from_references(tips: Array, reference: Array, external: bool) -> Array:
+    """Tips (m, n, 3) minus references (n, 3), registered to the tips if their frame is unknown (m,
+    n, 3) [m].
     """
     if not external:
         return tips - reference
     centred = tips - tips.mean(axis=1, keepdims=True)
     target = reference - reference.mean(axis=0)
     u, _, v = np.linalg.svd(target.T @ centred)
-    proper = np.sign(np.linalg.det(u @ v))
-    u[:, :, 2] *= proper[:, None]
+    handedness = np.sign(np.linalg.det(u @ v))
+    u[:, :, 2] *= handedness[:, None]
     return np.asarray(centred - target @ (u @ v))

@@ -74,7 +74,7 @@ def wrong_value(after: Fit) -> WrongValue | None:
     """The wrong geometric value of the arm file, or all zeros; None if values are about as stated,
     if none explains the others, or if another is wrong with it corrected.
     """
-    values = _free_geometry(after)
+    values = _geometry_by_records(after)
     if values is None:
         return None
     problem = _thinned(after.problem)
@@ -85,21 +85,21 @@ def wrong_value(after: Fit) -> WrongValue | None:
             corrected = fit(asked_again(problem, replace(problem.model, arm=arm), problem.setup))
         except AacmmError:
             continue
-        others = _free_geometry(corrected)
-        if others is None or not any(_wrong_values(others)):
+        remaining = _geometry_by_records(corrected)
+        if remaining is None or not any(_wrong_values(remaining)):
             return wrong
     return None
 
 
-def _free_geometry(after: Fit) -> _Geometry | None:
-    """None if values are about as stated. The tip of a URDF arm is as uncertain as other places."""
+def _geometry_by_records(after: Fit) -> _Geometry | None:
+    """After a free fit; None if values are about as stated. The tip of a URDF is uncertain too."""
     problem = after.problem
     geometric = np.flatnonzero(problem.vector.geometric)
     if not geometric.size or not after.determines_noise:
         return None
-    moved = np.abs(after.point.x - problem.start)[geometric]
+    changes = np.abs(after.point.x - problem.start)[geometric]
     usual = _usual(problem, geometric)
-    if after.scatter == 0.0 and (moved < FAR_OFF * usual).all():
+    if after.scatter == 0.0 and (changes < FAR_OFF * usual).all():
         return None
     asked = _thinned(problem)
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
@@ -112,7 +112,7 @@ def _free_geometry(after: Fit) -> _Geometry | None:
         return None
     values = _Geometry.of(free, geometric, _usual(asked, geometric))
     if values.zeros.size == geometric.size and not asked.stated[geometric].any():
-        return None  # they were looked for, and nothing is known of them
+        return None  # a user asked for zeros of which nothing is stated
     return values
 
 
@@ -148,13 +148,13 @@ class _Geometry(NamedTuple):
         problem = free.problem
         system = free.system
         prior = system.prior.rows
-        of_others = prior[(prior[:, geometric] == 0.0).all(axis=1)]
-        together = np.concatenate([of_others, system.measured_triangle])
+        prior_of_others = prior[(prior[:, geometric] == 0.0).all(axis=1)]
+        all_rows = np.concatenate([prior_of_others, system.measured_triangle])
         others = np.setdiff1d(np.arange(system.prior.scales.size), geometric)
-        triangle = remaining_triangle(together[:, [*others, *geometric, -1]], others.size)
+        triangle = remaining_triangle(all_rows[:, [*others, *geometric, -1]], others.size)
         rows = triangle[:, :-1] / system.prior.scales[geometric]
-        least = LEAST_NOISE * np.abs(rows).max()
-        scale = min(1.0, np.sqrt(problem.measurements.n) / least)
+        rounding = LEAST_NOISE * np.abs(rows).max()
+        scale = min(1.0, np.sqrt(problem.measurements.n) / rounding)
         rows = scale * rows
         measured = rows @ (free.point.x - problem.start)[geometric] - scale * triangle[:, -1]
         of_entries = [problem.vector.arm_parameters[k] for k in geometric]
@@ -165,7 +165,9 @@ class _Geometry(NamedTuple):
         return _Geometry(parameters, np.flatnonzero(zeros), rows, measured, usual)
 
     def with_free(self, wrong: Index) -> tuple[float, Array]:
-        """Decrease of χ², and the errors, with some values free."""
+        """Decrease of χ² by the errors of all values, those of ``wrong`` ones (k,) of any size and
+        others of the usual size; and these errors (p,).
+        """
         widths = self.usual.copy()
         widths[wrong] = 1e3 * np.array([USUAL[self.parameters[k].unit] for k in wrong])
         rows = np.concatenate([self.rows, np.diag(1 / widths)])
@@ -175,7 +177,7 @@ class _Geometry(NamedTuple):
         return float(explained @ explained), np.asarray(errors, np.float64)
 
     def cosines(self, number: int) -> Array:
-        """Of effects on the records (p,); 0 without effect."""
+        """Of the effects of all values on the records with that of one (p,); 0 without effect."""
         lengths = np.linalg.norm(self.rows, axis=0)
         products = np.abs(self.rows.T @ self.rows[:, number])
         cosines = np.zeros_like(products)
@@ -186,34 +188,36 @@ class _Geometry(NamedTuple):
 def _wrong_values(values: _Geometry) -> Iterator[WrongValue]:
     """All zeros, or values that each explain more than all others together, best first."""
     numbers = np.arange(len(values.parameters))
-    least, _ = values.with_free(numbers[:0])
-    most, _ = values.with_free(numbers)
-    freed = [values.with_free(np.array([k])) for k in numbers]
-    gains = np.array([gain for gain, _ in freed])
+    gain_of_none, _ = values.with_free(numbers[:0])
+    gain_of_all, _ = values.with_free(numbers)
+    gains_and_errors = [values.with_free(np.array([k])) for k in numbers]
+    gains = np.array([gain for gain, _ in gains_and_errors])
     best = int(np.argmax(gains))
     if values.zeros.size > 1:
-        with_zeros, errors = values.with_free(values.zeros)
-        if with_zeros - gains[best] > SURE + PER_PARAMETER * values.zeros.size:
+        gain, errors = values.with_free(values.zeros)
+        # All zeros are more probable than any one value.
+        if gain - gains[best] > SURE + PER_PARAMETER * values.zeros.size:
             largest = float(np.abs(errors[values.zeros]).max())
-            dominate = with_zeros - least > DOMINATES * (most - with_zeros)
+            dominate = gain - gain_of_none > DOMINATES * (gain_of_all - gain)
             if dominate and largest > LEAST_WRONG["rad"]:
                 note = Note("zeros_off", {"joints": values.zeros.size, "largest": largest})
                 of_zeros = {values.parameters[k].name: float(errors[k]) for k in values.zeros}
                 yield WrongValue(note, of_zeros)
             return
-    along_best = values.cosines(best)
-    alike = (gains > gains[best] - ALIKE) & (along_best < ONE_EFFECT)
-    if alike.sum() >= MOST_ALIKE:
+    has_other_effect = values.cosines(best) < ONE_EFFECT
+    rivals = (gains > gains[best] - ALIKE) & has_other_effect
+    if rivals.sum() >= MOST_ALIKE:
         return
-    sure = gains - least > np.maximum(SURE, DOMINATES * (most - gains))
-    in_order = np.argsort(-gains, kind="stable")
-    for number in in_order[sure[in_order]][:MOST_ALIKE]:
-        wrong = _named(values, int(number), float(freed[number][1][number]))
+    is_sure = gains - gain_of_none > np.maximum(SURE, DOMINATES * (gain_of_all - gains))
+    by_gain = np.argsort(-gains, kind="stable")
+    for number in by_gain[is_sure[by_gain]][:MOST_ALIKE]:
+        error = float(gains_and_errors[number][1][number])
+        wrong = _wrong_value_of(values, int(number), error)
         if wrong is not None:
             yield wrong
 
 
-def _named(values: _Geometry, number: int, error: float) -> WrongValue | None:
+def _wrong_value_of(values: _Geometry, number: int, error: float) -> WrongValue | None:
     """None if the ``error`` [its unit] is too little."""
     parameter = values.parameters[number]
     least_change = LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
@@ -224,8 +228,8 @@ def _named(values: _Geometry, number: int, error: float) -> WrongValue | None:
         by_records = float(np.remainder(by_records + np.pi, 2 * np.pi) - np.pi)
     data: dict[str, Any] = {"parameter": parameter.name, "unit": SHOWN_UNITS[parameter.unit]}
     data |= {"stated": parameter.value, "found": by_records}
-    same = np.flatnonzero(values.cosines(number) >= ONE_EFFECT)
-    others = [values.parameters[k].name for k in same if k != number]
+    same_effect = np.flatnonzero(values.cosines(number) >= ONE_EFFECT)
+    others = [values.parameters[k].name for k in same_effect if k != number]
     opposite = abs(by_records + parameter.value) < SAME_SIZE * abs(parameter.value)
     code = "wrong_sign" if opposite else "wrong_value"
     if parameter.kind in PLACEMENT_KINDS:
