@@ -77,12 +77,12 @@ HELD_IN = 0.5
 """Stated uncertainties are too small if, without them, the scatter is below this part …"""
 FAR_OFF = 4.0
 """… and some are farther off than so many standard uncertainties; …"""
+MOST_NAMED = 3
+"""… so many of them are named at most."""
 OTHER_DIAMETER = 5e-4
 """Spheres are others if their diameters, by contacts and as stated, differ more in the median
 [m].
 """
-MOST_NAMED = 3
-"""… so many of them are named at most."""
 OPTION_OF_NOISE = {
     "reference coordinates": "--u-reference-mm",
     "orientations": "u_rot_rad",
@@ -213,7 +213,7 @@ def calibrate(
 def _sets_names_and_causes(
     parameters: GivenCause | Iterable[GivenCause], model: ErrorModel, measurements: Measurements
 ) -> list[GivenCause]:
-    """What a user asks for: sets and names of parameters as text, all else as causes."""
+    """Sets and names of parameters as text, all else as causes."""
     items = [parameters] if isinstance(parameters, Effect | str) else list(parameters)
     sets = get_args(ParameterSet)
     present = measurements.conditions.present
@@ -266,7 +266,7 @@ def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
 
 
 def _with_seats(measurements: Measurements) -> tuple[Measurements, Index]:
-    """The records, with seats for those without that repeat coordinates; and their numbers."""
+    """With seats for records without that repeat coordinates; and their numbers."""
     seat = measurements.conditions.labels("seat").copy()
     table = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known]
     repeated = table[table.duplicated([0, 1, 2], keep=False)]
@@ -287,7 +287,6 @@ def _with_seats(measurements: Measurements) -> tuple[Measurements, Index]:
 
 
 def _worst_relation(after: Fit) -> Iterator[Note]:
-    """A note on the bar, or on the relation of planes, that the other data contradict most."""
     observations = after.observations
     if len(observations.ends) < 2:
         return
@@ -350,7 +349,6 @@ def notes_of_records(after: Fit) -> Iterator[Note]:
 
 
 def _sphere_diameters(after: Fit) -> Iterator[Note]:
-    """A note if spheres by their contacts have other diameters than stated, in the median."""
     observations = after.observations
     tips = after.point.prediction.tips
     differences = []
@@ -382,7 +380,6 @@ def _notes_on_calibrated_arm(after: Fit) -> Iterator[Note]:
 
 
 def _large_torques(after: Fit) -> Iterator[Note]:
-    """A note if the stated masses explain only a small part of the torques."""
     arm = after.problem.model.arm
     records = after.problem.measurements
     torque = records.conditions.torque
@@ -425,9 +422,7 @@ def _notes_on_noise(after: Fit) -> Iterator[Note]:
 
 
 def _binding_uncertainties(after: Fit) -> Iterator[Note]:
-    """A note if a fit without the stated uncertainties of the geometry scatters much less, with
-    parameters far from the arm file.
-    """
+    """A note if, without these, the fit scatters much less, far from the arm file."""
     problem = after.problem
     stated_geometry = problem.stated & problem.vector.geometric
     if not stated_geometry.any():

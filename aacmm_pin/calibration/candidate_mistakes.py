@@ -260,7 +260,6 @@ def _mistakes_in_arm(arm: Arm) -> Iterator[tuple[str, _Values, Arm]]:
 
 
 def _mistakes_in_table(file: ArmFile) -> Iterator[tuple[str, _Values, Arm]]:
-    """As :func:`_mistakes_in_arm`: of one row, of two rows exchanged, and of all rows."""
     other = "modified-dh" if file.convention == "standard-dh" else "standard-dh"
     conventions = {"other": other, "convention": file.convention}
     by_other = Arm.from_file(file.model_copy(update={"convention": other}))

@@ -139,8 +139,8 @@ def fold_numbers(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
 def _seats_and_blocks(
     numbers: Index, touched: Mask, records: Measurements, rng: np.random.Generator
 ) -> Index:
-    """Numbers of seats (n,) where one is ``touched``, and blocks of joint space for the other
-    points: without all of these, seats alone may leave the frame open.
+    """Numbers of seats (n,) where one is ``touched``, else blocks of joint space: seats alone may
+    leave the frame open.
     """
     groups = numbers.copy()
     if not touched.all():
@@ -149,7 +149,7 @@ def _seats_and_blocks(
 
 
 def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index:
-    """Numbers (n,) of blocks of joint space, by k-means over one record of every posture."""
+    """Numbers (n,), by k-means over one record of every posture."""
     order = _in_order(records)
     _, first = np.unique(records.postures[order], return_index=True)
     chosen = order[np.sort(first)]
@@ -171,7 +171,7 @@ def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> In
 
 
 def _in_order(records: Measurements) -> Index:
-    """Records sorted by angles, so that draws depend neither on the file's order nor on labels."""
+    """By angles, so that draws depend neither on the file's order nor on labels."""
     angles = np.round(records.q, ANGLE_DECIMALS)
     return np.lexsort(angles.T[::-1])
 

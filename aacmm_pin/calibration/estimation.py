@@ -89,8 +89,7 @@ class _Estimation:
         return NoiseModel.of(self.problem, x, frame, scatters, self.observations, seats)
 
     def initial_fit(self, point: Point, used: Mask, *, robust: bool) -> Fit:
-        """A rough fit with the records' present scatter as noise; if robust, repeated until the
-        scatter falls no more.
+        """With the records' present scatter as noise; if robust, until it falls no more.
 
         From afar, with the stated noise, the search would follow every valley of poorly determined
         parameters.
@@ -134,8 +133,8 @@ class _Estimation:
         return solution.noise, solution.point, used
 
     def fit_without_outliers(self, solution: Fit, dof: float) -> tuple[Fit, Mask]:
-        """The fit with the noise of ``solution``, whose scatter has ``dof`` degrees of freedom,
-        without the outliers for this noise; and the records that it uses (n,).
+        """For the noise of ``solution``, whose scatter has ``dof`` degrees of freedom; and the
+        records that remain (n,).
         """
         has_target = self.observations.has_target
         count = int(has_target.sum())
@@ -176,8 +175,8 @@ class _Estimation:
     def scatters_of_median(
         self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0
     ) -> Scatters:
-        """Scatters with which the median squared distances are the ``share`` that a fit leaves of
-        the median of χ². Seats have the scatter of tips.
+        """Scatters with which median squared distances are the ``share`` that a fit leaves of the
+        median of χ². Seats have that of tips.
         """
         deviations = noise.observations.deviations(point.prediction.poses, point.seats)
         stated = noise.without_scatter
@@ -269,7 +268,7 @@ class _Estimation:
 
 
 def _median_scatter(squares: Array) -> float:
-    """Standard deviation of normal numbers with these squares (n, 3); 0 without any."""
+    """From squares of normal numbers (n, 3); 0 without any."""
     if not len(squares):
         return 0.0
     median = np.median(squares.sum(axis=1))

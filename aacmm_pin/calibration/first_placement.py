@@ -97,8 +97,8 @@ class _Equations(NamedTuple):
 
 
 def _nearest_placement(equations: _Equations, rotation: Array | None) -> _Placement:
-    """The placement with the least sum of distances near a ``rotation`` W (3, 3), by inverse
-    distances as weights (Weiszfeld); None if the frame is known.
+    """The least sum of distances near ``rotation`` W, by inverse distances as weights (Weiszfeld);
+    None if the frame is known.
     """
     weights = np.ones(len(equations.columns))
     w = np.ones(1)
@@ -140,8 +140,7 @@ def _descend(gram: Array, rotations: Array) -> tuple[Array, Array]:
     (k,).
 
     Newton's method over rotations ω, which add ``[ω] W + [ω]² W / 2``: damped, with absolute
-    curvatures, so that no step goes up (Dauphin et al. 2014). Gauss–Newton steps take ten times as
-    long for records of another arm.
+    curvatures, so that no step goes up (Dauphin et al. 2014).
     """
     quadratic, linear = gram[:9, :9], gram[:9, 9]
 

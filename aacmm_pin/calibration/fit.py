@@ -135,7 +135,7 @@ class Fit:
         return 3.0 * int(with_turn.sum()) - float(np.square(shares[:, 3:]).sum())
 
     def _rows_by_record(self, rows: Array) -> Array:
-        """Rows of the linear model (m, c) by record (n, 3 or 6, c); zero without target."""
+        """Rows (m, c) by record (n, 3 or 6, c); zero without target."""
         has_target = self.observations.has_target
         width = self.noise.whitening.shape[1]
         count = width * int(has_target.sum())
@@ -305,11 +305,11 @@ class Fit:
 
     @cached_property
     def unknown(self) -> Array:
-        """Directions that these records do not determine (p, k), orthonormal [scales]: by
-        derivatives at the tips, or at the targets, from which the tips scatter.
+        """Directions that these records do not determine (p, k), orthonormal [scales], at tips or
+        targets.
 
-        A rotation of the arm about its base moves no target, but a tip beside it. A rotation of the
-        target about the last joint moves no tip.
+        A rotation of the arm about its base moves no target, but a tip that scatters about it; one
+        of the target about the last joint moves no tip.
         """
         point = self.point
         targets = point.prediction.tips - np.nan_to_num(self.system.deviation)
@@ -330,14 +330,13 @@ class Fit:
         return self.full_covariance[:p, :p]
 
     def _with_jacobian(self, jacobian: Array, prior: Prior) -> Linearisation:
-        """The linear model with another derivative of the poses (n, 3 or 6, p)."""
         prediction = replace(self.point.prediction, jacobian=jacobian)
         point = replace(self.point, prediction=prediction)
         return linearise(point, prior, self.noise, self.weights)
 
     def _whitened_rows(self, columns: Array) -> tuple[Array, Array]:
-        """Whitened rows by the estimates (m, p), and by q other values (m, q), whose units displace
-        the records by ``columns`` (n, 3 or 6, q).
+        """Whitened rows by the estimates (m, p), and by q values whose units displace the records
+        by ``columns`` (n, 3 or 6, q).
         """
         jacobian = np.concatenate([self.point.prediction.jacobian, columns], axis=2)
         rows = self._with_jacobian(jacobian, self.system.prior).jacobian

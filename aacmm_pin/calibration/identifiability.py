@@ -93,7 +93,7 @@ class Undetermined:
         return tuple(_combination_in_words(row, self.problem.names) for row in rows)
 
     def _prediction_elsewhere(self, *, on_tip: bool) -> Prediction:
-        """Targets, or with ``on_tip`` tips, at postures over the whole range of the arm."""
+        """Of targets, or of tips, at postures over the whole range."""
         records = self.problem.measurements
         model = self.problem.model.with_effects(*self.problem.vector.effects)
         arm = model.restricted_to_known_range().arm
@@ -108,7 +108,7 @@ class Undetermined:
 
 def _moving_span(directions: Array, jacobian: Array, free_points: Array | None) -> Array:
     """Span of the directions (p, k), of unit variance, that moves points, by their derivative (n,
-    3, p). Rigid motions of all ``free_points`` (n, 3) [m] do not count.
+    3, p), but for rigid motions of ``free_points`` (n, 3) [m].
     """
     motion = (jacobian @ directions).reshape(-1, directions.shape[1])
     if free_points is not None:
@@ -149,9 +149,7 @@ class Observability(Shown):
 
 
 def _sparse_combinations(problem: Problem, directions: Array) -> Array:
-    """Combinations (k, p) [units] that span ``directions`` (p, k) [scales], with many zeros by
-    Gauss–Jordan elimination.
-    """
+    """Combinations (k, p) [units] that span ``directions`` (p, k) [scales], with many zeros."""
     # 1 mm and 1 mrad are comparable; other parameters are so by their widths.
     typical = np.full(len(problem.names), 1e-3)
     for k, parameter in enumerate(problem.vector.parameters):

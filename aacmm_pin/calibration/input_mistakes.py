@@ -162,7 +162,6 @@ def _frozen_readings(after: Fit) -> Iterator[Note]:
 
 
 def _shifted_rows(after: Fit) -> Iterator[Note]:
-    """A note if excluded records fit the coordinates of the row before or after."""
     records = after.problem.measurements
     tips = after.point.prediction.tips
     excluded = np.flatnonzero(after.excluded & records.known)
@@ -178,7 +177,6 @@ def _shifted_rows(after: Fit) -> Iterator[Note]:
 
 
 def _problems_by_session(problem: Problem) -> list[Problem]:
-    """One for each session; none for one without references if each session has its own frame."""
     records = problem.measurements
     labels = records.conditions.session
     problems = []
@@ -191,7 +189,6 @@ def _problems_by_session(problem: Problem) -> list[Problem]:
 
 
 def _first_and_last_third(problem: Problem) -> list[Problem]:
-    """Problems of these records; none for few records."""
     records = problem.measurements
     third = records.n // 3
     if third < FEWEST_FOR_MISTAKES:
@@ -209,7 +206,6 @@ def _each_fits_alone(parts: Sequence[Problem]) -> bool:
 
 
 def _require_no_mistake_in_a_session(problem: Problem) -> None:
-    """Refuse a session whose columns have a mistake, if others fit the arm."""
     distances = {}
     for of_session in _problems_by_session(problem):
         try:
@@ -301,9 +297,7 @@ def _require_no_mistake(
 def _likely_groups(
     misfits: Mapping[tuple[Mistake, ...], float], limit: float
 ) -> Iterator[list[tuple[Mistake, ...]]]:
-    """The least misfits up to a ``limit``: those alike as one group, simplest first, then a few
-    groups of one.
-    """
+    """The least misfits up to a ``limit``: those alike, simplest first, then a few one by one."""
     within = [mistakes for mistakes, misfit in misfits.items() if misfit <= limit]
     nearest = sorted(within, key=misfits.__getitem__)
     if not nearest:
@@ -319,7 +313,6 @@ def _likely_groups(
 def _mistaken_file_error(
     source: str, distances: Mapping[tuple[Mistake, ...], float], as_is: float
 ) -> MistakenFileError:
-    """Names the sets of mistakes that leave about the least distance and contain no other."""
     most = SIMILAR_RATIO * min(distances.values())
     alike = [mistakes for mistakes, distance in distances.items() if distance <= most]
     fewest = [
@@ -391,16 +384,14 @@ def _absorbs(after: Fit) -> bool:
 
 
 def _distance_as_described(after: Fit) -> float:
-    """Median distance with the arm as described, but the fitted frame and seats, to first order
-    [m].
-    """
+    """By the arm as described, but the fitted frame and seats, to first order [m]."""
     x = after.point.x - after.problem.start
     jacobian = after.point.prediction.jacobian[:, :3, : x.size]
     return _median_distance(after.system.deviation - jacobian @ x)
 
 
 def _median_distance(deviations: Array) -> float:
-    """By deviations of the records with a target (n, 3) [m]; infinite without any."""
+    """By deviations (n, 3) [m]; infinite without any target."""
     return _finite_median(np.linalg.norm(deviations, axis=1))
 
 
@@ -412,7 +403,7 @@ def _finite_median(distances: Array) -> float:
 def _misfit_function(problem: Problem) -> Callable[..., tuple[float, float]]:
     """A function of mistakes: the median distance [m] of tips and targets without them, and its
     ratio to the tips' travel; infinite if there is none. By the arm as described, with frame and
-    targets unknown. Tips and targets of no mistake, which most of them share, are kept.
+    targets unknown.
     """
     offsets = [item for item in problem.asked if item == "tool" or isinstance(item, StylusOffset)]
     records = replace(problem.measurements, orientation=None)
@@ -486,7 +477,6 @@ def _of_first_session(problem: Problem) -> Problem:
 
 
 def _thinned(records: Measurements) -> Index:
-    """Numbers of some records of every seat."""
     rows = np.arange(records.n)
     seats = records.seats()
     if not seats:

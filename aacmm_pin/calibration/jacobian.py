@@ -164,7 +164,6 @@ class Columns:
         return motions.transpose(2, 1, 0)
 
     def _twists(self, x: Array, of_reference: bool) -> Twists:
-        """By given effects and parameters ``x`` (p,), of the arm or of the references."""
         places, per_unit = self._constant_twists[of_reference]
         twists = dict(self._given_twists[of_reference])
         _add(twists, dict(zip(places, (per_unit @ x)[:, None], strict=True)))

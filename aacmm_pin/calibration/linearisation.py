@@ -58,9 +58,7 @@ class SeatElimination:
         return float(of_seats + of_relations)
 
     def _set_orthonormal(self, by: Array) -> None:
-        """Set ``Q``, of records and of stated coordinates, and ``C``, by Cholesky QR twice:
-        orthonormal to rounding.
-        """
+        """Set ``Q`` of records and stated coordinates, and ``C``, by Cholesky QR twice."""
         is_stated = self.observations.known[:, None]
         count = len(self.observations.labels)
         u = np.where(is_stated, self.observations.stated_u, 1.0)
@@ -88,7 +86,7 @@ class SeatElimination:
         self._q, self._q_tie = by, by_tie
 
     def _seat_sums(self, arrays: Array, chosen: Index | None = None) -> Array:
-        """Sums by seat (s, …) of arrays of the touched records, or of those ``chosen`` (m, …)."""
+        """Sums by seat (s, …) over touched records, or over those ``chosen``."""
         shape = arrays.shape[1:]
         flat = arrays.reshape(len(arrays), int(np.prod(shape)))
         summing = self._summing if chosen is None else self._summing[:, chosen]
@@ -129,7 +127,7 @@ class SeatElimination:
         return np.concatenate([of_ties, of_relations]), along[seats].reshape(-1, along.shape[2])
 
     def _relation_rows(self, along: Array) -> Array:
-        """Rows of relations with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ M)``."""
+        """With the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ M)``."""
         rows = -self._relation_jacobian @ along.reshape(-1, along.shape[2])
         rows[:, -1] += self._relation_residual
         if len(rows):

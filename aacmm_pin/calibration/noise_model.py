@@ -271,7 +271,7 @@ def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Arr
 
 
 def _seats_of_records(measurements: Measurements) -> tuple[Index, list[str]]:
-    """Number of each record's seat in order of occurrence (n,), -1 without; and their labels."""
+    """Numbers in order of occurrence (n,), -1 without a seat; and labels."""
     labels = measurements.conditions.seat
     if labels is None:
         return np.full(measurements.n, -1, dtype=np.intp), []
@@ -280,9 +280,7 @@ def _seats_of_records(measurements: Measurements) -> tuple[Index, list[str]]:
 
 
 def _combined_by_seat(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array:
-    """Values (n, 3) of records with a ``seat`` (n,), by ``np.add``, ``np.fmin`` or ``np.fmax`` (s,
-    3); NaN for seats without.
-    """
+    """Of values (n, 3) at each seat (s, 3); NaN for seats without."""
     combined = np.full((count, 3), np.nan)
     combined[seat] = 0.0 if combine is np.add else np.nan
     combine.at(combined, seat, values)

@@ -135,7 +135,7 @@ def named_parameters(arm: Arm, items: Iterable[str | Effect]) -> dict[str, list[
 
 
 def _named_geometry(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unknown]:
-    """The unknowns that contain these parameters; other parameters of a placement stay."""
+    """What contains these parameters; others of a placement stay."""
     parameters = [parameter for parameter in arm.parameters if parameter.name in names]
     if arm.dh is not None:
         effects = [of_parameter(arm, parameter) for parameter in parameters]
@@ -192,9 +192,7 @@ def length_held(problem: Problem) -> Effect | None:
 
 
 def _correlation(covariance: Covariance | None, names: list[str], stated: Array) -> Array:
-    """Of the prior (p, p), from the arm's file; none for parameters whose ``stated`` u (p,) differs
-    from the file's, such as a cause that may have changed.
-    """
+    """Of the prior (p, p), by the file; none for parameters with another ``stated`` u (p,)."""
     correlation = np.eye(stated.size)
     if covariance is None:
         return correlation
@@ -263,7 +261,7 @@ def _is_known_place(effect: Effect, setup: Setup) -> bool:
 
 
 def _target_offsets(measurements: Measurements, target: Target) -> list[_Unknown]:
-    """Offsets of the targets: one for each marker, or one if the target is not the tip."""
+    """One for each marker, or one if the target is not the tip."""
     width = np.full(3, REACH_OF_TARGET)
     unstated = np.zeros(3, dtype=bool)
     markers = dict.fromkeys(filter(None, measurements.conditions.labels("marker").tolist()))

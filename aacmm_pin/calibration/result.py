@@ -318,7 +318,7 @@ def base_placements(fit: Fit) -> list[BasePlacement]:
 def _base_placement(
     session: str, rotation: Array, shift: Array, covariance: Array
 ) -> BasePlacement:
-    """With u along the axes of the references, by the covariance in those of the base (6, 6)."""
+    """From the covariance in the axes of the base (6, 6)."""
     rotations = np.kron(np.eye(2), rotation)
     u = np.sqrt(np.diag(rotations @ covariance @ rotations.T))
     return BasePlacement(session, rotation, shift, u[:3], u[3:])

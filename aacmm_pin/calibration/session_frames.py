@@ -82,7 +82,7 @@ def _in_one_frame(
 
 
 def _with_session_of_references(records: Measurements) -> Measurements:
-    """Records without a reference in the session of the references of their seat, or in none."""
+    """Without a reference: that of the references of the seat, or none."""
     conditions = records.conditions
     stated = conditions.labels("session")
     session = np.where(records.placed, stated, "")

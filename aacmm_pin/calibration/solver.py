@@ -176,8 +176,8 @@ class _Search:
         return self.seats_at_best(trial, self.system(trial))
 
     def seats_at_best(self, point: Point, system: Linearisation) -> tuple[Point, Linearisation]:
-        """Gauss–Newton steps of related seats alone. Otherwise a step of the parameters might seem
-        to lower what relations add to χ².
+        """Steps of related seats alone: a step of the parameters would seem to lower what relations
+        add to χ².
         """
         if not len(self.noise.observations.ends):
             return point, system

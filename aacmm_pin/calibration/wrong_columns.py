@@ -120,10 +120,9 @@ def likely_scales(problem: Problem) -> Array | None:
 def _misfits(
     problem: Problem, change: Callable[[Array], Array], *, any_zeros: bool = False
 ) -> Array:
-    """Median distance of tips and targets over the tips' travel (m,) with each of m changes of the
-    readings (n, nq) to (m, n, nq) [rad]; none without references and seats.
-
-    With ``any_zeros``, zeros of the joints and an unknown frame are fitted to first order.
+    """Median distance of tips and targets over the tips' travel (m,), with readings (n, nq) changed
+    in m ways (m, n, nq) [rad]; none without references and seats. With ``any_zeros``, zeros and an
+    unknown frame are fitted to first order.
     """
     arm, records, external = problem.model.arm, problem.measurements, problem.external
     rows, seats = _judging_records(records)
@@ -155,7 +154,7 @@ def _misfits(
 
 
 def _judging_records(records: Measurements) -> tuple[Index, Index | None]:
-    """Numbers of a few records that judge (n,); and of their seats, or None with references."""
+    """Numbers of a few records, and of their seats; None with references."""
     placed = np.flatnonzero(records.known)
     if placed.size:
         spread = np.linspace(0, placed.size - 1, min(KNOWN_RECORDS, placed.size))

@@ -165,8 +165,8 @@ class _Geometry(NamedTuple):
         return _Geometry(parameters, np.flatnonzero(zeros), rows, measured, usual)
 
     def with_free(self, wrong: Index) -> tuple[float, Array]:
-        """Decrease of χ² by the errors of all values, those of ``wrong`` ones (k,) of any size and
-        others of the usual size; and these errors (p,).
+        """Decrease of χ² by errors of usual size, of any size for ``wrong`` (k,); and the errors
+        (p,).
         """
         widths = self.usual.copy()
         widths[wrong] = 1e3 * np.array([USUAL[self.parameters[k].unit] for k in wrong])
@@ -177,7 +177,7 @@ class _Geometry(NamedTuple):
         return float(explained @ explained), np.asarray(errors, np.float64)
 
     def cosines(self, number: int) -> Array:
-        """Of the effects of all values on the records with that of one (p,); 0 without effect."""
+        """Of the effects of all values with that of one (p,); 0 without effect."""
         lengths = np.linalg.norm(self.rows, axis=0)
         products = np.abs(self.rows.T @ self.rows[:, number])
         cosines = np.zeros_like(products)
