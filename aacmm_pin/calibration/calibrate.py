@@ -316,7 +316,7 @@ def _notes_on_prior(after: Fit) -> Iterator[Note]:
     used = problem.measurements.take(after.used)
     arm = problem.model.arm
     name = {"arm": arm.name}
-    earlier = {*problem.known_from}
+    earlier = {*problem.earlier_records}
     if again := earlier.intersection(fingerprints(used)):
         yield Note("records_used_before", {"again": len(again), "records": used.n} | name)
     elif standards := earlier.intersection(fingerprints_of_standards(used)):

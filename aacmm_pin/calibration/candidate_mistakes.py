@@ -88,7 +88,7 @@ class Mistake:
         axes: matrix (3, 3) that multiplies coordinates; uncertainties stay.
         options: of the set-up that were left out.
         arm: None for the arm as described.
-        chosen: the records choose its value among many.
+        by_records: whether the records choose its value.
     """
 
     code: str
@@ -99,7 +99,7 @@ class Mistake:
     bar_factor: float = 1.0
     options: Mapping[str, Any] = field(default_factory=dict)
     arm: Arm | None = None
-    chosen: bool = False
+    by_records: bool = False
 
     @property
     def changes_tips(self) -> bool:
@@ -107,10 +107,10 @@ class Mistake:
         return "target" in self.options or self.matrix is not None or self.arm is not None
 
     @property
-    def free(self) -> int:
+    def free_numbers(self) -> int:
         """How many numbers it leaves open, which may absorb other mistakes."""
         numbers_of_option = {"reference_frame": 6, "target": 3}
-        return 10 * self.chosen + sum(numbers_of_option[option] for option in self.options)
+        return 10 * self.by_records + sum(numbers_of_option[option] for option in self.options)
 
     def undone(self, problem: Problem) -> Problem:
         """Return the problem without the mistake."""
@@ -335,13 +335,13 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
     wrong = None if after is None else wrong_value(after)
     if wrong is not None:
         changed = moved_arm(arm, wrong.errors, arm.covariance)
-        yield Mistake(wrong.note.code, wrong.note.data, arm=changed, chosen=True)
+        yield Mistake(wrong.note.code, wrong.note.data, arm=changed, by_records=True)
     rows = arm.chain.moving_rows()
     for joint, factor in enumerate(likely_ratios(problem)):
         ratio = float(arm.coupling_matrix[joint, joint]) * factor
         data = {"joint": joint + 1, "row": rows[joint], "ratio": ratio}
         matrix = _times(joint, factor, arm.nq)
-        yield Mistake("joint_ratio", data, matrix=matrix, chosen=True)
+        yield Mistake("joint_ratio", data, matrix=matrix, by_records=True)
     scales = likely_scales(problem)
     if scales is None:
         return
@@ -350,7 +350,7 @@ def mistakes_by_records(problem: Problem, after: Fit | None) -> Iterator[Mistake
         scale = float(np.mean(scales[scaled]))
         scaling = {"axes": [*letters], "factor": 1 / scale}
         axes = np.diag(np.where(scaled, scale, 1.0))
-        yield Mistake("coordinates_scaled", scaling, axes=axes, chosen=True)
+        yield Mistake("coordinates_scaled", scaling, axes=axes, by_records=True)
 
 
 def several_columns(problem: Problem) -> list[tuple[Mistake, ...]]:

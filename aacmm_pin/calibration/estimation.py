@@ -255,9 +255,9 @@ class _Estimation:
         motion = unknown @ ((fitted.point.x - self.problem.start) / self.problem.widths)
         if np.abs(motion).max(initial=0.0) < STAYED:
             return fitted
-        problem = replace(self.problem, held=unknown)
+        problem = replace(self.problem, fixed=unknown)
         refit = solve(problem, fitted.noise, fitted.point, fitted.weights)
-        # Judged without the rows that held these directions.
+        # Judged without the rows that fixed these directions.
         at_start = Fit.at(self.problem, fitted.noise, refit.point, fitted.weights)
         return replace(
             at_start,

@@ -274,10 +274,10 @@ def _require_no_mistake(
     as_is = described_distance if by_description else fitted
     limit = (EXPLAINS if by_description else 1.0) * described_misfit
     single = [*single_mistakes(problem)]
-    of_options = [mistake for mistake in single if options and mistake.free]
+    of_options = [mistake for mistake in single if options and mistake.free_numbers]
     with_value = [*mistakes_by_records(thinned, after)] if options else []
     tiers: list[list[tuple[Mistake, ...]]] = [
-        [(mistake,) for mistake in single if not mistake.free],
+        [(mistake,) for mistake in single if not mistake.free_numbers],
         several_columns(thinned) if thorough else [],
         [(mistake,) for mistake in (*of_options, *with_value)],
         [tuple(of_options)] if len(of_options) == 2 else [],
@@ -304,7 +304,9 @@ def _likely_groups(
         return
     most = SIMILAR_RATIO * misfits[nearest[0]]
     alike = [mistakes for mistakes in within if misfits[mistakes] <= most]
-    alike.sort(key=lambda mistakes: (len(mistakes), sum(mistake.free for mistake in mistakes)))
+    alike.sort(
+        key=lambda mistakes: (len(mistakes), sum(mistake.free_numbers for mistake in mistakes))
+    )
     yield alike[:FITTED]
     for mistakes in nearest[len(alike) : TRIED]:
         yield [mistakes]

@@ -220,8 +220,8 @@ def linearise(point: Point, prior: Prior, noise: NoiseModel, weights: Array) -> 
     p = jacobian.shape[2]
     has_target = observations.has_target
     deviations = observations.deviations(point.prediction.poses, point.seats)
-    stated = np.where(has_target[:, None], deviations, 0.0)
-    whitened = (noise.whitening @ stated[:, :, None])[:, :, 0]
+    finite = np.where(has_target[:, None], deviations, 0.0)
+    whitened = (noise.whitening @ finite[:, :, None])[:, :, 0]
     tip = whitened[:, :3]
     turn = whitened[:, 3:]
     tip_distance = np.einsum("ni,ni->n", tip, tip)
@@ -236,15 +236,15 @@ def linearise(point: Point, prior: Prior, noise: NoiseModel, weights: Array) -> 
     by_seats = correlation.whitened(observations.by_seats(whitening))
     elimination = SeatElimination(observations, point.seats, by_seats)
     seats_cost = float(np.square(rows[has_target, :, p]).sum()) + elimination.cost
-    along_seats, (rows, of_seats, of_relations) = elimination.eliminated(rows)
-    parts = [
-        rows if has_target.all() else rows[has_target],
+    along_seats, (of_records, of_seats, of_relations) = elimination.eliminated(rows)
+    blocks = [
+        of_records if has_target.all() else of_records[has_target],
         of_seats[observations.known],
         of_relations,
     ]
-    some = [part.reshape(-1, p + 1) for part in parts if part.size]
+    filled = [block.reshape(-1, p + 1) for block in blocks if block.size]
     return Linearisation(
-        rows=some[0] if len(some) == 1 else np.concatenate([np.empty((0, p + 1)), *some]),
+        rows=filled[0] if len(filled) == 1 else np.concatenate([np.empty((0, p + 1)), *filled]),
         prior=prior,
         distance=np.where(has_target, tip_distance, np.nan),
         turn_distance=np.where(observations.counts > 3, turn_distance, np.nan),

@@ -78,18 +78,18 @@ class NoiseModel:
     """Observations and their noise.
 
     Attributes:
-        tips: covariance of each tip in the references' frame, by its reading and the scatter (n, 3,
+        tip_covariance: of each tip in the references' frame, by its reading and the scatter (n, 3,
             3) [m²]; with orientations (n, 6, 6), the turn behind it [rad²].
         by_reading: displacement of each tip by one u of each reading (n, 3 or 6, nq) [m, rad]; (n,
             3 or 6, 0) without noise of readings.
-        together: records of one reading, see :func:`records_sharing_readings`.
+        shared_readings: see :func:`records_sharing_readings`.
     """
 
     scatters: Scatters
     observations: Observations
-    tips: Array
+    tip_covariance: Array
     by_reading: Array
-    together: tuple[Index, ...]
+    shared_readings: tuple[Index, ...]
 
     @staticmethod
     def of(
@@ -116,24 +116,24 @@ class NoiseModel:
             centres = observations.start(tips_there) if seats is None else seats
             observations = observations.with_normals(tips_there, centres)
         scatter = scatters.covariance(observations.covariance.shape[1])
-        tips = np.broadcast_to(scatter, (n, *scatter.shape))
+        tip_covariance = np.broadcast_to(scatter, (n, *scatter.shape))
         by_reading = np.zeros((n, len(scatter), 0))
-        together: tuple[Index, ...] = ()
+        shared_readings: tuple[Index, ...] = ()
         if setup.encoder_noise is not None and setup.encoder_noise.any():
             by_reading = problem.reading_jacobian(x, frame) * setup.encoder_noise
-            tips = tips + by_reading @ by_reading.transpose(0, 2, 1)
-            together = records_sharing_readings(problem.measurements, observations)
-        return NoiseModel(scatters, observations, tips, by_reading, together)
+            tip_covariance = tip_covariance + by_reading @ by_reading.transpose(0, 2, 1)
+            shared_readings = records_sharing_readings(problem.measurements, observations)
+        return NoiseModel(scatters, observations, tip_covariance, by_reading, shared_readings)
 
     def correlation(self, whitening: Array) -> Correlation:
         """Of residuals whitened by these (n, 3, 3), or (n, 6, 6); zero does not count."""
         width = whitening.shape[2]
-        return Correlation.of(self.together, whitening @ self.by_reading[:, :width])
+        return Correlation.of(self.shared_readings, whitening @ self.by_reading[:, :width])
 
     @property
     def of_residuals(self) -> Array:
         """Covariance of each residual (n, 3, 3) [m²], or (n, 6, 6)."""
-        return self.observations.counting(self.tips + self.observations.covariance)
+        return self.observations.counting(self.tip_covariance + self.observations.covariance)
 
     @cached_property
     def whitening(self) -> Array:
@@ -147,7 +147,7 @@ class NoiseModel:
     @property
     def without_scatter(self) -> Array:
         """:attr:`of_residuals` by the stated noise alone."""
-        stated = self.tips - self.scatters.covariance(self.tips.shape[1])
+        stated = self.tip_covariance - self.scatters.covariance(self.tip_covariance.shape[1])
         return self.observations.counting(stated + self.observations.covariance)
 
 

@@ -109,9 +109,9 @@ def problem_of(
     widths = np.concatenate([np.empty(0), *(w for _, w, _ in chosen)])
     stated = np.concatenate([np.empty(0, dtype=bool), *(s for _, _, s in chosen)])
     covariance = model.arm.covariance
-    known_from = ""
+    earlier_records = ""
     if covariance is not None and (setup.prior or base.arm.covariance):
-        known_from = covariance.records
+        earlier_records = covariance.records
     targets = measurements.conditions.labels("marker")[measurements.oriented].tolist()
     return Problem(
         base,
@@ -121,7 +121,7 @@ def problem_of(
         _correlation(covariance, vector.names, np.where(stated, widths, np.nan)),
         measurements,
         setup,
-        tuple(known_from.split()),
+        tuple(earlier_records.split()),
         () if setup.target == "frame" else tuple(dict.fromkeys(targets)),
         tuple(items),
     )

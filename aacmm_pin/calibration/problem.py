@@ -21,8 +21,8 @@ FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
 """The reference frame has no prior; these only scale its columns [m, rad]."""
 DETERMINED_VARIANCE = 1e-9
 """Least variance of a determined combination of correlated parameters of unit variance."""
-HELD_PRECISION = 1e4
-"""A held parameter moves by one over this of its width if the records pull it by u."""
+FIXED_PRECISION = 1e4
+"""A fixed direction moves by one over this of its width if the records pull it by u."""
 COLUMNS_AT_ONCE = 50
 MOST_REWEIGHTINGS = 60
 SETTLED_PART = 1e-3
@@ -103,11 +103,11 @@ class Problem:
         widths: how far each parameter may be off beforehand (p,) [units].
         stated: whether that is a stated standard uncertainty, not a wide bound (p,).
         correlation: of the stated widths (p, p).
-        known_from: fingerprints of the records behind the arm's file.
+        earlier_records: fingerprints of the records behind the arm's file.
         targets: labels of targets with unknown orientation, whose turns are the last columns.
         asked: sets and names of parameters, and causes.
         candidates: number of the last effects, which a search may give up again.
-        held: directions in which the parameters stay at their start (k, p) [widths].
+        fixed: directions in which the parameters stay at their start (k, p) [widths].
     """
 
     model: ErrorModel
@@ -117,11 +117,11 @@ class Problem:
     correlation: Array
     measurements: Measurements
     setup: Setup
-    known_from: tuple[str, ...] = ()
+    earlier_records: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
     asked: tuple[str | Effect, ...] = ()
     candidates: int = 0
-    held: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    fixed: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def turns(self) -> bool:
@@ -131,7 +131,7 @@ class Problem:
     @property
     def from_earlier(self) -> bool:
         """Whether the prior is from an earlier calibration."""
-        return bool(self.known_from and self.setup.prior and self.stated.any())
+        return bool(self.earlier_records and self.setup.prior and self.stated.any())
 
     @property
     def external(self) -> bool:
@@ -180,9 +180,9 @@ class Problem:
         variances, combinations = np.linalg.eigh(self.correlation)
         determined = np.where(variances > DETERMINED_VARIANCE, variances, 1.0)
         rows = combinations.T / np.sqrt(determined)[:, None]
-        if not self.held.size:
+        if not self.fixed.size:
             return rows
-        return np.concatenate([rows, HELD_PRECISION * self.held])
+        return np.concatenate([rows, FIXED_PRECISION * self.fixed])
 
     def prior(self, x: Array, more: Array = NONE) -> Prior:
         """Of all columns, at the parameters ``x`` (p,); behind them ``more`` (q,) widths."""

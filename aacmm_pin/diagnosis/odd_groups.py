@@ -43,7 +43,7 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
         return []
     fit = choice.fit
     scatter = choice.scatter_left.covariances - fit.observations.covariance
-    judge = replace(fit, noise=replace(fit.noise, tips=scatter))
+    judge = replace(fit, noise=replace(fit.noise, tip_covariance=scatter))
     count = choice.noise.count
     part = count.size / count.sum() if choice.noise.ratio else 1.0
     all_records = judge.chi2_of(fit.used)
