@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 from collections.abc import Collection, Iterable
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -44,12 +44,14 @@ BEYOND_TYPICAL = 1000.0
 """Width of a cause that nobody stated, in typical magnitudes."""
 
 
-_Unknown = tuple[Effect, Array, Mask]
-"""Effect, widths, and which of these are stated."""
-
-
 PARALLEL_SINE = 0.1
 """Below it, axes are nearly parallel: DH has no value for one tilt."""
+
+
+class _Unknown(NamedTuple):
+    effect: Effect
+    widths: Array
+    stated: Mask
 
 
 def problem_of(
@@ -67,64 +69,63 @@ def problem_of(
     named_causes = {item.label for item in items if isinstance(item, Effect)}
     places = known_places(model, measurements, setup)
     items += [place for place in places if place.label not in named_causes]
-    # A value that is asked for with a u of its own replaces that of a set.
-    with_own_u = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
-    chosen = [
-        unknown
-        for unknown in _target_offsets(measurements, setup.target)
-        if unknown[0].label not in with_own_u
-    ]
-    if setup.frame_of_session:
-        unstated = np.zeros(FRAME_WIDTHS.size, dtype=bool)
-        others = sessions_of(measurements)[1:]
-        chosen += [(ReferenceFrame(label), FRAME_WIDTHS, unstated) for label in others]
-    for item in items:
-        if isinstance(item, Effect):
-            u = np.array(item.u)
-            bounds = [BEYOND_TYPICAL * term.typical for term in item.terms]
-            chosen.append((item, np.where(u > 0, u, bounds), u > 0))
-        elif item == "tool":
-            if setup.target != "unknown":
-                chosen += _target_offsets(measurements, "unknown")
-        elif item == "zero-offsets":
-            chosen += [
-                _unknown_geometry(model.arm, zero, setup.prior) for zero in joint_zeros(model.arm)
-            ]
-        elif item == "geometry":
-            chosen += [
-                unknown
-                for unknown in _all_geometry(model.arm, setup)
-                if unknown[0].label not in with_own_u
-            ]
-    names = set().union(*named_parameters(model.arm, items).values())
-    chosen += _named_geometry(model.arm, names, setup)
-    effects = tuple(effect for effect, _, _ in chosen)
-    labels = [effect.label for effect in effects]
+    unknowns = _unknowns(model.arm, measurements, items, setup)
+    effects = tuple(unknown.effect for unknown in unknowns)
     keys = [effect.key for effect in effects]
     for key in keys:
         if keys.count(key) > 1:
             raise AacmmError(f"{key} occurs twice; expected each parameter once")
+    labels = [effect.label for effect in effects]
     base = model.restricted(tuple(e for e in model.effects if e.label not in labels))
     vector = ParameterVector(base.arm, effects)
-    widths = np.concatenate([np.empty(0), *(w for _, w, _ in chosen)])
-    stated = np.concatenate([np.empty(0, dtype=bool), *(s for _, _, s in chosen)])
+    widths = np.concatenate([np.empty(0), *(unknown.widths for unknown in unknowns)])
+    stated = np.concatenate([np.empty(0, dtype=bool), *(unknown.stated for unknown in unknowns)])
     covariance = model.arm.covariance
     earlier_records = ""
     if covariance is not None and (setup.prior or base.arm.covariance):
         earlier_records = covariance.records
     targets = measurements.conditions.labels("marker")[measurements.oriented].tolist()
     return Problem(
-        base,
-        vector,
-        widths,
-        stated,
-        _correlation(covariance, vector.names, np.where(stated, widths, np.nan)),
-        measurements,
-        setup,
-        tuple(earlier_records.split()),
-        () if setup.target == "frame" else tuple(dict.fromkeys(targets)),
-        tuple(items),
+        model=base,
+        vector=vector,
+        widths=widths,
+        stated=stated,
+        correlation=_correlation(covariance, vector.names, np.where(stated, widths, np.nan)),
+        measurements=measurements,
+        setup=setup,
+        earlier_records=tuple(earlier_records.split()),
+        targets=() if setup.target == "frame" else tuple(dict.fromkeys(targets)),
+        asked=tuple(items),
     )
+
+
+def _unknowns(
+    arm: Arm, measurements: Measurements, items: list[str | Effect], setup: Setup
+) -> list[_Unknown]:
+    """Of the target and the frames of sessions, then those that ``items`` name."""
+    # A value that is asked for with a u of its own replaces that of a set.
+    with_own_u = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
+    offsets = _target_offsets(measurements, setup.target)
+    unknowns = [unknown for unknown in offsets if unknown.effect.label not in with_own_u]
+    if setup.frame_of_session:
+        unstated = np.zeros(FRAME_WIDTHS.size, dtype=bool)
+        others = sessions_of(measurements)[1:]
+        unknowns += [_Unknown(ReferenceFrame(label), FRAME_WIDTHS, unstated) for label in others]
+    for item in items:
+        if isinstance(item, Effect):
+            u = np.array(item.u)
+            bounds = [BEYOND_TYPICAL * term.typical for term in item.terms]
+            unknowns.append(_Unknown(item, np.where(u > 0, u, bounds), u > 0))
+        elif item == "tool":
+            if setup.target != "unknown":
+                unknowns += _target_offsets(measurements, "unknown")
+        elif item == "zero-offsets":
+            unknowns += [_unknown_geometry(arm, zero, setup.prior) for zero in joint_zeros(arm)]
+        elif item == "geometry":
+            geometry = _all_geometry(arm, setup)
+            unknowns += [one for one in geometry if one.effect.label not in with_own_u]
+    names = set().union(*named_parameters(arm, items).values())
+    return unknowns + _named_geometry(arm, names, setup)
 
 
 def named_parameters(arm: Arm, items: Iterable[str | Effect]) -> dict[str, list[str]]:
@@ -144,7 +145,7 @@ def _named_geometry(arm: Arm, names: Collection[str], setup: Setup) -> list[_Unk
     for row in sorted({parameter.joint for parameter in parameters if parameter.joint}):
         effect, widths, stated = _unknown_geometry(arm, JointPlacement(row), setup.prior)
         stays = np.array([p.name not in names for p in geometric_parameters(arm, effect)])
-        unknowns.append((effect, np.where(stays, HELD_WIDTH, widths), stated | stays))
+        unknowns.append(_Unknown(effect, np.where(stays, HELD_WIDTH, widths), stated | stays))
     return unknowns
 
 
@@ -183,9 +184,8 @@ def length_held(problem: Problem) -> Effect | None:
     sizes: dict[Effect, float] = {}
     for effect, entries in vector:
         if isinstance(effect, JointPlacement):
-            sizes[effect] = float(
-                np.linalg.norm(vector.arm.chain.constant[end(effect.joint - 1), :3, 3])
-            )
+            placement = vector.arm.chain.constant[end(effect.joint - 1)]
+            sizes[effect] = float(np.linalg.norm(placement[:3, 3]))
         elif isinstance(effect, LinkLength | JointDistance):
             sizes[effect] = float(np.abs(vector.stated_values[entries]).sum())
     return max(sizes, key=lambda effect: sizes[effect]).at(())
@@ -221,7 +221,7 @@ def _all_geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
             # Its lengths stay; angles of the same placement do not.
             width_of_unit = ASSEMBLED | {"m": HELD_WIDTH}
             widths = np.array([width_of_unit[term.unit] for term in effect.terms])
-            unknowns[k] = effect, widths, np.ones(widths.size, dtype=bool)
+            unknowns[k] = _Unknown(effect, widths, np.ones(widths.size, dtype=bool))
     return unknowns
 
 
@@ -230,18 +230,18 @@ def _unknown_geometry(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
     u = np.array([p.u for p in of_arm]) if of_arm else np.zeros(len(effect.terms))
     stated = (u > 0) & prior
     assembled = np.array([ASSEMBLED[t.unit] for t in effect.terms])
-    return effect, np.where(stated, u, assembled), stated
+    return _Unknown(effect, np.where(stated, u, assembled), stated)
 
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
     """Whether it is the place of a target of the records, without a u that counts."""
-    labels = {unknown.label for unknown, _, _ in _target_offsets(measurements, setup.target)}
+    labels = {offset.effect.label for offset in _target_offsets(measurements, setup.target)}
     return effect.label in labels and not _is_known_place(effect, setup)
 
 
 def known_places(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
     """Places of the records' targets that the arm states with a u that counts."""
-    labels = {unknown.label for unknown, _, _ in _target_offsets(measurements, setup.target)}
+    labels = {offset.effect.label for offset in _target_offsets(measurements, setup.target)}
     return [e for e in model.effects if e.label in labels and _is_known_place(e, setup)]
 
 
@@ -268,4 +268,4 @@ def _target_offsets(measurements: Measurements, target: Target) -> list[_Unknown
     offsets = [StylusOffset(marker) for marker in markers]
     if target == "unknown" and not offsets:
         offsets = [StylusOffset()]
-    return [(offset, width, unstated) for offset in offsets]
+    return [_Unknown(offset, width, unstated) for offset in offsets]

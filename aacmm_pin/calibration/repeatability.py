@@ -152,10 +152,10 @@ def repeatability_of(fit: Fit) -> Repeatability | None:
     time = conditions.time
     clock = records.row if time is None else time
     return Repeatability(
-        posture,
-        (deviations - deviations.groupby(posture).transform("mean")).to_numpy(),
-        np.asarray(clock[rows], dtype=np.float64),
-        time is not None,
-        fit.system.deviation[used],
-        float(np.sqrt(np.square(u[rows]).mean())),
+        posture=posture,
+        deviations=(deviations - deviations.groupby(posture).transform("mean")).to_numpy(),
+        clock=np.asarray(clock[rows], dtype=np.float64),
+        is_timed=time is not None,
+        residuals=fit.system.deviation[used],
+        reference_u=float(np.sqrt(np.square(u[rows]).mean())),
     )

@@ -111,11 +111,11 @@ class Exclusions:
 def exclusions_of(fit: Fit) -> Exclusions:
     """Whether what a fit excluded are gross errors."""
     return Exclusions(
-        int(fit.excluded.sum()),
-        int(fit.used.sum()),
-        fit.too_many_excluded,
-        shared_by(fit),
-        tuple(_narrowed(fit)),
+        excluded=int(fit.excluded.sum()),
+        used=int(fit.used.sum()),
+        too_many=fit.too_many_excluded,
+        shared=shared_by(fit),
+        narrowed=tuple(_narrowed(fit)),
     )
 
 
