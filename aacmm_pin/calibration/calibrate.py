@@ -71,9 +71,9 @@ BEST_REFERENCE = 2e-7
 """No coordinate is known better [m]: a measuring machine has 5e-7, a laser tracker 1e-5."""
 ODD_RELATION = 4.0
 """A relation so many standard deviations off may have another value; chance: 1 of 16 000."""
-OFTEN = 2
+RECORDS_PER_POSTURE = 2
 """With more consecutive records of a posture on average, they read one contact."""
-HELD_IN = 0.5
+SCATTER_WITHOUT_U = 0.5
 """Stated uncertainties are too small if, without them, the scatter is below this part …"""
 FAR_OFF = 4.0
 """… and some are farther off than so many standard uncertainties; …"""
@@ -89,7 +89,7 @@ OPTION_OF_NOISE = {
     "contacts in seats": "--probe-noise-mm",
 }
 FEW_SEATS = 5
-OPEN = 0.1
+NAMED_PART = 0.1
 """Parameters below this part of the largest share in what is open about the tip are not named."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
@@ -260,7 +260,7 @@ def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
         marker = measurements.conditions.labels("marker")
         changes |= marker[1:] != marker[:-1]
     postures = 1 + np.count_nonzero(changes)
-    if measurements.n <= OFTEN * postures:
+    if measurements.n <= RECORDS_PER_POSTURE * postures:
         return []
     return [Note("held_postures", {"records": measurements.n, "postures": postures})]
 
@@ -370,7 +370,7 @@ def _notes_on_calibrated_arm(after: Fit) -> Iterator[Note]:
             yield Note("target_becomes_tip", {"distance": distance, "arm": arm.name})
     spread = np.linalg.norm(after.undetermined.tip_spread, axis=1) / after.problem.widths
     if spread.any():
-        chosen = np.flatnonzero(spread > OPEN * spread.max())
+        chosen = np.flatnonzero(spread > NAMED_PART * spread.max())
         names = [after.problem.vector.names[k] for k in chosen]
         yield Note("tip_undetermined", {"parameters": names})
     stated = arm.reference_temperature
@@ -430,7 +430,7 @@ def _binding_uncertainties(after: Fit) -> Iterator[Note]:
     free = fit(free_geometry(problem), used=after.used)
     over_u = np.abs(free.point.x - problem.start) / problem.widths
     over_u[~stated_geometry] = 0.0
-    if free.scatter > HELD_IN * after.scatter or over_u.max() < FAR_OFF:
+    if free.scatter > SCATTER_WITHOUT_U * after.scatter or over_u.max() < FAR_OFF:
         return
     largest = np.argsort(-over_u)[:MOST_NAMED]
     names = [problem.vector.names[k] for k in largest if over_u[k] > FAR_OFF]

@@ -28,7 +28,7 @@ from aacmm_pin.calibration.wrong_columns import (
 from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.effects import StylusOffset
 
-FULL_TURN = 2 * np.pi
+ONE_TURN = 2 * np.pi
 """A larger angle was hardly in radians [rad]."""
 SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
 LEAST_LENGTH = 2e-3
@@ -51,7 +51,7 @@ LEAST_SINE = 0.01
 """A twist with a smaller sine has no sign."""
 MOST_IN_RADIANS = 0.06
 """Twists all below this are right angles under a key for degrees [rad]."""
-SMALL = 0.25
+SMALL_ARM = 0.25
 """Least sum of the lengths of an arm [m]."""
 GON = 0.9
 """One gon [°]."""
@@ -186,9 +186,9 @@ def _mistakes_in_readings(problem: Problem) -> Iterator[Mistake]:
         units = SLIDE_UNITS
         if not slides:
             units = {"gon": GON}
-            if largest > FULL_TURN:
+            if largest > ONE_TURN:
                 units["degrees"] = DEG
-            elif largest <= FULL_TURN * DEG:
+            elif largest <= ONE_TURN * DEG:
                 units["radians"] = 1 / DEG
         for unit, factor in units.items():
             column = "rad" if unit == "degrees" else "deg"
@@ -295,7 +295,7 @@ def _mistakes_in_row(file: ArmFile, number: int) -> Iterator[tuple[str, _Values,
             data["likely"] = factor * stated * MM
             yield "length_mistyped", data, {key: factor * stated}
     for degrees in QUARTERS[1:]:
-        alpha = float(np.remainder(row.alpha_rad + degrees * DEG + np.pi, FULL_TURN) - np.pi)
+        alpha = float(np.remainder(row.alpha_rad + degrees * DEG + np.pi, ONE_TURN) - np.pi)
         if abs(alpha + row.alpha_rad) >= LEAST_SINE:  # not the opposite sign
             yield "twist_mistyped", twist | {"likely": alpha}, {"alpha_rad": alpha}
     if not row.fixed and not row.slides:
@@ -313,7 +313,7 @@ def _with_values(file: ArmFile, values: Mapping[int, _Values]) -> Arm:
 
 
 def _is_small(file: object) -> bool:
-    return isinstance(file, ArmFile) and file.size * MM < SMALL
+    return isinstance(file, ArmFile) and file.size * MM < SMALL_ARM
 
 
 def _mistakes_in_placements(arm: Arm) -> Iterator[tuple[str, _Values, Arm]]:

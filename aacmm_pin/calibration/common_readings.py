@@ -11,7 +11,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.measurements import Measurements, Observations
 
-OWN_PART = 1e-9
+INDEPENDENT_PART = 1e-9
 """Least independent part of a record's variance, which gives the rest an inverse."""
 
 
@@ -62,7 +62,7 @@ class Correlation:
         factors = []
         for group in records:
             columns = flat[_row_numbers(group, width)]
-            covariance = (1.0 - OWN_PART) * columns @ columns.transpose(0, 2, 1)
+            covariance = (1.0 - INDEPENDENT_PART) * columns @ columns.transpose(0, 2, 1)
             record_of_row = np.tile(np.repeat(np.arange(group.shape[1]), 3), width // 3)
             covariance[:, record_of_row[:, None] == record_of_row] = 0.0
             factors.append(np.asarray(np.linalg.cholesky(covariance + np.eye(record_of_row.size))))

@@ -34,7 +34,7 @@ FEWEST_SEATS = 5
 """With fewer seats, a diagnosis leaves out blocks of joint space."""
 ANGLE_DECIMALS = 9
 """For one order of angles in degrees and radians."""
-MOSTLY = 0.9
+MOST_RECORDS = 0.9
 """A diagnosis leaves out seats if more than this part of the records touch one."""
 
 
@@ -130,7 +130,7 @@ def fold_numbers(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     bodies = np.full(records.n, -1)
     bodies[touched] = fit.observations.clusters[seat[touched]]
     groups = merged_by_posture(bodies, records.postures)
-    if np.unique(groups[touched]).size >= FEWEST_SEATS and touched.sum() > MOSTLY * records.n:
+    if np.unique(groups[touched]).size >= FEWEST_SEATS and touched.sum() > MOST_RECORDS * records.n:
         return "seats", _folds(_seats_and_blocks(bodies, touched, records, rng), records, rng)
     blocks = _blocks(records, min(FOLDS, max(2, records.n // 5)), rng)
     return "blocks", np.unique(blocks, return_inverse=True)[1].astype(np.intp)

@@ -28,11 +28,11 @@ UNEQUAL = 1.5
 MOST_NOISE_ROUNDS = 12
 MOST_SCATTER_ROUNDS = 100
 """Rounds of the scatter, at most; from offsets of 100° it takes 17, as the widths loosen."""
-FALLS = 0.99
+WORTHWHILE_FALL = 0.99
 """Outliers are judged again while a round lowers the better half's scatter below this part: from
 100° most rounds lower it by a tenth, some by 2 %.
 """
-STAYED = 1e-6
+NO_MOTION = 1e-6
 """Motion along an undetermined direction that is none [widths]."""
 SCATTER_TOLERANCE = 1e-3
 FIRST_SCATTER = 1e-4
@@ -128,7 +128,7 @@ class _Estimation:
             solution = Fit.at(self.problem, noise, solution.point, solution.weights)
             solution, used = self.fit_without_outliers(solution, dof)
             scatters = self.scatters_of_median(noise, solution.point, has_target, share)
-            if scatters.tip >= FALLS * noise.scatters.tip:
+            if scatters.tip >= WORTHWHILE_FALL * noise.scatters.tip:
                 break
         return solution.noise, solution.point, used
 
@@ -253,7 +253,7 @@ class _Estimation:
         """
         unknown = fitted.unknown[: self.problem.widths.size].T
         motion = unknown @ ((fitted.point.x - self.problem.start) / self.problem.widths)
-        if np.abs(motion).max(initial=0.0) < STAYED:
+        if np.abs(motion).max(initial=0.0) < NO_MOTION:
             return fitted
         problem = replace(self.problem, fixed=unknown)
         refit = solve(problem, fitted.noise, fitted.point, fitted.weights)

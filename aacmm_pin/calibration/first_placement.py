@@ -29,7 +29,7 @@ change.
 ROTATION_TOLERANCE = 0.05
 MOST_NEWTON_STEPS = 40
 """Five to twenty do."""
-NO_STEP = 1e-6
+LEAST_ROTATION_STEP = 1e-6
 """Newton's method ends at smaller steps [rad]."""
 PLACEMENT_RANK_RATIO = 1e-5
 """Combinations of offsets and shift with a smaller part of the effect stay zero."""
@@ -168,6 +168,6 @@ def _descend(gram: Array, rotations: Array) -> tuple[Array, Array]:
         rotations = np.where(lower[:, None, None], trial, rotations)
         values = np.where(lower, trial_values, values)
         damping = np.where(lower, damping / 10.0, damping * 10.0)
-        if np.abs(step).max() < NO_STEP:
+        if np.abs(step).max() < LEAST_ROTATION_STEP:
             break
     return rotations, values

@@ -32,7 +32,7 @@ FEWEST_TOGETHER = 3
 """Fewer may be one mishap."""
 NO_SCATTER = 5e-8
 """Scatter below this is none [m]: the search for it ends just above zero."""
-OF_WIDTH = 1e-3
+DIFFERENCE_STEP = 1e-3
 """Step of a difference, as a part of the parameter's width."""
 ONE_DIRECTION = 1e-2
 """Sine of the angle of two undetermined directions that are one."""
@@ -404,10 +404,10 @@ class Fit:
     def _nonlinear_derivative(self, number: int, effect: Effect, name: str, width: float) -> Array:
         """∂(pose)/∂(nonlinear parameter) (n, 3 or 6) [m/unit]."""
         poses = []
-        for step in (OF_WIDTH * width, -OF_WIDTH * width):
+        for step in (DIFFERENCE_STEP * width, -DIFFERENCE_STEP * width):
             effects = list(self.problem.vector.effects)
             effects[number] = replace(effects[number], **{name: getattr(effect, name) + step})
             vector = replace(self.problem.vector, effects=tuple(effects))
             displaced = replace(self.problem, vector=vector)
             poses.append(displaced.poses(self.point.x, self.point.frame))
-        return (poses[0] - poses[1]) / (2 * OF_WIDTH * width)
+        return (poses[0] - poses[1]) / (2 * DIFFERENCE_STEP * width)

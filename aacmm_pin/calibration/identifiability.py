@@ -17,9 +17,7 @@ from aacmm_pin.effects import listed
 NEGLIGIBLE_PART = 0.02
 """Smaller parts of a combination are not mentioned."""
 OTHER_POSTURES = 200
-ROTATION = 1e-2
-"""A base whose rotation has a larger u is open [rad], beyond first order."""
-MOVES = 1e-6
+LEAST_POINT_MOTION = 1e-6
 """A direction moves a point if one width does so by more (RMS over postures) [m]: redescriptions of
 the arm move it by 1e-9 m, what records leave open by 1e-4 m and more.
 """
@@ -74,7 +72,7 @@ class Undetermined:
             return False
         p = self.problem.widths.size
         motion = self.target_directions[p : p + 6] * FRAME_WIDTHS[:, None]
-        return bool(np.abs(motion).max(initial=0.0) > MOVES)
+        return bool(np.abs(motion).max(initial=0.0) > LEAST_POINT_MOTION)
 
     @property
     def tied_to_frame(self) -> tuple[str, ...]:
@@ -115,7 +113,7 @@ def _moving_span(directions: Array, jacobian: Array, free_points: Array | None) 
         basis = np.linalg.qr(rigid_motions(free_points).reshape(-1, 6))[0]
         motion = motion - basis @ (basis.T @ motion)
     _, size, combined = np.linalg.svd(motion / np.sqrt(len(jacobian)), full_matrices=False)
-    return np.asarray(directions @ combined[size > MOVES].T)
+    return np.asarray(directions @ combined[size > LEAST_POINT_MOTION].T)
 
 
 @dataclass(frozen=True)

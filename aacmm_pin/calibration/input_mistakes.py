@@ -47,16 +47,16 @@ from aacmm_pin.measurements import OF_BAR, Measurements, Observations
 
 FAR = 2e-3
 """Scatter, or median distance after a fit, that no arm has [m]."""
-UNLIKE = 0.03
+UNLIKE_PART = 0.03
 """Scatter over the tips' travel beyond which records are not of this arm."""
-MOVED = 5.0
+MOST_MOTION = 5.0
 """Geometry that moves so many times :data:`ASSEMBLED`, and the tips as much as such a length, has
 taken up a mistake; a zero that hardly moves the tip may be anything.
 """
-EXPLAINS = 0.2
+EXPLAINED_PART = 0.2
 """Part of the median distance below which undoing a mistake explains it."""
-TRIED = 3
-FITTED = 8
+MOST_TRIED = 3
+MOST_FITTED = 8
 """Of those alike; more than four are rare."""
 MOST_GROSS = 0.15
 FEWEST_FOR_MISTAKES = 10
@@ -98,7 +98,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     if session is not None and (distances.groupby(session).median() >= FAR).any():
         _require_no_mistake_in_a_session(problem)
     travel = _travel(problem)
-    unlike = after.scatter > max(FAR, UNLIKE * travel)
+    unlike = after.scatter > max(FAR, UNLIKE_PART * travel)
     fitted = _median_distance(after.system.deviation)
     if fitted >= FAR:
         _require_unshifted_rows(problem, fitted)
@@ -266,13 +266,13 @@ def _require_no_mistake(
     thinned = problem.of(records.take(_thinned(records)))
     misfit = _misfit_function(thinned)
     described_distance, described_misfit = misfit()
-    described_fits = described_distance < FAR or described_misfit < UNLIKE
+    described_fits = described_distance < FAR or described_misfit < UNLIKE_PART
     if described_distance == np.inf or (described_fits and fitted < FAR):
         return
     # Without a fit, or if geometry absorbed the mistake, the arm as described is the measure.
     by_description = fitted < FAR or fitted == np.inf
     as_is = described_distance if by_description else fitted
-    limit = (EXPLAINS if by_description else 1.0) * described_misfit
+    limit = (EXPLAINED_PART if by_description else 1.0) * described_misfit
     single = [*single_mistakes(problem)]
     of_options = [mistake for mistake in single if options and mistake.free_numbers]
     with_value = [*mistakes_by_records(thinned, after)] if options else []
@@ -307,8 +307,8 @@ def _likely_groups(
     alike.sort(
         key=lambda mistakes: (len(mistakes), sum(mistake.free_numbers for mistake in mistakes))
     )
-    yield alike[:FITTED]
-    for mistakes in nearest[len(alike) : TRIED]:
+    yield alike[:MOST_FITTED]
+    for mistakes in nearest[len(alike) : MOST_TRIED]:
         yield [mistakes]
 
 
@@ -353,7 +353,7 @@ def _explaining_fit(corrected: Problem, as_is: float) -> Fit | None:
         after = fit(corrected)
     except (AacmmError, np.linalg.LinAlgError):  # a hypothesis that is far off has no fit
         return None
-    limit = min(EXPLAINS * as_is, UNLIKE * _travel(after.problem))
+    limit = min(EXPLAINED_PART * as_is, UNLIKE_PART * _travel(after.problem))
     explained = after.scatter < FAR and _median_distance(after.system.deviation) < limit
     return after if explained and not _absorbs(after) else None
 
@@ -376,10 +376,10 @@ def _absorbs(after: Fit) -> bool:
     changes = np.abs(point.x - after.problem.start)
     squares = np.square(point.prediction.jacobian[:, :3, : changes.size])
     tip_motions = changes * np.sqrt(squares.sum(axis=1).mean(axis=0))
-    moves_tips = tip_motions > MOVED * ASSEMBLED["m"]
+    moves_tips = tip_motions > MOST_MOTION * ASSEMBLED["m"]
     for effect, entries in after.problem.vector:
         if isinstance(effect, (JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT)):
-            most = MOVED * np.array([ASSEMBLED[term.unit] for term in effect.terms])
+            most = MOST_MOTION * np.array([ASSEMBLED[term.unit] for term in effect.terms])
             if ((changes[entries] > most) & moves_tips[entries]).any():
                 return True
     return False

@@ -30,7 +30,7 @@ BAR_NOISE = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""
 LEAST_U = 1e-12
 """Least standard uncertainty, as a divisor [m]."""
-SAME_POINT = 1e-9
+SAME_COORDINATES = 1e-9
 """Coordinates that differ by less are the same [m]."""
 MEASURED = 1 / 3
 ROUNDED = 2.0
@@ -172,7 +172,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     )
     if repeated.any():
         from_repeated = np.abs(measurements.reference - most_stated[seat]).max(axis=1)
-        far = from_repeated > np.maximum(SAME_POINT, ROUNDED * least_u)[seat]
+        far = from_repeated > np.maximum(SAME_COORDINATES, ROUNDED * least_u)[seat]
         seat = np.where(states_seat & repeated[seat] & far, -1, seat)
         states_seat = measurements.placed & (seat >= 0)
         stated_seat = seat[states_seat]
@@ -186,7 +186,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     largest_u = _combined_by_seat(np.fmax, u[states_seat], stated_seat, count)
     extent = (high - low).max(axis=1)
     # A seat whose records state coordinates of their own is none, as is a surface of few contacts.
-    is_none = ~repeated & (extent > np.maximum(SAME_POINT, MEASURED * least_u))
+    is_none = ~repeated & (extent > np.maximum(SAME_COORDINATES, MEASURED * least_u))
     contacts = np.bincount(seat[measurements.on_surface & (seat >= 0)], minlength=count)
     few = (contacts > 0) & (contacts < FEWEST_CONTACTS)
     is_none |= few & ~np.isfinite(mean).all(axis=1)
@@ -254,7 +254,7 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
             yield Note("bar_contradicted", data)
     for label, records in records_stating.items():
         stated = measurements.reference[records]
-        over_u = np.ptp(stated, axis=0) / np.maximum(u[records].max(axis=0), SAME_POINT)
+        over_u = np.ptp(stated, axis=0) / np.maximum(u[records].max(axis=0), SAME_COORDINATES)
         if over_u.max() > (ROUNDED if repeated_at[label] else CONTRADICTING):
             along_axis = stated[:, over_u.argmax()]
             extremes = records[[along_axis.argmin(), along_axis.argmax()]]

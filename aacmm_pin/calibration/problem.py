@@ -27,7 +27,7 @@ COLUMNS_AT_ONCE = 50
 MOST_REWEIGHTINGS = 60
 SETTLED_PART = 1e-3
 """Rounds of weights end when the sum of distances falls by less than this part."""
-NONE = np.empty(0)
+NO_WIDTHS = np.empty(0)
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
 
@@ -184,7 +184,7 @@ class Problem:
             return rows
         return np.concatenate([rows, FIXED_PRECISION * self.fixed])
 
-    def prior(self, x: Array, more: Array = NONE) -> Prior:
+    def prior(self, x: Array, more: Array = NO_WIDTHS) -> Prior:
         """Of all columns, at the parameters ``x`` (p,); behind them ``more`` (q,) widths."""
         scales = np.concatenate([self.scales, more])
         of_frame = np.zeros((0, self.scales.size - x.size))

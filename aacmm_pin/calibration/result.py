@@ -21,7 +21,7 @@ from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import LEAST_DOF, Fit
-from aacmm_pin.calibration.identifiability import ROTATION, Observability
+from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.repeatability import Repeatability, repeatability_of
@@ -34,14 +34,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CALIBRATION_SCHEMA = "aacmm-pin/calibration/1"
-MENTIONED = 0.02
+OPEN_PART = 0.02
 """Part of its width that leaves a parameter known in combination."""
 HARDLY_KNOWN = 0.1
 """Part of its width with which u leaves a parameter without stated u hardly known."""
 UNCHANGED = 0.95
 """Part of the stated u with which a parameter has learnt nothing …"""
-LESS = 0.5**0.5
+LESS_THAN_STATED = 0.5**0.5
 """… and less than was stated."""
+LARGE_ROTATION_U = 1e-2
+"""A base whose rotation has a larger u is open [rad], beyond first order."""
 
 
 def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
@@ -153,7 +155,7 @@ class Calibration(Shown):
         spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
         # The width of a target is a metre, but that of any length of the arm counts.
         assembled = np.array([ASSEMBLED.get(unit, np.inf) for unit in units])
-        is_open = spread > MENTIONED * np.minimum(problem.widths, assembled)
+        is_open = spread > OPEN_PART * np.minimum(problem.widths, assembled)
         u_with_open = np.hypot(np.sqrt(np.diag(self.covariance)), spread)
         u = np.where(is_open, np.nan, u_with_open)
         before = vector.stated_values + problem.start
@@ -166,7 +168,7 @@ class Calibration(Shown):
         for name, value in (values | {"U": expanded}).items():
             table[name] = value / factor
         as_stated = problem.stated & (u > UNCHANGED * problem.widths)
-        hardly = u > np.where(problem.stated, LESS, HARDLY_KNOWN) * problem.widths
+        hardly = u > np.where(problem.stated, LESS_THAN_STATED, HARDLY_KNOWN) * problem.widths
         words = ["in combination", "as stated", "hardly"]
         table["known"] = np.select([np.isnan(u), as_stated, hardly], words, "measured")
         return table
@@ -289,7 +291,7 @@ def base_is_open(fit: Fit) -> bool:
         return False
     p = fit.problem.widths.size
     variances = np.diag(fit.covariance)[p + 3 : p + 6]
-    return fit.undetermined.frame_is_open or bool(variances.max() > ROTATION**2)
+    return fit.undetermined.frame_is_open or bool(variances.max() > LARGE_ROTATION_U**2)
 
 
 def base_placements(fit: Fit) -> list[BasePlacement]:

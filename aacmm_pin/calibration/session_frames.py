@@ -25,13 +25,13 @@ from aacmm_pin.measurements import Measurements, orientation
 FEWEST_OF_A_FRAME = 8
 MOST_OF_THEM = 0.8
 """Least part of the excluded records that has to fit their frame …"""
-AS_CLOSE = 2.0
+RESIDUAL_RATIO = 2.0
 """… with residuals at most so many times those of the other records …"""
-REMAINS = 0.1
+REMAINING_PART = 0.1
 """… and at most this part of those in the frame of the others."""
 ONE_FRAME = 0.01
 """Frames whose coordinates differ by less are one, up to what is estimated [m]."""
-AGREES = 0.01
+LEAST_CHANCE = 0.01
 """Least chance of a displacement as large as theirs of frames that agree."""
 
 
@@ -110,7 +110,7 @@ def session_notes(fit: Fit) -> Iterator[Note]:
         chi2 = float(displacement @ precision @ displacement)
         p_value = float(chi2_sf(chi2, displacement.size))
         shift, turn = np.linalg.norm(displacement.reshape(2, 3), axis=1).tolist()
-        code = "sessions_agree" if p_value > AGREES else "sessions_differ"
+        code = "sessions_agree" if p_value > LEAST_CHANCE else "sessions_differ"
         yield Note(code, data | {"p_value": p_value, "shift": shift, "turn": turn})
 
 
@@ -127,8 +127,8 @@ def another_frame(after: Fit) -> Iterator[Note]:
     in_own_frame = np.linalg.norm(own.apply(in_base) - references, axis=1)
     distances = np.linalg.norm(after.system.deviation, axis=1)
     others = np.nanquantile(distances[after.used], MOST_OF_THEM)
-    fits = np.quantile(in_own_frame, MOST_OF_THEM) < AS_CLOSE * others
-    if not fits or np.median(in_own_frame) > REMAINS * np.median(distances[excluded]):
+    fits = np.quantile(in_own_frame, MOST_OF_THEM) < RESIDUAL_RATIO * others
+    if not fits or np.median(in_own_frame) > REMAINING_PART * np.median(distances[excluded]):
         return
     rotation = own.rotation @ fitted.rotation.T
     centre = references.mean(axis=0)

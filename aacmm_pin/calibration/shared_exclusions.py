@@ -19,7 +19,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
 from aacmm_pin.measurements import LABELS, UNKNOWN_COLUMN, Measurements
 
-TOGETHER = 1e-3
+SHARED_CHANCE = 1e-3
 """Chance, over all covariates, below which excluded records that share something are no gross
 errors.
 """
@@ -27,7 +27,7 @@ MOST_CENTRES = 24
 BEYOND_USED = 0.5
 """Excluded records farther beyond the used ones, in parts of their range, do not count."""
 MOST_LABELS = 12
-NARROW = 0.5
+NARROW_PART = 0.5
 """Part of a joint's range below which used records are about another part of the arm."""
 
 
@@ -135,7 +135,7 @@ def _narrowed(fit: Fit) -> Iterator[Narrowed]:
         # A reading or two may be wrong by any angle.
         credible = excluded[beyond <= np.sort(beyond)[-FEWEST_TOGETHER]]
         seen = max(high, credible.max()) - min(low, credible.min())
-        if high - low < NARROW * seen:
+        if high - low < NARROW_PART * seen:
             yield Narrowed(row, float(high - low), float(seen), bool(chain.prismatic[j]))
 
 
@@ -202,7 +202,7 @@ class Scale(NamedTuple):
 
 def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> list[Cluster]:
     """By each scale, neighbours with many ``excluded`` records (n,), whose chance is below
-    :data:`TOGETHER` by Bonferroni's bound. Records of one posture share an error and count once.
+    :data:`SHARED_CHANCE` (Bonferroni). Records of one posture share an error and count once.
     """
     postures = records.postures
     repeated = pd.DataFrame({"posture": postures, "excluded": excluded}).duplicated().to_numpy()
@@ -214,7 +214,7 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
     for scale in scales:
         window, chance = _neighbours(scale, np.flatnonzero(counted & scale.near(used)), excluded)
         chance *= 1 if scale.is_order else len(scales) - 1
-        if chance < TOGETHER:
+        if chance < SHARED_CHANCE:
             inside = np.isin(postures, postures[window])
             excluded_inside = int(excluded[inside].sum())
             total_inside = excluded_inside + int(used[inside].sum())

@@ -35,7 +35,7 @@ FLAT_REDUCTION = 1e-2
 SMALLEST_STEP = 1e-12
 """Least radius of the trust region, as a part of the first step."""
 ROUNDING = 1e-12
-WILD = 2.0
+HALF_WEIGHT = 2.0
 """Standard deviations with half weight in Cauchy's function."""
 FEWEST_PLACED = 3
 
@@ -205,4 +205,4 @@ def _robust_weights(distance: Array) -> Array:
     has_target = np.isfinite(distance)
     scale = np.median(distance[has_target]) / MEDIAN if has_target.any() else 1.0
     relative = np.where(has_target, distance, 0.0) / max(float(scale), 1e-300)
-    return 1.0 / (1.0 + relative / (3 * WILD**2))
+    return 1.0 / (1.0 + relative / (3 * HALF_WEIGHT**2))

@@ -39,11 +39,11 @@ LEAST_OF_STATED = 0.2
 """… if its uncertainty is not stated; if it is, so many times that."""
 ZERO_KINDS = ("theta_offset", "rz")
 RECORDS_FOR_VALUES = 2000
-SURE = 30.0
+LEAST_GAIN_OF_VALUE = 30.0
 """Least gain in χ² by one wrong value …"""
-DOMINATES = 3.0
+LEAST_DOMINANCE = 3.0
 """… and over what the other values, within what is stated of them, leave."""
-ALIKE = 12.0
+RIVAL_GAIN = 12.0
 """Difference of gains of values that may both be wrong."""
 ONE_EFFECT = 0.9999
 """Cosine of effects that are one, as of distances along parallel axes."""
@@ -196,19 +196,21 @@ def _wrong_values(values: _Geometry) -> Iterator[WrongValue]:
     if values.zeros.size > 1:
         gain, errors = values.with_free(values.zeros)
         # All zeros are more probable than any one value.
-        if gain - gains[best] > SURE + PER_PARAMETER * values.zeros.size:
+        if gain - gains[best] > LEAST_GAIN_OF_VALUE + PER_PARAMETER * values.zeros.size:
             largest = float(np.abs(errors[values.zeros]).max())
-            dominate = gain - gain_of_none > DOMINATES * (gain_of_all - gain)
+            dominate = gain - gain_of_none > LEAST_DOMINANCE * (gain_of_all - gain)
             if dominate and largest > LEAST_WRONG["rad"]:
                 note = Note("zeros_off", {"joints": values.zeros.size, "largest": largest})
                 of_zeros = {values.parameters[k].name: float(errors[k]) for k in values.zeros}
                 yield WrongValue(note, of_zeros)
             return
     has_other_effect = values.cosines(best) < ONE_EFFECT
-    rivals = (gains > gains[best] - ALIKE) & has_other_effect
+    rivals = (gains > gains[best] - RIVAL_GAIN) & has_other_effect
     if rivals.sum() >= MOST_ALIKE:
         return
-    is_sure = gains - gain_of_none > np.maximum(SURE, DOMINATES * (gain_of_all - gains))
+    is_sure = gains - gain_of_none > np.maximum(
+        LEAST_GAIN_OF_VALUE, LEAST_DOMINANCE * (gain_of_all - gains)
+    )
     by_gain = np.argsort(-gains, kind="stable")
     for number in by_gain[is_sure[by_gain]][:MOST_ALIKE]:
         error = float(gains_and_errors[number][1][number])

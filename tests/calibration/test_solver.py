@@ -57,7 +57,7 @@ def test_noise_of_readings_in_a_turned_frame(sino6, rng):
     found = NoiseModel.of(problem, problem.start, FRAME, Scatters(3e-6))
     by_reading = FRAME.rotation @ sino6.jacobian(problem.measurements.q) * NOISE
     wanted = by_reading @ by_reading.transpose(0, 2, 1) + 9e-12 * np.eye(3)
-    np.testing.assert_allclose(found.tips, wanted, rtol=1e-9, atol=1e-19)
+    np.testing.assert_allclose(found.tip_covariance, wanted, rtol=1e-9, atol=1e-19)
     np.testing.assert_allclose(
         found.of_residuals, wanted + 4e-12 * np.eye(3), rtol=1e-9, atol=1e-19
     )
