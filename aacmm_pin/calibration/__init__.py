@@ -31,7 +31,7 @@ from aacmm_pin.calibration.result import (
     base_placements,
     residuals_by_record,
 )
-from aacmm_pin.calibration.session_frames import FEWEST_OF_A_FRAME, in_first_frame, session_notes
+from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.variance_components import information_of_seats
@@ -39,7 +39,6 @@ from aacmm_pin.calibration.variance_components import information_of_seats
 __all__ = [
     "ASSEMBLED",
     "FEWEST_CYCLES",
-    "FEWEST_OF_A_FRAME",
     "MISFIT",
     "NO_SCATTER",
     "UNCHANGED",

@@ -14,7 +14,6 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import (
-    FEWEST_OF_A_FRAME,
     Fit,
     Problem,
     ReferenceFrame,
@@ -26,7 +25,6 @@ from aacmm_pin.calibration import (
     in_first_frame,
     mistakes_of,
     problem_of,
-    rms_residual,
     session_notes,
 )
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
@@ -50,7 +48,6 @@ from aacmm_pin.effects import (
     Discrepancy,
     Effect,
     ErrorModel,
-    FrameShift,
     GivenCause,
     GivenModel,
     JointHysteresis,
@@ -130,7 +127,6 @@ def diagnose(
         notes.append(Note("records_spread", data))
         rows = np.linspace(0, measurements.n - 1, THRESHOLDS.most_records)
         measurements = measurements.take(np.round(rows).astype(np.intp))
-    as_given, stated_setup = measurements, setup
     measurements, setup = in_first_frame(model, measurements, setup)
     if prior and model.arm.unexplained and model.arm.covariance is not None:
         # What was not explained then is partly in the parameters, and would be missing from the
@@ -152,7 +148,6 @@ def diagnose(
     before = fit(problem_of(model, measurements, [], alone.problem.setup), used=used)
     recalibrated = fit(problem([]), used=used)
     notes += session_notes(recalibrated)
-    notes += _better_frames(model, as_given, stated_setup, recalibrated, choice.fit)
     if derived and any(isinstance(effect, JointHysteresis) for effect in choice.effects):
         notes.append(Note("approach_from_time"))
     if model.arm.masses is None:
@@ -218,39 +213,6 @@ def diagnose(
         contradicted=evidence.contradicted,
         budget=budget,
     )
-
-
-def _better_frames(
-    model: ErrorModel, records: Measurements, setup: Setup, recalibrated: Fit, extended: Fit
-) -> list[Note]:
-    """A note if a frame for each session explains the residuals better than the recalibrated arm
-    and than the causes found (Bayesian information criterion, Schwarz 1978, Ann. Stat. 6). A
-    movement of the set-up counts as such frames.
-    """
-    session = records.conditions.session
-    if session is None or setup.frame_of_session:
-        return []
-    labels, counts = np.unique(session[records.placed].astype(str), return_counts=True)
-    if len(labels) < 2 or labels[0] == "" or counts.min() < FEWEST_OF_A_FRAME:
-        return []
-    of_sessions = in_first_frame(model, records, replace(setup, reference_frame="session"))
-    framed = fit(_with_causes(model, *of_sessions)([]))
-    if framed.excluded.sum() > recalibrated.excluded.sum() + FEWEST_OF_A_FRAME:
-        return []  # they fit the part of the records that is left
-    used = framed.used & recalibrated.used & extended.used
-    others = [recalibrated]
-    if not any(isinstance(effect, FrameShift) for effect in extended.effects):
-        others.append(extended)
-    rows = 3 * int(used.sum())
-
-    def criterion(one: Fit) -> float:
-        parameters = one.point.x.size
-        return float(2.0 * rows * np.log(rms_residual(one, used)) + parameters * np.log(rows))
-
-    if criterion(framed) >= min(map(criterion, others)):
-        return []
-    data = {"rms": rms_residual(framed, used), "was": rms_residual(recalibrated, used)}
-    return [Note("session_frames_fit", {"sessions": len(labels), **data})]
 
 
 def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:

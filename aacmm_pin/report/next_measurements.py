@@ -13,7 +13,7 @@ from aacmm_pin.calibration import rms
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, in_words, listed, text_of
 from aacmm_pin.measurements import LABELS
-from aacmm_pin.report.numbers import capital, lengths
+from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.verdicts import WITH_STRUCTURE, doubts_in_words
 
 WORTH_CALIBRATION = 0.7
@@ -59,9 +59,13 @@ def _first_step(result: Diagnosis) -> str:
             "with which the drives hold the load, not the moments of the load. Then diagnose the "
             "records again"
         )
-    for note in result.assumed:
-        if note.code == "session_frames_fit":
-            return f"diagnose the records again. {capital(str(note))}"
+    choice = result.choice
+    for block in choice.covariates:
+        if (choice.covariate(block).name, choice.way(block).carrier) == ("session", "frame"):
+            return (
+                "diagnose the records again with --reference-frame session, because the stand or "
+                "the references moved between the sessions"
+            )
     for effect in (finding.effect for finding in findings):
         if effect.remedy:
             cause = in_words(effect, result.model.arm)

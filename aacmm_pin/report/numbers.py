@@ -29,7 +29,6 @@ OF_FILES = (
     "rows_in_another_frame",
     "reading_frozen",
     "some_rows_shifted",
-    "session_frames_fit",
     "beyond_prediction",
 )
 """Notes on mistakes in files and options, which come first."""

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from aacmm_pin import Diagnosis, Measurements, diagnose
+from aacmm_pin import Diagnosis, Measurements, diagnose, next_measurements
 from tests.again import again
 from tests.arm_files import by_table
 from tests.few_causes import NO_WAVES
@@ -105,12 +105,12 @@ def test_a_stand_that_moved_is_no_encoder_fault(seed):
 
 @NO_WAVES
 @pytest.mark.parametrize("moves", [True, False])
-def test_a_frame_for_each_session_is_tried(moves):
+def test_next_is_a_frame_for_each_session_if_these_moved(moves):
     plant = Plant.of(9)
     places = moved(plant.places(), plant.rng) if moves else plant.places()
     session = np.where(np.arange(RECORDS) < AT, "first", "second")
     found = plant.diagnosed(places, session=session)
-    assert ("session_frames_fit" in [note.code for note in found.notes]) == moves
+    assert ("--reference-frame session" in next_measurements(found)) == moves
 
 
 @NO_WAVES
