@@ -22,7 +22,6 @@ from aacmm_pin.effects import (
     RECORDED,
     Bumps,
     Carrier,
-    Conditions,
     Cosines,
     Moment,
     Smooth,
@@ -43,8 +42,6 @@ LEAST_MOMENT = 0.1
 """Least change of a joint's moment by others with which it is a covariate [N·m]."""
 LATER = 3
 """Cosines over the ranks of the time with which a joint's error may change."""
-SLOPES = 2
-"""Powers of the time since the middle of a session with which the tip may shift."""
 DECIMALS = 9
 """Decimals of angles [rad] by which records are ordered."""
 CENTRES = 24
@@ -141,9 +138,8 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     spread = np.ptp(state.q, axis=0)
     moving = [joint for joint in joints if spread[joint.number] > LEAST_SPREAD]
     single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
-    with_time = [_with_time(covariate, state.conditions) for covariate in single]
     of_joints = [*_of_pairs_and_time(state, moving), *_of_loads(state, moving)]
-    return [*with_time, *of_joints, _place(state), _scale(state), *_groups(measurements)]
+    return [*single, *of_joints, _place(state), _scale(state), *_groups(measurements)]
 
 
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
@@ -205,24 +201,6 @@ def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | 
     else:
         carried = Carried.of((cosines,), carrier, state)
     return replace(carried, decay=1.0 / np.maximum(np.arange(cosines.number), 1.0))
-
-
-def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
-    """Time and session together: a drift may restart in each session, one after the other."""
-    session = conditions.session
-    time = conditions.time
-    if session is None or time is None or covariate.name not in ("time", "session"):
-        return covariate
-    if covariate.name == "session":
-        return replace(covariate, depends_on=("session", "time"))
-    of_session = pd.get_dummies(pd.Series(session), dtype=float).to_numpy()
-    if not 2 <= of_session.shape[1] <= MOST_LABELS:
-        return covariate
-    middle = (of_session * time[:, None]).sum(axis=0) / of_session.sum(axis=0)
-    since_middle = (time[:, None] - middle) / max(np.ptp(time), 1e-9)
-    powers = [of_session * since_middle**k for k in range(1 + SLOPES)]
-    by_session = Carried(_of_size_one(np.hstack(powers)), "room")
-    return replace(covariate, variants=(*covariate.variants, by_session))
 
 
 def _of_pairs_and_time(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
