@@ -525,6 +525,11 @@ class Beside:
             more=more,
         )
 
+    def of_block(self, block: int) -> tuple[Array, Array]:
+        """Information of a block (q, q), and its products with the residual (q,)."""
+        rows = self._rows(block)
+        return self.conditional.design_blocks[block].of_rows(rows), rows[:, -1]
+
     def _rows(self, block: int) -> Array:
         """Products of the parameters of a block (q, columns + 1)."""
         parameters = self.conditional.design_blocks[block]
@@ -562,22 +567,12 @@ class Beside:
             self._of_families[id(family)] = information, gradient
         return self._of_families[id(family)]
 
-    def cross(self, one: int, other: int) -> Array:
-        """Products of the parameters of two blocks (q, q')."""
-        return self.conditional.design_blocks[other].of_rows(self._rows(one))
-
-    def information(self, block: int) -> Array:
-        """Information of a block (q, q)."""
-        return self.cross(block, block)
-
-    def gradient(self, block: int) -> Array:
-        """Products of the parameters of a block with the residual (q,)."""
-        return self._rows(block)[:, -1]
-
     def canonical(self, one: int, other: int) -> float:
         """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
-        cross = self.cross(one, other)
-        return _largest_canonical(self.information(one), self.information(other), cross)
+        first, second = (self.conditional.design_blocks[k] for k in (one, other))
+        rows = self._rows(one)
+        of_second, _ = self.of_block(other)
+        return _largest_canonical(first.of_rows(rows), of_second, second.of_rows(rows))
 
     @property
     def log_evidence(self) -> float:

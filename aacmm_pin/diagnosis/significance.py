@@ -45,8 +45,8 @@ def family_wise_p_value(candidates: Candidates, conditional: Conditional, block:
 
     The mean of the odds is then the prior odds: Markov's inequality for all together.
     """
-    beside = conditional.without()
-    gain, volume = gains(beside.information(block)[None], beside.gradient(block)[None])
+    information, gradient = conditional.without().of_block(block)
+    gain, volume = gains(information[None], gradient[None])
     if not _knows_noise(conditional):
         share = np.minimum(2.0 * gain / conditional.chi2, MOST_EXPLAINED)
         gain = -0.5 * conditional.likelihood.dof * np.log1p(-share)
@@ -89,9 +89,8 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
 def retained(conditional: Conditional, block: int) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β, where M takes out what all else can explain."""
     parameters = conditional.design_blocks[block]
-    beside = conditional.without()
-    information = beside.information(block)
-    step = np.linalg.lstsq(information, beside.gradient(block), rcond=1e-10)[0]
+    information, gradient = conditional.without().of_block(block)
+    step = np.linalg.lstsq(information, gradient, rcond=1e-10)[0]
     kept = max(float(step @ information @ step), 0.0)
     along = parameters.in_columns(np.asarray(step, np.float64))
     products = conditional.base.gram.matrix[parameters.columns, parameters.columns]

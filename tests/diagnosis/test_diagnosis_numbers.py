@@ -324,7 +324,7 @@ def test_inner_products(case, left_out, monkeypatch):
         z = rows[:, : design.nuisances]
         off = own - z @ np.linalg.lstsq(z, own)[0]
         scale = np.outer(size, size)
-        close(left.without().information(k) / scale, off.T @ off / scale, 2e-6)
+        close(left.without().of_block(k)[0] / scale, off.T @ off / scale, 2e-6)
     assert gram.free == len(rows) - design.nuisances
 
 
@@ -479,13 +479,13 @@ def test_the_score_is_chi2_when_nothing_is_there(case):
     scores, ranks = np.empty((300, len(chosen))), []
     roots = []
     for k in range(len(chosen)):
-        information = alone(gram).without().information(k)
+        information, _ = alone(gram).without().of_block(k)
         ranks.append(np.linalg.matrix_rank(information, rtol=1e-10, hermitian=True))
         roots.append(np.linalg.pinv(information, rcond=1e-10))
     for draw_, own in zip(scores, products.T, strict=True):
         left = alone(with_residual(gram, own, 1.0)).without()
         for k, root in enumerate(roots):
-            gradient = left.gradient(k)
+            _, gradient = left.of_block(k)
             draw_[k] = gradient @ root @ gradient
     basis = np.linalg.qr(rows[:, : design.nuisances])[0]
     left_of = rows[:, -1] - basis @ (basis.T @ rows[:, -1])

@@ -335,13 +335,13 @@ def test_what_is_left_without_members_and_with_a_block_more(measured, rng):
             close(beside.additions()[either], there.without().additions()[either], NATS)
             further, other = rng.choice([k for k in pool if k != block], 2, replace=False).tolist()
             for each in (further, other):
-                size = np.sqrt(np.diag(there.without().information(each))) + 1.0
+                information, gradient = there.without().of_block(each)
+                size = np.sqrt(np.diag(information)) + 1.0
                 scale = np.outer(size, size)
-                wanted = there.without().information(each) / scale
-                close(beside.information(each) / scale, wanted, 1e-7)
-                close(beside.gradient(each) / size, there.without().gradient(each) / size, 1e-6)
-            cross = there.without().cross(further, other)
-            close(beside.cross(further, other), cross, 1e-6 * np.abs(cross).max() + 1e-6)
+                close(beside.of_block(each)[0] / scale, information / scale, 1e-7)
+                close(beside.of_block(each)[1] / size, gradient / size, 1e-6)
+            correlation = there.without().canonical(further, other)
+            assert beside.canonical(further, other) == pytest.approx(correlation, abs=1e-5)
 
 
 def test_a_positive_block_more(measured, rng):
