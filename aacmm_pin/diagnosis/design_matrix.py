@@ -33,8 +33,6 @@ MANY_VARIANTS = 20
 """A candidate with more variants is asked by itself, since it may be barred as a whole."""
 MOST_COMBINATIONS = 10_000
 """So many combinations are kept, for their places come back in each round."""
-ROWS_OF_A_GROUP = 1500
-"""Rows of the records whose columns are worked out at once."""
 
 Source = tuple[Effect, ...] | Carried
 """Where columns come from; of a known cause with another nonlinear value, both."""
@@ -222,18 +220,13 @@ class Design:
         [m, rad].
         """
         in_units = self.scales[:, None] * weights
-        acting = [source for source in self.sources if in_units[source[0]].any()]
-        displacements = np.empty((records.size, self.tips.shape[1], weights.shape[1]))
-        of_set_up = self.fit.point.prediction.jacobian
-        most = ROWS_OF_A_GROUP // self.tips.shape[1]
-        for first in range(0, records.size, most):
-            group = records[first : first + most]
-            part = of_set_up[group][:, :, self.kept] @ in_units[: self.nuisances]
-            arm = _Calibrated(self.fit, group)
-            for columns, source in acting:
-                part += arm.of(source) @ in_units[columns]
-            displacements[first : first + group.size] = part
-        return displacements
+        of_set_up = self.fit.point.prediction.jacobian[records]
+        moved = of_set_up[:, :, self.kept] @ in_units[: self.nuisances]
+        arm = _Calibrated(self.fit, records)
+        for columns, source in self.sources:
+            if in_units[columns].any():
+                moved += arm.of(source) @ in_units[columns]
+        return np.asarray(moved)
 
     def deviations(self, tips: Array) -> Array:
         """Deviations of tips from their targets, seats at their best (n, 3 or 6) [m, rad]."""

@@ -17,12 +17,14 @@ from scipy.linalg.blas import dsyrk
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import SeatElimination
-from aacmm_pin.diagnosis.design_matrix import ROWS_OF_A_GROUP, Design
+from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 RANK = 150
 """Directions of the background of all covariates: they keep about 0.6 of its mean square."""
+ROWS_OF_A_GROUP = 1500
+"""Rows of the records whose columns are worked out at once."""
 TILE = 128
 """Rows and columns of a matrix that are transposed at once."""
 LEAST_TRACE = 1e-12
