@@ -14,7 +14,6 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin.calibration import Fit, geometric_parameters, rms, rms_residual
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.gram_matrix import numbers_of
-from aacmm_pin.diagnosis.linear_model import Members
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import DiscrepancySize, SharedError
 
@@ -144,10 +143,11 @@ def _relative_u(choice: Choice, blocks: Sequence[int]) -> float:
     √(βᵀ I Σ I β) / βᵀ I β``, I the information beside all that is refitted.
     """
     model = choice.posterior.median_model
-    members = Members(choice.posterior.space.base(0), tuple(blocks))
+    alone = choice.posterior.causes_alone
+    of_blocks = numbers_of([alone.entries[k] for k in blocks])
     entries = numbers_of([model.entries[k] for k in blocks])
     estimate = model.estimate[entries]
-    gradient = members.information @ estimate
+    gradient = alone.information[np.ix_(of_blocks, of_blocks)] @ estimate
     variance = float(gradient @ model.covariance[np.ix_(entries, entries)] @ gradient)
     size = float(gradient @ estimate)
     return 2.0 * math.sqrt(variance) / size if size > 0.0 else 0.0

@@ -98,11 +98,6 @@ class Base:
         """Number of nuisance columns."""
         return self.gram.design.nuisances
 
-    @property
-    def design_blocks(self) -> tuple[Block, ...]:
-        """All blocks of the design."""
-        return self.gram.design.blocks
-
     @cached_property
     def _products(self) -> tuple[Array, Array]:
         """Products of nuisances and background with all columns (b, columns + 1), and with one
@@ -198,21 +193,37 @@ class Base:
 
 
 @dataclass(frozen=True, eq=False)
-class Members:
-    """The blocks of a set, beside nuisances and background; whatever their widths.
+class Conditional:
+    """The base with the blocks of a set integrated over, each parameter ``β ~ N(0, τ²)`` in units
+    of the typical magnitude; one that nature has above zero by the half of that.
 
     Attributes:
         base: nuisances and background integrated over.
         blocks: numbers of the set's blocks.
+        widths: numbers of their τ.
+        likelihood: of χ².
     """
 
     base: Base
     blocks: tuple[int, ...]
+    widths: tuple[int, ...]
+    likelihood: Likelihood
+
+    def with_widths(self, widths: tuple[int, ...]) -> Conditional:
+        """The same set with other widths; what does not depend on them is not worked out again."""
+        changed = replace(self, widths=widths)
+        vars(changed).update(rows=self.rows, information=self.information)
+        return changed
+
+    @property
+    def design_blocks(self) -> tuple[Block, ...]:
+        """All blocks of the design."""
+        return self.base.gram.design.blocks
 
     @cached_property
     def entries(self) -> dict[int, slice]:
         """Of each block, its slice among the set's parameters."""
-        sizes = [self.base.design_blocks[k].size for k in self.blocks]
+        sizes = [self.design_blocks[k].size for k in self.blocks]
         ends = np.cumsum(sizes, dtype=int).tolist()
         slices = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         return dict(zip(self.blocks, slices, strict=True))
@@ -226,44 +237,8 @@ class Members:
     @cached_property
     def information(self) -> Array:
         """Products of the set's parameters with one another (m, m)."""
-        products = [self.base.design_blocks[k].of_rows(self.rows) for k in self.blocks]
+        products = [self.design_blocks[k].of_rows(self.rows) for k in self.blocks]
         return np.concatenate([np.zeros((len(self.rows), 0)), *products], axis=1)
-
-
-@dataclass(frozen=True, eq=False)
-class Conditional:
-    """The base with the blocks of a set integrated over, each parameter ``β ~ N(0, τ²)`` in units
-    of the typical magnitude; one that nature has above zero by the half of that.
-
-    Attributes:
-        members: the set.
-        widths: numbers of their τ.
-        likelihood: of χ².
-    """
-
-    members: Members
-    widths: tuple[int, ...]
-    likelihood: Likelihood
-
-    @property
-    def base(self) -> Base:
-        """Nuisances and background integrated over."""
-        return self.members.base
-
-    @property
-    def blocks(self) -> tuple[int, ...]:
-        """Numbers of the set's blocks."""
-        return self.members.blocks
-
-    @property
-    def design_blocks(self) -> tuple[Block, ...]:
-        """All blocks of the design."""
-        return self.base.design_blocks
-
-    @property
-    def entries(self) -> dict[int, slice]:
-        """Of each block, its slice among the set's parameters."""
-        return self.members.entries
 
     @cached_property
     def scale(self) -> Array:
@@ -274,15 +249,15 @@ class Conditional:
     @cached_property
     def factor(self) -> Array:
         """Lower Cholesky factor of the parameters' precision ``G + T⁻²`` (m, m)."""
-        information = self.members.information
-        return lower_factor(information + np.diag(self.scale**-2.0), np.diag(information))
+        precision = self.information + np.diag(self.scale**-2.0)
+        return lower_factor(precision, np.diag(self.information))
 
     @cached_property
     def estimate(self) -> Array:
         """Posterior mean of the set's parameters (m,), as a step."""
         if not self.blocks:
             return np.zeros(0)
-        gradient = self.members.rows[:, -1]
+        gradient = self.rows[:, -1]
         return np.asarray(-scipy.linalg.cho_solve((self.factor, True), gradient))
 
     @cached_property
@@ -298,7 +273,7 @@ class Conditional:
     @cached_property
     def chi2(self) -> float:
         """What is left of χ²."""
-        return float(self.base.left[-1] + self.members.rows[:, -1] @ self.estimate)
+        return float(self.base.left[-1] + self.rows[:, -1] @ self.estimate)
 
     @cached_property
     def log_volume(self) -> float:
@@ -351,7 +326,7 @@ class Conditional:
     @cached_property
     def whitened(self) -> Array:
         """``L⁻¹`` times the products of the set's parameters (m, columns + 1)."""
-        return solve_lower(self.factor, self.members.rows) if self.blocks else self.members.rows
+        return solve_lower(self.factor, self.rows) if self.blocks else self.rows
 
     def inside(self, columns: slice | Index) -> Array:
         """Products of some columns with one another beside the set, see :meth:`Base.inside`;
@@ -360,7 +335,7 @@ class Conditional:
         key = _key(columns)
         if key not in self._inside:
             if isinstance(columns, slice) and "whitened" not in vars(self) and self.blocks:
-                whitened = solve_lower(self.factor, self.members.rows[:, columns])
+                whitened = solve_lower(self.factor, self.rows[:, columns])
             else:
                 whitened = self.whitened[:, columns]
             self._inside[key] = self.base.inside(columns) - _squares(whitened)
@@ -499,7 +474,7 @@ class Beside:
     @cached_property
     def _back(self) -> Array:
         """Rows whose squares are left too, for the members left out (q, columns + 1)."""
-        along = self.conditional.inverse[self.entries] @ self.conditional.members.rows
+        along = self.conditional.inverse[self.entries] @ self.conditional.rows
         return np.asarray(np.linalg.cholesky(self.precision).T @ along)
 
     def plus(self, block: int, width: int) -> Beside:
@@ -542,7 +517,7 @@ class Beside:
     @cached_property
     def _left(self) -> Array:
         """Products of the residual (columns + 1,), before one more block was added."""
-        change = self.conditional.estimate @ self.conditional.members.rows
+        change = self.conditional.estimate @ self.conditional.rows
         return np.asarray(self.conditional.base.left + change + self._back[:, -1] @ self._back)
 
     @cached_property

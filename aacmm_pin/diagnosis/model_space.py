@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -20,7 +20,6 @@ from aacmm_pin.diagnosis.linear_model import (
     Beside,
     Conditional,
     Likelihood,
-    Members,
     keep,
     log_sum,
 )
@@ -292,9 +291,9 @@ class ModelSpace:
         conditional = self._rows.get(key)
         if conditional is None:
             base = self.base(state.amplitude, as_stated)
-            conditional = Conditional(Members(base, state.blocks), state.widths, self.likelihood)
+            conditional = Conditional(base, state.blocks, state.widths, self.likelihood)
         elif conditional.widths != state.widths:
-            conditional = replace(conditional, widths=state.widths)
+            conditional = conditional.with_widths(state.widths)
         keep(self._rows, key, conditional, RECENT)
         return conditional
 
@@ -385,7 +384,7 @@ class ModelSpace:
             member = int(np.argmax(gains))
             widths = list(conditional.widths)
             widths[member] = int(np.argmax(values[member]))
-            changed = replace(conditional, widths=tuple(widths))
+            changed = conditional.with_widths(tuple(widths))
             if changed.log_evidence <= conditional.log_evidence + LEAST_GAIN:
                 break  # what is positive is so only by itself
             conditional = changed

@@ -44,7 +44,6 @@ from aacmm_pin.diagnosis.linear_model import (
     Base,
     Conditional,
     Likelihood,
-    Members,
 )
 from aacmm_pin.diagnosis.model_extension import ProblemOf, free
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
@@ -166,7 +165,7 @@ def without(
 def alone(gram: Gram, stated: bool = True) -> Conditional:
     """Nothing but nuisances."""
     base = Base(gram, 0.0)
-    return Conditional(Members(base, ()), (), Likelihood(gram.free - base.determined, stated))
+    return Conditional(base, (), (), Likelihood(gram.free - base.determined, stated))
 
 
 def with_residual(gram: Gram, products: Array, square: float) -> Gram:
