@@ -19,10 +19,9 @@ from aacmm_pin.diagnosis.result import Diagnosis, Finding, Place, too_good
 from aacmm_pin.diagnosis.run_order import RunOrder
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import BACKGROUND, ScatteredReadings, SharedError, Unexplained
+from aacmm_pin.diagnosis.unexplained import ScatteredReadings, SharedError, Unexplained
 
 __all__ = [
-    "BACKGROUND",
     "GEOMETRY",
     "STRUCTURE",
     "THRESHOLDS",

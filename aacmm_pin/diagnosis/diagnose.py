@@ -191,7 +191,7 @@ def diagnose(
     if evidence.no_better:
         extended, of_model = calibrated_model(recalibrated), recalibrated
     elif with_discrepancy:
-        extended, of_model = described_model(model, choice, problem, unexplained.has_background)
+        extended, of_model = described_model(model, choice, problem)
     else:
         extended, of_model = calibrated_model(choice.fit, choice.curves), choice.fit
     return Diagnosis(

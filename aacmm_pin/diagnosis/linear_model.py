@@ -407,16 +407,6 @@ class Conditional:
             coefficients[directions.columns] += directions.weights @ of_base[first:]
         return coefficients
 
-    @property
-    def background(self) -> tuple[Array, Array]:
-        """Posterior mean (r,) and covariance (r, r) of the background's directions, beside the set
-        at its mean.
-        """
-        first = self.base.nuisances
-        # The nuisances are eliminated.
-        inverse = np.linalg.inv(self.base.factor[first:, first:])
-        return self._of_base[first:], self.variance * inverse.T @ inverse
-
     @cached_property
     def all_tips(self) -> Array:
         """Tips with everything at its posterior mean (n, 3), with orientations (n, 6) [m, rad]."""

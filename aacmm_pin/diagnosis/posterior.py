@@ -175,13 +175,6 @@ class Posterior:
         return {s: w for s, w in self.weights.items() if w >= least and evaluated(s)}
 
     @cached_property
-    def amplitudes(self) -> Array:
-        """Probability of each amplitude of the background (amplitudes,)."""
-        weights = [*self._likely.values()]
-        of_sets = [self.space.marginal(blocks).amplitudes for blocks in self._likely]
-        return np.average(of_sets, axis=0, weights=weights)
-
-    @cached_property
     def causes_alone(self) -> Conditional:
         """What is left beside the median model's causes, without covariates and background."""
         best = self.space.marginal(self.median).best

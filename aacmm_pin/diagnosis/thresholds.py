@@ -66,8 +66,6 @@ class Thresholds:
         rival: smallest probability at which a set without a doubtful cause remains possible.
         large: the readings of a joint scatter more than stated if that displaces tips by more than
             this part of the noise.
-        negligible: a background that is smaller than this part of the noise counts as none. It was
-            smaller in 11 of 12 blind files without an error that the library lacks.
         left: `diagnose` reports structure that depends on a covariate if its p-value is below this,
             even if its probability is small.
         left_alone: value of `left` if `diagnose` names no cause.
@@ -113,7 +111,6 @@ class Thresholds:
     shown: float = 0.5
     rival: float = 0.05
     large: float = 0.5
-    negligible: float = 0.1
     left: float = 1e-3
     left_alone: float = 1e-6
     much_more: float = 1.15

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report, two_digits
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
@@ -24,8 +23,6 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 NAMED_QUANTITIES = 2
 """So many quantities that the residuals depend on are named in a sentence, strongest first."""
-BACKGROUND = "background"
-"""The part of the discrepancy that is too diffuse to be named."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +30,7 @@ class DiscrepancySize(Shown):
     """A part of what no cause explains.
 
     Attributes:
-        covariate: what it depends on, or ``background``.
+        covariate: what it depends on.
         rms: root mean square displacement of the tips by what recalibration leaves of it [m].
         u: standard uncertainty of that displacement, root mean square over the records [m].
         probability: of its inclusion.
@@ -108,8 +105,7 @@ class Unexplained(Shown):
         p_value: family-wise probability of as much structure over any covariate if there is none.
         threshold: structure is left if ``p_value`` is below this.
         depends_on: the covariates, strongest first.
-        discrepancy: covariates more probable than not, strongest first; last the background, if it
-            is not negligible.
+        discrepancy: covariates more probable than not, strongest first.
         acts_on: what each covariate acts on, in words.
         gain: by how much the discrepancy lowers the RMS of held-out records below that of the
             causes alone, or None.
@@ -143,11 +139,6 @@ class Unexplained(Shown):
     def left(self) -> bool:
         """Whether structure is left beyond chance."""
         return self.p_value < self.threshold
-
-    @property
-    def has_background(self) -> bool:
-        """Whether a part of the discrepancy is too diffuse to be named."""
-        return any(part.covariate == BACKGROUND for part in self.discrepancy)
 
     @property
     def structure(self) -> bool:
@@ -271,38 +262,18 @@ def exceeds_noise(extended: Fit) -> bool:
 
 
 def _discrepancy(choice: Choice) -> tuple[DiscrepancySize, ...]:
-    """The covariates; and the background at its likeliest amplitude, unless it may be zero, is
-    negligible, or smaller than its u.
+    """The covariates: of each the root mean square displacement of the used records' tips that
+    recalibration leaves, and its standard uncertainty.
     """
     design, model = choice.design, choice.posterior.median_model
     parts = []
     for k in choice.covariates:
         entries = model.entries[k]
+        rows = choice.displacement(design.weights(k))
+        square = np.square(rows @ model.estimate[entries]).sum()
         covariance = model.covariance[entries, entries]
-        rms, u = _sizes(choice, design.weights(k), model.estimate[entries], covariance)
+        variance = np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True)
+        rms, u = np.sqrt(np.maximum([square, variance], 0.0) / len(rows)).tolist()
         probability = choice.posterior.probability(k)
         parts.append(DiscrepancySize(choice.covariate(k).name, rms, u, probability))
-    if model.base.amplitude:
-        directions = model.base.gram.directions
-        weights = np.zeros((design.width, directions.weights.shape[1]))
-        weights[directions.columns] = directions.weights
-        rms, u = _sizes(choice, weights, *model.background)
-        noise = design.fit.expected_rms(design.fit.residual_noise)
-        probability = float(1.0 - choice.posterior.amplitudes[0])
-        if probability >= THRESHOLDS.settled and rms >= max(THRESHOLDS.negligible * noise, u):
-            parts.append(DiscrepancySize(BACKGROUND, rms, u, probability))
     return tuple(parts)
-
-
-def _sizes(
-    choice: Choice, weights: Array, estimate: Array, covariance: Array
-) -> tuple[float, float]:
-    """Root mean square displacement of the used records' tips that recalibration leaves, and its
-    standard uncertainty [m]: by ``weights`` of all columns in each parameter (columns, q), their
-    ``estimate`` (q,) and ``covariance`` (q, q).
-    """
-    rows = choice.displacement(weights)
-    square = np.square(rows @ estimate).sum()
-    variance = np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True)
-    rms, u = np.sqrt(np.maximum([square, variance], 0.0) / len(rows)).tolist()
-    return rms, u

@@ -12,7 +12,6 @@ import pandas as pd
 from aacmm_pin._support.units import MM, UM, count
 from aacmm_pin.calibration import residuals_by_record, rms
 from aacmm_pin.diagnosis import (
-    BACKGROUND,
     GEOMETRY,
     THRESHOLDS,
     Diagnosis,
@@ -57,7 +56,6 @@ from aacmm_pin.report.document import (
 from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import (
     capital,
-    length,
     lengths,
     other_notes,
     p_equals,
@@ -247,11 +245,6 @@ def unexplained_in_words(unexplained: Unexplained) -> Iterator[str]:
             f"The residuals depend on {covariates} ({p}) in a way that no cause of the library "
             "explains."
         )
-    elif unexplained.has_background:
-        (size,) = (part.rms for part in unexplained.discrepancy if part.covariate == BACKGROUND)
-        yield (
-            f"The remaining structure ({length(size)} RMS) depends on several quantities together."
-        )
     elif unexplained.groups:
         p = p_equals(unexplained.p_value)
         yield f"Some groups of records have significantly larger residuals than the others ({p})."
@@ -259,7 +252,7 @@ def unexplained_in_words(unexplained: Unexplained) -> Iterator[str]:
         yield f"The residuals have significant structure that no named cause explains ({tested})."
     else:
         yield f"The residuals do not depend significantly on a column of the file ({tested})."
-    if unexplained.gain is not None and (unexplained.acts_on or unexplained.has_background):
+    if unexplained.gain is not None and unexplained.acts_on:
         removes = f"a smooth correction removes {percent(unexplained.gain)}"
         yield f"On held-out records, {removes} of the residual that the causes leave."
 

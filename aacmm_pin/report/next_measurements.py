@@ -122,11 +122,6 @@ def _first_step(result: Diagnosis) -> str:
         )
     if with_structure and depends_on:
         return _how_to_vary(result, depends_on)
-    if with_structure and unexplained.has_background:
-        return (
-            f"{MORE_RECORDS}, and add columns for other changing quantities, "
-            "because the remaining structure depends on several quantities together"
-        )
     if with_structure and repeats:
         return (
             "check columns, units and reference frame, because the residuals exceed the scatter of "

@@ -13,7 +13,7 @@ import numpy as np
 from aacmm_pin._support.units import UM, count
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import NO_SCATTER, exclusions_of
-from aacmm_pin.diagnosis import BACKGROUND, THRESHOLDS, Diagnosis, Finding, Unexplained
+from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, Unexplained
 from aacmm_pin.diagnosis.result import Verdict
 from aacmm_pin.effects import (
     corrects_seat,
@@ -40,7 +40,6 @@ LEAST_PART = 0.1
 COVARIATES = {
     "record": "the order of the records",
     "place": "the position of the tip",
-    BACKGROUND: "several quantities together",
 }
 """Covariates whose names need other words."""
 LACKS = {
@@ -257,11 +256,7 @@ def _structure_in_words(result: Diagnosis) -> str:
         details.append(f"probability {probability(most_probable)}")
     in_brackets = f" ({', '.join(details)})" if details else ""
     clauses = [str(group) for group in unexplained.apart]
-    if unexplained.has_background and not names:
-        clauses.append(
-            f"the residuals have structure{in_brackets} that depends on several quantities together"
-        )
-    elif much_larger or not (names or unexplained.apart):
+    if much_larger or not (names or unexplained.apart):
         clauses.append(size_of_residuals)
     if names:
         clauses.append(

@@ -18,14 +18,12 @@ from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.discrepancy import (
     Described,
-    background_effect,
     covariate_effects,
     lost,
 )
-from aacmm_pin.effects import Carrier, Conditions, Discrepancy, ErrorModel, State, sensitivity
+from aacmm_pin.effects import Conditions, Discrepancy, ErrorModel
 from aacmm_pin.measurements import Measurements
 from tests.few_causes import NO_WAVES
-from tests.oracle import close
 
 NOISE = 15e-6
 COUPLING = "joint 2 × joint 4"
@@ -118,7 +116,7 @@ def test_what_cannot_be_predicted_is_lost(plant):
         plant.arm,
         Measurements.of(q, tip, conditions=conditions, extra=extra, operator=session[::-1]),
     )
-    assert lost(described) == ["time", "session", "operator", "humidity_pct"]
+    assert lost(described) == ["session", "operator", "humidity_pct"]
     kept = {(name, way.carrier) for name, way in described if way.smooth is not None}
     assert {
         ("time", "room"),
@@ -128,32 +126,3 @@ def test_what_cannot_be_predicted_is_lost(plant):
     } < kept
     covariates = [effect.covariate.partition(" (")[0] for effect in prior(described, 1e-5)]
     assert covariates == [name for name, way in described if way.smooth is not None]
-
-
-def test_background_as_one_effect(plant, tmp_path):
-    """The same mean at new records; u with the right mean square, and not far off anywhere."""
-    records, rng = plant.measured(150), plant.rng
-    described = [each for each in all_described(plant.arm, records) if each[1].smooth is not None]
-    every = prior(described, 1.0)
-    scales = np.concatenate([way.size.repeat(Carrier(way.carrier).axes) for _, way in described])
-    q = plant.touched(300)[0]
-    states = State(
-        plant.arm, q, Conditions(300, time=rng.uniform(0.0, 3600.0, 300)), plant.arm.chain.tip
-    )
-    columns = np.concatenate([sensitivity(effect, states) for effect in every], axis=2) / scales
-    weights = (
-        np.linalg.qr(rng.standard_normal((columns.shape[2], 120)))[0]
-        / np.square(columns).sum(axis=(0, 1))[:, None] ** 0.5
-    )
-    estimate, root = rng.normal(0.0, 1e-4, 120), rng.normal(0.0, 1e-5, (120, 200))
-    covariance = root @ root.T
-    made = background_effect(described, weights, estimate, covariance)
-    ErrorModel(plant.arm, (made,)).save(tmp_path / "background.toml")
-    (effect,) = ErrorModel.load(tmp_path / "background.toml").effects
-    moves, directions = sensitivity(effect, states), columns @ weights
-    close(moves @ effect.values, directions @ estimate, 1e-6 * np.abs(directions @ estimate).max())
-    u = np.sqrt(np.square(moves * effect.u).sum(axis=(1, 2)))
-    wanted = np.sqrt(np.einsum("nip,pq,niq->n", directions, covariance, directions))
-    assert 0.9 < np.sqrt(np.square(u).mean() / np.square(wanted).mean()) < 1.1
-    assert 0.5 < (u / wanted).min() < (u / wanted).max() < 1.6
-    assert (tmp_path / "background.toml").stat().st_size < 600_000
