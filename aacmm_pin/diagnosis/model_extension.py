@@ -28,7 +28,6 @@ from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.nonlinear_parameters import (
     noise_is_known,
     refined_causes,
-    refined_rivals,
     steps_past_excluded,
     with_likeliest,
     with_nonlinear_u,
@@ -163,7 +162,6 @@ def _standing(
                 before = _Before.of(choice)
                 ends.append(before.tips)
                 best = refined_causes(choice, choice.top_causes, effects)
-            rivals = refined_rivals(choice)
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
             if best:
                 at = refitted(problem_of, choice.with_values(best), used=used)
@@ -175,7 +173,7 @@ def _standing(
                 )
             choice.posterior.space.release()
             effects = best
-            library = _with_variants(library, [*rivals, *effects])
+            library = _with_variants(library, effects)
         else:
             choice = _explored(choice)
     if used is not None and choice.covariates:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -18,15 +17,12 @@ from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
-from aacmm_pin.diagnosis.posterior import best_of_candidates
 from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.search import without_block
 from aacmm_pin.effects import Effect
 
 EXCEPTIONAL = 2.0
 """A value common in machines is taken unless the log evidence falls by this."""
-RIVALS = 2
-"""So many other causes that could replace a cause are refined too."""
 PARTS_OF_STEP = 200
 """Parts of the distance of two tried values, over which their evidence is summed."""
 UNREFUSED = 3.0
@@ -67,42 +63,6 @@ def with_likeliest(
     for k, log_odds in evidences(at, noise, acting, tried).items():
         best[k] = likeliest(tried[k], log_odds)
     return best
-
-
-def refined_rivals(choice: Choice) -> list[Effect]:
-    """The likeliest other causes that could replace each cause, with refined nonlinear parameters:
-    at the values of the first trial their evidence is too low.
-
-    Values that are common in machines, such as orders, are tried themselves, and left out.
-    """
-    candidates, records = choice.candidates, choice.fit.problem.measurements
-    # Forms of a basis are tried at all values already.
-    own_columns = {
-        block.candidate
-        for block in candidates.blocks
-        if block.variant == 0 and block.combinations is None
-    }
-    smooth = {
-        k
-        for k, variants in enumerate(choice.library)
-        if k in own_columns and _is_smooth(variants[-1]) and not is_change(variants[-1])
-    }
-    if not smooth:
-        return []
-    rivals = dict[int, list[list[Effect]]]()
-    for k, block in enumerate(choice.top_causes):
-        _, values = choice.posterior.space.exchanges(choice.posterior.top, (block,))
-        best = best_of_candidates(candidates, values)
-        others = [c for c in best if c < candidates.design.causes and c != candidates.owner(block)]
-        effects = [choice.variant(best[c]).at(()) for c in others[:RIVALS] if c in smooth]
-        rivals[k] = [effect.nonlinear.refine(effect, records) for effect in effects]
-    tried = {k: [*itertools.chain.from_iterable(of_block)] for k, of_block in rivals.items()}
-    acting = _acting(choice, choice.top_causes)
-    refined = list[Effect]()
-    for k, log_odds in evidences(choice.fit, choice.noise, acting, tried).items():
-        ends = np.cumsum([len(effects) for effects in rivals[k]])[:-1]
-        refined += map(likeliest, rivals[k], np.split(log_odds, ends))
-    return refined
 
 
 def steps_past_excluded(choice: Choice, at: Fit, causes: Sequence[Effect]) -> list[list[Effect]]:

@@ -40,7 +40,7 @@ BENDS = 0.15
 RELATIVE_STEP = 1e-4
 """Relative step of the derivative by a nonlinear parameter."""
 WARM_UP_TIMES = (600.0, 1800.0, 5400.0)
-"""Time constants of a warm-up to try [s]."""
+"""Usual time constants of a warm-up [s]."""
 TIME_CONSTANTS = 15
 """Time constants to refine a found one."""
 KNOWN_TO = 3.0
@@ -195,9 +195,10 @@ class TimeConstant(Nonlinear[E]):
     words: str = "time constant {minutes:.0f} min"
 
     def grid(self, records: Records | None) -> Sequence[float]:
-        """Short and long time constants, if the records have different times."""
+        """The usual time constants and a longer one, if the records have different times."""
         time = np.arange(2) if records is None else records.conditions.time
-        return WARM_UP_TIMES if time is not None and np.ptp(time) > 0.0 else ()
+        slower = KNOWN_TO * WARM_UP_TIMES[-1]
+        return (*WARM_UP_TIMES, slower) if time is not None and np.ptp(time) > 0.0 else ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
         """The effect with time constants from a third to three times its own."""

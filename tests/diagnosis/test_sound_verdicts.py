@@ -848,9 +848,7 @@ def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6, seed):
 @NO_WAVES
 @pytest.mark.parametrize("seed", [3, again(6), again(14)])
 def test_a_drift_over_a_long_pause_is_no_slip(sino6, seed):
-    """Its time constant is beyond those that are tried; beside a slip it is judged with the one
-    that fits.
-    """
+    """Its time constant is beyond the usual ones."""
     hidden, _, found = in_two_parts(sino6, seed, lambda *_: ZeroDrift(3, 1e4, values=(2e-4,)))
     (finding,) = found.findings
     assert finding.probability < THRESHOLDS.settled, str(found)
