@@ -2,35 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+import itertools
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration import Fit, calibrated_model
 from aacmm_pin.calibration.estimation import fit as fit_of
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.design_matrix import held_effects
 from aacmm_pin.diagnosis.model_extension import ProblemOf
 from aacmm_pin.effects import Carrier, Discrepancy, ErrorModel, Part
 
-Described = tuple[str, Carried]
-"""Name of a covariate, and the way in which it acts."""
 
-
-def described_by(choice: Choice, blocks: Iterable[int]) -> list[Described]:
-    """Names and ways of some blocks."""
-    return [(choice.covariate(block).name, choice.way(block)) for block in blocks]
-
-
-def lost(described: Sequence[Described]) -> list[str]:
-    """Covariates that new records, and so arm files, cannot have: labels, torques, unknown
-    columns.
+def not_saved(choice: Choice) -> list[str]:
+    """Covariates of the discrepancy that new records, and so arm files, cannot have: labels,
+    torques, unknown columns.
     """
-    names = [name for name, way in described if way.smooth is None]
-    return list(dict.fromkeys(names))
+    blocks = [k for k in choice.covariates if choice.way(k).smooth is None]
+    return list(dict.fromkeys(choice.covariate(k).name for k in blocks))
 
 
 def described_model(
@@ -39,18 +30,18 @@ def described_model(
     """The extended arm, and its refit with the covariates of the discrepancy as effects. Their
     labels are none of the nominal arm.
     """
-    model, design = choice.posterior.median_model, choice.design
-    prior_u = []
-    for k in choice.covariates:
-        scales = design.scales[design.blocks[k].columns]
-        prior_u.append(model.scale[model.entries[k]] * scales)
-    taken = {effect.label for effect in nominal.effects}
-    named = covariate_effects(described_by(choice, choice.covariates), prior_u, taken)
     causes = choice.with_values(choice.effects)
     estimated = [effect for effect in causes if not effect.free_form]
+    labels = {effect.label for effect in nominal.effects}
+    lost = not_saved(choice)
+    for block in choice.covariates:
+        if choice.covariate(block).name not in lost:
+            effect = _effect_of(choice, block, labels)
+            labels.add(effect.label)
+            estimated.append(effect)
     curves = choice.curves
     held = () if curves is None else curves.effects
-    refit = fit_of(problem_of([*estimated, *named], held), used=choice.fit.used)
+    refit = fit_of(problem_of(estimated, held), used=choice.fit.used)
     if curves is None:
         return calibrated_model(refit), refit
     beside = held_effects(refit, curves.effects, curves.covariance)
@@ -58,43 +49,17 @@ def described_model(
     return calibrated_model(refit, beside), refit
 
 
-def covariate_effects(
-    described: Sequence[Described],
-    prior_u: Sequence[Array | float],
-    taken: Collection[str] = (),
-) -> list[Discrepancy]:
-    """Effects to be estimated, one for each covariate that new records have too, see :func:`lost`.
-
-    Args:
-        described: covariates, each with its variant.
-        prior_u: for each, prior standard deviations of its functions' coefficients, on all axes
-            together (q,) [m, rad, m/m].
-        taken: labels that others have: a number is added to the name.
+def _effect_of(choice: Choice, block: int, taken: Collection[str]) -> Discrepancy:
+    """The effect of a covariate with its prior widths as u; a number is added to its name if the
+    label is taken.
     """
-    effects = list[Discrepancy]()
-    labels = set(taken)
-    for (name, way), of_covariate in zip(described, prior_u, strict=True):
-        if way.smooth is None:
-            continue
-        u = coefficients_of_effect(way) * of_covariate
-        part = Part(Carrier(way.carrier), way.smooth)
-        effect = _new(name, part, len(u), labels)
-        effects.append(effect.at(effect.values, u))
-        labels.add(effect.label)
-    return effects
-
-
-def coefficients_of_effect(way: Carried) -> Array:
-    """Factors from coefficients of a covariate, for functions of root mean square one, to an
-    effect's (q,).
-    """
-    return np.repeat(1.0 / way.size, Carrier(way.carrier).axes)
-
-
-def _new(name: str, part: Part, size: int, taken: Collection[str]) -> Discrepancy:
-    effect = Discrepancy(name, (part,), size)
-    number = 1
+    model, design, way = choice.posterior.median_model, choice.design, choice.way(block)
+    name, carrier = choice.covariate(block).name, Carrier(way.carrier)
+    # The columns are of functions with root mean square one.
+    widths = model.scale[model.entries[block]] * design.scales[design.blocks[block].columns]
+    u = widths / np.repeat(way.size, carrier.axes)
+    effect = Discrepancy(name, (Part(carrier, way.smooth or ()),), u.size)
+    numbers = itertools.count(2)
     while effect.label in taken:
-        number += 1
-        effect = replace(effect, covariate=f"{name} ({number})")
-    return effect
+        effect = replace(effect, covariate=f"{name} ({next(numbers)})")
+    return effect.at(effect.values, u)

@@ -19,7 +19,7 @@ from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Fit, geometric_parameters, rms, rms_residual
 from aacmm_pin.diagnosis.budget import BudgetPart
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.discrepancy import described_by, lost
+from aacmm_pin.diagnosis.discrepancy import not_saved
 from aacmm_pin.diagnosis.held_out_gain import Brought, Gain
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -258,7 +258,7 @@ class Diagnosis(Shown):
     @property
     def not_saved(self) -> list[str]:
         """The covariates of the discrepancy that an arm file cannot state."""
-        return lost(described_by(self.choice, self.choice.covariates))
+        return not_saved(self.choice)
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:

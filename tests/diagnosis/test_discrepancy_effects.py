@@ -16,12 +16,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import base_placements, calibrate
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.discrepancy import (
-    Described,
-    covariate_effects,
-    lost,
-)
-from aacmm_pin.effects import Conditions, Discrepancy, ErrorModel
+from aacmm_pin.effects import Conditions, ErrorModel
 from aacmm_pin.measurements import Measurements
 from tests.few_causes import NO_WAVES
 
@@ -56,15 +51,6 @@ class Plant:
 @pytest.fixture
 def plant(sino6, rng) -> Plant:
     return Plant(sino6, rng)
-
-
-def all_described(arm: Arm, records: Measurements) -> list[Described]:
-    return [(each.name, way) for each in covariates(arm, records) for way in each.variants]
-
-
-def prior(described: list[Described], width: float) -> list[Discrepancy]:
-    """Nothing known but how large it may be."""
-    return covariate_effects(described, len(described) * [width])
 
 
 @NO_WAVES
@@ -105,24 +91,21 @@ def test_the_base_is_that_of_the_arm_with_the_discrepancy(plant):
     assert np.abs(off.mean(axis=0)).max() < 4.0 * NOISE / np.sqrt(150)
 
 
-def test_what_cannot_be_predicted_is_lost(plant):
+def test_new_records_have_no_labels_and_no_unknown_columns(plant):
     q, tip = plant.touched(60)
     extra = pd.DataFrame({"humidity_pct": plant.rng.uniform(30.0, 50.0, 60)})
     session = np.array(["a", "b"] * 30, dtype=object)
     conditions = Conditions(
         60, time=np.arange(60.0), temperature=plant.rng.uniform(19.0, 22.0, 60), session=session
     )
-    described = all_described(
-        plant.arm,
-        Measurements.of(q, tip, conditions=conditions, extra=extra, operator=session[::-1]),
-    )
-    assert lost(described) == ["session", "operator", "humidity_pct"]
-    kept = {(name, way.carrier) for name, way in described if way.smooth is not None}
+    records = Measurements.of(q, tip, conditions=conditions, extra=extra, operator=session[::-1])
+    ways = [(one.name, way) for one in covariates(plant.arm, records) for way in one.variants]
+    lost = {name for name, way in ways if way.smooth is None}
+    assert lost == {"session", "operator", "humidity_pct"}
+    kept = {(name, way.carrier) for name, way in ways if way.smooth is not None}
     assert {
         ("time", "room"),
         ("temperature", "lengths"),
         ("joint 3 × time", "angle 3"),
         ("place", "room"),
     } < kept
-    covariates = [effect.covariate.partition(" (")[0] for effect in prior(described, 1e-5)]
-    assert covariates == [name for name, way in described if way.smooth is not None]
