@@ -25,8 +25,6 @@ RANK = 150
 """Directions of the background of all covariates: they keep about 0.6 of its mean square."""
 ROWS_OF_A_GROUP = 1500
 """Rows of the records whose columns are worked out at once."""
-TILE = 128
-"""Rows and columns of a matrix that are transposed at once."""
 LEAST_TRACE = 1e-12
 """Least trace of a block of columns, by which zeros can be divided."""
 
@@ -171,12 +169,7 @@ def _add_squares(upper: Array, rows: Array, factor: float) -> None:
 
 
 def _symmetric(upper: Array) -> Array:
-    """The matrix of an upper triangle, in place: tile by tile, as memory is slow across rows."""
-    for first in range(0, len(upper), TILE):
-        rows = slice(first, first + TILE)
-        inside = np.triu(upper[rows, rows])
-        upper[rows, rows] = inside + np.triu(inside, 1).T
-        for second in range(first + TILE, len(upper), TILE):
-            columns = slice(second, second + TILE)
-            upper[columns, rows] = upper[rows, columns].T
+    """The matrix of an upper triangle, in place."""
+    for k in range(len(upper)):
+        upper[k + 1 :, k] = upper[k, k + 1 :]
     return upper.T  # row by row in memory

@@ -151,7 +151,7 @@ def _standing(
         for _ in range(MOST_EXPLORATIONS):
             choice = _climbed(at, library, all_covariates, folds, effects, before)
             rounds.update()
-            best = refined_causes(choice, choice.top_causes, effects)
+            best = refined_causes(choice, choice.top_causes)
             before = _Before.of(choice)
             stays = _identities(best) == _identities(effects) or _is_near(choice, visited)
             visited.append(before.tips)
@@ -161,7 +161,7 @@ def _standing(
                     break
                 before = _Before.of(choice)
                 ends.append(before.tips)
-                best = refined_causes(choice, choice.top_causes, effects)
+                best = refined_causes(choice, choice.top_causes)
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
             if best:
                 at = refitted(problem_of, choice.with_values(best), used=used)

@@ -27,8 +27,6 @@ PARTS_OF_STEP = 200
 """Parts of the distance of two tried values, over which their evidence is summed."""
 UNREFUSED = 3.0
 """The used records refuse a time of a step if its log evidence is so far below the largest."""
-SAME_VALUE = 0.01
-"""Values closer than this part of their prior standard deviation are not refitted."""
 
 
 def noise_is_known(at: Fit) -> bool:
@@ -36,10 +34,8 @@ def noise_is_known(at: Fit) -> bool:
     return at.noise_is_stated and at.noise.scatters.of_targets == 0.0
 
 
-def refined_causes(choice: Choice, causes: Blocks, before: Sequence[Effect] = ()) -> list[Effect]:
-    """Some causes, together, with their likeliest nonlinear parameters; those of ``before`` if
-    about the same.
-    """
+def refined_causes(choice: Choice, causes: Blocks) -> list[Effect]:
+    """Some causes, together, with their likeliest nonlinear parameters."""
     records = choice.fit.problem.measurements
     acting = _acting(choice, causes)
     tried = {}
@@ -49,8 +45,7 @@ def refined_causes(choice: Choice, causes: Blocks, before: Sequence[Effect] = ()
         refined = effect.nonlinear.refine(effect, records)
         if len(refined) > 1:
             tried[k] = refined
-    best = with_likeliest(choice.fit, choice.noise, acting, tried)
-    return [_as_before(effect, before) for effect in best]
+    return with_likeliest(choice.fit, choice.noise, acting, tried)
 
 
 def with_likeliest(
@@ -157,17 +152,6 @@ def _at_the_top(tried: Sequence[Effect], log_odds: Array, best: int) -> Effect:
     top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
     refined: Effect = nonlinear.at(effect, float(np.clip(values[1] + top, values[0], values[2])))
     return refined
-
-
-def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
-    for old in before:
-        nonlinear = old.nonlinear
-        width = nonlinear.prior_sd(old) if old.label == effect.label else 0.0
-        if width:
-            difference = abs(nonlinear.value(effect) - nonlinear.value(old))
-            if difference <= SAME_VALUE * width:
-                return old
-    return effect
 
 
 def with_nonlinear_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
