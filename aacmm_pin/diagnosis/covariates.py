@@ -10,13 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers
-from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import (
     LEAST_SPREAD,
     RECORDED,
@@ -93,8 +91,8 @@ class Covariate:
     """A quantity that residuals may depend on.
 
     Attributes:
-        name: ``joint 4``, ``joint 2 × joint 4``, ``time``, ``temperature``, ``place``, ``bar
-            left``, or an unknown column.
+        name: ``joint 4``, ``joint 2 × joint 4``, ``time``, ``temperature``, ``place``, or an
+            unknown column.
         depends_on: its single covariates: ``joint 2``, ``time``, ``x``, …
         values: the covariates themselves, n rows; numbers have a unit in the name, others are
             labels.
@@ -139,7 +137,7 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     moving = [joint for joint in joints if spread[joint.number] > LEAST_SPREAD]
     single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
     of_joints = [*_of_pairs_and_time(state, moving), *_of_loads(state, moving)]
-    return [*single, *of_joints, _place(state), _scale(state), *_groups(measurements)]
+    return [*single, *of_joints, _place(state), _scale(state)]
 
 
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
@@ -274,55 +272,6 @@ def _scale(state: State) -> Covariate:
     distance = np.linalg.norm(state.position, axis=1)
     carried = Carried.of((), "lengths", state)
     return Covariate("scale", ("scale",), (carried,), pd.DataFrame({"distance_mm": distance / MM}))
-
-
-class LabelGroup(NamedTuple):
-    """Records of one label of a kind (bar, seat, session or marker); labels of all records (n,)."""
-
-    kind: str
-    label: str
-    labels: NDArray[np.object_]
-
-    @property
-    def records(self) -> Mask:
-        """The records of the label (n,)."""
-        return np.asarray(self.labels == self.label)
-
-    @property
-    def name(self) -> str:
-        """Such as ``bar left``."""
-        return f"{self.kind} {self.label}"
-
-
-def label_groups(measurements: Measurements) -> list[LabelGroup]:
-    """Groups of records that may disagree with the others: bars, or else seats, of unknown place;
-    sessions; markers. There are enough of a kind, each with enough records.
-    """
-    conditions = measurements.conditions
-    labels = {"session": conditions.session, "marker": conditions.marker}
-    if not measurements.known.any():
-        labels["bar"] = measurements.bar
-        labels["seat"] = conditions.seat if measurements.bar is None else None
-    groups = []
-    for kind, of_record in labels.items():
-        if of_record is None:
-            continue
-        labelled = [LabelGroup(kind, label, of_record) for label in dict.fromkeys(of_record)]
-        named = [group for group in labelled if group.label]
-        large = [group for group in named if group.records.sum() > THRESHOLDS.fewest_records]
-        if len(large) >= THRESHOLDS.fewest_groups:
-            groups += large
-    return groups
-
-
-def _groups(measurements: Measurements) -> Iterator[Covariate]:
-    """One bar, or else one seat of unknown place, whose target sat elsewhere on the arm."""
-    for group in label_groups(measurements):
-        if group.kind in ("bar", "seat"):
-            inside = group.records.astype(np.float64)[:, None]
-            carried = Carried(_of_size_one(inside), "target")
-            values = pd.DataFrame({group.kind: group.labels})
-            yield Covariate(group.name, (group.name,), (carried,), values)
 
 
 def _of_size_one(functions: Array) -> Array:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from aacmm_pin._support.checks import Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import f_sf
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.covariates import label_groups
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.measurements import Measurements
 
 
 @dataclass(frozen=True)
@@ -62,3 +64,32 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
             records = int((fit.used & group.records).sum())
             odd.append(OddGroup(group.name, records, float(np.sqrt(ratio)), p_value))
     return sorted(odd, key=lambda group: group.p_value)
+
+
+class LabelGroup(NamedTuple):
+    """Records (n,) of one label of a kind (bar, seat, session or marker), such as ``bar left``."""
+
+    kind: str
+    name: str
+    records: Mask
+
+
+def label_groups(measurements: Measurements) -> list[LabelGroup]:
+    """Groups of records that may disagree with the others: bars, or else seats, of unknown place;
+    sessions; markers. There are enough of a kind, each with enough records.
+    """
+    conditions = measurements.conditions
+    labels = {"session": conditions.session, "marker": conditions.marker}
+    if not measurements.known.any():
+        labels["bar"] = measurements.bar
+        labels["seat"] = conditions.seat if measurements.bar is None else None
+    groups = []
+    for kind, of_record in labels.items():
+        if of_record is None:
+            continue
+        named = [label for label in dict.fromkeys(of_record) if label]
+        labelled = [LabelGroup(kind, f"{kind} {label}", of_record == label) for label in named]
+        large = [group for group in labelled if group.records.sum() > THRESHOLDS.fewest_records]
+        if len(large) >= THRESHOLDS.fewest_groups:
+            groups += large
+    return groups

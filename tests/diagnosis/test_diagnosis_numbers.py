@@ -36,7 +36,7 @@ from aacmm_pin.diagnosis import odd_groups as groups
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import Variants, candidates
 from aacmm_pin.diagnosis.choice import Choice, seats_are_divided
-from aacmm_pin.diagnosis.covariates import Covariate, covariates, label_groups
+from aacmm_pin.diagnosis.covariates import Covariate, covariates
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
 from aacmm_pin.diagnosis.linear_model import (
@@ -624,10 +624,11 @@ def test_what_records_are_divided_by():
         records: Any = SimpleNamespace(
             known=np.array([known] * 12), bar=by.get("bar"), conditions=conditions
         )
-        groups = label_groups(records)
-        for group in groups:
-            np.testing.assert_array_equal(group.records, by[group.kind] == group.label)
-        return [group.name for group in groups]
+        there = groups.label_groups(records)
+        for group in there:
+            label = group.name.removeprefix(f"{group.kind} ")
+            np.testing.assert_array_equal(group.records, by[group.kind] == label)
+        return [group.name for group in there]
 
     of_bars = ["bar a", "bar b", "bar c"]
     sessions = ["session d", "session e", "session f"]
