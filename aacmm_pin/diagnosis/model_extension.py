@@ -209,22 +209,17 @@ class _Before:
         tips: with all of that set.
         dof: degrees of freedom that it leaves.
         scatter: of readings and tips beside that; None where the stated noise was all there was.
-        ratio, of_readings: of the error that records of one posture share, see
-            :class:`RecordNoise`.
     """
 
     tips: Array
     dof: float
     scatter: ReadingScatter | None = None
-    ratio: float = 0.0
-    of_readings: bool = False
 
     @staticmethod
     def of(choice: Choice) -> _Before:
         model = choice.posterior.top_model
         scatter = None if noise_is_known(choice.design.fit) else choice.scatter_beside(model)
-        noise = choice.noise
-        return _Before(model.all_tips, model.dof, scatter, noise.ratio, noise.of_readings)
+        return _Before(model.all_tips, model.dof, scatter)
 
     def settled(self, choice: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
@@ -374,17 +369,15 @@ class _Climb:
     def ended(self, previous: _Before) -> Posterior:
         """The posterior with the most probable noise.
 
-        What records of one posture share is either noise or what causes do there. So three noises
-        are tried: shared beside the round before, as that round reckoned with, and nothing shared;
-        each then with what its most probable set leaves.
+        What records of one posture share is either noise or what causes do there. So two noises are
+        tried: shared beside the round before, and nothing shared; each then with what its most
+        probable set leaves.
         """
         if not self.noise.repeat:
             return self.with_noise(self.noise)
         starts = [self.shared(previous.tips, previous.dof)]
-        as_before = replace(self.noise, ratio=previous.ratio, of_readings=previous.of_readings)
-        for other in (as_before, self.noise):
-            if not any(other.is_about(start) for start in starts):
-                starts.append(other)
+        if not self.noise.is_about(starts[0]):
+            starts.append(self.noise)
         return max(map(self.settled, starts), key=lambda posterior: posterior.log_density)
 
     @cached_property
