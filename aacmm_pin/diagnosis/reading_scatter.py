@@ -65,11 +65,11 @@ class ReadingScatter:
         observations = fit.observations
         by_reading = fit.by_reading
         eye = np.broadcast_to(np.eye(width), (len(deviations), width, width))
-        kinds = [eye[:, :, :3]]
+        columns = [eye[:, :, :3]]
         if width > 3:
-            kinds.append(np.where(observations.oriented[:, None, None], eye[:, :, 3:], 0.0))
-        alone = len(kinds)
-        columns = [*kinds, *np.split(by_reading, by_reading.shape[2], axis=2)]
+            columns.append(np.where(observations.oriented[:, None, None], eye[:, :, 3:], 0.0))
+        alone = len(columns)
+        columns += np.split(by_reading, by_reading.shape[2], axis=2)
         rows = [observations.along_normals(eye) @ column for column in columns]
         squares = np.stack([row @ row.transpose(0, 2, 1) for row in rows])
         enlarged = np.where(np.isfinite(deviations), deviations, 0.0) / np.sqrt(share_left)
@@ -95,10 +95,8 @@ class ReadingScatter:
             relative = readings / units
             larger = (relative > rms(relative)) & (gain > THRESHOLDS.readings)
         covariances = stated + np.tensordot(variances, squares, 1)
-        size, stated_size = (
-            float(np.sqrt(np.trace(covariance[counts, :3, :3], axis1=1, axis2=2).mean()))
-            for covariance in (covariances, stated)
-        )
+        size = fit.expected_rms(covariances)
+        as_stated = size < THRESHOLDS.as_stated * fit.expected_rms(stated)
         return ReadingScatter(
             covariances=covariances,
             readings=readings,
@@ -106,7 +104,7 @@ class ReadingScatter:
             log_ratios=log_ratios,
             size=size,
             larger=larger,
-            as_stated=fit.noise_is_stated and size < stated_size * THRESHOLDS.as_stated,
+            as_stated=fit.noise_is_stated and as_stated,
             observations=observations,
         )
 
