@@ -28,7 +28,7 @@ TOKENS: dict[str, int] = {
     "measurements": 23050,
     "accuracy": 12200,
     "calibration": 54450,
-    "diagnosis": 49100,
+    "diagnosis": 46400,
     "planning": 11800,
     "verification": 14150,
     "report": 49700,
