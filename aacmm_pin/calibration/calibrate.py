@@ -307,9 +307,7 @@ def _worst_relation(after: Fit) -> Iterator[Note]:
 
 
 def _notes_on_prior(after: Fit) -> Iterator[Note]:
-    """Notes on an earlier calibration: records that it used too are correlated inputs (JCGM
-    100:2008, F.1.2.3).
-    """
+    """Records behind the prior are correlated inputs (JCGM 100:2008, F.1.2.3)."""
     problem = after.problem
     if not problem.from_earlier:
         return

@@ -115,9 +115,7 @@ class Correlation:
 
 
 def _row_numbers(records: Index, width: int) -> Index:
-    """The ``width`` rows of each record of groups (groups, m), tips before turns: (groups, m
-    width).
-    """
+    """Of records in groups (groups, m), tips before turns: (groups, m width)."""
     first = width * records[:, :, None]
     parts = [first + np.arange(3 * part, 3 * part + 3) for part in range(width // 3)]
     return np.concatenate([part.reshape(len(records), -1) for part in parts], axis=1)

@@ -274,8 +274,8 @@ def held_out(
 
 
 def _held_out_residuals(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
-    """Residuals of the records ``out`` by each fit after a refit to the records ``kept``, with its
-    scatter: distances [m] by each fit, then turns from the stated orientation [rad], nan without.
+    """By each fit, refitted to the records ``kept`` with its scatter: distances of the records
+    ``out`` [m], then turns from the stated orientation [rad], nan without.
     """
     records = fits[0].problem.measurements
     predicted = records.take(out)

@@ -105,8 +105,8 @@ class Undetermined:
 
 
 def _moving_span(directions: Array, jacobian: Array, free_points: Array | None) -> Array:
-    """Span of the directions (p, k), of unit variance, that moves points, by their derivative (n,
-    3, p), but for rigid motions of ``free_points`` (n, 3) [m].
+    """Span of directions (p, k), of unit variance, that moves points, by their derivative (n, 3,
+    p), but for rigid motions of ``free_points`` (n, 3) [m].
     """
     motion = (jacobian @ directions).reshape(-1, directions.shape[1])
     if free_points is not None:

@@ -99,18 +99,22 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         _require_no_mistake_in_a_session(problem)
     travel = _travel(problem)
     unlike = after.scatter > max(FAR, UNLIKE_PART * travel)
-    fitted = _median_distance(after.system.deviation)
-    if fitted >= FAR:
-        _require_unshifted_rows(problem, fitted)
-    if unlike or problem.measurements.bars() or max(fitted, _distance_as_described(after)) >= FAR:
+    fitted_distance = _median_distance(after.system.deviation)
+    if fitted_distance >= FAR:
+        _require_unshifted_rows(problem, fitted_distance)
+    if (
+        unlike
+        or problem.measurements.bars()
+        or max(fitted_distance, _distance_as_described(after)) >= FAR
+    ):
         absorbs = _absorbs(after)
         geometry = {type(effect) for effect in problem.vector.effects} & GEOMETRIC_EFFECTS
         zeros_alone = geometry <= {JointZeroOffset}  # which may have any value
         _require_no_mistake(
             problem,
-            fitted,
+            fitted_distance,
             thorough=unlike or (absorbs and not zeros_alone),
-            options=fitted >= FAR or absorbs,
+            options=fitted_distance >= FAR or absorbs,
             after=after,
         )
     if unlike:
@@ -247,12 +251,17 @@ def _require_orientations(after: Fit) -> None:
 
 
 def _require_no_mistake(
-    problem: Problem, fitted: float, *, thorough: bool, options: bool, after: Fit | None = None
+    problem: Problem,
+    fitted_distance: float,
+    *,
+    thorough: bool,
+    options: bool,
+    after: Fit | None = None,
 ) -> None:
     """Refuse records that one mistake explains.
 
     Args:
-        fitted: median distance after a fit, infinite without one [m].
+        fitted_distance: median distance after a fit, infinite without one [m].
         thorough: try several signs and zeros together.
         options: try options that were left out. Geometry may absorb what they leave open: a tip off
             by a length of the last row is no mistake.
@@ -267,11 +276,11 @@ def _require_no_mistake(
     misfit = _misfit_function(thinned)
     described_distance, described_misfit = misfit()
     described_fits = described_distance < FAR or described_misfit < UNLIKE_PART
-    if described_distance == np.inf or (described_fits and fitted < FAR):
+    if described_distance == np.inf or (described_fits and fitted_distance < FAR):
         return
     # Without a fit, or if geometry absorbed the mistake, the arm as described is the measure.
-    by_description = fitted < FAR or fitted == np.inf
-    as_is = described_distance if by_description else fitted
+    by_description = fitted_distance < FAR or fitted_distance == np.inf
+    as_is = described_distance if by_description else fitted_distance
     limit = (EXPLAINED_PART if by_description else 1.0) * described_misfit
     single = [*single_mistakes(problem)]
     of_options = [mistake for mistake in single if options and mistake.free_numbers]
@@ -371,7 +380,7 @@ def _travel(problem: Problem) -> float:
 
 
 def _absorbs(after: Fit) -> bool:
-    """Whether the fit moved geometry, and the tips by it, farther than any arm is off."""
+    """Whether geometry, and the tips by it, moved farther than any arm is off."""
     point = after.point
     changes = np.abs(point.x - after.problem.start)
     squares = np.square(point.prediction.jacobian[:, :3, : changes.size])

@@ -293,7 +293,7 @@ class Problem:
 
 
 def _rotate(rotation: Array, columns: Array) -> None:
-    """In place: a copy of all columns (n, 3 or 6, p) would double the memory."""
+    """In place: a copy of all columns would double the memory."""
     for first in range(0, columns.shape[2], COLUMNS_AT_ONCE):
         some = columns[:, :, first : first + COLUMNS_AT_ONCE].transpose(1, 2, 0)
         for half in range(0, len(some), 3):

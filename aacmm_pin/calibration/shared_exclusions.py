@@ -120,7 +120,6 @@ def exclusions_of(fit: Fit) -> Exclusions:
 
 
 def _narrowed(fit: Fit) -> Iterator[Narrowed]:
-    """At least three excluded records reach beyond the used range: fewer may be wrong readings."""
     if not (fit.excluded.any() and fit.used.any()):
         return
     chain = fit.problem.model.arm.chain
