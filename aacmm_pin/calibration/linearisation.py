@@ -29,9 +29,9 @@ across it.
 class SeatElimination:
     """Elimination of the seats from whitened rows: variable projection (Golub, Pereyra 1973).
 
-    With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows M become
-    ``M - Q Qᵀ M``, which no motion of a seat changes; a relation, which couples two seats, gives
-    one row more.
+    With the seats' derivative ``B = Q C`` (Q orthonormal, C triangular, seat by seat) the rows M
+    become ``M - Q Qᵀ M``, which no motion of a seat changes; a relation, which couples two seats,
+    gives one row more.
     """
 
     def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
@@ -47,43 +47,40 @@ class SeatElimination:
         self._summing = csr_array((ones, (self._seat_of_touched, columns)), shape=shape)
         self._set_orthonormal(by_seat[self._touched])
         self._relation_residual, by_ends = observations.of_relations(points)
-        self._seat_residual = observations.of_seats(points)
+        self._stated_residual = observations.of_seats(points)
         self._relation_jacobian = self._by_seats(by_ends)
 
     @property
     def cost(self) -> float:
         """χ² of stated coordinates and relations at these points."""
-        of_seats = np.square(self._seat_residual).sum()
+        of_seats = np.square(self._stated_residual).sum()
         of_relations = np.square(self._relation_residual).sum()
         return float(of_seats + of_relations)
 
-    def _set_orthonormal(self, by: Array) -> None:
+    def _set_orthonormal(self, by_seat: Array) -> None:
         """Set ``Q`` of records and stated coordinates, and ``C``, by Cholesky QR twice."""
         is_stated = self.observations.known[:, None]
         count = len(self.observations.labels)
         u = np.where(is_stated, self.observations.stated_u, 1.0)
-        by_tie = np.where(is_stated, 1.0 / u, 0.0)[:, :, None] * np.eye(3)
-        # Contacts of a sphere or plane may leave a direction of it open.
+        by_stated = np.where(is_stated, 1.0 / u, 0.0)[:, :, None] * np.eye(3)
+        # Contacts of a sphere or plane may leave a direction of it open: for these once will do.
         may_be_open = self.observations.surfaces & ~self.observations.known
-        self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
+        self._triangle = np.broadcast_to(np.eye(3), (count, 3, 3))
         for least in (NOTHING_KNOWN, np.where(may_be_open, np.inf, 0.5)):
-            square = (
-                self._seat_sums(by.transpose(0, 2, 1) @ by) + by_tie.transpose(0, 2, 1) @ by_tie
-            )
-            # The others have no information to be made orthonormal.
-            has_rows = np.trace(square, axis1=1, axis2=2) > least
-            square = np.where(has_rows[:, None, None], square, np.eye(3))
-            values, directions = np.linalg.eigh(square[may_be_open])
+            information = self._seat_sums(by_seat.transpose(0, 2, 1) @ by_seat)
+            information = information + by_stated.transpose(0, 2, 1) @ by_stated
+            # Seats with less stay as they are.
+            has_more = np.trace(information, axis1=1, axis2=2) > least
+            information = np.where(has_more[:, None, None], information, np.eye(3))
+            values, directions = np.linalg.eigh(information[may_be_open])
             added = np.maximum(OPEN_CENTRE * values.sum(axis=1, keepdims=True) - values, 0.0)
-            square[may_be_open] += directions * added[:, None] @ directions.transpose(0, 2, 1)
-            upper = np.linalg.cholesky(square).transpose(0, 2, 1)
+            information[may_be_open] += directions * added[:, None] @ directions.transpose(0, 2, 1)
+            upper = np.linalg.cholesky(information).transpose(0, 2, 1)
             inverse = np.linalg.inv(upper)
-            by, by_tie, self._root = (
-                by @ inverse[self._seat_of_touched],
-                by_tie @ inverse,
-                upper @ self._root,
-            )
-        self._q, self._q_tie = by, by_tie
+            by_seat = by_seat @ inverse[self._seat_of_touched]
+            by_stated = by_stated @ inverse
+            self._triangle = upper @ self._triangle
+        self._q, self._q_stated = by_seat, by_stated
 
     def _seat_sums(self, arrays: Array, chosen: Index | None = None) -> Array:
         """Sums by seat (s, …) over touched records, or over those ``chosen``."""
@@ -101,11 +98,11 @@ class SeatElimination:
             relations (b, c).
         """
         along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
-        ties = np.zeros_like(along)
-        ties[:, :, -1] = self._seat_residual
-        along += self._q_tie.transpose(0, 2, 1) @ ties
+        stated = np.zeros_like(along)
+        stated[:, :, -1] = self._stated_residual
+        along += self._q_stated.transpose(0, 2, 1) @ stated
         rows[self._touched] -= self._q @ along[self._seat_of_touched]
-        return along, (rows, ties - self._q_tie @ along, self._relation_rows(along))
+        return along, (rows, stated - self._q_stated @ along, self._relation_rows(along))
 
     def along(self, rows: Array, records: Index) -> Array:
         """``Qᵀ M`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
@@ -118,13 +115,13 @@ class SeatElimination:
         """Rows whose squares some seats and relations add to those of the records, and take from
         them (m, c). ``along``: ``Qᵀ M`` of all records (s, 3, c), the residual last.
         """
-        ties = self._seat_residual
+        stated = self._stated_residual
         along = along.copy()
-        along[:, :, -1] += np.einsum("sji,sj->si", self._q_tie, ties)
-        of_ties = np.zeros((1, along.shape[2]))
-        of_ties[0, -1] = np.linalg.norm(ties[seats])
+        along[:, :, -1] += np.einsum("sji,sj->si", self._q_stated, stated)
+        of_stated = np.zeros((1, along.shape[2]))
+        of_stated[0, -1] = np.linalg.norm(stated[seats])
         of_relations = self._relation_rows(along)[relations]
-        return np.concatenate([of_ties, of_relations]), along[seats].reshape(-1, along.shape[2])
+        return np.concatenate([of_stated, of_relations]), along[seats].reshape(-1, along.shape[2])
 
     def _relation_rows(self, along: Array) -> Array:
         """With the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ M)``."""
@@ -137,11 +134,11 @@ class SeatElimination:
     def _by_seats(self, by_ends: Array) -> Array:
         """``H`` (b, 3 s) of the whitened derivatives by both ends (b, 2, 3)."""
         ends = self.observations.ends
-        inverse = np.linalg.inv(self._root)
+        inverse = np.linalg.inv(self._triangle)
         by_seats = np.zeros((len(ends), len(inverse), 3))
         for end, seats in enumerate(ends.T):
-            by = by_ends[:, end, None] @ inverse[seats]
-            by_seats[np.arange(len(ends)), seats] += by[:, 0]
+            by_seat = by_ends[:, end, None] @ inverse[seats]
+            by_seats[np.arange(len(ends)), seats] += by_seat[:, 0]
         return by_seats.reshape(len(ends), 3 * len(inverse))
 
     @cached_property
@@ -158,10 +155,10 @@ class SeatElimination:
         if len(self.observations.ends):
             jacobian = self._relation_jacobian
             rows = self._relation_residual[:, None] - jacobian @ along.reshape(-1, 1)
-            once = solve_triangular(self.relation_factor, rows, lower=True)
-            twice = solve_triangular(self.relation_factor.T, once, lower=False)
-            best = best - (jacobian.T @ twice).reshape(best.shape)
-        return np.asarray(np.linalg.solve(self._root, best)[:, :, 0])
+            forward = solve_triangular(self.relation_factor, rows, lower=True)
+            backward = solve_triangular(self.relation_factor.T, forward, lower=False)
+            best = best - (jacobian.T @ backward).reshape(best.shape)
+        return np.asarray(np.linalg.solve(self._triangle, best)[:, :, 0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -160,8 +160,46 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     the uncertainty, for less may be rounding; if not, by a third of it.
     """
     contact = setup.probe_noise or 0.0
-    seat, labels = _seats_of_records(measurements)
     u = reference_u(measurements, setup, np.nan)
+    seat, labels, stated, stated_u = _stated_seats(measurements, u)
+    radius = np.where(seat >= 0, measurements.contact_radius, np.nan)
+    on_plane = measurements.on_plane & (seat >= 0)
+    alone = measurements.known & (seat < 0)
+    # What is not stated is in the covariance of the tips already.
+    of_reference = np.hypot(reference_u(measurements, setup, 0.0), contact)
+    noise = np.where(alone[:, None], of_reference, contact)
+    if measurements.orientation is not None:
+        turn = np.zeros(measurements.n)
+        if measurements.orientation_u is not None:
+            turn = np.nan_to_num(measurements.orientation_u)
+        noise = np.hstack([noise, np.repeat(turn[:, None], 3, axis=1)])
+    number_of_seat = {label: k for k, label in enumerate(labels)}
+    ends, relation, value, value_u = _relations(measurements, setup, number_of_seat)
+    return Observations(
+        reference=np.where(alone[:, None], measurements.reference, np.nan),
+        seat=seat,
+        covariance=noise[:, :, None] ** 2 * np.eye(noise.shape[1]),
+        labels=tuple(labels),
+        stated=stated,
+        stated_u=stated_u,
+        ends=ends,
+        relation=relation,
+        value=value,
+        value_u=value_u,
+        oriented=measurements.oriented,
+        radius=radius,
+        on_plane=on_plane,
+        anchor=np.full((len(labels), 3), np.nan),
+        normal=np.zeros((measurements.n, 3)),
+        by_place=np.zeros((measurements.n, 3)),
+    )
+
+
+def _stated_seats(measurements: Measurements, u: Array) -> tuple[Index, list[str], Array, Array]:
+    """Number of each record's seat (n,), -1 if it stands for itself; labels, coordinates and u of
+    the seats (s, 3), by the records' (n, 3) [m].
+    """
+    seat, labels = _seats_of_records(measurements)
     states_seat = measurements.placed & (seat >= 0)
     stated_seat = seat[states_seat]
     count = len(labels)
@@ -192,38 +230,8 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     is_none |= few & ~np.isfinite(mean).all(axis=1)
     new_number = np.where(is_none, -1, np.cumsum(~is_none) - 1)
     seat = np.where(seat >= 0, new_number[seat] if len(labels) else -1, -1)
-    radius = np.where(seat >= 0, measurements.contact_radius, np.nan)
-    on_plane = measurements.on_plane & (seat >= 0)
-    alone = measurements.known & (seat < 0)
-    # What is not stated is in the covariance of the tips already.
-    of_reference = np.hypot(reference_u(measurements, setup, 0.0), contact)
-    noise = np.where(alone[:, None], of_reference, contact)
-    if measurements.orientation is not None:
-        turn = np.zeros(measurements.n)
-        if measurements.orientation_u is not None:
-            turn = np.nan_to_num(measurements.orientation_u)
-        noise = np.hstack([noise, np.repeat(turn[:, None], 3, axis=1)])
     kept = [label for label, none in zip(labels, is_none, strict=True) if not none]
-    number_of_seat = {label: k for k, label in enumerate(kept)}
-    ends, relation, value, value_u = _relations(measurements, setup, number_of_seat)
-    return Observations(
-        reference=np.where(alone[:, None], measurements.reference, np.nan),
-        seat=seat.astype(np.intp),
-        covariance=noise[:, :, None] ** 2 * np.eye(noise.shape[1]),
-        labels=tuple(kept),
-        stated=mean[~is_none],
-        stated_u=largest_u[~is_none],
-        ends=ends,
-        relation=relation,
-        value=value,
-        value_u=value_u,
-        oriented=measurements.oriented,
-        radius=radius,
-        on_plane=on_plane,
-        anchor=np.full((len(kept), 3), np.nan),
-        normal=np.zeros((measurements.n, 3)),
-        by_place=np.zeros((measurements.n, 3)),
-    )
+    return seat.astype(np.intp), kept, mean[~is_none], largest_u[~is_none]
 
 
 def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> Iterator[Note]:
