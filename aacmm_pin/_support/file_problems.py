@@ -39,12 +39,12 @@ class Problems:
 
     source: str
     lines: Index
-    found: list[tuple[int | None, str, str]] = field(default_factory=list)
+    listed: list[tuple[int | None, str, str]] = field(default_factory=list)
     """Row (None for the table), column and message."""
 
     def add(self, column: str, message: str) -> None:
         """Add a problem of a column; "" for the table."""
-        self.found.append((None, shortened(column), message))
+        self.listed.append((None, shortened(column), message))
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
         """Add a problem of rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first."""
@@ -55,37 +55,37 @@ class Problems:
         text = message.format(*(shortened(v) if isinstance(v, str) else v for v in first_values))
         if rows.size > 1:
             text += f" (also {rows_in_words(self.lines[rows[1:]])})"
-        self.found.append((int(self.lines[rows[0]]), column, text))
+        self.listed.append((int(self.lines[rows[0]]), column, text))
 
     def of_other_values(
         self,
         column: str,
         values: NDArray[Any],
         stated: Mask,
-        by: pd.Series,
-        of: str,
+        groups: pd.Series,
+        owner: str,
     ) -> Index:
-        """Add a problem of rows that state another value than their group ``by`` (n,), one ``of``.
+        """Add a problem of rows that state another value than their group, one ``owner``.
 
         Returns:
-            First row of each row's group that states a value (n,), or -1.
+            For each row, the first of its group that states a value (n,), or -1.
         """
         stating_rows = pd.Series(np.arange(len(values))).where(stated)
-        first = stating_rows.groupby(by).transform("first").fillna(-1).to_numpy(dtype=np.intp)
-        message = f"{{}}, but row {{}} states {{}}; expected one value for one {of}"
+        first = stating_rows.groupby(groups).transform("first").fillna(-1).to_numpy(dtype=np.intp)
+        message = f"{{}}, but row {{}} states {{}}; expected one value for one {owner}"
         differs = stated & (values != values[first])
         self.at(differs, column, message, values, self.lines[first], values[first])
         return first
 
     def stop(self) -> None:
         """Raise MeasurementFileError with the first problems, if any."""
-        if not self.found:
+        if not self.listed:
             return
-        row, column, message = self.found[0]
-        for problem in self.found[1:MOST_PROBLEMS]:
+        row, column, message = self.listed[0]
+        for problem in self.listed[1:MOST_PROBLEMS]:
             message += f"\n{MeasurementFileError(self.source, *problem)}"
-        if len(self.found) > MOST_PROBLEMS:
-            message += f"\n{self.source}: {len(self.found) - MOST_PROBLEMS} more problems"
+        if len(self.listed) > MOST_PROBLEMS:
+            message += f"\n{self.source}: {len(self.listed) - MOST_PROBLEMS} more problems"
         raise MeasurementFileError(self.source, row, column, message)
 
 

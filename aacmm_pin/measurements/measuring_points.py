@@ -1,4 +1,4 @@
-"""Places of simulated or planned measurements: free postures, seats, bars."""
+"""Touched points of simulated or planned measurements: seats and bars."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from aacmm_pin.postures import StateOf, agile, brought_to, different_postures, s
 SEATS_APART = 0.05
 """[m]"""
 POOL = 20_000
-"""Random postures for places and first guesses."""
+"""Random postures whose tips are possible points and first guesses."""
 GUESSES = 4
 """For each wanted posture, and at least :data:`LEAST_GUESSES`."""
 LEAST_GUESSES = 100
 CANDIDATES = 30
-"""For each wanted place."""
+"""For each wanted seat or bar."""
 TRIES = 4
-"""Places to try for each wanted one."""
+"""Seats or bars to try for each wanted one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +59,14 @@ class Pool:
     tree: scipy.spatial.cKDTree
 
     @staticmethod
-    def draw(model: ErrorModel, above: float | None, each: int, rng: np.random.Generator) -> Pool:
-        """For ``each`` postures at a point, over a table at ``above`` [m].
+    def draw(model: ErrorModel, above: float | None, count: int, rng: np.random.Generator) -> Pool:
+        """For ``count`` postures at a point, over a table at ``above`` [m].
 
         Raises:
             AacmmError: see :meth:`Room.postures`.
         """
         room = Room(model.arm, above)
-        q, tips = room.postures(max(POOL, 10 * GUESSES * each), rng)
+        q, tips = room.postures(max(POOL, 10 * GUESSES * count), rng)
         effects = [effect for effect in model.effects if not effect.needs]
         steady = model.restricted(tuple(effects))
         tree = scipy.spatial.cKDTree(tips)
@@ -91,13 +91,13 @@ class Pool:
         order = np.argsort(self.thinness(points))
         return points[order[: len(points) // 2]]
 
-    def touched(self, points: Array, each: int) -> list[Array]:
-        """Up to ``each`` different postures at each of the ``points`` (k, 3)."""
-        guesses = max(LEAST_GUESSES, GUESSES * each)
-        _, near = self.tree.query(points, k=guesses)
+    def postures_at(self, points: Array, count: int) -> list[Array]:
+        """Up to ``count`` different postures at each of the ``points`` (k, 3)."""
+        guesses = max(LEAST_GUESSES, GUESSES * count)
+        _, nearest = self.tree.query(points, k=guesses)
         bounds = joint_bounds(self.arm)
         target = np.repeat(points, guesses, axis=0)
-        q, arrived = brought_to(self.state_of, self.q[near.ravel()], target, bounds)
+        q, arrived = brought_to(self.state_of, self.q[nearest.ravel()], target, bounds)
         low, high = bounds.T
         arrived &= ((q > low) & (q < high)).all(axis=1)
         if arrived.any():
@@ -106,40 +106,41 @@ class Pool:
         postures = []
         for start in range(0, len(q), guesses):
             of_point = slice(start, start + guesses)
-            there = q[of_point][arrived[of_point]]
-            postures.append(different_postures(self.arm, there, each))
+            solutions = q[of_point][arrived[of_point]]
+            postures.append(different_postures(self.arm, solutions, count))
         return postures
 
-    def places(self, candidates: Array, wanted: int, each: int, what: str) -> list[SeatOrBar]:
-        """The first ``wanted`` of ``candidates`` (c, k, 3) with ``each`` postures at all points.
+    def reached(self, candidates: Array, wanted: int, count: int, what: str) -> list[SeatOrBar]:
+        """The first ``wanted`` of ``candidates`` (c, k, 3) with ``count`` postures at all k points.
 
         Raises:
             AacmmError: there are fewer.
         """
-        places: list[SeatOrBar] = []
-        most, at = 0, 0
-        while len(places) < wanted and at < len(candidates):
-            part = candidates[at : at + wanted - len(places)]
-            at += len(part)
-            postures = self.touched(part.reshape(-1, 3), each)
-            for k, points in enumerate(part):
+        reached: list[SeatOrBar] = []
+        most_elsewhere = 0
+        tried = 0
+        while len(reached) < wanted and tried < len(candidates):
+            batch = candidates[tried : tried + wanted - len(reached)]
+            tried += len(batch)
+            postures = self.postures_at(batch.reshape(-1, 3), count)
+            for k, points in enumerate(batch):
                 at_points = tuple(postures[k * len(points) : (k + 1) * len(points)])
                 fewest = min(map(len, at_points))
-                if fewest == each:
-                    places.append(SeatOrBar(points, at_points))
+                if fewest == count:
+                    reached.append(SeatOrBar(points, at_points))
                 else:
-                    most = max(most, fewest)
-        if len(places) < wanted:
+                    most_elsewhere = max(most_elsewhere, fewest)
+        if len(reached) < wanted:
             raise AacmmError(
-                f"{self.arm.name}: the arm reaches only {len(places)} {what} in {each} postures "
+                f"{self.arm.name}: the arm reaches only {len(reached)} {what} in {count} postures "
                 f"within the limits; expected {wanted}; reduce the number of records or {what} "
-                f"(the other {what} have at most {most} postures)"
+                f"(the other {what} have at most {most_elsewhere} postures)"
             )
-        return places
+        return reached
 
 
-def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> list[SeatOrBar]:
-    """Seats spread over the dense workspace, each with ``each`` postures.
+def seats_for(pool: Pool, wanted: int, count: int, rng: np.random.Generator) -> list[SeatOrBar]:
+    """Seats spread over the dense workspace, each with ``count`` postures.
 
     Raises:
         AacmmError: no room for so many, or too few postures.
@@ -151,31 +152,31 @@ def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> l
             f"{pool.arm.name}: the workspace has room for {len(order)} seats at distances of "
             f"{SEATS_APART / MM:g} mm or more; expected {wanted}; reduce the number of seats"
         )
-    return pool.places(points[order][:, None], wanted, each, "seats")
+    return pool.reached(points[order][:, None], wanted, count, "seats")
 
 
 def bars_for(
-    pool: Pool, wanted: int, length: float, each: int, rng: np.random.Generator
+    pool: Pool, wanted: int, length: float, count: int, rng: np.random.Generator
 ) -> list[SeatOrBar]:
-    """Bars of ``length`` [m] in ``wanted`` places, each end with ``each`` postures.
+    """``wanted`` bars of ``length`` [m], each end with ``count`` postures.
 
     One end is a random tip; the other lies towards another, where postures are as dense as at
     seats.
 
     Raises:
-        AacmmError: no place, or too few postures at both ends.
+        AacmmError: no room for so many, or too few postures at both ends.
     """
-    a = pool.dense(rng, CANDIDATES * wanted)
-    b = a.copy()
-    has_end = np.zeros(len(a), dtype=bool)
-    enough = float(pool.thinness(a).max())
+    first = pool.dense(rng, CANDIDATES * wanted)
+    second = first.copy()
+    has_end = np.zeros(len(first), dtype=bool)
+    enough = float(pool.thinness(first).max())
     for _ in range(MOST_DRAWS):
-        way = pool.tips[rng.integers(len(pool.tips), size=len(a))] - a
-        distance = np.linalg.norm(way, axis=1, keepdims=True)
-        end = a + length * way / np.maximum(distance, MM)
+        towards_tip = pool.tips[rng.integers(len(pool.tips), size=len(first))] - first
+        distance = np.linalg.norm(towards_tip, axis=1, keepdims=True)
+        trial = first + length * towards_tip / np.maximum(distance, MM)
         fits = ~has_end & (distance[:, 0] > MM)
-        fits &= pool.room.admits(end) & (pool.thinness(end) <= enough)
-        b[fits] = end[fits]
+        fits &= pool.room.admits(trial) & (pool.thinness(trial) <= enough)
+        second[fits] = trial[fits]
         has_end |= fits
     if has_end.sum() < wanted:
         extent = np.linalg.norm(pool.tips.max(axis=0) - pool.tips.min(axis=0))
@@ -184,10 +185,10 @@ def bars_for(
             f"mm; expected {wanted}; use shorter or fewer bars (the diagonal of the "
             f"workspace is {extent / MM:.0f} mm)"
         )
-    a = a[has_end]
-    b = b[has_end]
-    order = spread_out((a + b) / 2, TRIES * wanted, 0.0)
-    return pool.places(np.stack([a, b], axis=1)[order], wanted, each, "bars")
+    first = first[has_end]
+    second = second[has_end]
+    order = spread_out((first + second) / 2, TRIES * wanted, 0.0)
+    return pool.reached(np.stack([first, second], axis=1)[order], wanted, count, "bars")
 
 
 def visits(counts: Index, session: Index, rng: np.random.Generator) -> tuple[Index, Index]:
@@ -203,8 +204,8 @@ def visits(counts: Index, session: Index, rng: np.random.Generator) -> tuple[Ind
     """
     point = np.repeat(np.arange(len(counts)), counts)
     posture = np.concatenate([np.arange(count) for count in counts])
-    several = int(session[-1]) + 1
-    dealt = np.arange(len(point)) % several
-    turn = np.stack([rng.permutation(len(counts)) for _ in range(several)])
-    order = np.lexsort((rng.random(len(point)), turn[dealt, point], dealt))
+    session_count = int(session[-1]) + 1
+    session_of = np.arange(len(point)) % session_count
+    rank = np.stack([rng.permutation(len(counts)) for _ in range(session_count)])
+    order = np.lexsort((rng.random(len(point)), rank[session_of, point], session_of))
     return point[order], posture[order]

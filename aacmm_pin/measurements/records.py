@@ -176,8 +176,8 @@ class Measurements(Shown):
         table, lines, read_as, _ = first
         if references is not None:
             table = joined_by_record(str(path), first, str(references), read_table(str(references)))
-        read = _from_table(table, lines, nq, str(path))
-        return replace(read, read_as=read_as + read.read_as, header=tuple(table.columns))
+        records = _from_table(table, lines, nq, str(path))
+        return replace(records, read_as=read_as + records.read_as, header=tuple(table.columns))
 
     @staticmethod
     def from_frame(
@@ -233,9 +233,9 @@ class Measurements(Shown):
         )
         problems = Problems(source, row)
         check_header([*measurements.to_frame()], None, problems)
-        if taken := [name for name in map(str, extra) if column_of(name).field]:
+        if reserved := [name for name in map(str, extra) if column_of(name).field]:
             raise ShapeError(
-                f"extra has columns of known names: {', '.join(taken)}; expected these as "
+                f"extra has columns of known names: {', '.join(reserved)}; expected these as "
                 "arguments of their own"
             )
         values = read_values(extra, RECORD_COLUMNS, problems)
@@ -325,7 +325,7 @@ class Measurements(Shown):
         """
         index = np.arange(self.n)[rows]
         arrays: dict[str, Any] = {}
-        for field in fields(self):  # not what was worked out from it
+        for field in fields(self):  # without cached properties
             stated = getattr(self, field.name)
             if isinstance(stated, np.ndarray):
                 arrays[field.name] = stated[index]
@@ -349,9 +349,8 @@ class Measurements(Shown):
             )
         step = np.diff(self.q, axis=0, prepend=self.q[:1])
         sign = pd.DataFrame(np.sign(step)).where(np.abs(step) > LEAST_MOTION)
-        stated = self.conditions.session
-        session = pd.Series([""] * self.n if stated is None else stated)
-        sign[~session.duplicated()] = 0.0
+        first_of_session = ~pd.Series(self.conditions.labels("session")).duplicated()
+        sign[first_of_session] = 0.0
         approach = sign.ffill().to_numpy()
         return replace(self, conditions=replace(self.conditions, approach=approach))
 
@@ -405,8 +404,8 @@ class Measurements(Shown):
         Raises:
             MeasurementFileError: it cannot be read, or a row not used; names row and column.
         """
-        probe = self.probe_diameter
-        diameters = np.full(self.n, np.nan) if probe is None else probe
+        stated = self.probe_diameter
+        diameters = np.full(self.n, np.nan) if stated is None else stated
         probes = {}
         for label, rows in self.seats().items():
             if self.on_plane[rows].all():
@@ -431,8 +430,8 @@ class Measurements(Shown):
         means = {label: tips[rows].mean(axis=0) for label, rows in self.seats().items()}
         errors = []
         for bar in self.bars():
-            way = means[bar.seat_a] - means[bar.seat_b]
-            errors.append(np.linalg.norm(way) - bar.length)
+            between_ends = means[bar.seat_a] - means[bar.seat_b]
+            errors.append(np.linalg.norm(between_ends) - bar.length)
         return np.array(errors)
 
     def to_frame(self, angle_unit: AngleUnit = "deg") -> pd.DataFrame:
@@ -450,13 +449,13 @@ class Measurements(Shown):
             left_out |= {"reference_u"} if self.placed.any() else {"reference", "reference_u"}
         for column in RECORD_COLUMNS:
             if column.field not in left_out:
-                table |= self._in_file(column)
+                table |= self._file_columns(column)
         return pd.concat([pd.DataFrame(table), self.extra], axis=1)
 
-    def _in_file(self, column: Column) -> dict[str, NDArray[Any]]:
-        values = getattr(
-            self.conditions if column.field in CONDITION_ENTRIES else self, column.field
-        )
+    def _file_columns(self, column: Column) -> dict[str, NDArray[Any]]:
+        """Values (n,) in units of the file, by name; {} if unknown."""
+        holder = self.conditions if column.field in CONDITION_ENTRIES else self
+        values = getattr(holder, column.field)
         if values is None:
             return {}
         if not column.is_label:
@@ -473,8 +472,8 @@ class Measurements(Shown):
         columns = []
         for entry in sorted(RECORD_COLUMNS, key=lambda entry: kinds.index(entry.covariate)):
             if entry.field:
-                of_entry = self._in_file(entry).items()
-                columns += [CovariateColumn(*column, entry) for column in of_entry]
+                for name, values in self._file_columns(entry).items():
+                    columns.append(CovariateColumn(name, values, entry))
         for name in map(str, self.extra):
             columns.append(CovariateColumn(name, self.extra[name], column_of(name)))
         return [column for column in columns if column.entry.covariate != "none"]
@@ -507,8 +506,8 @@ class Measurements(Shown):
         if self.known.any():
             text += f", {self.known.sum()} with reference coordinates"
         parts = {"seat": self.seats(), "bar": self.bars(), "relation": self.relations}
-        for noun, there in parts.items():
-            text += f", {count(len(there), noun)}" if there else ""
+        for noun, items in parts.items():
+            text += f", {count(len(items), noun)}" if items else ""
         if self.extra.columns.empty:
             return text
         return f"{text}, other columns {', '.join(self.extra.columns)}"
@@ -564,12 +563,13 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
         rows = lines[~has_direction].tolist()
         read_as = (*read_as, Note("directions_missing", {"rows": rows}))
     conditions = {name: stated.pop(name) for name in CONDITION_ENTRIES}
-    others = []
+    unknown = []
     for name in map(str, table):
         column = column_of(name)
-        if not column.field and (column.unit or any(map(str.strip, values.columns[name]))):
-            others.append(name)
-    extra = table[others].reset_index(drop=True)
+        has_values = column.unit or any(map(str.strip, values.columns[name]))
+        if not column.field and has_values:
+            unknown.append(name)
+    extra = table[unknown].reset_index(drop=True)
     angles = DEGREES if values.names(DEGREES) else RADIANS
     return _measurements(
         values.field(angles),
@@ -583,12 +583,13 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
 
 
 def _with_numbers(extra: pd.DataFrame, values: Values) -> pd.DataFrame:
+    """``extra`` with numbers in columns whose name states a unit."""
     numbers = {name: values.columns[name] for name in map(str, extra) if column_of(name).unit}
     return extra.assign(**numbers)
 
 
 def _measurements(q: Any, stated: dict[str, Any], **others: Any) -> Measurements:
-    """Records of what is ``stated``: quaternions normalised, references of the tip."""
+    """Records of attributes, with unit quaternions and references of the tip."""
     for name in ("reference", "reference_u"):
         if stated[name] is None:
             stated[name] = np.full((len(q), 3), np.nan)
@@ -611,18 +612,18 @@ def at_centres(records: Measurements) -> Measurements:
     direction = records.conditions.probe_direction
     if diameter is None or direction is None:
         return records
-    touches = np.isfinite(diameter) & direction.any(axis=1) & records.known
+    at_contact = np.isfinite(diameter) & direction.any(axis=1) & records.known
     if records.conditions.seat is not None:
-        touches &= records.conditions.seat == ""
-    if not touches.any():
+        at_contact &= records.conditions.seat == ""
+    if not at_contact.any():
         return records
-    half = np.where(touches, diameter / 2, 0.0)
-    elsewhere = np.where(touches, np.nan, diameter)
-    note = Note("contacts_at_centres", {"rows": records.row[touches].tolist()})
+    radius = np.where(at_contact, diameter / 2, 0.0)
+    other_diameters = np.where(at_contact, np.nan, diameter)
+    note = Note("contacts_at_centres", {"rows": records.row[at_contact].tolist()})
     return replace(
         records,
-        reference=records.reference - half[:, None] * direction,
-        probe_diameter=elsewhere if np.isfinite(elsewhere).any() else None,
+        reference=records.reference - radius[:, None] * direction,
+        probe_diameter=other_diameters if np.isfinite(other_diameters).any() else None,
         read_as=(*records.read_as, note),
     )
 
@@ -632,9 +633,9 @@ def _notes(values: Values, angles: Column) -> tuple[Note, ...]:
     usual noise.
     """
     notes = []
-    turn_u = float(np.nan_to_num(values.block([ORIENTATION_U])).max())
-    if turn_u > plausible.USUAL_TURN_NOISE:
-        notes.append(Note("orientation_u_large", {"u": turn_u}))
+    largest_u = float(np.nan_to_num(values.block([ORIENTATION_U])).max())
+    if largest_u > plausible.USUAL_TURN_NOISE:
+        notes.append(Note("orientation_u_large", {"u": largest_u}))
     names = values.names(angles)
     theta = values.block(names)
     if angles is DEGREES and mostly_like_radians(theta):
@@ -663,16 +664,16 @@ def _checked(column: Column, values: ArrayLike, n: int) -> Any:
         return labels_of(name, values, n)
     width = len(column.names)
     unit = column.range.unit if column.range is not None else column.unit
-    given = values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object)
-    unknown = pd.isna(given)
+    entries = values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object)
+    unknown = pd.isna(entries)
     filled = np.where(unknown, 0.0, values) if np.any(unknown) else values
     array = vector(filled, n, name, unit) if width == 1 else batch(filled, width, name, unit)
     if len(array) != n:
         raise ShapeError(f"{name} has {len(array)} rows; expected {n}, one per record")
     array[unknown] = np.nan
-    places = [f"{name}[#, {k}]" for k in range(width)] if width > 1 else [f"{name}[#]"]
+    components = [f"{name}[#, {k}]" for k in range(width)] if width > 1 else [f"{name}[#]"]
     problems = Problems("", np.arange(n))
-    check_numbers(column, places, array.reshape(n, width), column.range, problems)
-    for row, place, text in problems.found:
-        raise ShapeError(f"{place.replace('#', str(row))}: {text}")
+    check_numbers(column, components, array.reshape(n, width), column.range, problems)
+    for row, component, text in problems.listed:
+        raise ShapeError(f"{component.replace('#', str(row))}: {text}")
     return array

@@ -40,6 +40,7 @@ PAUSES = 1 / 40
 BREAK = (3600.0, 3 * 3600.0)
 """Between sessions [s]; the arm stays on."""
 DAY = 24 * 3600.0
+"""[s]"""
 OVERSHOOT = 0.2
 """Share of joints whose last motion is reversed."""
 TEMPERATURE_RANGE = 3.0
@@ -104,9 +105,9 @@ def simulate_measurements(
     if scheme not in SCHEMES:
         raise UnknownNameError("scheme", scheme, list(SCHEMES))
     model = ErrorModel.of(model).restricted_to_known_range()
-    points = {"free": 0, "single-point": 1}.get(scheme, seats)
+    seat_count = {"free": 0, "single-point": 1}.get(scheme, seats)
     stated = scheme == "free" or (scheme == "seats" and known)
-    _check_numbers(scheme, records, points, stated, bar_length)
+    _check_numbers(scheme, records, seat_count, stated, bar_length)
     if scheme == "seats" and known:
         labels = _seat_labels(seats)
         for effect in filter(corrects_seat, model.effects):
@@ -121,22 +122,22 @@ def simulate_measurements(
     noise = Noise.of(
         model.arm.nq, encoder=encoder_noise, reference=reference_noise, probe=probe_noise
     )
-    known_seed = seed_of(rng)
-    seed = "unknown" if known_seed is None else known_seed
+    stated_seed = seed_of(rng)
+    seed = "unknown" if stated_seed is None else stated_seed
     source = f"simulated {model.arm.name}, scheme {scheme}, seed {seed}{assumed}"
     if orientation_noise is not None:
         plausible.TURN_NOISE.check(orientation_noise, "orientation_noise")
-    shop = _Workshop(model, noise, rng, source, orientation_noise)
+    workshop = _Workshop(model, noise, rng, source, orientation_noise)
     if scheme == "free":
-        return shop.free(Room(model.arm, above).postures(records, rng)[0])
-    counts = np.bincount(np.arange(records) % points)
-    each = int(counts.max())
-    pool = Pool.draw(model, above, each, rng)
+        return workshop.free(Room(model.arm, above).postures(records, rng)[0])
+    counts = np.bincount(np.arange(records) % seat_count)
+    most_visits = int(counts.max())
+    pool = Pool.draw(model, above, most_visits, rng)
     if bar_length:
-        places = bars_for(pool, points // 2, bar_length, each, rng)
+        seats_or_bars = bars_for(pool, seat_count // 2, bar_length, most_visits, rng)
     else:
-        places = seats_for(pool, points, each, rng)
-    return shop.touched(places, counts, stated, bar_length)
+        seats_or_bars = seats_for(pool, seat_count, most_visits, rng)
+    return workshop.touched(seats_or_bars, counts, stated, bar_length)
 
 
 def simulate_touches(
@@ -165,24 +166,24 @@ class _Workshop:
         """Each record has its own reference."""
         conditions = self._conditions(sessions(len(q)), q, None)
         tips = self.model.predict(q, conditions, as_referenced=True)
-        touched = tips + self._normal(self.noise.probe, tips)
-        stated = touched + self._normal(self.noise.reference, tips)
-        return self._recorded(q, conditions, stated)
+        contacts = tips + self._normal(self.noise.probe, tips)
+        stated = contacts + self._normal(self.noise.reference, tips)
+        return self._measurements(q, conditions, stated)
 
     def touched(
-        self, places: list[SeatOrBar], counts: Index, stated: bool, length: float | None
+        self, seats_or_bars: list[SeatOrBar], counts: Index, stated: bool, length: float | None
     ) -> Measurements:
         """``counts`` (k,) records at seats, or at both ends of bars."""
-        points = np.concatenate([place.points for place in places])
-        ends = [f"B{k}{end}" for k in range(1, len(places) + 1) for end in "AB"]
+        points = np.concatenate([touched.points for touched in seats_or_bars])
+        ends = [f"B{k}{end}" for k in range(1, len(seats_or_bars) + 1) for end in "AB"]
         names = _seat_labels(len(points)) if length is None else ends
-        postures = [q for place in places for q in place.postures]
+        postures = [q for touched in seats_or_bars for q in touched.postures]
         session = sessions(int(counts.sum()))
-        point, posture = visits(counts, session, self.rng)
-        q = np.stack([postures[k][j] for k, j in zip(point, posture, strict=True)])
+        point, number = visits(counts, session, self.rng)
+        q = np.stack([postures[k][j] for k, j in zip(point, number, strict=True)])
         seat = np.array(names, dtype=object)[point]
         conditions = self._conditions(session, q, seat)
-        q = self._exactly(q, points[point], conditions)
+        q = self._postures_at(q, points[point], conditions)
         reference = None
         if stated:
             first = np.unique(point, return_index=True)[1]
@@ -190,24 +191,24 @@ class _Workshop:
             reference = (seats + self._normal(self.noise.reference, seats))[point]
         if self.noise.probe > 0:
             contacts = points[point] + self._normal(self.noise.probe, points[point])
-            q = self._exactly(q, contacts, conditions)
+            q = self._postures_at(q, contacts, conditions)
         bars: dict[str, Any] = {}
         if length is not None:
-            lengths = length + self._normal(self.noise.reference, np.empty(len(places)))
+            lengths = length + self._normal(self.noise.reference, np.empty(len(seats_or_bars)))
             bars = {
                 "bar": [label[:-1] for label in seat],
                 "bar_end": [label[-1] for label in seat],
                 "bar_length": lengths[point // 2],
             }
-        return self._recorded(q, conditions, reference, **bars)
+        return self._measurements(q, conditions, reference, **bars)
 
     def at(self, points: Array, q: Array) -> Measurements:
         conditions = self._conditions(sessions(len(q)), q, None)
-        touched = points + self._normal(self.noise.probe, points)
-        exact = self._exactly(q, touched, conditions)
-        return self._recorded(exact, conditions, None)
+        contacts = points + self._normal(self.noise.probe, points)
+        postures = self._postures_at(q, contacts, conditions)
+        return self._measurements(postures, conditions, None)
 
-    def _exactly(self, q: Array, target: Array, conditions: Conditions) -> Array:
+    def _postures_at(self, q: Array, target: Array, conditions: Conditions) -> Array:
         """Postures near ``q`` whose tip, with all errors, is at ``target`` (n, 3) [m]."""
         arm = self.model.arm
         q, arrived = brought_to(
@@ -228,24 +229,26 @@ class _Workshop:
     def _normal(self, u: float, like: Array) -> Array:
         return u * self.rng.normal(size=like.shape)
 
-    def _recorded(
-        self, q: Array, conditions: Conditions, reference: Array | None, **more: Any
+    def _measurements(
+        self, q: Array, conditions: Conditions, reference: Array | None, **attributes: Any
     ) -> Measurements:
-        """Exact references state no uncertainty."""
+        """Records with noise of readings and orientations; exact references state no u."""
         arm = self.model.arm
         readings = arm.readings(q) + self.noise.encoder * self.rng.normal(size=q.shape)
         u = self.noise.reference
         if reference is not None and u > 0:
-            more["reference_u"] = np.full_like(reference, u)
-        turn_u = self.orientation_noise
-        if turn_u is not None and reference is not None:
+            attributes["reference_u"] = np.full_like(reference, u)
+        rotation_u = self.orientation_noise
+        if rotation_u is not None and reference is not None:
             state = self.model.state(q, conditions, as_referenced=True)
-            turn = self._normal(turn_u, reference)
-            rotation = exp(np.hstack([np.zeros_like(turn), turn]))[:, :3, :3]
-            more["orientation"] = quaternions(rotation @ state.rotation[-1])
-            more["orientation_u"] = np.full(len(q), turn_u) if turn_u > 0 else None
-        more |= {"record": [*map(str, range(1, len(q) + 1))], "source": self.source}
-        records = Measurements.of(readings, reference, conditions=conditions, **more)
+            errors = self._normal(rotation_u, reference)
+            rotations = exp(np.hstack([np.zeros_like(errors), errors]))[:, :3, :3]
+            attributes["orientation"] = quaternions(rotations @ state.rotation[-1])
+            attributes["orientation_u"] = np.full(len(q), rotation_u) if rotation_u > 0 else None
+        attributes["record"] = [str(number) for number in range(1, len(q) + 1)]
+        records = Measurements.of(
+            readings, reference, conditions=conditions, source=self.source, **attributes
+        )
         return records.with_joint_angles(arm)
 
 
@@ -254,22 +257,23 @@ def _seat_labels(count: int) -> list[str]:
 
 
 def _check_numbers(
-    scheme: Scheme, records: int, points: int, stated: bool, bar_length: float | None
+    scheme: Scheme, records: int, seats: int, stated: bool, bar_length: float | None
 ) -> None:
+    """A seat without ``stated`` coordinates needs two records."""
     whole(records, 1, "records")
     if scheme != "free":
-        whole(points, 1, "seats")
-    of_seat = 1 if stated else 2
-    least = max(1, of_seat * points)
+        whole(seats, 1, "seats")
+    least_per_seat = 1 if stated else 2
+    least = max(1, least_per_seat * seats)
     if records < least:
-        each = f" ({of_seat} for each of {points} seats)" if points else ""
+        each = f" ({least_per_seat} for each of {seats} seats)" if seats else ""
         raise AacmmError(
             f"records is {records}; expected at least {least}{each}; use more records or fewer "
             "seats"
         )
-    if scheme == "ball-bar" and points % 2:
+    if scheme == "ball-bar" and seats % 2:
         raise AacmmError(
-            f"seats is {points}; expected an even number, because each ball bar has two seats"
+            f"seats is {seats}; expected an even number, because each ball bar has two seats"
         )
     if (bar_length is not None) != (scheme == "ball-bar"):
         raise AacmmError(
@@ -314,26 +318,26 @@ def workshop_conditions(
     ascending (n,); q is (n, nq) [rad].
     """
     n = len(session)
-    steps = rng.uniform(*RECORD_INTERVAL, size=n)
-    steps += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE_LENGTH, size=n)
-    steps += (np.diff(session, prepend=session[:1]) > 0) * rng.uniform(*BREAK, size=n)
-    time = np.cumsum(steps)
+    intervals = rng.uniform(*RECORD_INTERVAL, size=n)
+    intervals += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE_LENGTH, size=n)
+    intervals += (np.diff(session, prepend=session[:1]) > 0) * rng.uniform(*BREAK, size=n)
+    time = np.cumsum(intervals)
     offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
-    warmth = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
-    warmth += 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
-    warmth += rng.uniform(-0.1, 0.1, size=n)
-    way = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
-    came_back = rng.random(q.shape) < OVERSHOOT
-    labels = None
+    deviation = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
+    deviation += 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
+    deviation += rng.uniform(-0.1, 0.1, size=n)
+    approach = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
+    is_reversed = rng.random(q.shape) < OVERSHOOT
+    session_labels = None
     if session.any():
-        labels = np.array([str(number + 1) for number in session], dtype=object)
+        session_labels = np.array([str(number + 1) for number in session], dtype=object)
     conditions = Conditions(
         n,
         time=time,
-        temperature=model.arm.reference_temperature + TEMPERATURE_RANGE * warmth,
-        approach=np.where(came_back, -way, way) + 0.0,
+        temperature=model.arm.reference_temperature + TEMPERATURE_RANGE * deviation,
+        approach=np.where(is_reversed, -approach, approach) + 0.0,  # without -0
         seat=seat,
-        session=labels,
+        session=session_labels,
     )
     needs = {need for effect in model.effects for need in effect.needs}
     if "probe_direction" in needs:

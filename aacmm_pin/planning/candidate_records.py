@@ -62,7 +62,7 @@ def postures_at_seats(
         rows = existing.seats()
         first_row = [rows[label][0] for label in labels]
         stated, stated_u = existing.reference[first_row], existing.reference_u[first_row]
-    postures = pool.touched(points, max(4, min(EACH, count // len(labels))))
+    postures = pool.postures_at(points, max(4, min(EACH, count // len(labels))))
     if not any(len(q) for q in postures):
         raise AacmmError(
             f"{task.model.arm.name}: no posture within the limits reaches any of the "

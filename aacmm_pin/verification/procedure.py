@@ -281,7 +281,7 @@ class _Layout:
         tips = tips[inside][:CANDIDATES]
         best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]]
         zone = f"places at {low:.0%} to {high:.0%} of the reach"
-        (place,) = self.pool.places(best[:, None], 1, each, zone)
+        (place,) = self.pool.reached(best[:, None], 1, each, zone)
         self.placed_points.append(place.points[0])
         return place.points[0], place.postures[0]
 
@@ -334,7 +334,7 @@ class _Layout:
         """Add a bar with a point at 0 and at each length, in seven places."""
         for place, (start, direction) in enumerate(self._bar_places(np.array(lengths)), start=1):
             ends = start + np.array([0.0, *lengths])[:, None] * direction
-            postures = self.pool.touched(ends, REPEATS)
+            postures = self.pool.postures_at(ends, REPEATS)
             for test, aside in (("length-uni", 0.0), ("length-bi", self.probe_diameter / 2)):
                 if test in wanted:
                     cells = {"test": test, "position": f"P{place}"}
@@ -382,7 +382,7 @@ class _Layout:
                 marks = np.array([0.0, *lengths])[:, None] * direction
                 candidates = starts[distant][:, None] + marks
                 with suppress(AacmmError):  # then another direction is tried
-                    (place,) = self.pool.places(candidates, 1, 1, "bars")
+                    (place,) = self.pool.reached(candidates, 1, 1, "bars")
                     placed.append((place.points[0], direction))
                     break
         if len(placed) < PLACES:
