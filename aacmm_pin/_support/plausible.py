@@ -113,9 +113,9 @@ rad.
 LENGTH_NOISE = Range(0.0, 0.01, "m")
 """Standard uncertainty of a reference, contact, or length of a bar."""
 
-TURN_NOISE = Range(0.0, 0.1, "rad")
+ROTATION_NOISE = Range(0.0, 0.1, "rad")
 """Standard uncertainty about each axis: laser tracker 5e-5, camera 1e-3."""
-USUAL_TURN_NOISE = 5e-3
+USUAL_ROTATION_NOISE = 5e-3
 """A note asks from here whether it is in degrees [rad]."""
 
 LARGEST_COUNTS = {

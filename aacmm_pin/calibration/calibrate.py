@@ -414,7 +414,7 @@ def _notes_on_noise(after: Fit) -> Iterator[Note]:
             yield Note("seat_scatter_estimated", {"scatter": of_seats})
     else:
         yield Note("noise_enough", {"of": unstated_noise})
-    seats = int(after.observations.known.sum())
+    seats = int(after.observations.is_stated.sum())
     if of_seats and seats < FEW_SEATS:
         yield Note("few_seats", {"seats": seats})
 

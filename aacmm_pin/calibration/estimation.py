@@ -226,7 +226,7 @@ class _Estimation:
         solution = solve(self.problem, noise, point, weights)
         for _ in range(MOST_SCATTER_ROUNDS):
             before = np.array(noise.scatters)
-            scatters = variance_components(solution, self.observations.unstated)
+            scatters = variance_components(solution, self.observations.without_u)
             noise = self.noise(solution.point, scatters)
             solution = solve(self.problem, noise, solution.point, weights)
             after = np.array(noise.scatters)

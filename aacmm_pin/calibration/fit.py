@@ -117,7 +117,7 @@ class Fit:
         """Rows of used records and relations, less the coordinates of seats that they determine."""
         observations = self.observations
         rows = int(observations.counts[self.used].sum()) + len(observations.ends)
-        return rows - 3 * int((~observations.known).sum())
+        return rows - 3 * int((~observations.is_stated).sum())
 
     @cached_property
     def chi2(self) -> Chi2:
@@ -193,7 +193,7 @@ class Fit:
         whatever they state. A sphere or plane takes three numbers, twice if the noise is not
         stated.
         """
-        open_surfaces = self.observations.surfaces & ~self.observations.known
+        open_surfaces = self.observations.surfaces & ~self.observations.is_stated
         open_numbers = (3 if self.noise_is_stated else 6) * int(open_surfaces.sum())
         return self.chi2.dof >= 0.5 * (self.free + open_numbers)
 
@@ -213,7 +213,7 @@ class Fit:
     @property
     def scatter_in_words(self) -> str:
         """The scatter of tips, and of turns with orientations."""
-        turns = f" and {self.noise.scatters.turn / UM:.3g} µrad" if self.problem.turns else ""
+        turns = f" and {self.noise.scatters.rotation / UM:.3g} µrad" if self.problem.turns else ""
         return f"{self.scatter / MM:.4f} mm{turns}"
 
     @property
@@ -296,7 +296,9 @@ class Fit:
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
         seat = self.observations.seat[self.used]
-        is_stated = np.append(self.observations.known, True)  # the last for records without seat
+        is_stated = np.append(
+            self.observations.is_stated, True
+        )  # the last for records without seat
         touches = np.bincount(seat + 1, minlength=is_stated.size)[seat + 1]
         fitted = np.where(self.observations.on_surface[self.used], 3.0, 1.0)
         remaining = np.where(is_stated[seat], 1.0, np.maximum(1.0 - fitted / touches, 0.0))

@@ -59,12 +59,12 @@ class SeatElimination:
 
     def _set_orthonormal(self, by_seat: Array) -> None:
         """Set ``Q`` of records and stated coordinates, and ``C``, by Cholesky QR twice."""
-        is_stated = self.observations.known[:, None]
+        is_stated = self.observations.is_stated[:, None]
         count = len(self.observations.labels)
         u = np.where(is_stated, self.observations.stated_u, 1.0)
         by_stated = np.where(is_stated, 1.0 / u, 0.0)[:, :, None] * np.eye(3)
         # Contacts of a sphere or plane may leave a direction of it open: for these once will do.
-        may_be_open = self.observations.surfaces & ~self.observations.known
+        may_be_open = self.observations.surfaces & ~self.observations.is_stated
         self._triangle = np.broadcast_to(np.eye(3), (count, 3, 3))
         for least in (NOTHING_KNOWN, np.where(may_be_open, np.inf, 0.5)):
             information = self._seat_sums(by_seat.transpose(0, 2, 1) @ by_seat)
@@ -236,7 +236,7 @@ def linearise(point: Point, prior: Prior, noise: NoiseModel, weights: Array) -> 
     along_seats, (of_records, of_seats, of_relations) = elimination.eliminated(rows)
     blocks = [
         of_records if has_target.all() else of_records[has_target],
-        of_seats[observations.known],
+        of_seats[observations.is_stated],
         of_relations,
     ]
     filled = [block.reshape(-1, p + 1) for block in blocks if block.size]

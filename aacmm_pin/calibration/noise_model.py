@@ -50,26 +50,26 @@ class Scatters(NamedTuple):
 
     Attributes:
         tip: of each coordinate of a tip beside its target [m].
-        turn: of each component of the turn behind it [rad].
+        rotation: of each component of the rotation behind it [rad].
         seat: of each coordinate of a seat without stated uncertainty, common to its contacts [m].
     """
 
     tip: float = 0.0
-    turn: float = 0.0
+    rotation: float = 0.0
     seat: float = 0.0
 
     @property
     def of_targets(self) -> float:
-        """The larger one of tips [m] and turns [rad]."""
-        return max(self.tip, self.turn)
+        """The larger one of tips [m] and rotations [rad]."""
+        return max(self.tip, self.rotation)
 
     def covariance(self, width: int) -> Array:
-        """Of a residual of ``width`` numbers (3: tip; 6: tip and turn), without ``seat`` (3, 3) or
-        (6, 6) [m², rad²].
+        """Of a residual of ``width`` numbers (3: tip; 6: tip and rotation), without ``seat`` (3, 3)
+        or (6, 6) [m², rad²].
         """
         of_tip = max(self.tip, LEAST_U)
-        of_turn = max(self.turn, LEAST_U)
-        variance = np.repeat([of_tip**2, of_turn**2], 3)
+        of_rotation = max(self.rotation, LEAST_U)
+        variance = np.repeat([of_tip**2, of_rotation**2], 3)
         return np.diag(variance[:width])
 
 
@@ -109,7 +109,7 @@ class NoiseModel:
         setup = problem.setup
         n = problem.measurements.n
         observations = observations or observations_of(problem.measurements, setup)
-        u = np.where(observations.unstated, max(scatters.seat, LEAST_U), observations.stated_u)
+        u = np.where(observations.without_u, max(scatters.seat, LEAST_U), observations.stated_u)
         observations = replace(observations, stated_u=u)
         if observations.on_surface.any():
             tips_there = problem.poses(x, frame)[:, :3]
@@ -133,7 +133,8 @@ class NoiseModel:
     @property
     def of_residuals(self) -> Array:
         """Covariance of each residual (n, 3, 3) [m²], or (n, 6, 6)."""
-        return self.observations.counting(self.tip_covariance + self.observations.covariance)
+        covariance = self.tip_covariance + self.observations.covariance
+        return self.observations.counting_covariance(covariance)
 
     @cached_property
     def whitening(self) -> Array:
@@ -148,7 +149,7 @@ class NoiseModel:
     def without_scatter(self) -> Array:
         """:attr:`of_residuals` by the stated noise alone."""
         stated = self.tip_covariance - self.scatters.covariance(self.tip_covariance.shape[1])
-        return self.observations.counting(stated + self.observations.covariance)
+        return self.observations.counting_covariance(stated + self.observations.covariance)
 
 
 def observations_of(measurements: Measurements, setup: Setup) -> Observations:
@@ -191,7 +192,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         on_plane=on_plane,
         anchor=np.full((len(labels), 3), np.nan),
         normal=np.zeros((measurements.n, 3)),
-        by_place=np.zeros((measurements.n, 3)),
+        normal_for_seat=np.zeros((measurements.n, 3)),
     )
 
 

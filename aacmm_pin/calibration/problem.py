@@ -243,7 +243,7 @@ class Problem:
             by_turns = is_target[:, None, :, None] * orientations[:, :, None, :]
             by_turns = np.pad(by_turns.reshape(state.n, 3, -1), ((0, 0), (3, 0), (0, 0)))
             jacobian = np.concatenate([jacobian, by_turns], axis=2)
-            jacobian[:, 3:] = orientation.by_small_turn(poses[:, 3:]) @ jacobian[:, 3:]
+            jacobian[:, 3:] = orientation.inverse_left_jacobian(poses[:, 3:]) @ jacobian[:, 3:]
         return Prediction(poses, jacobian)
 
     def poses(self, x: Array, frame: Frame) -> Array:
@@ -254,7 +254,7 @@ class Problem:
         tips = frame.apply(state.position)
         if not self.turns:
             return tips
-        turns = orientation.turns(self._orientations(state, frame), self._stated)
+        turns = orientation.rotation_vectors(self._orientations(state, frame), self._stated)
         return np.hstack([tips, np.where(self.measurements.oriented[:, None], turns, 0.0)])
 
     def _orientations(self, state: State, frame: Frame) -> Array:

@@ -236,7 +236,7 @@ class Calibration(Shown):
             "chi2": chi2,
             "rms_rad": self.turns and of_models(self.turns),
             "unmodelled_mm": fit.scatter / MM,
-            "unmodelled_rad": scatters.turn if self.turns else None,
+            "unmodelled_rad": scatters.rotation if self.turns else None,
             "unmodelled_seat_mm": scatters.seat / MM or None,
             "noise_stated": fit.noise_is_stated,
             "parameters": self.parameters,

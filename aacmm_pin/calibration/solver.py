@@ -58,7 +58,7 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     enough_placed = placed.sum() >= FEWEST_PLACED
     points, references = tips[placed], problem.measurements.reference[placed]
     if problem.external and not enough_placed:
-        for k in np.flatnonzero(observations.spheres & observations.known):
+        for k in np.flatnonzero(observations.spheres & observations.is_stated):
             contacts = observations.seat == k
             centre = centre_of_sphere(tips[contacts], float(observations.radius[contacts][0]))
             points = np.concatenate([points, centre[None]])

@@ -36,7 +36,7 @@ def variance_components(fit: Fit, open_: Mask) -> Scatters:
     turn_dof = fit.turn_dof
     dof = fit.chi2.dof - turn_dof - dof_of_seats
     tip = before.tip if dof < LEAST_DOF else _tip_scatter(fit, open_, dof)
-    turn = before.turn if turn_dof < LEAST_DOF else _turn_scatter(fit, turn_dof)
+    turn = before.rotation if turn_dof < LEAST_DOF else _turn_scatter(fit, turn_dof)
     return Scatters(tip, turn, seat)
 
 
@@ -88,7 +88,7 @@ def _seat_scatter(fit: Fit, open_: Mask) -> tuple[float, float]:
     """
     noise = fit.noise
     system = fit.system
-    stated = noise.observations.known
+    stated = noise.observations.is_stated
     seat_rows = 3 * int(stated.sum())
     relations = len(noise.observations.ends)
     first = len(system.residual) - seat_rows - relations
@@ -124,7 +124,7 @@ def information_of_seats(fit: Fit) -> tuple[Array, Array, Array, Array]:
     by_seats = observations.by_seats(whitening)[touched, :3]
     weighted = fit.weights[touched, None, None] * by_seats.transpose(0, 2, 1)
     of_records = weighted @ by_seats
-    tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
+    tie = np.where(observations.is_stated[:, None], observations.stated_u, np.inf) ** -2.0
     information = tie[:, :, None] * np.eye(3)
     np.add.at(information, observations.seat[touched], of_records)
     return information, tie, of_records, -weighted @ whitening[touched, :3, :3]
@@ -152,7 +152,7 @@ def deleted_distances(fit: Fit) -> Array:
         corrections = changes @ by_others @ pulls @ deviations[touched][:, :, None]
         deviations[touched] += corrections[:, :, 0]
         covariance[touched] += changes @ by_others @ changes.transpose(0, 2, 1)
-    covariance = observations.counting(covariance)
+    covariance = observations.counting_covariance(covariance)
     deviations = observations.along_normals(deviations[:, None, :])[:, 0]
     has_target = observations.has_target
     turns = np.nan_to_num(fit.system.turn_distance[has_target])

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aacmm_pin._support.plausible import TURN_NOISE
+from aacmm_pin._support.plausible import ROTATION_NOISE
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.random_arm import perturbed_model
@@ -99,7 +99,7 @@ def run(
         angle_option(
             "With --scheme free or seats: add orientations of the tip with this standard "
             "uncertainty, in rad or with a unit, such as 50urad.",
-            TURN_NOISE,
+            ROTATION_NOISE,
         ),
     ] = None,
     effect: EffectTexts = None,

@@ -156,7 +156,7 @@ def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask)
     added, taken = elimination.squares(along, seats, relations)
     _add_squares(upper, added, 1.0)
     _add_squares(upper, taken, -1.0)
-    unknown = int((~observations.known[seats]).sum())
+    unknown = int((~observations.is_stated[seats]).sum())
     counted = int(observations.counts[chosen].sum()) + relations.size
     return max(counted - 3 * unknown, 0)
 

@@ -74,7 +74,7 @@ RECORD_COLUMNS = (
     _reference("reference", REFERENCE, "mm", plausible.COORDINATE),
     _reference("reference_u", REFERENCE_U, "mm", plausible.LENGTH_NOISE, above_zero=True),
     _reference("orientation", ORIENTATION, "1"),
-    _reference("orientation_u", (ORIENTATION_U,), "rad", plausible.TURN_NOISE, above_zero=True),
+    _reference("orientation_u", (ORIENTATION_U,), "rad", plausible.ROTATION_NOISE, above_zero=True),
     *map(CONDITION_ENTRIES.__getitem__, AT_FRONT),
     Column("bar", ("bar",), "groups", of_reference=True),
     _reference("bar_end", ("bar_end",)),
@@ -106,7 +106,7 @@ RELATION_COLUMNS = (
     Column("distance", ("distance_mm",), "none", "mm", plausible.COORDINATE, True),
     Column("distance_u", ("u_distance_mm",), "none", "mm", plausible.LENGTH_NOISE, True, True),
     Column("angle", ("angle_deg",), "none", "°", Range(0.0, math.pi, "rad")),
-    Column("angle_u", ("u_angle_deg",), "none", "°", plausible.TURN_NOISE, above_zero=True),
+    Column("angle_u", ("u_angle_deg",), "none", "°", plausible.ROTATION_NOISE, above_zero=True),
 )
 LABELS = tuple(
     column.names[0] for column in RECORD_COLUMNS if column.is_label and column.covariate != "none"

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.measurements.relations import of_planes
+from aacmm_pin.measurements.relations import relations_of_planes
 
 NOTHING_KNOWN = 1e-4
 """Smallest information for a known seat [1/m²]; less leaves it 100 m of freedom."""
@@ -39,9 +39,9 @@ def best_sphere(points: Array) -> tuple[Array, float]:
     Linear least squares of ``|p|² = 2 c·p + k``.
     """
     middle = points.mean(axis=0)
-    about = points - middle
-    columns = np.column_stack([2.0 * about, np.ones(len(about))])
-    solution, *_ = np.linalg.lstsq(columns, np.square(about).sum(axis=1), rcond=1e-6)
+    centred = points - middle
+    design = np.column_stack([2.0 * centred, np.ones(len(centred))])
+    solution, *_ = np.linalg.lstsq(design, np.square(centred).sum(axis=1), rcond=1e-6)
     centre, k = solution[:3], solution[3]
     return middle + centre, float(np.sqrt(np.maximum(k + centre @ centre, 0.0)))
 
@@ -52,7 +52,7 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
     The robust fit (soft L1 loss) starts on both sides of the points.
     """
 
-    def beyond(centre: Array) -> Any:
+    def distances(centre: Array) -> Any:
         return np.linalg.norm(points - centre, axis=1) - radius
 
     normal = normal_of_plane(points)
@@ -61,15 +61,15 @@ def centre_of_sphere(points: Array, radius: float) -> Array:
     height = np.sqrt(max(radius**2 - width**2, 0.0))
     starts = [best_sphere(points)[0], middle + height * normal, middle - height * normal]
     options = {"loss": "soft_l1", "f_scale": WILD_CONTACT}
-    ends = [scipy.optimize.least_squares(beyond, start, **options) for start in starts]
-    best = min(ends, key=lambda end: float(end.cost))
+    fits = [scipy.optimize.least_squares(distances, start, **options) for start in starts]
+    best = min(fits, key=lambda fit: float(fit.cost))
     return np.asarray(best.x)
 
 
 def normal_of_plane(points: Array) -> Array:
     """Unit normal ``(3,)`` of the best plane through points ``(m, 3)`` [m]."""
-    about = points - points.mean(axis=0)
-    *_, directions = np.linalg.svd(about, full_matrices=False)
+    centred = points - points.mean(axis=0)
+    *_, directions = np.linalg.svd(centred, full_matrices=False)
     return np.asarray(directions[2])
 
 
@@ -80,9 +80,9 @@ def plane_of_most(points: Array) -> tuple[Array, Array]:
     weights = np.ones(len(points))
     for _ in range(PLANE_ITERATIONS):
         middle = np.average(points, axis=0, weights=weights)
-        about = points - middle
-        *_, directions = np.linalg.svd(np.sqrt(weights)[:, None] * about, full_matrices=False)
-        distance = np.abs(about @ directions[2])
+        centred = points - middle
+        *_, directions = np.linalg.svd(np.sqrt(weights)[:, None] * centred, full_matrices=False)
+        distance = np.abs(centred @ directions[2])
         weights = 1.0 / np.maximum(distance, np.median(distance) + LEAST_MEDIAN)
     return middle, np.asarray(directions[2])
 
@@ -122,7 +122,7 @@ class Observations:
         anchor: a point as far from the plane as the contacts are from their mean, RMS and at least
             1 mm ``(s, 3)`` [m]; NaN for no plane.
         normal: of the surface at each record ``(n, 3)``; zero without surface.
-        by_place: minus the derivative of the distance from the plane by the seat ``(n, 3)``.
+        normal_for_seat: minus the derivative of the distance from the plane by the seat ``(n, 3)``.
     """
 
     reference: Array
@@ -140,13 +140,13 @@ class Observations:
     on_plane: Mask
     anchor: Array
     normal: Array
-    by_place: Array
+    normal_for_seat: Array
 
     @cached_property
     def has_target(self) -> Mask:
         """Records with a target, ``(n,)``."""
-        known = np.isfinite(self.reference).all(axis=1)
-        return (self.seat >= 0) | known
+        has_reference = np.isfinite(self.reference).all(axis=1)
+        return (self.seat >= 0) | has_reference
 
     @property
     def counts(self) -> Index:
@@ -188,40 +188,40 @@ class Observations:
     def with_normals(self, tips: Array, points: Array) -> Observations:
         """Return the observations with normals, for tips ``(n, 3)`` and seats ``(s, 3)`` [m]."""
         normal = np.zeros((len(tips), 3))
-        touches = self.on_sphere
-        way = tips[touches] - points[self.seat[touches]]
-        normal[touches] = way / np.linalg.norm(way, axis=1, keepdims=True)
+        sphere = self.on_sphere
+        from_centre = tips[sphere] - points[self.seat[sphere]]
+        normal[sphere] = from_centre / np.linalg.norm(from_centre, axis=1, keepdims=True)
         anchor = self.anchor.copy()
         for k in np.flatnonzero(self.planes & np.isnan(anchor[:, 0])):
             contacts = tips[self.seat == k]
             width = np.sqrt(np.square(contacts - contacts.mean(axis=0)).sum(axis=1).mean())
             anchor[k] = points[k] - max(width, LEAST_WIDTH) * plane_of_most(contacts)[1]
-        placed = replace(self, anchor=anchor)
-        touches = self.on_plane
-        seat = self.seat[touches]
-        of_planes = placed._normals_of_planes(points)
-        normal[touches] = of_planes
+        anchored = replace(self, anchor=anchor)
+        plane = self.on_plane
+        seat = self.seat[plane]
+        of_planes = anchored._normals_of_planes(points)
+        normal[plane] = of_planes
         height = np.linalg.norm(points[seat] - anchor[seat], axis=1)[:, None]
-        beside = tips[touches] - points[seat]
-        along = np.sum(beside * of_planes, axis=1, keepdims=True) * of_planes
-        by_place = np.zeros_like(normal)
-        by_place[touches] = of_planes - (beside - along) / height
-        return replace(placed, normal=normal, by_place=by_place)
+        from_seat = tips[plane] - points[seat]
+        along_normal = np.sum(from_seat * of_planes, axis=1, keepdims=True) * of_planes
+        normal_for_seat = np.zeros_like(normal)
+        # A displaced seat also rotates its plane about the anchor.
+        normal_for_seat[plane] = of_planes - (from_seat - along_normal) / height
+        return replace(anchored, normal=normal, normal_for_seat=normal_for_seat)
 
     def _normals_of_planes(self, points: Array) -> Array:
         seat = self.seat[self.on_plane]
-        way = points[seat] - self.anchor[seat]
-        return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
+        from_anchor = points[seat] - self.anchor[seat]
+        return np.asarray(from_anchor / np.linalg.norm(from_anchor, axis=1, keepdims=True))
 
     def by_seats(self, whitening: Array) -> Array:
         """Derivative of each whitened deviation with respect to its seat ``(n, r, 3)``;
-        ``whitening`` ``(n, r, 3 or 6)`` turns a deviation into r numbers.
+        ``whitening`` ``(n, r, 3 or 6)`` makes r numbers of a deviation.
         """
         derivative = -whitening[:, :, :3]
-        # A moved seat of a plane also turns its normal.
-        touches = self.on_plane
-        along = derivative[touches] @ self.normal[touches][:, :, None]
-        derivative[touches] = along * self.by_place[touches][:, None, :]
+        plane = self.on_plane
+        along_normal = derivative[plane] @ self.normal[plane][:, :, None]
+        derivative[plane] = along_normal * self.normal_for_seat[plane][:, None, :]
         return derivative
 
     def along_normals(self, rows: Array) -> Array:
@@ -230,17 +230,17 @@ class Observations:
             return rows
         return rows @ self._projections(rows.shape[2])
 
-    def counting(self, covariance: Array) -> Array:
+    def counting_covariance(self, covariance: Array) -> Array:
         """Covariance of the part of deviations that counts, ``(n, 3 or 6, 3 or 6)`` [m², rad²]; the
         rest has a tiny variance.
         """
         if not self.on_surface.any():
             return covariance
         projection = self._projections(covariance.shape[2])
-        along = projection @ covariance @ projection
-        size = np.trace(along[:, :3, :3], axis1=1, axis2=2)[:, None, None]
-        beside = NOTHING_BESIDE**2 * size * (np.eye(covariance.shape[2]) - projection)
-        return np.asarray(along + beside)
+        along_normal = projection @ covariance @ projection
+        size = np.trace(along_normal[:, :3, :3], axis1=1, axis2=2)[:, None, None]
+        across = NOTHING_BESIDE**2 * size * (np.eye(covariance.shape[2]) - projection)
+        return np.asarray(along_normal + across)
 
     def _projections(self, width: int) -> Array:
         """(n, width, width)."""
@@ -250,15 +250,15 @@ class Observations:
         return projections
 
     @property
-    def known(self) -> Mask:
+    def is_stated(self) -> Mask:
         """Seats with stated coordinates, ``(s,)``."""
         return np.asarray(np.isfinite(self.stated).all(axis=1))
 
     @property
-    def unstated(self) -> Mask:
+    def without_u(self) -> Mask:
         """Stated coordinates without an uncertainty, ``(s, 3)``."""
-        known = self.known[:, None]
-        return known & np.isnan(self.stated_u)
+        is_stated = self.is_stated[:, None]
+        return is_stated & np.isnan(self.stated_u)
 
     @cached_property
     def clusters(self) -> Index:
@@ -271,27 +271,27 @@ class Observations:
         The stated value, else the median of the tips; of a sphere the fitted centre, of a plane the
         mean.
         """
-        touched = self.seat >= 0
-        if not touched.any():
+        has_seat = self.seat >= 0
+        if not has_seat.any():
             return np.empty((0, 3))
-        medians = pd.DataFrame(tips[touched]).groupby(self.seat[touched]).median()
-        places = self.stated.copy()
-        free = [k for k in medians.index if not self.known[k]]
-        places[free] = medians.loc[free].to_numpy()
-        for k in np.flatnonzero(self.spheres & ~self.known):
+        medians = pd.DataFrame(tips[has_seat]).groupby(self.seat[has_seat]).median()
+        seats = self.stated.copy()
+        not_stated = [k for k in medians.index if not self.is_stated[k]]
+        seats[not_stated] = medians.loc[not_stated].to_numpy()
+        for k in np.flatnonzero(self.spheres & ~self.is_stated):
             contacts = self.seat == k
-            places[k] = centre_of_sphere(tips[contacts], float(self.radius[contacts][0]))
+            seats[k] = centre_of_sphere(tips[contacts], float(self.radius[contacts][0]))
         for k in np.flatnonzero(self.planes):
-            places[k], _ = plane_of_most(tips[self.seat == k])
-        return np.nan_to_num(places)
+            seats[k], _ = plane_of_most(tips[self.seat == k])
+        return np.nan_to_num(seats)
 
     def targets(self, points: Array) -> Array:
         """Targets of the tips, ``(n, 3)`` [m], for seats at ``points`` ``(s, 3)``; NaN without
         target.
         """
-        touched = self.seat >= 0
+        has_seat = self.seat >= 0
         targets = self.reference.copy()
-        targets[touched] = points[self.seat[touched]]
+        targets[has_seat] = points[self.seat[has_seat]]
         return targets
 
     def deviations(self, poses: Array, points: Array) -> Array:
@@ -304,62 +304,63 @@ class Observations:
         """
         deviations = poses.copy()
         deviations[:, :3] -= self.targets(points)
-        touches = self.on_sphere
-        beyond = np.linalg.norm(deviations[touches, :3], axis=1) - self.radius[touches]
-        deviations[touches, :3] = beyond[:, None] * self.normal[touches]
-        touches = self.on_plane
-        above = np.sum(deviations[touches, :3] * self._normals_of_planes(points), axis=1)
-        deviations[touches, :3] = above[:, None] * self.normal[touches]
+        sphere = self.on_sphere
+        above_sphere = np.linalg.norm(deviations[sphere, :3], axis=1) - self.radius[sphere]
+        deviations[sphere, :3] = above_sphere[:, None] * self.normal[sphere]
+        plane = self.on_plane
+        above_plane = np.sum(deviations[plane, :3] * self._normals_of_planes(points), axis=1)
+        deviations[plane, :3] = above_plane[:, None] * self.normal[plane]
         return deviations
 
     def of_seats(self, points: Array) -> Array:
         """Residuals of the stated seats over their u, ``(s, 3)``; zero if not stated."""
-        known = self.known[:, None]
-        return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
+        is_stated = self.is_stated[:, None]
+        u = np.where(is_stated, self.stated_u, 1.0)
+        return np.where(is_stated, (points - self.stated) / u, 0.0)
 
     def of_relations(self, points: Array) -> tuple[Array, Array]:
         """Residuals of relations over their u ``(b,)``; derivatives by both ends ``(b, 2, 3)``."""
         first, second = self.ends.T
-        way = points[first] - points[second]
-        values = np.linalg.norm(way, axis=1)
-        along = way / np.where(values > 0.0, values, 1.0)[:, None]
-        by_ends = np.stack([along, -along], axis=1)
+        difference = points[first] - points[second]
+        values = np.linalg.norm(difference, axis=1)
+        direction = difference / np.where(values > 0.0, values, 1.0)[:, None]
+        derivatives = np.stack([direction, -direction], axis=1)
         planes = self.relation != OF_BAR
         if planes.any():
             ends = self.ends[planes]
-            values[planes], by_ends[planes] = of_planes(
+            values[planes], derivatives[planes] = relations_of_planes(
                 self.relation[planes], self.value[planes], points[ends], self.anchor[ends]
             )
-        return (values - self.value) / self.value_u, by_ends / self.value_u[:, None, None]
+        return (values - self.value) / self.value_u, derivatives / self.value_u[:, None, None]
 
     def divided(self, part: Index) -> tuple[Observations, Index, Index]:
         """Separate the seats of each ``part`` ``(n,)`` of the records.
 
         Returns:
-            The observations; old index and part of each new seat ``(s',)``.
+            The observations; old index, and part, of each new seat ``(s',)``.
         """
-        touched = self.seat >= 0
-        of_touches = np.stack([part[touched], self.seat[touched]], axis=1)
-        pairs, number = np.unique(of_touches, axis=0, return_inverse=True)
+        has_seat = self.seat >= 0
+        part_and_seat = np.stack([part[has_seat], self.seat[has_seat]], axis=1)
+        pairs, new_number = np.unique(part_and_seat, axis=0, return_inverse=True)
         seat = np.full(len(self.seat), -1)
-        seat[touched] = number.ravel()
-        parts, old = pairs.astype(np.intp).T
+        seat[has_seat] = new_number.ravel()
+        parts, old_seat = pairs.astype(np.intp).T
         # Records of no part, -1, are in the last row.
-        place = np.full((part.max(initial=-1) + 2, len(self.labels)), -1)
-        place[parts, old] = np.arange(len(old))
-        ends = place[:, self.ends]
+        new_seat = np.full((part.max(initial=-1) + 2, len(self.labels)), -1)
+        new_seat[parts, old_seat] = np.arange(len(old_seat))
+        ends = new_seat[:, self.ends]
         has_both = (ends >= 0).all(axis=2)
         relations = np.nonzero(has_both)[1]
         divided = replace(
             self,
             seat=seat,
-            labels=tuple(self.labels[k] for k in old),
-            stated=self.stated[old],
-            stated_u=self.stated_u[old],
-            anchor=self.anchor[old],
+            labels=tuple(self.labels[k] for k in old_seat),
+            stated=self.stated[old_seat],
+            stated_u=self.stated_u[old_seat],
+            anchor=self.anchor[old_seat],
             ends=ends[has_both],
             relation=self.relation[relations],
             value=self.value[relations],
             value_u=self.value_u[relations],
         )
-        return divided, old, parts
+        return divided, old_seat, parts

@@ -27,15 +27,15 @@ def as_quaternions(form: tuple[str, ...], numbers: Array) -> Array:
     """
     if form == ORIENTATION:
         return numbers
-    known = np.isfinite(numbers).all(axis=1, keepdims=True)
-    filled = np.where(known, numbers, 0.0)
+    is_complete = np.isfinite(numbers).all(axis=1, keepdims=True)
+    filled = np.where(is_complete, numbers, 0.0)
     if form == ROTATION_VECTOR:
         rotations = scipy.spatial.transform.Rotation.from_rotvec(filled)
     else:
         rotations = scipy.spatial.transform.Rotation.from_euler(
             ROTATION_ORDERS[form], filled, degrees=True
         )
-    return np.where(known, np.roll(rotations.as_quat(), 1, axis=1), np.nan)
+    return np.where(is_complete, np.roll(rotations.as_quat(), 1, axis=1), np.nan)
 
 
 def quaternions(orientations: Array) -> Array:
@@ -44,24 +44,25 @@ def quaternions(orientations: Array) -> Array:
     return np.roll(rotations.as_quat(), 1, axis=1)
 
 
-def turns(orientation: Array, start: Array) -> Array:
+def rotation_vectors(orientation: Array, start: Array) -> Array:
     """Rotation vectors ``log(R Sᵀ)`` (n, 3) [rad] from ``start`` S to ``orientation`` R."""
-    way = orientation @ start.transpose(0, 2, 1)
-    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(way).as_rotvec())
+    between = orientation @ start.transpose(0, 2, 1)
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(between).as_rotvec())
 
 
-def by_small_turn(turn: Array) -> Array:
+def inverse_left_jacobian(vectors: Array) -> Array:
     """∂log(exp(δ) exp(φ))/∂δ at δ = 0 for rotation vectors φ (n, 3) [rad]: (n, 3, 3).
 
-    The inverse left Jacobian ``I - [φ]/2 + (1/φ² - cot(φ/2)/(2φ)) [φ]²`` (Barfoot 2017, 7.77).
+    ``I - [φ]/2 + (1/φ² - cot(φ/2)/(2φ)) [φ]²`` (Barfoot 2017, 7.77), with 1/12 for small angles.
     """
-    size = np.linalg.norm(turn, axis=1)[:, None, None]
-    safe = np.where(size > 1e-3, size, 1.0)
-    half = 0.5 * safe
-    factor = (1.0 - half / np.tan(half)) / safe**2
-    square = np.where(size > 1e-3, factor, 1.0 / 12.0)
-    cross = skew(turn)
-    return np.eye(3) - 0.5 * cross + square * (cross @ cross)
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    is_small = angle <= 1e-3
+    nonzero = np.where(is_small, 1.0, angle)
+    half = 0.5 * nonzero
+    factor = (1.0 - half / np.tan(half)) / nonzero**2
+    of_square = np.where(is_small, 1.0 / 12.0, factor)
+    cross = skew(vectors)
+    return np.eye(3) - 0.5 * cross + of_square * (cross @ cross)
 
 
 def mean(orientations: Array) -> Array:

@@ -634,7 +634,7 @@ def _notes(values: Values, angles: Column) -> tuple[Note, ...]:
     """
     notes = []
     largest_u = float(np.nan_to_num(values.block([ORIENTATION_U])).max())
-    if largest_u > plausible.USUAL_TURN_NOISE:
+    if largest_u > plausible.USUAL_ROTATION_NOISE:
         notes.append(Note("orientation_u_large", {"u": largest_u}))
     names = values.names(angles)
     theta = values.block(names)

@@ -77,10 +77,10 @@ def read_relations(
     if not len(table):
         problems.add("", "a table without relations; expected one row per pair of planes")
     names = checked_names([*table.columns], RELATION_COLUMNS, problems)
-    known = [column.names[0] for column in RELATION_COLUMNS]
+    valid = [column.names[0] for column in RELATION_COLUMNS]
     for name in dict.fromkeys(names):
-        if name.strip() and name not in known:
-            problems.add(name, f"unknown name; expected only {', '.join(known)}; rename the column")
+        if name.strip() and name not in valid:
+            problems.add(name, f"unknown name; expected only {', '.join(valid)}; rename the column")
     for column in RELATION_COLUMNS:
         if column.names[0] not in names and not column.field.startswith(DISTANCE):
             problems.add(column.names[0], "missing; expected this column in a table of relations")
@@ -125,9 +125,13 @@ def read_relations(
         "sides), or no distance",
         np.degrees(angle),
     )
-    of_a, of_b = (np.array([probes.get(k, np.nan) for k in labels]) for labels in (a, b))
+    probe_a, probe_b = (
+        np.array([probes.get(label, np.nan) for label in labels]) for labels in (a, b)
+    )
     opposite = angle == np.pi
-    no_probe = np.where(opposite, np.isnan(of_a + of_b), (of_a != of_b) & (of_a == of_a))
+    # On the same side, equal probes cancel.
+    differs = (probe_a != probe_b) & ~np.isnan(probe_a)
+    no_probe = np.where(opposite, np.isnan(probe_a + probe_b), differs)
     problems.at(
         np.isfinite(distance) & parallel & no_probe,
         "distance_mm",
@@ -137,50 +141,52 @@ def read_relations(
         b,
     )
     problems.stop()
-    between = np.abs(distance + np.where(opposite, (of_a + of_b) / 2, 0.0))
-    numbers = np.stack([between, distance_u, angle, angle_u]).tolist()
+    centre_distance = np.abs(distance + np.where(opposite, (probe_a + probe_b) / 2, 0.0))
+    numbers = np.stack([centre_distance, distance_u, angle, angle_u]).tolist()
     return tuple(map(Relation, a, b, *numbers))
 
 
-def of_planes(
+def relations_of_planes(
     kind: NDArray[np.str_], stated: Array, points: Array, anchors: Array
 ) -> tuple[Array, Array]:
     """Distances and angles of pairs of planes (m,) [m, rad], and derivatives by both points (m, 2,
-    3).
-
-    The derivatives are complex steps, exact to rounding (Squire, Trapp 1998).
+    3): complex steps, exact to rounding (Squire, Trapp 1998).
 
     Args:
         kind: of each number (m,).
         stated: (m,): an angle may be that of either side.
         points: of the planes (m, 2, 3) [m]; normals point there from the ``anchors``.
     """
-    by_points = np.empty_like(points)
+    derivatives = np.empty_like(points)
     for end, axis in np.ndindex(2, 3):
-        moved = points.astype(np.complex128)
-        moved[:, end, axis] += COMPLEX_STEP * 1j
-        by_points[:, end, axis] = _between(kind, stated, moved, anchors).imag / COMPLEX_STEP
-    return _between(kind, stated, points.astype(np.complex128), anchors).real, by_points
+        stepped = points.astype(np.complex128)
+        stepped[:, end, axis] += COMPLEX_STEP * 1j
+        derivatives[:, end, axis] = (
+            _values_of_planes(kind, stated, stepped, anchors).imag / COMPLEX_STEP
+        )
+    return _values_of_planes(kind, stated, points.astype(np.complex128), anchors).real, derivatives
 
 
-def _between(kind: NDArray[np.str_], stated: Array, points: Complex, anchors: Array) -> Complex:
+def _values_of_planes(
+    kind: NDArray[np.str_], stated: Array, points: Complex, anchors: Array
+) -> Complex:
     """Distances along the mean normal, and angles (m,)."""
     normals = _units(points - anchors)
     first, second = normals[:, 0], normals[:, 1]
-    way = points[:, 1] - points[:, 0]
+    difference = points[:, 1] - points[:, 0]
     cosine = _dot(first, second)
-    same = np.where(cosine.real < 0.0, -1.0, 1.0)
-    distance = _dot(way, first + same[:, None] * second) / 2
+    sense = np.where(cosine.real < 0.0, -1.0, 1.0)
+    distance = _dot(difference, first + sense[:, None] * second) / 2
     distance = np.where(distance.real < 0.0, -distance, distance)
-    # Each plane lies behind the other, as at a convex edge, unless the angle is then another one.
-    outwards = -np.sign((_dot(way, first) * _dot(way, second)).real)
+    # Each plane lies behind the other, as at a convex edge, unless the supplement fits.
+    outwards = -np.sign((_dot(difference, first) * _dot(difference, second)).real)
     angle = np.arccos(outwards * cosine)
-    other = np.pi - angle
-    is_other = np.abs(other.real - stated) + SURELY_OBLIQUE < np.abs(angle.real - stated)
+    supplement = np.pi - angle
+    is_supplement = np.abs(supplement.real - stated) + SURELY_OBLIQUE < np.abs(angle.real - stated)
     across = _units(np.cross(first, np.eye(3)[np.abs(first).argmin(axis=1)]))
-    tilts = [same * _dot(axis, second) for axis in (across, np.cross(first, across))]
-    values = [distance, np.where(is_other, other, angle), *tilts]
-    return np.select([kind == one for one in (DISTANCE, ANGLE, *TILTS)], values)
+    tilts = [sense * _dot(axis, second) for axis in (across, np.cross(first, across))]
+    values = [distance, np.where(is_supplement, supplement, angle), *tilts]
+    return np.select([kind == name for name in (DISTANCE, ANGLE, *TILTS)], values)
 
 
 def _dot(a: Complex, b: Complex) -> Complex:

@@ -126,7 +126,7 @@ def simulate_measurements(
     seed = "unknown" if stated_seed is None else stated_seed
     source = f"simulated {model.arm.name}, scheme {scheme}, seed {seed}{assumed}"
     if orientation_noise is not None:
-        plausible.TURN_NOISE.check(orientation_noise, "orientation_noise")
+        plausible.ROTATION_NOISE.check(orientation_noise, "orientation_noise")
     workshop = _Workshop(model, noise, rng, source, orientation_noise)
     if scheme == "free":
         return workshop.free(Room(model.arm, above).postures(records, rng)[0])

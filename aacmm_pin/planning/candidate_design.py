@@ -138,7 +138,7 @@ def whitened_rows(
         rows[record][:, of_seat[observations.seat[record]]] = by_seat[record]
     is_new = np.array([label not in stated for label in labels], dtype=bool)
     ties = [np.zeros((0, width))]
-    for seat in np.flatnonzero(observations.known & is_new):
+    for seat in np.flatnonzero(observations.is_stated & is_new):
         ties.append(unit[of_seat[seat]] / observations.stated_u[seat][:, None])
     _, by_ends = observations.of_relations(observations.start(prediction.tips))
     for (one, other), by_both in zip(observations.ends, by_ends, strict=True):

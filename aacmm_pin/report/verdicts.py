@@ -272,7 +272,7 @@ def _size_of_residuals(result: Diagnosis) -> tuple[str, bool]:
     text = f"the RMS residual is still {length(rms)}, but the stated noise is zero"
     if noise > NO_SCATTER:
         text = f"the RMS residual is still {rms / noise:.1f} times the noise"
-    rotation_scatter = extended.noise.scatters.turn if extended.noise_is_stated else 0.0
+    rotation_scatter = extended.noise.scatters.rotation if extended.noise_is_stated else 0.0
     if rotation_scatter:
         text += (
             f", and the orientations scatter by {rotation_scatter / UM:.3g} µrad more than stated"

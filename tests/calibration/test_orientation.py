@@ -112,7 +112,7 @@ def test_what_is_not_stated_is_found_and_what_is_wrong_is_left_out(sino6, rng):
     how = {"reference_frame": "external", "encoder_noise": NOISE["encoder_noise"]}
     found = calibrate(sino6, replace(data, orientation_u=None), "geometry", **how)
     assert np.flatnonzero(found.fit.excluded).tolist() == [7]
-    assert found.fit.noise.scatters.turn == pytest.approx(TURN, rel=0.25)
+    assert found.fit.noise.scatters.rotation == pytest.approx(TURN, rel=0.25)
     turned = Rotation.from_matrix(found.fit.point.frame.targets[0] @ FRAME.targets[0].T)
     assert turned.magnitude() < 5e-5
     assert found.turns["calibrated"] == pytest.approx(found.turns["noise"], rel=0.25)
