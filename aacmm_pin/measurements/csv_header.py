@@ -65,12 +65,12 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
                 span(columns),
                 f"the columns are {present}; expected {span(expected)} without a gap{each}",
             )
-    of_rows = column_of(LINK_TEMPERATURE.replace("#", "1")).among(texts)
+    row_temperatures = column_of(LINK_TEMPERATURE.replace("#", "1")).among(texts)
     if not joints:
-        there = first_few(map(repr, names)) or "nothing"
+        came = first_few(map(repr, names)) or "nothing"
         problems.add(
             "",
-            f"no angles; expected columns theta1_deg … or theta1_rad …; the header has {there}; "
+            f"no angles; expected columns theta1_deg … or theta1_rad …; the header has {came}; "
             "configurations computes the angles of a pose",
         )
     elif nq is not None and joints != nq:
@@ -81,17 +81,17 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
             f"{count(nq, 'joint')}",
         )
     _check_companions({*texts}, problems)
-    if of_rows and "temperature_c" in texts:
+    if row_temperatures and "temperature_c" in texts:
         problems.add(
             "temperature_c",
-            f"stated together with {span(of_rows)}; expected either temperature_c for the whole "
-            "arm, or one column for each DH row",
+            f"stated together with {span(row_temperatures)}; expected either temperature_c for "
+            "the whole arm, or one column for each DH row",
         )
-    if 0 < len(of_rows) < joints:
+    if 0 < len(row_temperatures) < joints:
         problems.add(
-            span(of_rows),
-            f"{len(of_rows)} columns; expected {joints} or more, one for each DH row; for the "
-            "whole arm use temperature_c",
+            span(row_temperatures),
+            f"{len(row_temperatures)} columns; expected {joints} or more, one for each DH row; for "
+            "the whole arm use temperature_c",
         )
     problems.stop()
 
@@ -127,20 +127,23 @@ def near_miss(name: str, present: Sequence[str], columns: Sequence[Column]) -> s
     """The name or form that was meant: the same letters, or a missing one that is similar or has
     another unit; else None.
     """
+    # A reference or an orientation would be lost in silence.
     with_unit = f"{name.lower()}_mm"
     if with_unit in REFERENCE and with_unit not in present:
-        return with_unit  # a reference that would be lost in silence
-    if name.lower().startswith(EULER):  # so would be an orientation
+        return with_unit
+    if name.lower().startswith(EULER):
         return f"{EULER}ORDER_a_deg (or b, c) with ORDER {', '.join(EULER_ORDERS)}"
     possible = single_names(columns)
     if digits := re.search("[0-9]+", name):
         number = digits[0].lstrip("0") or "0"
         possible = tuple(form.replace("#", number) for form in numbered_forms(columns))
-    letters = {_letters(other): other for other in possible}
-    if _letters(name) in letters:
-        return letters[_letters(name)]
-    stems = {_stem(other) for other in possible if other in present}
-    missing = {key: other for key, other in letters.items() if _stem(other) not in stems}
+    by_letters = {_letters(other): other for other in possible}
+    if _letters(name) in by_letters:
+        return by_letters[_letters(name)]
+    present_stems = {_stem(other) for other in possible if other in present}
+    missing = {
+        letters: other for letters, other in by_letters.items() if _stem(other) not in present_stems
+    }
     if name.rpartition("_")[2] in OTHER_UNITS:
         for other in missing.values():
             if _stem(other) == _stem(name):
@@ -159,27 +162,29 @@ def similar_labels(labels: Iterable[str]) -> list[str]:
 
 
 def _stem(name: str) -> str:
+    """The name without its unit."""
     return name.rpartition("_")[0] or name
 
 
 def _letters(name: str) -> str:
+    """Letters and digits in lower case."""
     text = name.casefold()
     for sign, letters in SPELLED.items():
         text = text.replace(sign, letters)
     return "".join(c for c in text if c.isalnum())
 
 
-def _check_companions(there: set[str], problems: Problems) -> None:
+def _check_companions(names: set[str], problems: Problems) -> None:
     groups = [column.names for column in MEASUREMENT_FILE if len(column.names) > 1]
     for group in (*groups, BAR):
-        present = [name for name in group if name in there]
-        missing = [name for name in group if name not in there]
+        present = [column for column in group if column in names]
+        missing = [column for column in group if column not in names]
         if present and missing:
             expected = f"expected all of {', '.join(group)}"
             problems.add(
                 ", ".join(missing), f"missing, but the file has {', '.join(present)}; {expected}"
             )
-    forms = [form for form in ORIENTATIONS if there.intersection(form)]
+    forms = [form for form in ORIENTATIONS if names.intersection(form)]
     if len(forms) > 1:
         problems.add(
             ", ".join(map(span, forms)),
@@ -187,9 +192,9 @@ def _check_companions(there: set[str], problems: Problems) -> None:
         )
     needs = {REFERENCE_U[0]: REFERENCE, ORIENTATION_U: (*forms, *ORIENTATIONS)[0]}
     for u, values in needs.items():
-        if u in there and not there.intersection(values):
+        if u in names and not names.intersection(values):
             problems.add(u, f"uncertainty without values; expected also {', '.join(values)}")
-    if there.intersection(BAR) and "seat" not in there:
+    if names.intersection(BAR) and "seat" not in names:
         problems.add(
             "seat",
             "missing, but the file has bar; expected the label of the seat at each end of a bar",

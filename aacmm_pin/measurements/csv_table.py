@@ -175,9 +175,9 @@ def _separation(text: str) -> tuple[str, bool]:
     lines = (line for line in text.splitlines() if line.strip() and not _NO_HEADER.match(line))
     headers = []
     for line in islice(lines, LAST_HEADER):
-        for mark in (",", *SEPARATORS):
-            if mark in line:
-                headers.append((mark, next(csv.reader([line], delimiter=mark))))
+        for separator in (",", *SEPARATORS):
+            if separator in line:
+                headers.append((separator, next(csv.reader([line], delimiter=separator))))
     with_names = (header for header in headers if _has_names(header[1]))
     separator, names = next(with_names, headers[0] if headers else (",", []))
     return separator, any(name.startswith(" ") for name in names[1:])
@@ -190,26 +190,28 @@ def _has_names(cells: Sequence[str]) -> bool:
 
 
 def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[FileLine]:
-    end = 0
-    lines = io.StringIO(text, newline="")
-    reader = csv.reader(lines, strict=True, delimiter=separator, skipinitialspace=spaced)
+    """The rows that are not blank, each with its first line."""
+    lines_before = 0
+    stream = io.StringIO(text, newline="")
+    reader = csv.reader(stream, strict=True, delimiter=separator, skipinitialspace=spaced)
     has_quotes = "'" in text
     try:
         for cells in reader:
             if cells:
                 if has_quotes:
                     cells = [*map(csv_unquoted, cells)]
-                yield FileLine(end + 1, [*map(str.strip, cells)] if spaced else cells)
-            end = reader.line_num
+                yield FileLine(lines_before + 1, [*map(str.strip, cells)] if spaced else cells)
+            lines_before = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(
-            path, end + 1, "", f"{error}; expected CSV; check the quotation marks"
+            path, lines_before + 1, "", f"{error}; expected CSV; check the quotation marks"
         ) from None
 
 
 def _records(
     path: str, rows: Sequence[FileLine], ways: list[str]
 ) -> tuple[list[str], Index, list[list[str]]]:
+    """The header, and the lines and cells of all records."""
     stated = [row for row in rows if not row.is_comment]
     if not stated:
         raise MeasurementFileError(
@@ -226,15 +228,15 @@ def _records(
             f"{with_names.line}); delete the rows above the header, or begin them with #",
         )
     header = first.cells
-    known = columns_of_file(header)
+    columns = columns_of_file(header)
     lower = [
-        name if column_of(name.lower(), known) is UNKNOWN_COLUMN else name.lower()
+        name if column_of(name.lower(), columns) is UNKNOWN_COLUMN else name.lower()
         for name in header
     ]
     if lower != header and len({*lower}) == len(lower):
         ways.append("with lower-case column names")
         header = lower
-    may_be_label = column_of(header[0], known).is_label  # a number does not begin with #
+    may_be_label = column_of(header[0], columns).is_label  # a number does not begin with #
     records = []
     for row in rows[rows.index(first) + 1 :]:
         if not row.is_comment or (may_be_label and len(row.cells) == len(header)):
@@ -260,8 +262,8 @@ def _records(
 
 def _numeric(header: Sequence[str]) -> list[int]:
     """Columns that may hold numbers."""
-    known = columns_of_file(header)
-    entries = [column_of(name, known) for name in header]
+    possible = columns_of_file(header)
+    entries = [column_of(name, possible) for name in header]
     return [k for k, entry in enumerate(entries) if entry is UNKNOWN_COLUMN or entry.unit]
 
 
@@ -270,23 +272,26 @@ def _decimal_sign_of(
 ) -> str:
     """The sign of most numbers, which the others must have."""
     signs = {k: np.array([*map(_decimal_sign, columns[k])]) for k in _numeric(header)}
-    commas, points = (sum(np.sum(of == sign) for of in signs.values()) for sign in ",.")
+    commas = sum(np.sum(column_signs == ",") for column_signs in signs.values())
+    points = sum(np.sum(column_signs == ".") for column_signs in signs.values())
     usual, other = (",", ".") if commas > points else (".", ",")
     came = f"{{!r}} with a decimal {DECIMAL_SIGNS[other]}"
     expected = f"expected a decimal {DECIMAL_SIGNS[usual]} as in {max(commas, points)} numbers"
-    for k, of_column in signs.items():
+    for k, column_signs in signs.items():
         cells = np.array(columns[k], dtype=object)
-        problems.at(of_column == other, header[k], f"{came}; {expected}", cells)
+        problems.at(column_signs == other, header[k], f"{came}; {expected}", cells)
     problems.stop()
     return usual
 
 
 def _decimal_sign(cell: object) -> str:
+    """The sign in a number; "" without one."""
     match = _NUMBER.fullmatch(str(cell))
     return match[1] if match else ""
 
 
 def _with_sign(cells: Iterable[Any], sign: str) -> list[Any]:
+    """The cells with another decimal sign in numbers."""
     signs = [(cell, _decimal_sign(cell)) for cell in cells]
     return [str(cell).replace(stated, sign) if stated else cell for cell, stated in signs]
 
@@ -320,32 +325,32 @@ def joined_by_record(path: str, first: CsvTable, other: str, second: CsvTable) -
         MeasurementFileError: a column is in both, a value of ``record`` is missing or repeated, or
             the numbers of rows differ.
     """
-    one, two = first.table, second.table
-    for name in one.columns.intersection(two.columns).drop("record", errors="ignore"):
+    table, added = first.table, second.table
+    for name in table.columns.intersection(added.columns).drop("record", errors="ignore"):
         raise MeasurementFileError(
             other, 1, name, f"{path} also has this column; expected each column in one file only"
         )
-    if "record" in one and "record" in two:
-        _check_labels(path, first, two["record"], other)
-        _check_labels(other, second, one["record"], path)
-        return one.merge(two, how="left", on="record")
-    if len(one) != len(two):
+    if "record" in table and "record" in added:
+        _check_labels(path, first, added["record"], other)
+        _check_labels(other, second, table["record"], path)
+        return table.merge(added, how="left", on="record")
+    if len(table) != len(added):
         raise MeasurementFileError(
             other,
             None,
             "record",
-            f"{len(two)} rows; expected {len(one)}, as many as in {path}, or the column "
+            f"{len(added)} rows; expected {len(table)}, as many as in {path}, or the column "
             "`record` in both files",
         )
-    return pd.concat([one, two], axis=1)
+    return pd.concat([table, added], axis=1)
 
 
-def _check_labels(path: str, file: CsvTable, others: pd.Series, other: str) -> None:
+def _check_labels(path: str, file: CsvTable, labels_of_other: pd.Series, other: str) -> None:
     problems = Problems(path, file.lines)
     labels = file.table["record"]
     cells = labels.to_numpy()
-    again = labels.duplicated().to_numpy()
-    problems.at(again, "record", "{!r} occurs again; expected each label once", cells)
-    missing = ~labels.isin(others).to_numpy()
-    problems.at(missing, "record", f"{{!r}}; expected a label that is also in {other}", cells)
+    is_repeated = labels.duplicated().to_numpy()
+    problems.at(is_repeated, "record", "{!r} occurs again; expected each label once", cells)
+    is_missing = ~labels.isin(labels_of_other).to_numpy()
+    problems.at(is_missing, "record", f"{{!r}}; expected a label that is also in {other}", cells)
     problems.stop()

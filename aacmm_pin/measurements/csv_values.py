@@ -45,8 +45,8 @@ COARSE_DECIMALS = 4
 """Rounding to more adds less than the noise of an encoder."""
 WHOLE_TOLERANCE = 1e-6
 """Of a whole number of steps."""
-LEAST_PART_IN_A_TURN = 0.75
-"""Part of the angles within ±2π if degrees may be radians."""
+LEAST_PART_IN_ONE_TURN = 0.75
+"""Part of the angles within ±2π from which on degrees may be radians."""
 SIGNS = (-1.0, 0.0, 1.0)
 """Directions of approach."""
 BAR_ENDS = ("A", "B")
@@ -73,19 +73,21 @@ class Values:
         """A column; "" if missing."""
         return self.columns.get(name, np.full(self.n, "", dtype=object))
 
-    def names(self, entry: Column) -> list[str]:
-        """Columns of an entry."""
-        return entry.among(self.columns)
+    def names(self, quantity: Column) -> list[str]:
+        """The present columns of a quantity."""
+        return quantity.among(self.columns)
 
-    def field(self, entry: Column) -> NDArray[Any] | None:
-        """The columns of an entry in SI, or None: (n,), or (n, columns)."""
-        names = self.names(entry)
+    def in_si(self, quantity: Column) -> NDArray[Any] | None:
+        """Numbers in SI, or labels: (n,), or (n, columns) of joints, rows or components; None for
+        an absent quantity.
+        """
+        names = self.names(quantity)
         if not names:
             return None
-        if entry.is_label:
+        if quantity.is_label:
             return self.columns[names[0]]
-        block = self.block(names) * entry.si
-        return block if entry.is_numbered or len(names) > 1 else block[:, 0]
+        numbers = self.block(names) * quantity.si
+        return numbers if quantity.is_numbered or len(names) > 1 else numbers[:, 0]
 
 
 def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Problems) -> Values:
@@ -108,14 +110,14 @@ def cells_of(column: pd.Series) -> Cells:
 def _numbers(name: str, cells: Cells, column: Column, problems: Problems) -> Array:
     """Cells as numbers, NaN if empty, infinite if invalid."""
     stripped = pd.Series(cells, dtype=object).str.strip()
-    values = np.array(pd.to_numeric(stripped, errors="coerce"), dtype=np.float64)
-    empty = (stripped == "").to_numpy()
-    unreadable = ~np.isfinite(values) & ~empty
-    problems.at(unreadable, name, "{!r}; expected a finite number with a decimal point", cells)
-    values[unreadable] = np.inf
+    numbers = np.array(pd.to_numeric(stripped, errors="coerce"), dtype=np.float64)
+    is_empty = (stripped == "").to_numpy()
+    is_unreadable = ~np.isfinite(numbers) & ~is_empty
+    problems.at(is_unreadable, name, "{!r}; expected a finite number with a decimal point", cells)
+    numbers[is_unreadable] = np.inf
     if not column.may_be_empty:
-        problems.at(empty, name, "empty cell or NaN; expected a number in each row")
-    return values
+        problems.at(is_empty, name, "empty cell or NaN; expected a number in each row")
+    return numbers
 
 
 def check_values(values: Values, columns: Sequence[Column], problems: Problems) -> None:
@@ -128,47 +130,47 @@ def check_values(values: Values, columns: Sequence[Column], problems: Problems) 
 
 def check_numbers(
     column: Column,
-    places: Sequence[str],
+    names: Sequence[str],
     numbers: Array,
-    possible: Range | None,
+    valid: Range | None,
     problems: Problems,
 ) -> None:
-    """Check numbers (n, k) of ``places`` against a column, and the ``possible`` range in their
-    unit.
+    """Check numbers (n, k) of the columns ``names`` against a column, and the ``valid`` range in
+    their unit.
     """
     stated = ~np.isnan(numbers)
-    partly = stated.any(axis=1) & ~stated.all(axis=1)
-    for k, place in enumerate(places):
-        component = numbers[:, k]
+    is_partial = stated.any(axis=1) & ~stated.all(axis=1)
+    for k, name in enumerate(names):
+        values = numbers[:, k]
         if column.above_zero:
             expected = "expected a standard uncertainty above 0"
-            problems.at(component == 0.0, place, f"{{:g}}; {expected}", component)
-        if possible is not None:
-            message = f"{{:.6g}} {possible.unit}; {possible.expected}"
-            outside = possible.outside(component) & np.isfinite(component)
-            problems.at(outside, place, message, component)
+            problems.at(values == 0.0, name, f"{{:g}}; {expected}", values)
+        if valid is not None:
+            message = f"{{:.6g}} {valid.unit}; {valid.expected}"
+            outside = valid.outside(values) & np.isfinite(values)
+            problems.at(outside, name, message, values)
         problems.at(
-            partly & ~stated[:, k],
-            place,
+            is_partial & ~stated[:, k],
+            name,
             f"empty cell or NaN in a row with part of {', '.join(column.names)}; expected all or "
             "none of these values",
         )
     if not column.is_direction:
         return
     length = np.linalg.norm(numbers, axis=1)
-    wrong = is_no_unit(length) & np.isfinite(length)
+    is_no_unit_vector = is_no_unit(length) & np.isfinite(length)
     if column.names == ORIENTATION:
         problems.at(
-            wrong,
-            span(places),
+            is_no_unit_vector,
+            span(names),
             "a norm of {:.6g}; expected 1, because these are unit quaternions with the scalar "
             f"first; for other forms use {span(ROTATION_VECTOR)} or {span(ROLL_PITCH_YAW)}",
             length,
         )
     else:
         problems.at(
-            wrong & (length > 0.0),
-            span(places),
+            is_no_unit_vector & (length > 0.0),
+            span(names),
             f"a length of {{:.6g}}; expected 1 ± {MOST_LENGTH_ERROR:g}, or empty cells if there is "
             "no direction",
             length,
@@ -230,7 +232,7 @@ def mostly_like_radians(degrees: Array) -> bool:
     sizes = np.abs(degrees[degrees != 0.0])
     if not sizes.size or sizes.max() <= 1.0:
         return False
-    return bool(np.mean(sizes <= 2.0 * np.pi) >= LEAST_PART_IN_A_TURN)
+    return bool(np.mean(sizes <= 2.0 * np.pi) >= LEAST_PART_IN_ONE_TURN)
 
 
 def rounding_steps(angles: Array) -> Array:
@@ -245,31 +247,31 @@ def rounding_steps(angles: Array) -> Array:
 
 
 def _check_references(values: Values, problems: Problems) -> None:
-    """No tip is at the origin in every record, but for one seat there."""
+    """Coordinates that are all zero are refused, but for one seat at the origin."""
     coordinates = values.block(REFERENCE)
     complete = np.isfinite(coordinates).all(axis=1)
-    number = np.count_nonzero(complete)
+    count = np.count_nonzero(complete)
     seat = values.label("seat")
     seats = {*seat[complete]}
     of_one_seat = len(seats) == 1 and "" not in seats
-    if number > 1 and not coordinates[complete].any() and not of_one_seat:
+    if count > 1 and not coordinates[complete].any() and not of_one_seat:
         problems.add(
             span(REFERENCE),
-            f"all {number} references are 0, 0, 0; expected the coordinates of each point; leave "
+            f"all {count} references are 0, 0, 0; expected the coordinates of each point; leave "
             "unknown coordinates empty; if all records are of one point, label this point in the "
             "column `seat`",
         )
-    placed = np.isfinite(coordinates).any(axis=1)
+    has_coordinates = np.isfinite(coordinates).any(axis=1)
     for form in ORIENTATIONS:
-        oriented = np.isfinite(values.block(form)).all(axis=1)
+        has_orientation = np.isfinite(values.block(form)).all(axis=1)
         problems.at(
-            oriented & ~placed & (seat == ""),
+            has_orientation & ~has_coordinates & (seat == ""),
             span(form),
             f"an orientation without a position; expected also {span(REFERENCE)} or seat",
         )
-    single = ~pd.Series(seat).duplicated(keep=False).to_numpy()
+    is_single = ~pd.Series(seat).duplicated(keep=False).to_numpy()
     problems.at(
-        (seat != "") & single & ~placed & (values.label("bar") == ""),
+        (seat != "") & is_single & ~has_coordinates & (values.label("bar") == ""),
         "seat",
         "only this record has the label {!r}, and it has no coordinates; expected two or more "
         "records with this label, or an empty cell",
@@ -292,9 +294,9 @@ def _check_features(values: Values, problems: Problems) -> None:
         DIAMETERS[1],
         "empty cell in a row with the diameter of a feature; expected both diameters",
     )
-    directed = np.nan_to_num(values.block(PROBE_DIRECTION)).any(axis=1)
+    has_direction = np.nan_to_num(values.block(PROBE_DIRECTION)).any(axis=1)
     problems.at(
-        ~sphere & probe & ~(directed & (seat == "")),
+        ~sphere & probe & ~(has_direction & (seat == "")),
         DIAMETERS[0],
         "empty cell in a row with the diameter of a probe; expected both diameters, or "
         f"{span(PROBE_DIRECTION)} in a row without feature and seat",
@@ -303,9 +305,9 @@ def _check_features(values: Values, problems: Problems) -> None:
     stated = np.column_stack([diameters, values.block(REFERENCE)])
     for name, numbers in zip((*DIAMETERS, *REFERENCE), stated.T, strict=True):
         problems.of_other_values(name, numbers, sphere & np.isfinite(numbers), labels, "feature")
-    placed = np.isfinite(values.block(REFERENCE)).any(axis=1)
+    has_coordinates = np.isfinite(values.block(REFERENCE)).any(axis=1)
     problems.at(
-        plane & (placed | sphere),
+        plane & (has_coordinates | sphere),
         FEATURE_KIND,
         "plane in a row with coordinates or a diameter; expected empty cells there",
     )
@@ -315,12 +317,12 @@ def _check_features(values: Values, problems: Problems) -> None:
         "a bar in a row of a plane; expected an empty cell",
     )
     contacts = labels.groupby(labels).transform("size").to_numpy()
-    unplaced = ~labels.isin(seat[placed]).to_numpy()
+    without_coordinates = ~labels.isin(seat[has_coordinates]).to_numpy()
     features = (
         ("sphere", sphere, DIAMETERS[0], "a diameter", " without coordinates of its centre"),
         (PLANE, plane, FEATURE_KIND, PLANE, ""),
     )
-    for name, rows, column, value, which in features:
+    for name, rows, column, value, addition in features:
         problems.at(
             rows & (seat == ""),
             column,
@@ -334,9 +336,9 @@ def _check_features(values: Values, problems: Problems) -> None:
             seat,
         )
         problems.at(
-            rows & (contacts < FEWEST_CONTACTS) & unplaced,
+            rows & (contacts < FEWEST_CONTACTS) & without_coordinates,
             "seat",
-            f"the {name} {{!r}} has {{}} records{which}; expected 4 or more",
+            f"the {name} {{!r}} has {{}} records{addition}; expected 4 or more",
             seat,
             contacts,
         )
@@ -346,10 +348,9 @@ def _check_bars(values: Values, problems: Problems) -> None:
     bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
     length, u = values.block(["bar_length_mm", BAR_U]).T
     of_bar = bar != ""
-    for name, empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
-        problems.at(
-            of_bar & empty, name, "empty cell in a row of the bar {!r}; expected a value", bar
-        )
+    message = "empty cell in a row of the bar {!r}; expected a value"
+    problems.at(of_bar & (seat == ""), "seat", message, bar)
+    problems.at(of_bar & np.isnan(length), "bar_length_mm", message, bar)
     groups = pd.Series(bar)
     for name, numbers in (("bar_length_mm", length), (BAR_U, u)):
         problems.of_other_values(name, numbers, of_bar & np.isfinite(numbers), groups, "bar")
@@ -359,9 +360,9 @@ def _check_bars(values: Values, problems: Problems) -> None:
     is_end = of_bar & np.isin(end, BAR_ENDS)
     problems.at(of_bar & ~is_end, "bar_end", "{!r}; expected A or B", end)
     ends = pd.Series(end)
-    one_end = ends.groupby(bar).transform("nunique").to_numpy() == 1
+    has_one_end = ends.groupby(bar).transform("nunique").to_numpy() == 1
     problems.at(
-        is_end & one_end & ~groups.duplicated().to_numpy(),
+        is_end & has_one_end & ~groups.duplicated().to_numpy(),
         "bar_end",
         "the bar {!r} has records of end {} only; expected records of A and B",
         bar,

@@ -77,14 +77,14 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
     _check_tests(points, problems)
     for labels, columns in ONE_VALUE.items():
         tests = [test for test, needed in NEEDED.items() if columns[0] in needed]
-        of_these = points["test"].isin(tests)
+        of_tests = points["test"].isin(tests)
         groups = points.groupby(["test", *labels]).ngroup()
         for name in columns:
             stated = points[POINT_FIELDS[name]].to_numpy()
-            is_stated = of_these & np.isfinite(stated)
-            first = problems.of_other_values(name, stated, is_stated, groups, ", ".join(labels))
-            filled = np.where(of_these & (first >= 0), stated[first], stated)
-            points[POINT_FIELDS[name]] = filled
+            is_stated = of_tests & np.isfinite(stated)
+            first_row = problems.of_other_values(name, stated, is_stated, groups, ", ".join(labels))
+            completed = np.where(of_tests & (first_row >= 0), stated[first_row], stated)
+            points[POINT_FIELDS[name]] = completed
     points[lengths] *= MM
     return points
 
@@ -163,32 +163,34 @@ def as_records(table: pd.DataFrame, problems: Problems) -> tuple[pd.DataFrame, t
 def _seats_of(points: pd.DataFrame) -> pd.DataFrame:
     """Columns of a measurement file, and ``kind``: ``point``, ``bar``, ``sphere`` or ""."""
     test, feature, position = (points[name] for name in ("test", "feature", "position"))
-    place = ["test", "length_id", "position"]
-    labels = [points[name] for name in place]
-    features = feature.groupby(labels)
-    once = ~points.duplicated([*place, "repeat", "feature"], keep=False)
-    is_bar = test.isin(LENGTH_TESTS) & once.groupby(labels).transform("all")
-    is_bar &= features.transform("nunique") == 2
-    is_point = (test == "single-point") & points.duplicated(place, keep=False)
-    bar = test + " " + points["length_id"] + " in position " + position
-    end = pd.Series(np.where(feature == features.transform("first"), "A", "B"))
+    label_columns = ["test", "length_id", "position"]
+    labels = [points[name] for name in label_columns]
+    features_of_length = feature.groupby(labels)
+    is_single = ~points.duplicated([*label_columns, "repeat", "feature"], keep=False)
+    is_bar = test.isin(LENGTH_TESTS) & is_single.groupby(labels).transform("all")
+    is_bar &= features_of_length.transform("nunique") == 2
+    is_point = (test == "single-point") & points.duplicated(label_columns, keep=False)
+    bar_label = test + " " + points["length_id"] + " in position " + position
+    bar_end = pd.Series(np.where(feature == features_of_length.transform("first"), "A", "B"))
     opposite = test == "length-bi"
     length = points["length"] + points["probe_diameter"].where(opposite, 0.0)
     diameters = points[["feature_diameter", "probe_diameter"]]
-    sphere = test + " " + feature + (" in position " + position).where(position != "", "")
+    sphere_label = test + " " + feature + (" in position " + position).where(position != "", "")
     is_sphere = diameters.notna().all(axis=1) & ~is_bar & ~is_point
-    is_sphere &= sphere.where(is_sphere).groupby(sphere).transform("count") >= FEWEST_CONTACTS
-    of_kind = {
+    is_sphere &= (
+        sphere_label.where(is_sphere).groupby(sphere_label).transform("count") >= FEWEST_CONTACTS
+    )
+    kinds = {
         "point": (is_point, "point " + position),
-        "bar": (is_bar, bar + ", " + feature),
-        "sphere": (is_sphere, sphere),
+        "bar": (is_bar, bar_label + ", " + feature),
+        "sphere": (is_sphere, sphere_label),
     }
     seats = pd.DataFrame({"kind": "", "seat": ""}, index=points.index)
-    for kind, (chosen, label) in of_kind.items():
-        seats["kind"] = seats["kind"].where(~chosen, kind)
-        seats["seat"] = seats["seat"].where(~chosen, label)
+    for kind, (is_kind, label) in kinds.items():
+        seats["kind"] = seats["kind"].where(~is_kind, kind)
+        seats["seat"] = seats["seat"].where(~is_kind, label)
     seats[[*DIAMETERS]] = (diameters / MM).where(is_sphere)
-    seats["bar"], seats["bar_end"] = bar.where(is_bar, ""), end.where(is_bar, "")
+    seats["bar"], seats["bar_end"] = bar_label.where(is_bar, ""), bar_end.where(is_bar, "")
     seats["bar_length_mm"] = (length / MM).where(is_bar)
     if points["u_length"].notna().any():
         u = points["u_length"].clip(lower=LEAST_LENGTH_U).groupby(labels).transform("max")

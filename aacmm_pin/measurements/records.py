@@ -552,7 +552,7 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     elif {FEATURE, FEATURE_KIND, *DIAMETERS} & {*table} > {FEATURE}:
         table = with_features_as_seats(table, problems)
     values = read_records(table, nq, problems)
-    stated = {column.field: values.field(column) for column in RECORD_COLUMNS if column.field}
+    stated = {column.field: values.in_si(column) for column in RECORD_COLUMNS if column.field}
     for form in ORIENTATIONS:
         if form[0] in values.columns:
             stated["orientation"] = as_quaternions(form, values.block(form))
@@ -572,7 +572,7 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     extra = table[unknown].reset_index(drop=True)
     angles = DEGREES if values.names(DEGREES) else RADIANS
     return _measurements(
-        values.field(angles),
+        values.in_si(angles),
         stated,
         conditions=Conditions(values.n, **conditions),
         extra=_with_numbers(extra, values),

@@ -52,8 +52,8 @@ def originals(records: Measurements) -> Index:
 
 
 def _group_numbers(table: pd.DataFrame) -> Index:
-    by = table.groupby(list(table.columns), sort=False, dropna=False)
-    return np.asarray(by.ngroup(), dtype=np.intp)
+    groups = table.groupby(list(table.columns), sort=False, dropna=False)
+    return np.asarray(groups.ngroup(), dtype=np.intp)
 
 
 def _nearest_difference(q: Array, most: float) -> Array:
@@ -61,10 +61,10 @@ def _nearest_difference(q: Array, most: float) -> Array:
     whole turns aside; infinite above ``most``.
     """
     turn = 2 * np.pi
-    # Of a tiny negative angle the first gives 2π, which the tree refuses.
-    within = np.mod(np.mod(q, turn), turn)
-    tree = scipy.spatial.KDTree(within, boxsize=turn)
-    distances, _ = tree.query(within, 2, p=np.inf, distance_upper_bound=most)
+    # The first remainder of a tiny negative angle is 2π, which the tree refuses.
+    in_one_turn = np.mod(np.mod(q, turn), turn)
+    tree = scipy.spatial.KDTree(in_one_turn, boxsize=turn)
+    distances, _ = tree.query(in_one_turn, 2, p=np.inf, distance_upper_bound=most)
     return np.asarray(distances[:, 1])
 
 
@@ -94,12 +94,12 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
     Successive records in one posture, equal in reference, labels, approach and other few-valued
     columns, are one contact.
     """
-    few = [name for name in records.extra if records.extra[name].nunique() <= MOST_VALUES]
-    columns = [*SHARED_BY_COPIES, "session", "operator", *named(APPROACH, records.nq), *few]
+    few_valued = [name for name in records.extra if records.extra[name].nunique() <= MOST_VALUES]
+    columns = [*SHARED_BY_COPIES, "session", "operator", *named(APPROACH, records.nq), *few_valued]
     table = records.to_frame().reindex(columns=columns).assign(posture=records.postures)
     is_new = np.diff(_group_numbers(table), prepend=-1) != 0
     contact = np.cumsum(is_new) - 1
-    readings = np.bincount(contact)
+    readings_of_contact = np.bincount(contact)
     if is_new.all():
         return records, np.zeros(0, dtype=np.intp)
     means: dict[str, Any] = {
@@ -107,7 +107,7 @@ def means_of_contacts(records: Measurements) -> tuple[Measurements, Index]:
         for name in ("q", "of_encoders")
         if getattr(records, name) is not None
     }
-    return replace(records.take(is_new), **means), np.flatnonzero(readings[contact] > 1)
+    return replace(records.take(is_new), **means), np.flatnonzero(readings_of_contact[contact] > 1)
 
 
 def fingerprints(records: Measurements) -> tuple[str, ...]:
@@ -118,9 +118,9 @@ def fingerprints(records: Measurements) -> tuple[str, ...]:
 def fingerprints_of_standards(records: Measurements) -> tuple[str, ...]:
     """Fingerprints of each seat's coordinates, and of each bar's length and u."""
     at_seat = records.conditions.labels("seat") != ""
-    places = np.unique(records.reference[records.known & at_seat], axis=0)
+    coordinates = np.unique(records.reference[records.known & at_seat], axis=0)
     lengths = np.unique(records.lengths(), axis=0).reshape(-1, 2)
-    of_seats = [f"seat-{text}" for text in _hashes(places)]
+    of_seats = [f"seat-{text}" for text in _hashes(coordinates)]
     return (*of_seats, *(f"bar-{text}" for text in _hashes(lengths)))
 
 
