@@ -76,17 +76,19 @@ class LoadedEffect(Effect):
         carried = [row for row in ends if row >= (self.row or 0)]
         return tuple(replace(self, load_at=row, values=(), u=()) for row in carried)
 
-    def unit_load(self, state: State, row: int, about: Array) -> Array:
-        """The moment of a unit load beyond body ``row`` about points ``(n, 3)`` [m], in the base
-        ``(n, 3)``.
+    def moment_of_unit_load(self, state: State, row: int, points: Array) -> Array:
+        """The moment of a unit load beyond body ``row`` about ``points`` ``(n, 3)`` [m], in the
+        base ``(n, 3)``.
 
         Raises:
             AacmmError: the load is at a body before ``row``.
         """
-        at = state.known_row(self.load_at or 0)
-        if at < row:
-            raise AacmmError(f"{self.label}: load_at is {at}; expected {row} or a later row")
-        return np.cross(state.origin[end(at)] - about, state.down)
+        loaded_row = state.require_row(self.load_at or 0)
+        if loaded_row < row:
+            raise AacmmError(
+                f"{self.label}: load_at is {loaded_row}; expected {row} or a later row"
+            )
+        return np.cross(state.origin[end(loaded_row)] - points, state.down)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,14 +146,15 @@ class GravityEffect(LoadedEffect):
                 axis.
         """
         if self.load_at is not None:
-            return self.unit_load(state, row, state.origin[state.bearing(row)])[:, :, None]
+            bearing = state.origin[state.bearing(row)]
+            return self.moment_of_unit_load(state, row, bearing)[:, :, None]
         if not self.bodies:
             return state.moment_at_axis(row)[:, :, None]
-        beyond = bodies_beyond(state.arm, row)
+        possible = bodies_beyond(state.arm, row)
         count = len(self.bodies)
-        if self.bodies != beyond[:count]:
+        if self.bodies != possible[:count]:
             raise AacmmError(
-                f"{self.label}: bodies is {self.bodies}; expected {beyond}, which are the bodies "
+                f"{self.label}: bodies is {self.bodies}; expected {possible}, which are the bodies "
                 f"at and beyond row {row}, or the first of them"
             )
         return state.unit_moments(row)[:, :, : 3 * count]
@@ -208,26 +211,31 @@ class Tube:
         body = row - 1
         span = state.span(row)
         z = state.rotation[place][:, :, 2]
-        upward = np.einsum("ni,ni->n", span, z)[:, None] * z
-        outward = span - upward
-        lengthwise = np.linalg.norm(upward) >= np.linalg.norm(outward)
-        tube, clamp = (upward, np.zeros_like(upward)) if lengthwise else (outward, upward)
+        along_axis = np.einsum("ni,ni->n", span, z)[:, None] * z
+        across_axis = span - along_axis
+        # The clamp is seen from the bearing, the centre of mass from the clamp.
+        if np.linalg.norm(along_axis) >= np.linalg.norm(across_axis):
+            clamp = np.zeros_like(along_axis)
+            tube = along_axis
+        else:
+            clamp = along_axis
+            tube = across_axis
         length = length_of(tube, state, row, label)
         stub = span - clamp - tube
         from_bearing = state.origin[place] - state.origin[state.bearing(row)]
         from_axis = state.rotation[place] @ state.arm.centres_of_mass[body]
         centre = from_bearing + from_axis - clamp
-        part = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
-        share = np.clip(2 * np.minimum(part, 1 - part), 0.0, 1.0)
+        fraction = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
+        share = np.clip(2 * np.minimum(fraction, 1 - fraction), 0.0, 1.0)
         body_weight = state.masses[body] * state.gravity
-        beyond = state.weight_beyond(row)
+        weight_beyond = state.weight_beyond(row)
         # The first moment of the lump about the end is the body's less that of the tube, whose
         # middle is half a length back.
-        lump = np.where(part > 0.5, 1.0, 0.0)
+        lump = np.where(fraction > 0.5, 1.0, 0.0)
         lever = lump * (centre - (1 - share / 2) * tube)
         moment = state.moment(row + 1, state.origin[end(row)])
-        moment = moment + np.cross(stub, beyond) + np.cross(lever, body_weight)
-        weight = beyond + lump * (1 - share) * body_weight
+        moment = moment + np.cross(stub, weight_beyond) + np.cross(lever, body_weight)
+        weight = weight_beyond + lump * (1 - share) * body_weight
         return Tube(tube / length, length, stub, weight, moment, share * body_weight)
 
     def across(self, vectors: Array) -> Array:
@@ -286,24 +294,24 @@ class JointCompliance(GravityEffect):
         """
         chain = arm.chain
         rows = chain.joint_rows()
-        measured = records is not None and records.conditions.torque is not None
+        has_torques = records is not None and records.conditions.torque is not None
         for number, row in enumerate(rows):
             slides = chain.slides[number:]
-            follows = row not in chain.moving_rows()
-            if follows or slides[0] or (arm.masses is None and slides.any()):
-                # no angle that a torque could turn alone; and unknown masses beyond a slide have no
-                # constant lever
+            is_mimic = row not in chain.moving_rows()
+            if is_mimic or slides[0] or (arm.masses is None and slides.any()):
+                # No torque could rotate it alone, or unknown masses beyond a slide have no constant
+                # lever.
                 continue
-            tried = [cls(row, torque="measured")] if measured else []
-            moment = number > 0 or not _first_axis_is_vertical(arm, records)
-            if moment and arm.masses is not None:
-                tried.append(cls(row))
-            elif moment and records is not None:
+            variants = [cls(row, torque="measured")] if has_torques else []
+            has_moment = number > 0 or not _first_axis_is_vertical(arm, records)
+            if has_moment and arm.masses is not None:
+                variants.append(cls(row))
+            elif has_moment and records is not None:
                 bodies = bodies_beyond(arm, row)
                 counts = range(1, len(bodies) + 1)
-                tried += [cls(row, bodies=bodies[:count]) for count in counts]
-            if tried:
-                yield tuple(tried)
+                variants += [cls(row, bodies=bodies[:count]) for count in counts]
+            if variants:
+                yield tuple(variants)
 
     @classmethod
     def default_fields(
@@ -385,7 +393,7 @@ class _OfTube(LoadedEffect):
         tube = Tube.of(state, self.link, self.label)
         place = end(self.link)
         if self.load_at is not None:
-            moment = self.unit_load(state, self.link, state.origin[place] - tube.stub)
+            moment = self.moment_of_unit_load(state, self.link, state.origin[place] - tube.stub)
             tube = replace(tube, weight=state.down, moment=moment, spread=0.0 * moment)
         shift, rotation = self._deflection(tube)
         shift = shift + np.cross(rotation, tube.stub)
@@ -410,8 +418,8 @@ class TorsionalWindup(_OfTube):
     flexibility = compliance(1e-5)
 
     def _deflection(self, tube: Tube) -> tuple[Array, Array]:
-        turn = np.einsum("ni,ni->n", tube.along, tube.moment)[:, None] * tube.along
-        return np.zeros_like(turn), turn
+        rotation = np.einsum("ni,ni->n", tube.along, tube.moment)[:, None] * tube.along
+        return np.zeros_like(rotation), rotation
 
 
 @dataclass(frozen=True)
@@ -471,18 +479,20 @@ class Counterbalance(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The rotation, proportional to the horizontal part of the body across the axis."""
-        row = state.known_row(self.joint)
-        horizontal = np.cross(self._carried(state), state.down)
+        row = state.require_row(self.joint)
+        horizontal = np.cross(self._direction(state), state.down)
         lever = state.along_axis(row, horizontal)
         return [about_axis(state, self.joint, lever[:, None])]
 
-    def _carried(self, state: State) -> Array:
+    def _direction(self, state: State) -> Array:
+        """Unit vectors u (n, 3) in the base."""
         if self.joint < state.arm.chain.rows:
-            # The next axis as body ``joint`` carries it: before the next joint turns.
+            # The next axis is constant in the body: the next joint rotates about it.
             constant = state.arm.chain.constant
-            following = constant[axis(self.joint + 1)][:3, 2]
-            if abs(constant[end(self.joint)][2, :3] @ following) < 0.5:
-                return np.asarray(state.rotation[end(self.joint)] @ following)
+            next_axis = constant[axis(self.joint + 1)][:3, 2]
+            is_across = abs(constant[end(self.joint)][2, :3] @ next_axis) < 0.5
+            if is_across:
+                return np.asarray(state.rotation[end(self.joint)] @ next_axis)
         span = state.span(self.joint)
         return span / length_of(span, state, self.joint, self.label)
 

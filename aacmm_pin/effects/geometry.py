@@ -26,11 +26,11 @@ class _RowValue(Effect):
     5).
     """
 
-    def _moved(self, state: State) -> int:
-        """(d, θ) act on the axis; (a, α) after the body in standard DH, before the axis in
-        modified.
+    def _displaced_place(self, state: State) -> int:
+        """The axis for d and θ; for a and α the end of the body in standard DH, that of the body
+        before in modified.
         """
-        row = state.known_row(self.joint)
+        row = state.require_row(self.joint)
         if self.component in (2, 5):
             return axis(row)
         dh = state.arm.require_dh(self.cause)
@@ -39,7 +39,7 @@ class _RowValue(Effect):
     def displacements(self, state: State) -> list[Displacement]:
         columns = np.zeros((1, 6, 1))
         columns[:, self.component] = 1.0
-        return [Displacement(self._moved(state), columns)]
+        return [Displacement(self._displaced_place(state), columns)]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class JointZeroOffset(_RowValue):
 
     def displacements(self, state: State) -> list[Displacement]:
         """A unit motion of the joint; a row without joint rotates."""
-        place = axis(state.known_row(self.joint))
+        place = axis(state.require_row(self.joint))
         if state.arm.chain.moved[place] < 0:
             return super().displacements(state)
         return [about_axis(state, self.joint, np.ones((1, 1)))]
@@ -158,7 +158,7 @@ class JointPlacement(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The unit twists after the placement and before the joint."""
-        row = state.known_row(self.joint)
+        row = state.require_row(self.joint)
         return [Displacement(end(row - 1), np.eye(6)[None])]
 
 

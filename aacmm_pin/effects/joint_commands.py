@@ -60,24 +60,24 @@ def joint_commands(
             "a frame of the URDF or as a fixed last row of the table"
         )
     q = batch(q, model.arm.nq, "q", "rad")
-    wanted = nominal.state(q, conditions)
-    position = wanted.position
-    axes = wanted.rotation[-1]
+    nominal_state = nominal.state(q, conditions)
+    position = nominal_state.position
+    axes = nominal_state.rotation[-1]
     commands = q.copy()
     arrived = np.zeros(len(q), dtype=bool)
-    endless = np.tile([-np.inf, np.inf], (model.arm.nq, 1))
-    bounds = model.known_within(endless).T
+    no_limits = np.tile([-np.inf, np.inf], (model.arm.nq, 1))
+    bounds = model.known_within(no_limits).T
     for _ in range(MOST_STEPS):
         state = model.state(commands, conditions)
         shift = position - state.position
-        turn = Rotation.from_matrix(axes @ state.rotation[-1].transpose(0, 2, 1)).as_rotvec()
-        missing = [shift, turn] if model.arm.nq >= OF_A_POSE else [shift]
-        arrived = (np.linalg.norm(missing, axis=2) < ARRIVED).all(axis=0)
+        rotation = Rotation.from_matrix(axes @ state.rotation[-1].transpose(0, 2, 1)).as_rotvec()
+        remaining = [shift, rotation] if model.arm.nq >= OF_A_POSE else [shift]
+        arrived = (np.linalg.norm(remaining, axis=2) < ARRIVED).all(axis=0)
         if arrived.all():
             break
         jacobian = model.arm.chain.jacobian(state.rotation, state.origin, state.position)
-        motions = np.concatenate(jacobian[: len(missing)], axis=1)
-        twists = np.concatenate(missing, axis=1)[:, :, None]
+        motions = np.concatenate(jacobian[: len(remaining)], axis=1)
+        twists = np.concatenate(remaining, axis=1)[:, :, None]
         step = (np.linalg.pinv(motions, rcond=SINGULAR_MOTION) @ twists)[:, :, 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)
         step *= LONGEST_JOINT_STEP / np.maximum(length, LONGEST_JOINT_STEP)
@@ -86,8 +86,9 @@ def joint_commands(
 
 
 def _has_tip_on_target(model: ErrorModel) -> bool:
+    """Whether the arm file states that the tip is a target, or a large offset shows it."""
     if model.arm.tip_on_target:
         return True
     offsets = [effect for effect in model.effects if isinstance(effect, StylusOffset)]
-    far = [float(np.linalg.norm(tip.values)) for tip in offsets if tip.marker is None]
-    return max(far, default=0.0) > OTHER_TIP
+    of_tip = [offset.values for offset in offsets if offset.marker is None]
+    return any(np.linalg.norm(values) > OTHER_TIP for values in of_tip)

@@ -92,7 +92,8 @@ class State:
         return bool(chain.slides[number])
 
     def _number(self, of_places: Index, row: int) -> int:
-        number = int(of_places[axis(self.known_row(row))])
+        """The number ``of_places`` (places,) at the axis of ``row``, where -1 is refused."""
+        number = int(of_places[axis(self.require_row(row))])
         if number < 0:
             raise AacmmError(
                 f"row {row} of {self.arm.name} is rigid or mimics another joint; expected a row "
@@ -100,7 +101,7 @@ class State:
             )
         return number
 
-    def known_row(self, row: int) -> int:
+    def require_row(self, row: int) -> int:
         """``row`` (from 1), after a check.
 
         Raises:
@@ -118,7 +119,7 @@ class State:
         Raises:
             AacmmError: the row does not exist.
         """
-        return self.arm.foot(self.known_row(row))
+        return self.arm.foot(self.require_row(row))
 
     def angle(self, row: int) -> Array:
         """The angle or position of the joint of ``row``, ``(n,)`` [rad, m]."""
@@ -133,10 +134,8 @@ class State:
         """Vectors of the base, ``(n, 3)`` or ``(3,)``, as components in the axes of ``place``,
         ``(n, 3)``.
         """
-        turned = self.rotation[place]
-        return np.asarray(
-            np.einsum("nji,nj->ni", turned, np.broadcast_to(vectors, turned.shape[:2]))
-        )
+        axes = self.rotation[place]
+        return np.asarray(np.einsum("nji,nj->ni", axes, np.broadcast_to(vectors, axes.shape[:2])))
 
     def span(self, row: int) -> Array:
         """The vector from the bearing to the end of body ``row``, ``(n, 3)`` [m]."""
@@ -191,14 +190,14 @@ class State:
             UnsupportedArmError: a joint after ``row`` is prismatic, so that H_k is not constant.
         """
         rows = [k for k in self.arm.chain.joint_rows() if k >= row]
-        slide = [k for k in rows if k > row and self.slides(k)]
-        if slide:
+        sliding = [k for k in rows if k > row and self.slides(k)]
+        if sliding:
             raise UnsupportedArmError(
-                f"{self.arm.name}: joint {slide[0]} is prismatic; expected revolute joints for "
+                f"{self.arm.name}: joint {sliding[0]} is prismatic; expected revolute joints for "
                 "bodies with unknown masses"
             )
-        columns = [self.rotation[axis(k)] for k in rows]
-        return np.cross(np.concatenate(columns, axis=2), self.down[:, :, None], axis=1)
+        axes = [self.rotation[axis(k)] for k in rows]
+        return np.cross(np.concatenate(axes, axis=2), self.down[:, :, None], axis=1)
 
     @property
     def masses(self) -> Array:
