@@ -83,7 +83,7 @@ class LoadedEffect(Effect):
         Raises:
             AacmmError: the load is at a body before ``row``.
         """
-        loaded_row = state.require_row(self.load_at or 0)
+        loaded_row = state.known_row(self.load_at or 0)
         if loaded_row < row:
             raise AacmmError(
                 f"{self.label}: load_at is {loaded_row}; expected {row} or a later row"
@@ -479,7 +479,7 @@ class Counterbalance(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The rotation, proportional to the horizontal part of the body across the axis."""
-        row = state.require_row(self.joint)
+        row = state.known_row(self.joint)
         horizontal = np.cross(self._direction(state), state.down)
         lever = state.along_axis(row, horizontal)
         return [about_axis(state, self.joint, lever[:, None])]

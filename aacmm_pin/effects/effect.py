@@ -42,13 +42,13 @@ RELATIVE_STEP = 1e-4
 WARM_UP_TIMES = (600.0, 1800.0, 5400.0)
 """Usual time constants of a warm-up [s]."""
 TIME_CONSTANTS = 15
-"""Time constants to refine a found one."""
-KNOWN_TO = 3.0
-"""A time constant is known beforehand to a factor of about this."""
+"""Time constants to try near the best of the grid."""
+PRIOR_FACTOR = 3.0
+"""Factor, at one standard deviation, to which a time constant is known beforehand."""
 
 
 class Reading(NamedTuple):
-    """The name, the unit and the factor with which outputs show a value of a file."""
+    """How outputs show a value of a file: name, unit, and factor of the value."""
 
     name: str
     unit: str
@@ -91,12 +91,12 @@ class Term:
 
     @property
     def unit_read(self) -> tuple[str, float]:
-        """The unit in outputs, and its size in SI units."""
+        """:attr:`read_in`, or its default."""
         return self.read_in or prefixed(self.unit, self.typical)
 
     @property
     def reading(self) -> Reading:
-        """The name, the unit and the factor in outputs."""
+        """The form in outputs of a value of a file."""
         unit, size = self.unit_read
         name = UNIT_OF_KEY.sub("", self.key) or self.key
         return Reading(name.replace("_", " "), unit, self.scale / size)
@@ -197,12 +197,14 @@ class TimeConstant(Nonlinear[E]):
     def grid(self, records: Records | None) -> Sequence[float]:
         """The usual time constants and a longer one, if the records have different times."""
         time = np.arange(2) if records is None else records.conditions.time
-        slower = KNOWN_TO * WARM_UP_TIMES[-1]
+        slower = PRIOR_FACTOR * WARM_UP_TIMES[-1]
         return (*WARM_UP_TIMES, slower) if time is not None and np.ptp(time) > 0.0 else ()
 
     def refine(self, effect: E, records: Records) -> list[E]:
         """The effect with time constants from a third to three times its own."""
-        constants = self.value(effect) * np.geomspace(1 / KNOWN_TO, KNOWN_TO, TIME_CONSTANTS)
+        constants = self.value(effect) * np.geomspace(
+            1 / PRIOR_FACTOR, PRIOR_FACTOR, TIME_CONSTANTS
+        )
         return [self.at(effect, constant) for constant in constants.tolist()]
 
     def prior_sd(self, effect: E) -> float:
@@ -213,7 +215,7 @@ class TimeConstant(Nonlinear[E]):
         """A log-normal probability, with a factor of three, outside usual time constants."""
         value = self.value(effect)
         usual = np.clip(value, WARM_UP_TIMES[0], WARM_UP_TIMES[-1])
-        factors = np.log(value / usual) / np.log(KNOWN_TO)
+        factors = np.log(value / usual) / np.log(PRIOR_FACTOR)
         return float(np.exp(-0.5 * factors**2))
 
 
@@ -265,12 +267,12 @@ class Effect(Shown, ABC):
     nonlinear_u: float = 0.0
 
     def __post_init__(self) -> None:
-        name = str(self.location_field())
-        is_stated = name in ROW_FIELDS and self.place is not getattr(type(self), name, MISSING)
-        if is_stated and not is_row(self.place):
+        location = str(self.location_field())
+        is_default = self.place is getattr(type(self), location, MISSING)
+        if location in ROW_FIELDS and not is_default and not is_row(self.place):
             raise AacmmError(
-                f"{self.cause}: {name} is {reprlib.repr(self.place)}; expected the number of a "
-                f"row, from 1 to at most {MOST_ROWS}"
+                f"{self.cause}: {location} is {reprlib.repr(self.place)}; expected the number of "
+                f"a row, from 1 to at most {MOST_ROWS}"
             )
         count = len(self.terms)
         for name in ("values", "u"):
@@ -342,11 +344,11 @@ class Effect(Shown, ABC):
         variants: list[dict[str, Any]] = [{}]
         if nonlinear.field:
             variants = [{nonlinear.field: value} for value in nonlinear.grid(records)]
-        places = _places(location, arm, records)
+        locations = [{str(location): place} for place in _possible_places(location, arm, records)]
         if location not in required:
-            places.insert(0, {})
-        for place in places:
-            effects = tuple(cls(**place, **variant) for variant in variants)
+            locations.insert(0, {})
+        for location_fields in locations:
+            effects = tuple(cls(**location_fields, **variant) for variant in variants)
             if effects and is_possible(effects[0], arm, records):
                 yield effects
 
@@ -523,18 +525,17 @@ def corrects_seat(effect: Effect) -> bool:
     return effect.of_reference and effect.location_field() == "seat"
 
 
-def _places(location: str | None, arm: Arm, records: Records | None) -> list[dict[str, Any]]:
-    places = []
+def _possible_places(location: str | None, arm: Arm, records: Records | None) -> Sequence[Any]:
+    """Rows, or labels of the records, that the field ``location`` may state."""
     if location == "joint":
-        places = arm.chain.moving_rows()
-    elif location == "link":
-        places = tubes(arm)
-    elif location is not None and records is not None:
-        labels = getattr(records.conditions, location)
-        touched = Counter(label for label in ([] if labels is None else labels) if label)
-        least = 2 if location == "seat" else 1
-        places = [label for label, count in touched.items() if count >= least]
-    return [{str(location): place} for place in places]
+        return arm.chain.moving_rows()
+    if location == "link":
+        return tubes(arm)
+    if location is None or records is None:
+        return []
+    counts = Counter(filter(None, records.conditions.labels(location)))
+    least = 2 if location == "seat" else 1
+    return [label for label, count in counts.items() if count >= least]
 
 
 def tubes(arm: Arm) -> list[int]:
@@ -599,7 +600,7 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
     prismatic joint, the translation along it [m/unit].
     """
     component = 2 if state.slides(row) else 5
-    # Component by component, so that the zeros of the others take no memory: nobody writes there.
+    # Transposed, so that zeros of the other components take no memory: nothing writes there.
     twists = np.zeros((6, *columns.shape)).transpose(1, 0, 2)
     twists[:, component] = columns
     return Displacement(axis(row), twists)
@@ -611,8 +612,8 @@ def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
     """
     chain = state.arm.chain
     ratios = chain.drive.matrix @ state.arm.coupling_matrix[:, state.joint(row)]
-    parts = zip(chain.joint_rows(), ratios.tolist(), strict=True)
-    return [about_axis(state, joint, ratio * columns) for joint, ratio in parts if ratio]
+    joints = zip(chain.joint_rows(), ratios.tolist(), strict=True)
+    return [about_axis(state, joint, ratio * columns) for joint, ratio in joints if ratio]
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
@@ -622,9 +623,9 @@ def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
         linear: translation per unit of each parameter ``(n, 3, p)`` [m/unit]; None for zero.
         angular: rotation per unit of each parameter ``(n, 3, p)`` [rad/unit]; None for zero.
     """
-    given = linear if linear is not None else angular
-    assert given is not None
-    halves = [np.zeros_like(given) if half is None else half for half in (linear, angular)]
+    present = linear if linear is not None else angular
+    assert present is not None
+    halves = [np.zeros_like(present) if half is None else half for half in (linear, angular)]
     return np.concatenate(halves, axis=1)
 
 

@@ -52,7 +52,7 @@ ORDER_STEP = 0.1
 square.
 """
 OWN_ORDERS = (1.0, 2.0)
-"""Orders of other causes, which a periodic error would repeat …"""
+"""Orders of eccentricity and ellipticity, which a periodic error would repeat …"""
 OWN_WITHIN = 0.2
 """… also within this distance, in periods over the range."""
 ORDERS_NEAR = 15
@@ -71,6 +71,10 @@ COARSER = (8, 4, 2, 1)
 """Lengths of the intervals of the curves to try, in intervals of the finest."""
 FEWEST_COEFFICIENTS = 8
 """A curve with fewer coefficients is too stiff."""
+DEFAULT_COEFFICIENTS = 24
+"""Of a curve whose coefficients nobody states."""
+LIMIT_MARGIN = 0.01
+"""Range of a curve beyond the limits of its joint, for readings just outside [rad]."""
 POINTS_PER_INTERVAL = 4
 """Angles in each interval to represent a function by splines."""
 PER_COEFFICIENT = 2
@@ -118,9 +122,9 @@ class OfAngle(Effect):
         if self.joint not in rows:
             return None
         number = rows.index(self.joint)
-        moved = arm.chain.drive.matrix @ arm.coupling_matrix[:, number]
-        alone = np.array(arm.chain.joint_rows()) == self.joint
-        if self.of_reading and not np.array_equal(moved, alone):
+        ratios = arm.chain.drive.matrix @ arm.coupling_matrix[:, number]
+        of_this_joint_alone = np.array(arm.chain.joint_rows()) == self.joint
+        if self.of_reading and not np.array_equal(ratios, of_this_joint_alone):
             return None
         low, high = _range_of(records.q[:, number])
         return JointErrorCurve(self.joint, low, high, _finest(low, high))
@@ -157,7 +161,8 @@ def _range_of(angle: Array) -> tuple[float, float]:
 
 def _finest(low: float, high: float) -> int:
     """Coefficients of the finest curve over a range, whose intervals can be joined by eight."""
-    eights = max(round((high - low) / (2 * np.pi) * INTERVALS_PER_TURN / COARSER[0]), 1)
+    intervals = (high - low) / (2 * np.pi) * INTERVALS_PER_TURN
+    eights = max(round(intervals / COARSER[0]), 1)
     return COARSER[0] * eights + DEGREE
 
 
@@ -183,6 +188,7 @@ class _Periodic(OfAngle):
 
     @property
     def periods_per_turn(self) -> float:
+        """The order k."""
         raise NotImplementedError
 
     def function(self, angle: Array) -> Array:
@@ -255,8 +261,8 @@ class EncoderEccentricity(_Periodic):
             )
         waves = self.function(state.reading(self.joint))
         errors = np.arcsin(waves @ np.array(self.values))
-        moved = of_encoder(state, self.joint, errors[:, None])
-        return [(body.place, body.columns[:, :, 0]) for body in moved]
+        rotations = of_encoder(state, self.joint, errors[:, None])
+        return [(rotation.place, rotation.columns[:, :, 0]) for rotation in rotations]
 
 
 @dataclass(frozen=True)
@@ -315,10 +321,12 @@ class JointPeriodicError(_Periodic):
         for row, angle in _moving(arm, records):
             revolutions = float(np.ptp(angle)) / (2 * np.pi)
             periods = np.arange(1.0, HIGHEST_ORDER * revolutions, ORDER_STEP)
-            apart = [np.abs(periods - order * revolutions) >= OWN_WITHIN for order in OWN_ORDERS]
-            orders = periods[np.all(apart, axis=0)] / revolutions
-            integers = np.arange(max(OWN_ORDERS) + 1.0, HIGHEST_ORDER)
-            orders = np.union1d(orders, integers[integers * revolutions >= 1.0])
+            is_new = np.ones(len(periods), dtype=bool)
+            for order in OWN_ORDERS:
+                is_new &= np.abs(periods - order * revolutions) >= OWN_WITHIN
+            whole = np.arange(max(OWN_ORDERS) + 1.0, HIGHEST_ORDER)
+            has_period = whole * revolutions >= 1.0
+            orders = np.union1d(periods[is_new] / revolutions, whole[has_period])
             if orders.size:
                 yield tuple(cls(row, order) for order in np.round(orders, 4).tolist())
 
@@ -360,8 +368,8 @@ class JointErrorCurve(OfAngle):
     free_form = True
 
     def __post_init__(self) -> None:
-        in_order = -LARGEST_ANGLE <= self.lower_rad < self.upper_rad <= LARGEST_ANGLE
-        if not (in_order and 4 <= self.coefficients <= MOST_CURVE_COEFFICIENTS):
+        is_range = -LARGEST_ANGLE <= self.lower_rad < self.upper_rad <= LARGEST_ANGLE
+        if not (is_range and 4 <= self.coefficients <= MOST_CURVE_COEFFICIENTS):
             raise AacmmError(
                 f"{self.label}: lower_rad, upper_rad and coefficients are {self.lower_rad}, "
                 f"{self.upper_rad} and {self.coefficients}; expected lower_rad < upper_rad, and 4 "
@@ -375,17 +383,17 @@ class JointErrorCurve(OfAngle):
         for row, angle in _moving(arm, records) if records is not None else ():
             low, high = _range_of(angle)
             intervals = _finest(low, high) - DEGREE
-            counts = (intervals // times + DEGREE for times in COARSER)
+            counts = [intervals // length + DEGREE for length in COARSER]
             most = len(angle) // PER_COEFFICIENT
-            tried = [count for count in counts if FEWEST_COEFFICIENTS <= count <= most]
-            if tried:
-                yield tuple(cls(row, low, high, count) for count in tried)
+            possible = [count for count in counts if FEWEST_COEFFICIENTS <= count <= most]
+            if possible:
+                yield tuple(cls(row, low, high, count) for count in possible)
 
     @classmethod
     def default_fields(
         cls, stated: Mapping[str, Any], arm: Arm, present: tuple[str, ...]
     ) -> dict[str, Any]:
-        """The range of the joint as that of the curve."""
+        """The limits of the joint, with a margin, as the range of the curve."""
         from aacmm_pin.arm import joint_bounds
 
         rows = arm.chain.moving_rows()
@@ -393,9 +401,9 @@ class JointErrorCurve(OfAngle):
         bounds = joint_bounds(arm)[rows.index(joint)] if joint in rows else (-np.pi, np.pi)
         low, high = map(float, bounds)
         return {
-            "lower_rad": low - 0.01,
-            "upper_rad": high + 0.01,
-            "coefficients": FEWEST_COEFFICIENTS * DEGREE,
+            "lower_rad": low - LIMIT_MARGIN,
+            "upper_rad": high + LIMIT_MARGIN,
+            "coefficients": DEFAULT_COEFFICIENTS,
         }
 
     @property
@@ -489,11 +497,11 @@ class JointCoupling(Effect):
         """
         rows = arm.chain.moving_rows()
         mimicked = [(m.of, m.joint) for m in arm.mimics if m.of != m.joint]
-        sliding = np.array(arm.chain.joint_rows())[arm.chain.slides]
-        shown = [row for row, _ in _moving(arm, records)]
-        for leader, joint in (*pairwise(rows), *mimicked):
-            if leader in shown and joint not in sliding:
-                yield (cls(joint, leader),)
+        prismatic = np.array(arm.chain.joint_rows())[arm.chain.slides]
+        rotating = [row for row, _ in _moving(arm, records)]
+        for other, joint in (*pairwise(rows), *mimicked):
+            if other in rotating and joint not in prismatic:
+                yield (cls(joint, other),)
 
     @classmethod
     def default_fields(
@@ -562,9 +570,9 @@ def strongest_waves(effect: Effect) -> list[tuple[float, float]] | None:
     angle = np.linspace(effect.lower_rad, effect.upper_rad, SAMPLES)
     revolutions = (effect.upper_rad - effect.lower_rad) / (2 * np.pi)
     curve = scipy.interpolate.BSpline(effect.knots, np.array(effect.values), 3)(angle)
-    how = {"nfft": 8 * SAMPLES, "detrend": "linear", "scaling": "spectrum"}
-    order, power = scipy.signal.periodogram(curve, SAMPLES / revolutions, "hann", **how)
-    maxima, _ = scipy.signal.find_peaks(power, height=1e-2 * power.max())
-    tops = [k for k in maxima if order[k] * revolutions >= 1.0]
-    strongest = sorted(tops, key=lambda k: -power[k])[:MOST_WAVES]
+    options = {"nfft": 8 * SAMPLES, "detrend": "linear", "scaling": "spectrum"}
+    order, power = scipy.signal.periodogram(curve, SAMPLES / revolutions, "hann", **options)
+    peaks, _ = scipy.signal.find_peaks(power, height=1e-2 * power.max())
+    whole_periods = [k for k in peaks if order[k] * revolutions >= 1.0]
+    strongest = sorted(whole_periods, key=lambda k: -power[k])[:MOST_WAVES]
     return [(float(order[k]), float(np.sqrt(2 * power[k]))) for k in strongest]

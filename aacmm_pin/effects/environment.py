@@ -285,7 +285,7 @@ class ThermalExpansion(Effect):
     def displacements(self, state: State) -> list[Displacement]:
         """The growth of each length per unit of α."""
         all_rows = range(state.arm.chain.rows + 1)
-        rows = all_rows if self.link is None else [state.require_row(self.link)]
+        rows = all_rows if self.link is None else [state.known_row(self.link)]
         growths = [growth_of_body(state, row, self._warmer(state, row)[:, None]) for row in rows]
         return [body for bodies in growths for body in bodies]
 

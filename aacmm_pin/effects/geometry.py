@@ -30,7 +30,7 @@ class _RowValue(Effect):
         """The axis for d and θ; for a and α the end of the body in standard DH, that of the body
         before in modified.
         """
-        row = state.require_row(self.joint)
+        row = state.known_row(self.joint)
         if self.component in (2, 5):
             return axis(row)
         dh = state.arm.require_dh(self.cause)
@@ -60,7 +60,7 @@ class JointZeroOffset(_RowValue):
 
     def displacements(self, state: State) -> list[Displacement]:
         """A unit motion of the joint; a row without joint rotates."""
-        place = axis(state.require_row(self.joint))
+        place = axis(state.known_row(self.joint))
         if state.arm.chain.moved[place] < 0:
             return super().displacements(state)
         return [about_axis(state, self.joint, np.ones((1, 1)))]
@@ -158,7 +158,7 @@ class JointPlacement(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The unit twists after the placement and before the joint."""
-        row = state.require_row(self.joint)
+        row = state.known_row(self.joint)
         return [Displacement(end(row - 1), np.eye(6)[None])]
 
 

@@ -118,28 +118,28 @@ def values_in_words(
     """The values with U (k = 2) as texts by key; in metres if the joint ``slides``."""
     if len(values) > FEW_VALUES:
         return f"curve with {len(values)} values"
-    readings = effect.readings()
+    forms = effect.readings()
     if slides:
-        for key, reading in readings.items():
-            readings[key] = reading._replace(unit=reading.unit.replace("rad", "m"))
-    in_um = {key: readings[key] for key in values if readings[key].unit == "µm"}
-    sizes = [abs(values[key][0]) * reading.factor for key, reading in in_um.items()]
+        for key, form in forms.items():
+            forms[key] = form._replace(unit=form.unit.replace("rad", "m"))
+    micrometres = {key: forms[key] for key in values if forms[key].unit == "µm"}
+    sizes = [abs(values[key][0]) * form.factor for key, form in micrometres.items()]
     if max(sizes, default=0.0) >= LARGE_IN_MICRO:
-        for key, reading in in_um.items():
-            readings[key] = reading._replace(unit="mm", factor=reading.factor * MM)
+        for key, form in micrometres.items():
+            forms[key] = form._replace(unit="mm", factor=form.factor * MM)
     pairs = values.items()
-    return ", ".join(_value(readings[key], value, COVERAGE_FACTOR * u) for key, (value, u) in pairs)
+    return ", ".join(_value(forms[key], value, COVERAGE_FACTOR * u) for key, (value, u) in pairs)
 
 
-def _value(reading: Reading, value: float, expanded: float) -> str:
+def _value(form: Reading, value: float, expanded: float) -> str:
     """U with two digits, the value to the same place; a bound if U exceeds it; no unknown phase."""
-    value = value * reading.factor
-    expanded = expanded * reading.factor
-    if reading.unit == "°" and expanded > FREE_PHASE:
-        return f"{reading.name} not determined"
-    if abs(value) < expanded < np.inf and reading.unit != "°":
+    value = value * form.factor
+    expanded = expanded * form.factor
+    if form.unit == "°" and expanded > FREE_PHASE:
+        return f"{form.name} not determined"
+    if abs(value) < expanded < np.inf and form.unit != "°":
         bound = float(f"{abs(value) + expanded:.2g}")
-        return f"{reading.name} below {bound:g} {reading.unit.lstrip('·')} (95 %)".strip()
+        return f"{form.name} below {bound:g} {form.unit.lstrip('·')} (95 %)".strip()
     if not 0.0 < expanded < np.inf:
         text = f"{value:.4g}"
     else:
@@ -148,12 +148,12 @@ def _value(reading: Reading, value: float, expanded: float) -> str:
             places = max(0, int(np.floor(np.log10(max(abs(value), expanded)))) + digits)
             text = f"{value:.{places}e} ± {expanded:.1e}"
         else:
-            form = f"z.{max(digits, 0)}f"
-            text = f"{round(value, digits):{form}} ± {round(expanded, digits):{form}}"
-    if reading.unit.startswith("·"):
+            spec = f"z.{max(digits, 0)}f"
+            text = f"{round(value, digits):{spec}} ± {round(expanded, digits):{spec}}"
+    if form.unit.startswith("·"):
         text = f"({text})"
-    space = "" if reading.unit[:1] in ("", "°", "·") else " "
-    return f"{reading.name} {text}{space}{reading.unit}"
+    space = "" if form.unit[:1] in ("", "°", "·") else " "
+    return f"{form.name} {text}{space}{form.unit}"
 
 
 def probability(value: float) -> str:

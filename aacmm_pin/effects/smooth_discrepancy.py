@@ -349,7 +349,7 @@ class Carrier:
         if self.what in ("angle", "slide"):
             return [about_axis(state, self.row, shifts[:, 0])]
         if self.what in ("tube", "tubes"):
-            rows = tubes(state.arm) if self.what == "tubes" else [state.require_row(self.row)]
+            rows = tubes(state.arm) if self.what == "tubes" else [state.known_row(self.row)]
             return [moved for row in rows for moved in growth_of_body(state, row, shifts[:, 0])]
         if self.what == "lengths":
             shifts = state.position[:, :, None] * shifts
@@ -359,7 +359,7 @@ class Carrier:
 
     def _place(self, state: State) -> int:
         if self.what == "before":
-            return axis(state.require_row(self.row)) - 1
+            return axis(state.known_row(self.row)) - 1
         return state.arm.chain.tip if self.what == "target" else BASE
 
 

@@ -93,7 +93,7 @@ class State:
 
     def _number(self, of_places: Index, row: int) -> int:
         """The number ``of_places`` (places,) at the axis of ``row``, where -1 is refused."""
-        number = int(of_places[axis(self.require_row(row))])
+        number = int(of_places[axis(self.known_row(row))])
         if number < 0:
             raise AacmmError(
                 f"row {row} of {self.arm.name} is rigid or mimics another joint; expected a row "
@@ -101,7 +101,7 @@ class State:
             )
         return number
 
-    def require_row(self, row: int) -> int:
+    def known_row(self, row: int) -> int:
         """``row`` (from 1), after a check.
 
         Raises:
@@ -119,7 +119,7 @@ class State:
         Raises:
             AacmmError: the row does not exist.
         """
-        return self.arm.foot(self.require_row(row))
+        return self.arm.foot(self.known_row(row))
 
     def angle(self, row: int) -> Array:
         """The angle or position of the joint of ``row``, ``(n,)`` [rad, m]."""

@@ -132,38 +132,38 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         times = np.zeros(0) if records is None else records.conditions.times
         if times.size < 2:
             return ()
-        between = midpoints(times)
+        middles = midpoints(times)
         gaps = np.diff(times)
-        pauses = between[gaps > PAUSE_RATIO * np.median(gaps)][: self.tried]
-        first = min(AT_ENDS, (len(between) + 1) // 2) - 1
-        spread = np.linspace(first, len(between) - 1 - first, self.tried).astype(int)
-        tried: list[float] = np.union1d(between[np.unique(spread)], pauses).tolist()
-        return tried
+        pauses = middles[gaps > PAUSE_RATIO * np.median(gaps)][: self.tried]
+        first = min(AT_ENDS, (len(middles) + 1) // 2) - 1
+        quantiles = np.linspace(first, len(middles) - 1 - first, self.tried).astype(int)
+        times_to_try: list[float] = np.union1d(middles[np.unique(quantiles)], pauses).tolist()
+        return times_to_try
 
     def refine(self, effect: StepInTime, records: Records) -> list[StepInTime]:
         """Times in every gap between records nearby, counted in records."""
         times = records.conditions.times
-        between = np.concatenate([times[:1], midpoints(times)])
-        place = int(np.searchsorted(between, effect.when))
-        first = max(place - GAPS_NEAR // 2, 0)
-        near = between[first : first + GAPS_NEAR]
+        middles = np.concatenate([times[:1], midpoints(times)])
+        number = int(np.searchsorted(middles, effect.when))
+        first = max(number - GAPS_NEAR // 2, 0)
+        near = middles[first : first + GAPS_NEAR]
         return [self.at(effect.with_gap((), ()), time) for time in near.tolist()]
 
     def gap(self, effect: StepInTime, records: Records) -> float:
         """Width of the gap between two records in which the step is [s]."""
         times = records.conditions.times
-        behind = int(np.searchsorted(times, self.value(effect)))
-        return float(times[behind] - times[behind - 1]) if 0 < behind < times.size else 0.0
+        after = int(np.searchsorted(times, self.value(effect)))
+        return float(times[after] - times[after - 1]) if 0 < after < times.size else 0.0
 
     def prior_probability(self, effect: StepInTime, records: Records) -> float:
         """Half by the records (knocked in use), half by the duration of the gap (moved in a
         pause).
         """
         times = records.conditions.times
-        if times.size < 2:  # of one that is known
+        if times.size < 2:  # these records show no step
             return 1.0
-        by_time = self.gap(effect, records) / float(np.ptp(times))
-        return 1.0 / min(times.size - 1, self.tried) + by_time
+        by_duration = self.gap(effect, records) / float(np.ptp(times))
+        return 1.0 / min(times.size - 1, self.tried) + by_duration
 
     def with_coverage_interval(
         self, effect: StepInTime, low: float, high: float, records: Records
@@ -175,9 +175,9 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         low = min(low, effect.when)
         high = max(high, effect.when)
         before = float(times[times < low].max(initial=-LATEST))
-        behind = float(times[times > high].min(initial=LATEST))
+        after = float(times[times > high].min(initial=LATEST))
         sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
-        return effect.with_gap((before, behind), sessions)
+        return effect.with_gap((before, after), sessions)
 
     def extrapolation_terms(self, effect: StepInTime) -> tuple[Effect, ...]:
         """Whether a reading between the two times is before or after the step."""
@@ -227,15 +227,15 @@ class StepInTime(Effect):
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """Notes on records before the step, and of later sessions."""
         notes = []
-        step = {"of": conditions.n, "cause": self.label}
+        data = {"of": conditions.n, "cause": self.label}
         before = int(np.sum(self.part(conditions) == 0.0)) if self.sessions else 0
         if before:
-            notes.append(Note("before_slip", {"records": before, **step, "time": self.when}))
+            notes.append(Note("before_slip", {"records": before, **data, "time": self.when}))
         later = self._is_of_later_session(conditions)
         if later.any():
             sessions = [*dict.fromkeys(conditions.require("session", self.label)[later])]
-            step |= {"records": int(later.sum()), "sessions": sessions}
-            notes.append(Note("after_slip", step))
+            data |= {"records": int(later.sum()), "sessions": sessions}
+            notes.append(Note("after_slip", data))
         return notes
 
     def part(self, conditions: Conditions) -> Array:
@@ -245,8 +245,8 @@ class StepInTime(Effect):
         later = self._is_of_later_session(conditions)
         if conditions.n and later.all():
             return np.ones(conditions.n)
-        or_else = " without the column `session`" if self.sessions else ""
-        time = conditions.require("time", self.label + or_else)
+        alternative = " without the column `session`" if self.sessions else ""
+        time = conditions.require("time", self.label + alternative)
         low, high = self.between_s or (self.when, self.when)
         is_between = (low < time) & (time < high)
         by_clock = np.where(is_between, 0.5, time >= self.when)
