@@ -67,18 +67,20 @@ class ErrorModel(Shown):
             AacmmError: two causes have the same parameter.
         """
         object.__setattr__(self, "arm", as_arm(arm))
-        object.__setattr__(self, "effects", ())
+        object.__setattr__(self, "effects", ())  # a text of a cause takes defaults from the model
         object.__setattr__(self, "effects", as_causes(effects, self))
-        names = [p.name for p in self.parameters]
-        twice = sorted(name for name, times in Counter(names).items() if times > 1)
-        if twice:
+        names = [parameter.name for parameter in self.parameters]
+        repeated = sorted(name for name, times in Counter(names).items() if times > 1)
+        if repeated:
             raise AacmmError(
-                f"{self.arm.name}: two effects have the parameter {twice[0]}; merge these effects "
-                "into one"
+                f"{self.arm.name}: two effects have the parameter {repeated[0]}; merge these "
+                "effects into one"
             )
         if self.arm.covariance is not None:
-            uncertain = [p for e in self.effects for p in _extra_uncertainty_parameters(e)]
-            permitted = {*names, *(p.name for p in uncertain)}
+            permitted = {*names}
+            for effect in self.effects:
+                extra = _extra_uncertainty_parameters(effect)
+                permitted |= {parameter.name for parameter in extra}
             for name in self.arm.covariance.parameters:
                 if name not in permitted:
                     raise UnknownNameError("parameter of the covariance", name, names)
@@ -167,8 +169,9 @@ class ErrorModel(Shown):
     def with_effects(self, *effects: GivenCause) -> ErrorModel:
         """The model with more causes, which replace the same causes at the same places."""
         added = as_causes(effects, self)
-        new = {effect.identity for effect in added}
-        return replace(self, effects=(*(e for e in self.effects if e.identity not in new), *added))
+        replaced = {effect.identity for effect in added}
+        kept = [effect for effect in self.effects if effect.identity not in replaced]
+        return replace(self, effects=(*kept, *added))
 
     @property
     def without_covariance(self) -> ErrorModel:
@@ -177,12 +180,12 @@ class ErrorModel(Shown):
             return self
         names = {*self.arm.covariance.parameters}
         parameters = [
-            replace(p, half_width=None, u=0.0) if p.name in names else p
-            for p in self.arm.parameters
+            replace(parameter, half_width=None, u=0.0) if parameter.name in names else parameter
+            for parameter in self.arm.parameters
         ]
         effects = []
         for effect in self.effects:
-            is_named = names.intersection(p.name for p in effect.parameters())
+            is_named = any(parameter.name in names for parameter in effect.parameters())
             effects.append(replace(effect, u=(), nonlinear_u=0.0) if is_named else effect)
         arm = replace(self.arm, parameters=tuple(parameters), covariance=None)
         return ErrorModel(arm, effects)
@@ -204,8 +207,11 @@ class ErrorModel(Shown):
         The covariance in the arm file replaces the u of each parameter that it names.
         """
         u = {} if self.arm.covariance is None else self.arm.covariance.u
-        of_effects = [p for effect in self.effects for p in effect.parameters()]
-        return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
+        parameters = [*self.arm.parameters]
+        for effect in self.effects:
+            for parameter in effect.parameters():
+                parameters.append(replace(parameter, u=u.get(parameter.name, parameter.u)))
+        return tuple(parameters)
 
     def covariance(self) -> Array:
         """The covariance of all parameters, ``(p, p)`` [their units]; independent if not in the arm
@@ -215,10 +221,10 @@ class ErrorModel(Shown):
         matrix = np.diag([p.u**2 for p in parameters])
         if self.arm.covariance is None:
             return matrix
-        position = {p.name: i for i, p in enumerate(parameters)}
-        stated = self.arm.covariance.restricted(position)
+        index = {p.name: i for i, p in enumerate(parameters)}
+        stated = self.arm.covariance.restricted(index)
         if stated is not None:
-            rows = np.array([position[name] for name in stated.parameters])
+            rows = np.array([index[name] for name in stated.parameters])
             matrix[np.ix_(rows, rows)] = stated.matrix()
         return matrix
 
@@ -273,9 +279,9 @@ class ErrorModel(Shown):
             notes += conditions.odd_temperatures(reference)
         else:
             notes += conditions.other_temperatures(reference)
-        others = self.other_targets(conditions)
-        if others:
-            notes.append(Note("markers_unknown", {"arm": self.arm.name, "markers": others}))
+        unknown = self.other_targets(conditions)
+        if unknown:
+            notes.append(Note("markers_unknown", {"arm": self.arm.name, "markers": unknown}))
         for effect in self.effects:
             notes += effect.validity_notes(conditions)
         return notes
@@ -326,15 +332,15 @@ class ErrorModel(Shown):
             AacmmError: no angle within the limits of a joint is in the known range.
         """
         limits = limits.copy()
-        for k, joint, known in self._known_ranges():
-            low, high = np.array(known) + 2 * AT_LIMIT * np.array([1.0, -1.0])
+        for k, joint, known_range in self._known_ranges():
+            low, high = np.array(known_range) + 2 * AT_LIMIT * np.array([1.0, -1.0])
             limits[joint] = max(limits[joint, 0], low), min(limits[joint, 1], high)
             if limits[joint, 0] >= limits[joint, 1]:
                 effect = self.effects[k]
-                where = f"{effect.label}{known_range_in_words(effect)}"
+                expected_range = f"{effect.label}{known_range_in_words(effect)}"
                 raise AacmmError(
                     f"{self.arm.name}: no angle within the limits of joint {joint + 1} is in the "
-                    f"range of {where}; expected a common range"
+                    f"range of {expected_range}; expected a common range"
                 )
         return limits
 
@@ -406,19 +412,20 @@ def static_equilibrium(elastic: list[Effect], state: State) -> State:
     """
     if not elastic:
         return state
-    rigid = state.twists
+    of_stiff_causes = state.twists
     for _ in range(MOST_EQUILIBRIUM_STEPS):
-        twists = _twists(elastic, state, rigid)
+        twists = _twists(elastic, state, of_stiff_causes)
         changes = [np.abs(twist - state.twists.get(place, 0.0)) for place, twist in twists.items()]
         state = replace(state, twists=twists)
         if all((change < SAME_TWIST).all() for change in changes):
             return state
     labels = ", ".join(effect.label for effect in elastic)
-    reached = f"no static equilibrium after {MOST_EQUILIBRIUM_STEPS} iterations"
-    raise AacmmError(f"{state.arm.name}: {labels}: {reached}; reduce the compliances or masses")
+    came = f"no static equilibrium after {MOST_EQUILIBRIUM_STEPS} iterations"
+    raise AacmmError(f"{state.arm.name}: {labels}: {came}; reduce the compliances or masses")
 
 
 def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) -> dict[int, Array]:
+    """The twists of places by ``effects`` in a state, added to ``others``."""
     twists = dict(others)
     for effect in effects:
         for place, twist in effect.exact(state):
@@ -447,10 +454,10 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
             continue
         if values.dtype == object:
             labels = [label for label in dict.fromkeys(values) if label]
-            words = first_few(labels)
+            came = first_few(labels)
         else:
-            words = f"{values.min():.6g} to {values.max():.6g}"
-        stated.append(f"{CONDITION_COLUMNS[need]} has {words}")
+            came = f"{values.min():.6g} to {values.max():.6g}"
+        stated.append(f"{CONDITION_COLUMNS[need]} has {came}")
     raise AacmmError(
         f"{effect.key}: the cause has no effect in {source}, where {'; '.join(stated)}; take "
         "records with other conditions"
@@ -470,8 +477,8 @@ def as_causes(
         UnknownNameError, AacmmError: see :func:`cause_of`; an item has another type.
     """
     effects: list[Effect] = []
-    several: Iterable[object] = [causes] if isinstance(causes, Effect | str) else causes
-    for given in several:
+    as_list: Iterable[object] = [causes] if isinstance(causes, Effect | str) else causes
+    for given in as_list:
         if isinstance(given, Effect):
             effects.append(given)
         elif isinstance(given, str):
