@@ -187,30 +187,30 @@ class Conditions(Shown):
         for name in self.present:
             values = getattr(self, name)
             column = CONDITION_ENTRIES[name]
-            given: NDArray[Any]
+            checked: NDArray[Any]
             if not column.unit:
-                given = labels_of(name, values, self.n)
+                checked = labels_of(name, values, self.n)
             elif len(column.names) > 1:
-                given = _directions(values)
+                checked = _directions(values)
             elif column.is_numbered:
-                given = batch(values, width_of(values), name, column.unit)
+                checked = batch(values, width_of(values), name, column.unit)
             else:
                 unit = "rad" if column.unit == "°" else column.unit
-                given = vector(values, self.n, name, unit)
-            if len(given) != self.n:
+                checked = vector(values, self.n, name, unit)
+            if len(checked) != self.n:
                 raise ShapeError(
-                    f"{name} has {len(given)} rows; expected {self.n}, one for each record"
+                    f"{name} has {len(checked)} rows; expected {self.n}, one for each record"
                 )
             if column.range is not None:
-                column.range.check(given, name, ShapeError)
-            if name == "approach" and not np.isin(given, (-1.0, 0.0, 1.0)).all():
+                column.range.check(checked, name, ShapeError)
+            if name == "approach" and not np.isin(checked, (-1.0, 0.0, 1.0)).all():
                 raise ShapeError("approach contains other numbers; expected -1, 0 or 1")
-            object.__setattr__(self, name, given)
+            object.__setattr__(self, name, checked)
 
     def take(self, rows: Index | slice | Mask | Sequence[int]) -> Conditions:
         """The conditions of some of the records."""
-        index = np.arange(self.n)[rows]
-        return Conditions(len(index), **{name: getattr(self, name)[index] for name in self.present})
+        kept = np.arange(self.n)[rows]
+        return Conditions(len(kept), **{name: getattr(self, name)[kept] for name in self.present})
 
     def with_usual(self, needs: Iterable[str], nq: int) -> Conditions:
         """The conditions with the usual values of unknown conditions named in ``needs``."""
@@ -225,7 +225,7 @@ class Conditions(Shown):
     def in_tilted_base(self, direction: Array) -> Array:
         """A vector of the room, such as gravity, in the tilted base, ``(n, 3)``.
 
-        The rotation vector ``(tilt_x, tilt_y, 0)`` turns the base from the position for which the
+        The rotation vector ``(tilt_x, tilt_y, 0)`` rotates the base from the position for which the
         arm states gravity. A positive ``tilt_x`` lowers the side of -y, a positive ``tilt_y`` that
         of +x.
 
@@ -236,11 +236,11 @@ class Conditions(Shown):
             return np.broadcast_to(direction, (self.n, 3))
         from scipy.spatial.transform import Rotation  # takes a while, and few mounts are tilted
 
-        turn = np.zeros((self.n, 3))
+        rotation_vectors = np.zeros((self.n, 3))
         for k, angle in enumerate((self.tilt_x, self.tilt_y)):
             if angle is not None:
-                turn[:, k] = angle
-        return np.asarray(Rotation.from_rotvec(turn).apply(direction, inverse=True))
+                rotation_vectors[:, k] = angle
+        return np.asarray(Rotation.from_rotvec(rotation_vectors).apply(direction, inverse=True))
 
     def labels(self, name: str) -> Labels:
         """The ``seat``, ``marker`` or ``session`` of each record, ``(n,)``; "" for no label."""
@@ -260,8 +260,8 @@ class Conditions(Shown):
     @property
     def temperatures(self) -> Array:
         """All known temperatures of the arm, ``(values,)`` [°C]."""
-        known = [v for v in (self.temperature, self.link_temperature) if v is not None]
-        return np.concatenate([np.zeros(0), *map(np.ravel, known)])
+        arrays = [v for v in (self.temperature, self.link_temperature) if v is not None]
+        return np.concatenate([np.zeros(0), *map(np.ravel, arrays)])
 
     def odd_temperatures(self, reference: float) -> list[Note]:
         """A note on temperatures that are implausible in a workshop; ``reference`` in °C."""

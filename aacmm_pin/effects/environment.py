@@ -131,10 +131,10 @@ class StylusOffset(_Moved):
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """A note if the coordinates are of a target far from the tip."""
-        far = float(np.linalg.norm(self.values))
-        if self.marker is not None or far < ANOTHER_POINT:
+        distance = float(np.linalg.norm(self.values))
+        if self.marker is not None or distance < ANOTHER_POINT:
             return []
-        return [Note("tip_is_target", {"cause": self.label, "distance": far})]
+        return [Note("tip_is_target", {"cause": self.label, "distance": distance})]
 
 
 @dataclass(frozen=True)
@@ -211,11 +211,11 @@ class SeatShift(_MovedOnce):
         if labels is None or times is None or len(np.unique(labels)) < LEAST_SEATS:
             return
         for seat in filter(None, dict.fromkeys(labels.tolist())):
-            touched = np.unique(times[labels == seat])
-            between = midpoints(touched[AT_ENDS - 1 : 1 - AT_ENDS])
-            some = np.linspace(0, between.size - 1, min(between.size, STEPS_OF_SEAT)).astype(int)
-            if between.size:
-                yield tuple(cls(str(seat), time) for time in between[some].tolist())
+            times_at_seat = np.unique(times[labels == seat])
+            middles = midpoints(times_at_seat[AT_ENDS - 1 : 1 - AT_ENDS])
+            chosen = np.linspace(0, middles.size - 1, min(middles.size, STEPS_OF_SEAT)).astype(int)
+            if middles.size:
+                yield tuple(cls(str(seat), time) for time in middles[chosen].tolist())
 
 
 @dataclass(frozen=True)
@@ -286,10 +286,14 @@ class ThermalExpansion(Effect):
         """The growth of each length per unit of α."""
         all_rows = range(state.arm.chain.rows + 1)
         rows = all_rows if self.link is None else [state.known_row(self.link)]
-        growths = [growth_of_body(state, row, self._warmer(state, row)[:, None]) for row in rows]
-        return [body for bodies in growths for body in bodies]
+        displacements: list[Displacement] = []
+        for row in rows:
+            rise = self._temperature_rise(state, row)
+            displacements += growth_of_body(state, row, rise[:, None])
+        return displacements
 
-    def _warmer(self, state: State, row: int) -> Array:
+    def _temperature_rise(self, state: State, row: int) -> Array:
+        """Temperature of a body less the reference temperature (n,) [K]."""
         conditions = state.conditions
         of_rows = conditions.link_temperature
         if of_rows is not None and 1 <= row <= of_rows.shape[1]:
@@ -316,8 +320,8 @@ def _stylus_axis(effect: Effect, arm: Arm) -> Array:
 
 def _across(stylus: Array, state: State, vectors: Array) -> Displacement:
     """Translation of the tip by the part of base vectors (n, 3) or (3,) across the stylus."""
-    of_tip = state.in_axes_of(state.arm.chain.tip, vectors)
-    across = of_tip - (of_tip @ stylus)[:, None] * stylus
+    in_tip_axes = state.in_axes_of(state.arm.chain.tip, vectors)
+    across = in_tip_axes - (in_tip_axes @ stylus)[:, None] * stylus
     return Displacement(state.arm.chain.tip, twist(across[:, :, None]))
 
 
@@ -325,10 +329,10 @@ def growth_of_body(state: State, row: int, growth: Array) -> list[Displacement]:
     """Growth of the lengths of body ``row`` (0: before row 1) by ``growth`` (n, p) [1/unit]."""
     displacements = []
     for place in (axis(row), end(row)) if row else (end(0),):
-        # The shift from the place before; a joint turns it only where it is along z.
+        # The shift from the place before; a joint rotates it only where it is along z.
         constant = state.arm.chain.constant[place]
-        length = constant[:3, :3].T @ constant[:3, 3]
-        if length.any():
-            shifts = length[:, None] * growth[:, None]
-            displacements.append(Displacement(place, twist(shifts)))
+        shift = constant[:3, :3].T @ constant[:3, 3]
+        if shift.any():
+            growths = shift[:, None] * growth[:, None]
+            displacements.append(Displacement(place, twist(growths)))
     return displacements

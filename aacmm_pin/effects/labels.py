@@ -55,19 +55,19 @@ def in_words(effect: Effect, arm: Arm | None = None) -> str:
 
 
 def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
-    """Causes as text, grouped by kind: ``error curve of joints 1, 2 and 3``."""
-    kinds: dict[tuple[type[Effect], str], list[Effect]] = {}
+    """Causes as text, grouped by cause: ``error curve of joints 1, 2 and 3``."""
+    groups: dict[tuple[type[Effect], str], list[Effect]] = {}
     for effect in effects:
-        kind = "" if effect.place is None else _place_words(effect, arm)
-        kinds.setdefault((type(effect), kind), []).append(effect)
+        place_words = "" if effect.place is None else _place_words(effect, arm)
+        groups.setdefault((type(effect), place_words), []).append(effect)
     texts = []
-    for (cause, kind), alike in kinds.items():
-        places = {effect.place for effect in alike if effect.place is not None}
-        if len(places) < len(alike) or len(alike) == 1:
-            texts += [in_words(effect, arm) for effect in alike]
+    for (cause, place_words), group in groups.items():
+        places = {effect.place for effect in group if effect.place is not None}
+        if len(places) < len(group) or len(group) == 1:
+            texts += [in_words(effect, arm) for effect in group]
         else:
             numbers = [str(place) for place in sorted(places)]
-            plural = PLURAL.get(kind, f"{kind}s")
+            plural = PLURAL.get(place_words, f"{place_words}s")
             texts.append(f"{cause_in_words(cause)} of {plural} {listed(numbers)}")
     return listed(texts)
 
@@ -90,8 +90,8 @@ def slides(effect: Effect, arm: Arm) -> bool:
     if effect.location_field() != "joint" or effect.row is None:
         return False
     number = int(arm.chain.joint[axis(effect.row)])
-    of_reading = effect.along_slide and all(term.unit == "rad" for term in effect.terms)
-    return of_reading and number >= 0 and bool(arm.chain.prismatic[number])
+    may_slide = effect.along_slide and all(term.unit == "rad" for term in effect.terms)
+    return may_slide and number >= 0 and bool(arm.chain.prismatic[number])
 
 
 def values_with_u(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:

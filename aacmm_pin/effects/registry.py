@@ -27,6 +27,7 @@ LIBRARY = (encoder, time_dependent, compliance, environment, geometry)
 
 
 def _defined_in(module: ModuleType) -> Iterator[type[Effect]]:
+    """The causes that a module defines, without those that it imports."""
     for value in vars(module).values():
         is_defined = isinstance(value, type) and value.__module__ == module.__name__
         if is_defined and issubclass(value, Effect) and "cause" in vars(value):
@@ -70,20 +71,20 @@ def register(cause: _Own) -> _Own:
         raise AacmmError(
             f"{class_name}: cause is {name!r}; expected lower-case letters, digits and _"
         )
-    there = CAUSES.get(name, cause)
-    if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
-        taken = f"{there.__module__}.{there.__qualname__}"
+    registered = CAUSES.get(name, cause)
+    if (registered.__module__, registered.__qualname__) != (cause.__module__, cause.__qualname__):
+        other = f"{registered.__module__}.{registered.__qualname__}"
         raise AacmmError(
-            f"{class_name}: {taken} has already registered the cause {name}; expected another name"
+            f"{class_name}: {other} has already registered the cause {name}; expected another name"
         )
     if cause.__abstractmethods__:
         lacking = ", ".join(sorted(cause.__abstractmethods__))
         raise CauseError(name, f"{class_name} lacks {lacking}; define these methods or properties")
     _check_attributes(cause)
     for method in ("displacements", "exact"):
-        given = getattr(cause, method)
-        if given is not Effect.exact and not hasattr(given, "__wrapped__"):
-            setattr(cause, method, _checked(given, method))
+        function = getattr(cause, method)
+        if function is not Effect.exact and not hasattr(function, "__wrapped__"):
+            setattr(cause, method, _checked(function, method))
     CAUSES[name] = cause
     return cause
 
@@ -108,34 +109,35 @@ def _checked(method: _Method, name: str) -> _Method:
     @wraps(method)
     def checked(self: Effect, state: State) -> list[Any]:
         try:
-            moves = list(method(self, state))
-            for moved in moves:
-                _check(self, name, moved, state)
+            results = list(method(self, state))
+            for result in results:
+                _check(self, name, result, state)
         except AacmmError:
             raise
         except (Exception, SystemExit) as error:
             raise CauseError(self.label, f"{name}: {raised(error, file)}") from error
-        return moves
+        return results
 
     return checked
 
 
-def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
-    width: tuple[int, ...] = (6,)
+def _check(effect: Effect, method: str, result: Any, state: State) -> None:
+    """Check one result of ``displacements`` or ``exact``: place, and shape and size of numbers."""
+    shape: tuple[int, ...] = (6,)
     if method == "displacements":
-        place, numbers, width = moved.place, moved.columns, (6, len(effect.terms))
+        place, numbers, shape = result.place, result.columns, (6, len(effect.terms))
     else:
-        place, numbers = moved
+        place, numbers = result
     last = state.arm.chain.tip
-    shapes = ((state.n, *width), (1, *width))
+    shapes = ((state.n, *shape), (1, *shape))
     if np.shape(numbers) not in shapes:
         came = f"{method}: the shape is {np.shape(numbers)}"
         raise CauseError(effect.label, f"{came}; expected {shapes[0]} or {shapes[1]}")
     if place not in range(last + 1):
         raise CauseError(effect.label, f"{method}: place is {place!r}; expected 0 to {last}")
-    possible = np.abs(numbers) <= LARGEST_COLUMN
-    if not possible.all():
-        record = np.argwhere(~possible)[0, 0] + 1
+    is_possible = np.abs(numbers) <= LARGEST_COLUMN
+    if not is_possible.all():
+        record = np.argwhere(~is_possible)[0, 0] + 1
         raise CauseError(
             effect.label,
             f"{method}: numbers that are not finite, or too large (first: record {record}); "
@@ -145,12 +147,12 @@ def _check(effect: Effect, method: str, moved: Any, state: State) -> None:
 
 def raised(error: BaseException, file: str) -> str:
     """An exception as one line, with the last line of ``file`` in its traceback."""
-    where = ""
+    position = ""
     for frame in traceback.extract_tb(error.__traceback__):
         if frame.filename == file:
-            where = f" ({Path(file).name}, line {frame.lineno})"
+            position = f" ({Path(file).name}, line {frame.lineno})"
     text = str(traceback.TracebackException.from_exception(error))  # whatever its own __str__ does
-    return f"{type(error).__name__}: {' '.join(text.split())}{where}"
+    return f"{type(error).__name__}: {' '.join(text.split())}{position}"
 
 
 def cause_named(name: str) -> type[Effect]:
@@ -180,23 +182,23 @@ def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tu
         records: records that must show the causes; None for all that records could show.
     """
     arm = as_arm(arm)
-    free = (cause for cause in CAUSES.values() if not cause.refitted)
-    for _, kinds in itertools.groupby(free, key=lambda cause: cause.location_field()):
-        places = [_candidates(cause, arm, records) for cause in kinds]
-        alike = itertools.chain.from_iterable(places)
-        yield from sorted(alike, key=lambda variants: variants[0].row or 0)
+    not_refitted = (cause for cause in CAUSES.values() if not cause.refitted)
+    for _, kinds in itertools.groupby(not_refitted, key=lambda cause: cause.location_field()):
+        candidates = [_candidates(cause, arm, records) for cause in kinds]
+        in_order_of_kinds = itertools.chain.from_iterable(candidates)
+        yield from sorted(in_order_of_kinds, key=lambda variants: variants[0].row or 0)
 
 
 def _candidates(cause: type[Effect], arm: Arm, records: Records | None) -> list[tuple[Effect, ...]]:
-    places = cause.candidates(arm, records)
-    given = list(places) if isinstance(places, Iterable) else [places]
-    for variants in given:
+    yielded = cause.candidates(arm, records)
+    candidates = list(yielded) if isinstance(yielded, Iterable) else [yielded]
+    for variants in candidates:
         effects = variants if isinstance(variants, tuple) else ()
         if not effects or not all(isinstance(effect, cause) for effect in effects):
             expected = f"expected tuples of one {cause.__name__} or more"
             came = f"candidates yields {reprlib.repr(variants)}"
             raise CauseError(cause.cause, f"{came}; {expected}")
-    return given
+    return candidates
 
 
 @cache
@@ -208,6 +210,6 @@ def example(cause: type[Effect]) -> Effect | None:
     place = EXAMPLE_ROW if location in ROW_FIELDS else EXAMPLE_LABEL
     required = cause.required_fields()
     values: dict[Any, Any] = {location: place, cause.nonlinear.field: EXAMPLE_VALUE}
-    stated = {name: value for name, value in values.items() if name in required}
-    stated |= cause.default_fields(stated, Arm.load("sino6"), ())
-    return cause(**stated) if required <= {*stated} else None
+    fields = {name: value for name, value in values.items() if name in required}
+    fields |= cause.default_fields(fields, Arm.load("sino6"), ())
+    return cause(**fields) if required <= {*fields} else None

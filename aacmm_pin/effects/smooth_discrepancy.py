@@ -78,25 +78,25 @@ class Cosines:
     def over(of: str, values: ArrayLike, count: int) -> Cosines:
         """The cosines over the ranks of ``values`` ``(n,)``."""
         numbers = np.asarray(values, dtype=np.float64)
-        at, times = np.unique(numbers, return_counts=True)
+        knots, times = np.unique(numbers, return_counts=True)
         below = np.cumsum(times) - 0.5 * times
-        if at.size > MOST_KNOTS:
-            evenly = np.linspace(below[0], below[-1], MOST_KNOTS)
-            knots = np.unique(np.searchsorted(below, evenly))
-            at = at[knots]
-            below = below[knots]
-        return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), numbers.size, count)
+        if knots.size > MOST_KNOTS:
+            evenly_spaced = np.linspace(below[0], below[-1], MOST_KNOTS)
+            chosen = np.unique(np.searchsorted(below, evenly_spaced))
+            knots = knots[chosen]
+            below = below[chosen]
+        return Cosines(of, tuple(knots.tolist()), tuple(below.tolist()), numbers.size, count)
 
     def of_values(self, values: ArrayLike) -> Array:
         """The functions of ``values`` ``(n,)``: ``(n, count + 1)``."""
         numbers = np.asarray(values, dtype=np.float64)
-        part = np.interp(numbers, self.at_si, self.below) / self.records
+        rank = np.interp(numbers, self.at_si, self.below) / self.records
         frequency = np.pi * np.arange(self.count + 1)
-        return np.cos(frequency * part[:, None])
+        return np.cos(frequency * rank[:, None])
 
     def values(self, state: State) -> Array:
         """The functions in the records, ``(n, count + 1)``."""
-        return self.of_values(_recorded(self.of, state))
+        return self.of_values(_quantity(self.of, state))
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Waves:
 
     def values(self, state: State) -> Array:
         """The functions in the records, ``(n, 2 or 3)``."""
-        angle = self.order * _recorded(self.of, state)
+        angle = self.order * _quantity(self.of, state)
         constant = [np.ones_like(angle)] if self.constant else []
         of_cosine, of_sine = self.less
         return np.stack([*constant, np.cos(angle) - of_cosine, np.sin(angle) - of_sine], axis=1)
@@ -200,29 +200,29 @@ class Bumps:
 
 
 Smooth = Cosines | Waves | Moment | Bumps
-_FILED: TypeAdapter[Smooth] = TypeAdapter(Annotated[Smooth, Field(discriminator="kind")])
+_ENTRY: TypeAdapter[Smooth] = TypeAdapter(Annotated[Smooth, Field(discriminator="kind")])
 
 
 def product_of(functions: Sequence[Smooth], state: State) -> Array:
     """All products of one function of each set, ``(n, m)``, the last varying fastest; 1 without
     sets.
     """
-    columns = np.ones((state.n, 1))
-    for functions_of_one in functions:
-        values = functions_of_one.values(state)
-        products = np.einsum("na,nb->nab", columns, values)
-        columns = products.reshape(state.n, columns.shape[1] * values.shape[1])
-    return columns
+    products = np.ones((state.n, 1))
+    for one_set in functions:
+        values = one_set.values(state)
+        pairs = np.einsum("na,nb->nab", products, values)
+        products = pairs.reshape(state.n, products.shape[1] * values.shape[1])
+    return products
 
 
-def as_read(filed: dict[str, Any]) -> Smooth:
+def as_read(entry: dict[str, Any]) -> Smooth:
     """The functions of an entry of a file.
 
     Raises:
         AacmmError: the entry is invalid.
     """
     try:
-        return _FILED.validate_json(json.dumps(filed, default=str), strict=True)
+        return _ENTRY.validate_json(json.dumps(entry, default=str), strict=True)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"][1:]))
@@ -230,7 +230,7 @@ def as_read(filed: dict[str, Any]) -> Smooth:
         raise AacmmError(f"functions: {came}; expected {expected_words(first)}") from None
 
 
-def _recorded(of: str, state: State) -> Array:
+def _quantity(of: str, state: State) -> Array:
     """The recorded quantity (n,) [rad, m, s, °C].
 
     Raises:
@@ -350,14 +350,17 @@ class Carrier:
             return [about_axis(state, self.row, shifts[:, 0])]
         if self.what in ("tube", "tubes"):
             rows = tubes(state.arm) if self.what == "tubes" else [state.known_row(self.row)]
-            return [moved for row in rows for moved in growth_of_body(state, row, shifts[:, 0])]
+            displacements: list[Displacement] = []
+            for row in rows:
+                displacements += growth_of_body(state, row, shifts[:, 0])
+            return displacements
         if self.what == "lengths":
             shifts = state.position[:, :, None] * shifts
         if self.what == "frame":
             return [Displacement(BASE, shifts)]
-        return [Displacement(self._place(state), twist(shifts))]
+        return [Displacement(self._displaced_place(state), twist(shifts))]
 
-    def _place(self, state: State) -> int:
+    def _displaced_place(self, state: State) -> int:
         if self.what == "before":
             return axis(state.known_row(self.row)) - 1
         return state.arm.chain.tip if self.what == "target" else BASE
@@ -380,8 +383,8 @@ class Part:
     @property
     def coefficients(self) -> int:
         """The number of coefficients on all axes."""
-        functions = math.prod(each.number for each in self.functions)
-        return functions * self.carrier.axes
+        products = math.prod(functions.number for functions in self.functions)
+        return products * self.carrier.axes
 
     @property
     def rows(self) -> Sequence[Sequence[float]]:
@@ -391,15 +394,15 @@ class Part:
 
     def displacements(self, state: State) -> list[Displacement]:
         """The displacements for one unit of each parameter."""
-        rows = np.array(self.rows)
-        of_functions = rows.reshape(-1, self.carrier.axes, rows.shape[1])
+        directions = np.array(self.rows)
+        by_function = directions.reshape(-1, self.carrier.axes, directions.shape[1])
         functions = product_of(self.functions, state)
-        shifts = np.tensordot(functions, of_functions, 1)
+        shifts = np.tensordot(functions, by_function, 1)
         return self.carrier.displacements(state, shifts)
 
     def filed(self) -> DiscrepancyPart:
         """The entry of the part in an arm file."""
-        functions = list(map(_FILED.dump_python, self.functions))
+        functions = list(map(_ENTRY.dump_python, self.functions))
         directions = tuple(map(_rounded, self.directions))
         return DiscrepancyPart(
             acts_on=self.carrier.name, functions=functions, directions=directions
@@ -442,7 +445,7 @@ class Discrepancy(Effect):
 
     @property
     def label(self) -> str:
-        """The name of the covariate and of the changed quantity."""
+        """The covariate, and the changed quantity if there is only one."""
         label = f"{self.cause}:{self.covariate}"
         if len(self.parts) > 1:
             return label
@@ -477,7 +480,7 @@ class Discrepancy(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The functions along the axes of their carriers."""
-        return [moved for part in self.parts for moved in part.displacements(state)]
+        return [displacement for part in self.parts for displacement in part.displacements(state)]
 
     def filed(self) -> DiscrepancyEntry:
         """The entry of the discrepancy in an arm file."""
@@ -490,22 +493,22 @@ class Discrepancy(Effect):
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """Notes on records outside the fitted range of time or temperature."""
         notes = {}
-        for cosines in self._functions:
-            if not (isinstance(cosines, Cosines) and cosines.of in RECORDED):
+        for functions in self._functions:
+            if not (isinstance(functions, Cosines) and functions.of in RECORDED):
                 continue
-            values = conditions.require(cosines.of, self.label)
-            low, high = cosines.at_si[0], cosines.at_si[-1]
+            values = conditions.require(functions.of, self.label)
+            low, high = functions.at_si[0], functions.at_si[-1]
             data = {
                 "records": int(np.sum((values < low) | (values > high))),
                 "of": conditions.n,
                 "cause": self.label,
-                "condition": cosines.of,
-                "unit": CONDITION_ENTRIES[cosines.of].unit,
+                "condition": functions.of,
+                "unit": CONDITION_ENTRIES[functions.of].unit,
                 "low": float(low),
                 "high": float(high),
             }
             if data["records"]:
-                notes[cosines.of] = Note("outside_fitted_range", data)
+                notes[functions.of] = Note("outside_fitted_range", data)
         return list(notes.values())
 
 

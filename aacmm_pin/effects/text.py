@@ -73,8 +73,8 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
     except AacmmError as error:
         raise AacmmError(f"{error}; the form is {_form(kind)}") from None
     if not parameters:
-        same = (stated for stated in model.effects if stated.identity == effect.identity)
-        effect = next(same, effect)
+        in_model = (other for other in model.effects if other.identity == effect.identity)
+        effect = next(in_model, effect)
     return effect
 
 
@@ -157,9 +157,11 @@ def effect_from(
             raise AacmmError(f"{kind.cause}: {name} is {came}; expected {expected}") from None
     u = dict(uncertainty or {})
     nonlinear_u = float(u.pop(kind.nonlinear.field, 0.0))
-    bare = kind(**fields, nonlinear_u=nonlinear_u)
-    values = bare.from_file(parameters)
-    return require_plausible(bare.at(values, values_by_key(bare, u, "uncertainty")))
+    without_values = kind(**fields, nonlinear_u=nonlinear_u)
+    values = without_values.from_file(parameters)
+    return require_plausible(
+        without_values.at(values, values_by_key(without_values, u, "uncertainty"))
+    )
 
 
 def require_plausible(effect: AnyEffect) -> AnyEffect:
@@ -171,16 +173,18 @@ def require_plausible(effect: AnyEffect) -> AnyEffect:
     """
     for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
         most = MOST_TYPICAL * term.typical if term.largest is None else term.largest
-        for what, size, limit in (("", value, most), ("u of ", u, LARGEST_U_RATIO * term.typical)):
-            if abs(size) > limit:
-                came = f"{size / term.scale:g}"
-                expected = f"{limit / term.scale:g}"
-                place = f"{effect.label}: {what}{term.key}"
-                raise AacmmError(f"{place} is {came}; expected at most {expected}")
+        _require_at_most(f"{effect.label}: {term.key}", value, most, term.scale)
+        most_u = LARGEST_U_RATIO * term.typical
+        _require_at_most(f"{effect.label}: u of {term.key}", u, most_u, term.scale)
         if term.positive and value < 0 and u == 0:
             came = f"{effect.label}: {term.key} is {value / term.scale:g}"
             raise AacmmError(f"{came}; expected 0 or more")
     return effect
+
+
+def _require_at_most(name: str, number: float, most: float, scale: float) -> None:
+    if abs(number) > most:
+        raise AacmmError(f"{name} is {number / scale:g}; expected at most {most / scale:g}")
 
 
 def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | DiscrepancyEntry]]:
@@ -230,15 +234,15 @@ def _effect_of_entry(entry: EffectEntry | DiscrepancyEntry, arm: Arm) -> Effect:
         kind = cause_named(entry.cause)
         effect = effect_from(kind, entry.structure, entry.parameters, entry.uncertainty)
         linear = [term.key for term in effect.terms]
-        by_notation = [*effect.file_values()]
-        names = linear if {*entry.parameters} <= {*linear} else by_notation
-        for what, stated, expected in (
-            ("parameters", entry.parameters, names),
+        in_file = [*effect.file_values()]
+        expected_parameters = linear if {*entry.parameters} <= {*linear} else in_file
+        for key, stated, expected in (
+            ("parameters", entry.parameters, expected_parameters),
             ("uncertainty", entry.uncertainty, linear),
         ):
             missing = [name for name in expected if name not in stated]
             if stated and missing:
-                came = f"{what} has only {', '.join(stated)}"
+                came = f"{key} has only {', '.join(stated)}"
                 raise AacmmError(f"{effect.label}: {came}; expected also {', '.join(missing)}")
         return require_row(effect, arm)
     discrepancy = require_plausible(discrepancy_of(entry))
