@@ -485,7 +485,7 @@ class Counterbalance(Effect):
         return [about_axis(state, self.joint, lever[:, None])]
 
     def _direction(self, state: State) -> Array:
-        """Unit vectors u (n, 3) in the base."""
+        """u (n, 3) in the base."""
         if self.joint < state.arm.chain.rows:
             # The next axis is constant in the body: the next joint rotates about it.
             constant = state.arm.chain.constant

@@ -305,7 +305,6 @@ CONDITION_ENTRIES: dict[str, Column] = {
     for attribute in fields(Conditions)
     if attribute.metadata
 }
-"""The columns of each condition."""
 CONDITION_COLUMNS: dict[str, str] = {}
 """The columns of each condition in messages, such as ``approach1 …``."""
 for _name, _column in CONDITION_ENTRIES.items():

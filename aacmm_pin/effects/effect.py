@@ -27,18 +27,15 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, CauseError, MissingConditionError, UnknownNameError
 
 ROW_FIELDS = ("joint", "link")
-"""Fields that state a cause's row."""
 LOCATION_FIELDS = (*ROW_FIELDS, "seat", "marker", "session")
 """Fields that state the place of a cause."""
 NUMBERS = ("values", "u", "nonlinear_u")
 """Fields of every cause that do not identify it."""
 UNIT_OF_KEY = re.compile(r"_(rad|deg|mm|um|m|s|k|kg|n|nm)?(_?per_\w+)?$")
-"""Unit at the end of a key."""
 
 BENDS = 0.15
 """A longer body is a tube, whose bending matters [m]."""
 RELATIVE_STEP = 1e-4
-"""Relative step of the derivative by a nonlinear parameter."""
 WARM_UP_TIMES = (600.0, 1800.0, 5400.0)
 """Usual time constants of a warm-up [s]."""
 TIME_CONSTANTS = 15
@@ -526,7 +523,7 @@ def corrects_seat(effect: Effect) -> bool:
 
 
 def _possible_places(location: str | None, arm: Arm, records: Records | None) -> Sequence[Any]:
-    """Rows, or labels of the records, that the field ``location`` may state."""
+    """Rows, or labels of the records."""
     if location == "joint":
         return arm.chain.moving_rows()
     if location == "link":

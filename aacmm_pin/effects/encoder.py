@@ -38,15 +38,14 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
 SAMPLES = 4096
-"""Points of a curve for its spectrum."""
+"""For the spectrum of a curve."""
 DEGREE = 3
-"""Degree of the splines of a curve."""
 MOST_CURVE_COEFFICIENTS = 1000
 """More than any joint has records for."""
 LEAST_SPREAD = 0.02
 """A joint that moves less shows nothing that depends on its angle [rad] or position [m]."""
 HIGHEST_ORDER = 50.0
-"""Highest order to try [periods per turn]."""
+"""[periods per turn]"""
 ORDER_STEP = 0.1
 """Step of orders to try, in periods over the range: a wave in between loses 0.8 % of its mean
 square.
@@ -58,7 +57,6 @@ OWN_WITHIN = 0.2
 ORDERS_NEAR = 15
 """Steps in half an order to refine an order."""
 LEAST_ORDER = 0.3
-"""Lowest order to try."""
 WHOLE_ORDER_SD = 0.03
 """Prior standard deviation of a whole order. If records determine it to 0.07, its phase has an RMS
 error of 0.7 u (with 0.5: 0.4 u), and that of the order 7.08 1.9 u.
@@ -72,15 +70,13 @@ COARSER = (8, 4, 2, 1)
 FEWEST_COEFFICIENTS = 8
 """A curve with fewer coefficients is too stiff."""
 DEFAULT_COEFFICIENTS = 24
-"""Of a curve whose coefficients nobody states."""
 LIMIT_MARGIN = 0.01
-"""Range of a curve beyond the limits of its joint, for readings just outside [rad]."""
+"""Of a curve beyond the limits of its joint [rad]."""
 POINTS_PER_INTERVAL = 4
 """Angles in each interval to represent a function by splines."""
 PER_COEFFICIENT = 2
 """Records for each coefficient of a curve, at least."""
 MOST_WAVES = 6
-"""Waves of a curve that are listed."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +184,6 @@ class _Periodic(OfAngle):
 
     @property
     def periods_per_turn(self) -> float:
-        """The order k."""
         raise NotImplementedError
 
     def function(self, angle: Array) -> Array:

@@ -21,9 +21,8 @@ from aacmm_pin.errors import UnsupportedArmError
 LEAST_SEATS = 3
 """Fewer seats do not show which of them has an error."""
 STEPS_OF_SETUP = 20
-"""Times of a movement of the set-up to try, each with several parameters."""
+"""Fewer, for each has several parameters."""
 STEPS_OF_SEAT = 8
-"""Times of a movement of a seat to try."""
 FARTHEST_TARGET = 10.0
 """Largest distance of a target on the last body from the tip [m]."""
 ANOTHER_POINT = 5e-4

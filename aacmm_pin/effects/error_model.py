@@ -39,9 +39,9 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
 MOST_EQUILIBRIUM_STEPS = 20
-"""Most iterations of the moments in the deflected arm; three or four suffice."""
+"""Three or four suffice."""
 SAME_TWIST = 1e-15
-"""Change of twists below which the iteration ends [m, rad]."""
+"""[m, rad]"""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -425,7 +425,7 @@ def static_equilibrium(elastic: list[Effect], state: State) -> State:
 
 
 def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) -> dict[int, Array]:
-    """The twists of places by ``effects`` in a state, added to ``others``."""
+    """Twists by place, added to ``others``."""
     twists = dict(others)
     for effect in effects:
         for place, twist in effect.exact(state):

@@ -16,7 +16,7 @@ from aacmm_pin.errors import AacmmError, ShapeError
 OTHER_TIP = 5e-3
 """A target farther from the tip is another point [m]."""
 ARRIVED = 1e-9
-"""Distance, and angle, at which a tip has arrived [m, rad]."""
+"""[m, rad]"""
 MOST_STEPS = 100
 """Newton steps; four suffice except next to a singular posture."""
 LONGEST_JOINT_STEP = 0.1
@@ -86,7 +86,7 @@ def joint_commands(
 
 
 def _has_tip_on_target(model: ErrorModel) -> bool:
-    """Whether the arm file states that the tip is a target, or a large offset shows it."""
+    """By the arm file, or by a large offset of the tip."""
     if model.arm.tip_on_target:
         return True
     offsets = [effect for effect in model.effects if isinstance(effect, StylusOffset)]

@@ -21,11 +21,9 @@ PLACE_WORDS = {
 }
 """Words for places, by the cause or the field; default the field."""
 PLURAL = {"body": "bodies"}
-"""Irregular plurals."""
 WHOLE_ARM = {"thermal_expansion": "the arm"}
 """Words for the whole arm, of causes that may have a place."""
 FEW_VALUES = 8
-"""Parameters to show, at most."""
 MOST_DECIMALS = 6
 """Numbers with more decimals have a power of ten."""
 

@@ -23,11 +23,9 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
 LIBRARY = (encoder, time_dependent, compliance, environment, geometry)
-"""The modules of the library's causes."""
 
 
 def _defined_in(module: ModuleType) -> Iterator[type[Effect]]:
-    """The causes that a module defines, without those that it imports."""
     for value in vars(module).values():
         is_defined = isinstance(value, type) and value.__module__ == module.__name__
         if is_defined and issubclass(value, Effect) and "cause" in vars(value):
@@ -40,7 +38,6 @@ CAUSES = {effect.cause: effect for module in LIBRARY for effect in _defined_in(m
 EXAMPLE_ROW = 3
 EXAMPLE_LABEL = "A"
 EXAMPLE_VALUE = 10.0
-"""Nonlinear parameter of an example."""
 
 LARGEST_COLUMN = 1e12
 """Largest displacement per unit of a parameter of your own cause [m/unit, rad/unit]."""
@@ -122,7 +119,6 @@ def _checked(method: _Method, name: str) -> _Method:
 
 
 def _check(effect: Effect, method: str, result: Any, state: State) -> None:
-    """Check one result of ``displacements`` or ``exact``: place, and shape and size of numbers."""
     shape: tuple[int, ...] = (6,)
     if method == "displacements":
         place, numbers, shape = result.place, result.columns, (6, len(effect.terms))

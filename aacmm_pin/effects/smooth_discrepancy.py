@@ -31,7 +31,6 @@ MOST_FUNCTIONS = 100
 """Functions of one kind in a file; ``diagnose`` uses 25 at most."""
 
 RECORDED = ("time", "temperature")
-"""Conditions that functions may depend on."""
 _JOINT = r"joint [1-9]\d{0,2}"
 OfJoint = Annotated[str, Field(pattern=f"^{_JOINT}$")]
 OfRecorded = Annotated[str, Field(pattern=f"^({'|'.join([_JOINT, *RECORDED])})$")]
@@ -281,7 +280,6 @@ CARRIER_KINDS = {
     "tubes": Kind("tubes_grow", GROWTH, "1", 2e-5),
     "tube": Kind("tube_grows", GROWTH, "1", 2e-5),
 }
-"""Kinds by the name of a carrier without its row."""
 
 
 @dataclass(frozen=True)

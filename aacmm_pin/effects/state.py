@@ -92,7 +92,7 @@ class State:
         return bool(chain.slides[number])
 
     def _number(self, of_places: Index, row: int) -> int:
-        """The number ``of_places`` (places,) at the axis of ``row``, where -1 is refused."""
+        """The number at the axis of ``row``, after a check."""
         number = int(of_places[axis(self.known_row(row))])
         if number < 0:
             raise AacmmError(

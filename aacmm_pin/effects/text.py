@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 VALUES_IN_TEXT = 6
-"""Parameters whose values a text states, at most."""
 
 AnyEffect = TypeVar("AnyEffect", bound=Effect)
 

@@ -31,7 +31,6 @@ TIMES_OF_STEP = 40
 AT_ENDS = 3
 """No step is tried with fewer records before or after it: they may be gross errors."""
 GAPS_NEAR = 60
-"""Gaps between records to refine the time of a step."""
 PAUSE_RATIO = 5.0
 """A pause is so many median intervals between records."""
 

@@ -47,7 +47,7 @@ DIAMETERS = ("feature_diameter_mm", "probe_diameter_mm")
 (LINK_TEMPERATURE,) = CONDITION_ENTRIES["link_temperature"].names
 
 AT_FRONT = ("seat", "marker")
-"""Conditions written beside the coordinates."""
+"""Written beside the coordinates."""
 _TURNS = plausible.MOST_TURNS * 2.0 * math.pi + 1e-9
 _NO_DEGREES = "degrees, in columns theta1_deg …"
 _ONE_TURN = 2.0 * math.pi + 1e-9
@@ -111,7 +111,6 @@ RELATION_COLUMNS = (
 LABELS = tuple(
     column.names[0] for column in RECORD_COLUMNS if column.is_label and column.covariate != "none"
 )
-"""Labels on which errors of records may depend."""
 UNKNOWN_COLUMN = Column("", ("",), "anywhere")
 PLANNED = "planned_"
 """Begins columns that a procedure planned, which are no conditions."""

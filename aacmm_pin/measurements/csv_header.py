@@ -167,7 +167,6 @@ def _stem(name: str) -> str:
 
 
 def _letters(name: str) -> str:
-    """Letters and digits in lower case."""
     text = name.casefold()
     for sign, letters in SPELLED.items():
         text = text.replace(sign, letters)

@@ -211,7 +211,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[FileLi
 def _records(
     path: str, rows: Sequence[FileLine], ways: list[str]
 ) -> tuple[list[str], Index, list[list[str]]]:
-    """The header, and the lines and cells of all records."""
+    """Header, lines and cells of records."""
     stated = [row for row in rows if not row.is_comment]
     if not stated:
         raise MeasurementFileError(
@@ -291,7 +291,6 @@ def _decimal_sign(cell: object) -> str:
 
 
 def _with_sign(cells: Iterable[Any], sign: str) -> list[Any]:
-    """The cells with another decimal sign in numbers."""
     signs = [(cell, _decimal_sign(cell)) for cell in cells]
     return [str(cell).replace(stated, sign) if stated else cell for cell, stated in signs]
 

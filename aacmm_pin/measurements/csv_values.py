@@ -38,7 +38,6 @@ from aacmm_pin.measurements.csv_columns import (
 from aacmm_pin.measurements.csv_header import check_header
 
 ENOUGH_RECORDS = 5
-"""Records that distinguish degrees from radians."""
 ENOUGH_ANGLES = 10
 """Angles of a joint that show rounding."""
 COARSE_DECIMALS = 4
@@ -48,7 +47,6 @@ WHOLE_TOLERANCE = 1e-6
 LEAST_PART_IN_ONE_TURN = 0.75
 """Part of the angles within ±2π from which on degrees may be radians."""
 SIGNS = (-1.0, 0.0, 1.0)
-"""Directions of approach."""
 BAR_ENDS = ("A", "B")
 FEWEST_CONTACTS = 4
 """Least contacts of a surface: three determine it, and nothing else."""
@@ -247,7 +245,6 @@ def rounding_steps(angles: Array) -> Array:
 
 
 def _check_references(values: Values, problems: Problems) -> None:
-    """Coordinates that are all zero are refused, but for one seat at the origin."""
     coordinates = values.block(REFERENCE)
     complete = np.isfinite(coordinates).all(axis=1)
     count = np.count_nonzero(complete)
@@ -280,7 +277,6 @@ def _check_references(values: Values, problems: Problems) -> None:
 
 
 def _check_features(values: Values, problems: Problems) -> None:
-    """A probe diameter without that of a feature needs a direction."""
     kind = values.label(FEATURE_KIND)
     is_kind = np.isin(kind, [PLANE, ""])
     problems.at(~is_kind, FEATURE_KIND, f"{{!r}}; expected {PLANE} or an empty cell", kind)

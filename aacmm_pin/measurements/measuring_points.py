@@ -17,14 +17,14 @@ from aacmm_pin.postures import StateOf, agile, brought_to, different_postures, s
 SEATS_APART = 0.05
 """[m]"""
 POOL = 20_000
-"""Random postures whose tips are possible points and first guesses."""
+"""Random postures."""
 GUESSES = 4
 """For each wanted posture, and at least :data:`LEAST_GUESSES`."""
 LEAST_GUESSES = 100
 CANDIDATES = 30
 """For each wanted seat or bar."""
 TRIES = 4
-"""Seats or bars to try for each wanted one."""
+"""Likewise, at which postures are searched."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -453,7 +453,7 @@ class Measurements(Shown):
         return pd.concat([pd.DataFrame(table), self.extra], axis=1)
 
     def _file_columns(self, column: Column) -> dict[str, NDArray[Any]]:
-        """Values (n,) in units of the file, by name; {} if unknown."""
+        """{} if unknown."""
         holder = self.conditions if column.field in CONDITION_ENTRIES else self
         values = getattr(holder, column.field)
         if values is None:
@@ -583,7 +583,6 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
 
 
 def _with_numbers(extra: pd.DataFrame, values: Values) -> pd.DataFrame:
-    """``extra`` with numbers in columns whose name states a unit."""
     numbers = {name: values.columns[name] for name in map(str, extra) if column_of(name).unit}
     return extra.assign(**numbers)
 

@@ -163,7 +163,6 @@ class _Workshop:
     orientation_noise: float | None = None
 
     def free(self, q: Array) -> Measurements:
-        """Each record has its own reference."""
         conditions = self._conditions(sessions(len(q)), q, None)
         tips = self.model.predict(q, conditions, as_referenced=True)
         contacts = tips + self._normal(self.noise.probe, tips)
@@ -232,7 +231,7 @@ class _Workshop:
     def _measurements(
         self, q: Array, conditions: Conditions, reference: Array | None, **attributes: Any
     ) -> Measurements:
-        """Records with noise of readings and orientations; exact references state no u."""
+        """Exact references state no u."""
         arm = self.model.arm
         readings = arm.readings(q) + self.noise.encoder * self.rng.normal(size=q.shape)
         u = self.noise.reference
