@@ -309,7 +309,10 @@ class Effect(Shown, ABC):
     def exact(self, state: State) -> list[tuple[int, Array]]:
         """Places and their exact twists ``(n, 6)`` at the values; default the linear twists."""
         values = np.array(self.values)
-        return [(moved.place, moved.columns @ values) for moved in self.displacements(state)]
+        return [
+            (displacement.place, displacement.columns @ values)
+            for displacement in self.displacements(state)
+        ]
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -283,8 +283,8 @@ class _Order(Nonlinear["JointPeriodicError"]):
     words: str = "{value:.4g} periods per turn"
 
     def refine(self, effect: JointPeriodicError, records: Records) -> list[JointPeriodicError]:
-        steps = effect.order + np.linspace(-0.5, 0.5, 2 * ORDERS_NEAR + 1)
-        orders = np.union1d(np.round(steps, 4), round(effect.order))
+        near = effect.order + np.linspace(-0.5, 0.5, 2 * ORDERS_NEAR + 1)
+        orders = np.union1d(np.round(near, 4), round(effect.order))
         return [self.at(effect, order) for order in orders[orders > LEAST_ORDER].tolist()]
 
     def prior_sd(self, effect: JointPeriodicError) -> float:
@@ -316,12 +316,12 @@ class JointPeriodicError(_Periodic):
         for row, angle in _moving(arm, records):
             revolutions = float(np.ptp(angle)) / (2 * np.pi)
             periods = np.arange(1.0, HIGHEST_ORDER * revolutions, ORDER_STEP)
-            is_new = np.ones(len(periods), dtype=bool)
+            is_other = np.ones(len(periods), dtype=bool)
             for order in OWN_ORDERS:
-                is_new &= np.abs(periods - order * revolutions) >= OWN_WITHIN
+                is_other &= np.abs(periods - order * revolutions) >= OWN_WITHIN
             whole = np.arange(max(OWN_ORDERS) + 1.0, HIGHEST_ORDER)
             has_period = whole * revolutions >= 1.0
-            orders = np.union1d(periods[is_new] / revolutions, whole[has_period])
+            orders = np.union1d(periods[is_other] / revolutions, whole[has_period])
             if orders.size:
                 yield tuple(cls(row, order) for order in np.round(orders, 4).tolist())
 

@@ -318,7 +318,7 @@ class ErrorModel(Shown):
         """The model with joint limits reduced to the known ranges of its causes.
 
         Raises:
-            AacmmError: no angle within the limits of a joint is in the known range.
+            AacmmError: see :meth:`known_within`.
         """
         limits = self.known_within(self.arm.limits)
         if np.array_equal(limits, self.arm.limits):

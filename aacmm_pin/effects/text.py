@@ -107,8 +107,8 @@ def _field(kind: type[Effect], name: str, value: str) -> Any:
     try:
         if name.endswith("_rad"):
             return in_radians(value)
-        given = value.split("+") if "tuple" in str(declared) else value
-        return TypeAdapter(declared).validate_python(given)
+        unchecked = value.split("+") if "tuple" in str(declared) else value
+        return TypeAdapter(declared).validate_python(unchecked)
     except (ValidationError, ValueError):
         return value
 

@@ -59,11 +59,12 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
         of_each_joint = joints and form != LINK_TEMPERATURE
         expected = named(form, joints if of_each_joint else len(columns))
         if columns and columns != expected:
-            each = f", one for each of the {joints} joints" if of_each_joint else ""
+            for_each_joint = f", one for each of the {joints} joints" if of_each_joint else ""
             present = first_few(map(shortened, columns))
             problems.add(
                 span(columns),
-                f"the columns are {present}; expected {span(expected)} without a gap{each}",
+                f"the columns are {present}; expected {span(expected)} without a gap"
+                f"{for_each_joint}",
             )
     row_temperatures = column_of(LINK_TEMPERATURE.replace("#", "1")).among(texts)
     if not joints:

@@ -106,35 +106,35 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
         MeasurementFileError: it cannot be read, or is no such table.
     """
     content = measurement_file(path) if content is None else content
-    ways: list[str] = []
+    peculiarities: list[str] = []
     separator = ","
     if is_workbook(content):
-        rows = _rows_of_sheet(path, content, ways)
+        rows = _rows_of_sheet(path, content, peculiarities)
     else:
         text = _text(path, content)
         separator, spaced = _separation(text)
         if separator in SEPARATORS:
-            ways.append(f"with {SEPARATORS[separator]} between cells")
+            peculiarities.append(f"with {SEPARATORS[separator]} between cells")
         if spaced:
-            ways.append("without the spaces around cells")
+            peculiarities.append("without the spaces around cells")
         rows = list(_rows(path, text, separator, spaced))
     while rows and not any(map(str.strip, rows[-1].cells)):
         rows.pop()
-    header, lines, records = _records(path, rows, ways)
+    header, lines, records = _records(path, rows, peculiarities)
     cells = [[*column] for column in zip(*records, strict=True)] or [[] for _ in header]
     sign = "." if separator == "," else _decimal_sign_of(header, cells, Problems(path, lines))
     if sign == ",":
-        ways.append("with decimal commas")
+        peculiarities.append("with decimal commas")
         for k in _numeric(header):
             cells[k] = _with_sign(cells[k], ".")
     table = pd.DataFrame(dict(enumerate(cells)), dtype=object).set_axis(header, axis=1)
-    notes = [Note("read_with", {"ways": ways})] if ways else []
+    notes = [Note("read_with", {"ways": peculiarities})] if peculiarities else []
     if comments := len(rows) - len(records) - 1:
         notes.append(Note("comments_ignored", {"lines": comments}))
     return CsvTable(table, lines, tuple(notes), Dialect(separator, sign))
 
 
-def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[FileLine]:
+def _rows_of_sheet(path: str, content: bytes, peculiarities: list[str]) -> list[FileLine]:
     """Rows and columns of the first sheet that are not empty: numbers as Python writes them,
     formulas as values.
     """
@@ -161,7 +161,7 @@ def _rows_of_sheet(path: str, content: bytes, ways: list[str]) -> list[FileLine]
         ) from None
     if len(book.sheet_names) > 1:
         first, *_ = book.sheet_names
-        ways.append(f"from sheet {first!r}, the first of {len(book.sheet_names)}")
+        peculiarities.append(f"from sheet {first!r}, the first of {len(book.sheet_names)}")
     cells = sheet.astype(str)
     stated = cells != ""
     cells = cells.loc[stated.any(axis=1), stated.any(axis=0)]
@@ -209,7 +209,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool) -> Iterator[FileLi
 
 
 def _records(
-    path: str, rows: Sequence[FileLine], ways: list[str]
+    path: str, rows: Sequence[FileLine], peculiarities: list[str]
 ) -> tuple[list[str], Index, list[list[str]]]:
     """Header, lines and cells of records."""
     stated = [row for row in rows if not row.is_comment]
@@ -234,7 +234,7 @@ def _records(
         for name in header
     ]
     if lower != header and len({*lower}) == len(lower):
-        ways.append("with lower-case column names")
+        peculiarities.append("with lower-case column names")
         header = lower
     may_be_label = column_of(header[0], columns).is_label  # a number does not begin with #
     records = []

@@ -76,9 +76,7 @@ class Values:
         return quantity.among(self.columns)
 
     def in_si(self, quantity: Column) -> NDArray[Any] | None:
-        """Numbers in SI, or labels: (n,), or (n, columns) of joints, rows or components; None for
-        an absent quantity.
-        """
+        """Numbers in SI, or labels, (n,) or (n, columns); None for an absent quantity."""
         names = self.names(quantity)
         if not names:
             return None
@@ -133,9 +131,7 @@ def check_numbers(
     valid: Range | None,
     problems: Problems,
 ) -> None:
-    """Check numbers (n, k) of the columns ``names`` against a column, and the ``valid`` range in
-    their unit.
-    """
+    """Check numbers (n, k) of k ``names``; the ``valid`` range is in their unit."""
     stated = ~np.isnan(numbers)
     is_partial = stated.any(axis=1) & ~stated.all(axis=1)
     for k, name in enumerate(names):

@@ -118,9 +118,13 @@ def with_features_as_seats(table: pd.DataFrame, problems: Problems) -> pd.DataFr
     """A measurement file with features as seats."""
     feature = cells_of(table[FEATURE])
     seat = cells_of(table["seat"]) if "seat" in table else np.full_like(feature, "")
-    both = (feature != "") & (seat != "")
+    has_both = (feature != "") & (seat != "")
     problems.at(
-        both, FEATURE, "{!r} in a row with seat {!r}; expected one of the two labels", feature, seat
+        has_both,
+        FEATURE,
+        "{!r} in a row with seat {!r}; expected one of the two labels",
+        feature,
+        seat,
     )
     return table.drop(columns=FEATURE).assign(seat=np.where(feature != "", feature, seat))
 

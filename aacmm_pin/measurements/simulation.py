@@ -188,6 +188,7 @@ class _Workshop:
             first = np.unique(point, return_index=True)[1]
             seats = self.model.predict(q[first], conditions.take(first), as_referenced=True)
             reference = (seats + self._normal(self.noise.reference, seats))[point]
+        # The references are of the points themselves; each contact misses its point.
         if self.noise.probe > 0:
             contacts = points[point] + self._normal(self.noise.probe, points[point])
             q = self._postures_at(q, contacts, conditions)
@@ -265,10 +266,10 @@ def _check_numbers(
     least_per_seat = 1 if stated else 2
     least = max(1, least_per_seat * seats)
     if records < least:
-        each = f" ({least_per_seat} for each of {seats} seats)" if seats else ""
+        for_each_seat = f" ({least_per_seat} for each of {seats} seats)" if seats else ""
         raise AacmmError(
-            f"records is {records}; expected at least {least}{each}; use more records or fewer "
-            "seats"
+            f"records is {records}; expected at least {least}{for_each_seat}; use more records or "
+            "fewer seats"
         )
     if scheme == "ball-bar" and seats % 2:
         raise AacmmError(
