@@ -297,10 +297,10 @@ class JointCompliance(GravityEffect):
         has_torques = records is not None and records.conditions.torque is not None
         for number, row in enumerate(rows):
             slides = chain.slides[number:]
-            is_mimic = row not in chain.moving_rows()
-            if is_mimic or slides[0] or (arm.masses is None and slides.any()):
-                # No torque could rotate it alone, or unknown masses beyond a slide have no constant
-                # lever.
+            rotates_alone = row in chain.moving_rows() and not slides[0]
+            # Unknown masses beyond a slide have no constant lever.
+            has_lever = arm.masses is not None or not slides.any()
+            if not (rotates_alone and has_lever):
                 continue
             variants = [cls(row, torque="measured")] if has_torques else []
             has_moment = number > 0 or not _first_axis_is_vertical(arm, records)

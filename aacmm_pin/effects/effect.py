@@ -582,12 +582,12 @@ def point_sensitivity(state: State, displacement: Displacement) -> Array:
     columns = displacement.columns
     lever = state.position - state.origin[displacement.place]
     motion = None
-    moving = [columns[:, k].any() for k in range(6)]
-    for k in np.flatnonzero(moving):  # most displacements have one component, or three
+    is_present = [columns[:, k].any() for k in range(6)]
+    for k in np.flatnonzero(is_present):  # most displacements have one component, or three
         direction = rotation[:, :, k % 3]
         by_unit = direction if k < 3 else np.cross(direction, lever)
-        part = by_unit[:, :, None] * columns[:, k, None]
-        motion = part if motion is None else np.add(motion, part, out=motion)
+        of_component = by_unit[:, :, None] * columns[:, k, None]
+        motion = of_component if motion is None else np.add(motion, of_component, out=motion)
     if motion is None:
         motion = np.zeros((state.n, 3, columns.shape[2]))
     if not state.with_rotation:

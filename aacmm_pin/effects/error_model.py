@@ -332,9 +332,10 @@ class ErrorModel(Shown):
             AacmmError: no angle within the limits of a joint is in the known range.
         """
         limits = limits.copy()
-        for k, joint, known_range in self._known_ranges():
-            low, high = np.array(known_range) + 2 * AT_LIMIT * np.array([1.0, -1.0])
-            limits[joint] = max(limits[joint, 0], low), min(limits[joint, 1], high)
+        margin = 2 * AT_LIMIT
+        for k, joint, (low, high) in self._known_ranges():
+            limits[joint, 0] = max(limits[joint, 0], low + margin)
+            limits[joint, 1] = min(limits[joint, 1], high - margin)
             if limits[joint, 0] >= limits[joint, 1]:
                 effect = self.effects[k]
                 expected_range = f"{effect.label}{known_range_in_words(effect)}"

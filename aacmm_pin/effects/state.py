@@ -216,7 +216,7 @@ class State:
     @cached_property
     def _first_moments(self) -> Array:
         """Σ m_k c_k over each body and all beyond, (rows + 1, n, 3) [kg·m]."""
-        axes = slice(2, 2 * self.arm.chain.rows + 1, 2)
+        axes = slice(axis(1), axis(self.arm.chain.rows) + 1, 2)  # every second place
         from_axis = np.einsum("rnij,rj->rni", self.rotation[axes], self.arm.centres_of_mass)
         of_bodies = self.masses[:, None, None] * (self.origin[axes] + from_axis)
         moments = np.zeros((len(of_bodies) + 1, self.n, 3))

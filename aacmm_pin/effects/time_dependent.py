@@ -135,8 +135,8 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         gaps = np.diff(times)
         pauses = middles[gaps > PAUSE_RATIO * np.median(gaps)][: self.tried]
         first = min(AT_ENDS, (len(middles) + 1) // 2) - 1
-        quantiles = np.linspace(first, len(middles) - 1 - first, self.tried).astype(int)
-        times_to_try: list[float] = np.union1d(middles[np.unique(quantiles)], pauses).tolist()
+        chosen = np.linspace(first, len(middles) - 1 - first, self.tried).astype(int)
+        times_to_try: list[float] = np.union1d(middles[np.unique(chosen)], pauses).tolist()
         return times_to_try
 
     def refine(self, effect: StepInTime, records: Records) -> list[StepInTime]:
@@ -276,9 +276,9 @@ class _InGap(UncertaintyOf):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The whole step between the two times, where the model has half of it."""
-        twice = 2.0 * (self.base.part(state.conditions) == 0.5)[:, None, None]
+        factors = 2.0 * (self.base.part(state.conditions) == 0.5)[:, None, None]
         steps = self.base.displacements(state)
-        return [Displacement(step.place, step.columns * twice) for step in steps]
+        return [Displacement(step.place, step.columns * factors) for step in steps]
 
 
 @dataclass(frozen=True)

@@ -102,11 +102,11 @@ def checked_names(
 ) -> list[str]:
     """The names as text, known names in place of similar ones; mistakes go to ``problems``."""
     texts = [name if isinstance(name, str) else "" for name in names]
-    for place, name in enumerate(names, start=1):
+    for number, name in enumerate(names, start=1):
         if not isinstance(name, str) or not name.strip():
             came = "no name" if isinstance(name, str) else f"the name {name!r}"
             expected = "expected a name for each column"
-            problems.add("", f"column {place} of {len(names)} has {came}; {expected}")
+            problems.add("", f"column {number} of {len(names)} has {came}; {expected}")
     for name, times in Counter(texts).items():
         if times > 1 and name.strip():
             problems.add(name, f"{times} columns have this name; expected each name once")

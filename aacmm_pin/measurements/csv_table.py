@@ -163,8 +163,8 @@ def _rows_of_sheet(path: str, content: bytes, peculiarities: list[str]) -> list[
         first, *_ = book.sheet_names
         peculiarities.append(f"from sheet {first!r}, the first of {len(book.sheet_names)}")
     cells = sheet.astype(str)
-    stated = cells != ""
-    cells = cells.loc[stated.any(axis=1), stated.any(axis=0)]
+    has_text = cells != ""
+    cells = cells.loc[has_text.any(axis=1), has_text.any(axis=0)]
     return [FileLine(row + 1, [*values]) for row, *values in cells.itertuples()]
 
 

@@ -99,9 +99,9 @@ def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
     for test, names in NEEDED.items():
         for name in names:
             stated = points[POINT_FIELDS[name]]
-            empty = (stated.isna() | (stated == "")).to_numpy()
+            is_empty = (stated.isna() | (stated == "")).to_numpy()
             problems.at(
-                empty & (tests == test),
+                is_empty & (tests == test),
                 name,
                 f"empty cell; expected a value, because test {test} needs {name}",
             )

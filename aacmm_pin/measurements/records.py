@@ -486,8 +486,8 @@ class Measurements(Shown):
         table = self.to_frame("rad" if looks_like_radians(self.readings / DEG) else "deg")
         texts = table.select_dtypes(exclude="number").to_numpy().ravel()
         # A lone carriage return ends a line for readers, but is no reason to quote for the writer.
-        returns = any("\r" in str(text) for text in texts)
-        quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
+        has_return = any("\r" in str(text) for text in texts)
+        quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if has_return else csv.QUOTE_MINIMAL
         return csv_text(table, quoting)
 
     def save(self, path: str | Path, force: bool = False) -> None:
@@ -547,9 +547,10 @@ def as_measurements(given: object, arm: Arm) -> Measurements:
 def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) -> Measurements:
     read_as: tuple[Note, ...] = ()
     problems = Problems(source, lines)
+    describes_feature = not {FEATURE_KIND, *DIAMETERS}.isdisjoint(table)
     if has_probed_points(table):
         table, read_as = as_records(table, problems)
-    elif {FEATURE, FEATURE_KIND, *DIAMETERS} & {*table} > {FEATURE}:
+    elif FEATURE in table and describes_feature:
         table = with_features_as_seats(table, problems)
     values = read_records(table, nq, problems)
     stated = {column.field: values.in_si(column) for column in RECORD_COLUMNS if column.field}

@@ -74,16 +74,16 @@ def posture_numbers(q: Array, within: float = SAME_POSTURE) -> Index:
     A record repeats it if no reading differs by more than ``within`` from its first.
     """
     tree = scipy.spatial.KDTree(q)
-    single = _nearest_difference(q, 2.0 * within) > within
+    is_alone = _nearest_difference(q, 2.0 * within) > within
     posture = np.full(len(q), -1, dtype=np.intp)
     number = 0
     for k in range(len(q)):
         if posture[k] >= 0:
             continue
-        near = np.array([k])
-        if not single[k]:
-            near = np.asarray(tree.query_ball_point(q[k], within, p=np.inf))
-        posture[near[posture[near] < 0]] = number
+        neighbours = np.array([k])
+        if not is_alone[k]:
+            neighbours = np.asarray(tree.query_ball_point(q[k], within, p=np.inf))
+        posture[neighbours[posture[neighbours] < 0]] = number
         number += 1
     return posture
 
