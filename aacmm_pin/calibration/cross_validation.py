@@ -289,7 +289,7 @@ def _held_out_residuals(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Arra
         noise = NoiseModel.of(problem, x, frame, fit.noise.scatters, observations)
         observed = noise.observations
         prediction = problem.predict(x, frame)
-        point = Point(x, frame, observed.start(prediction.tips), prediction)
+        point = Point(x, frame, observed.first_seats(prediction.tips), prediction)
         end = solve(problem, noise, point, np.ones(others.n)).point
         seats = dict(zip(observed.labels, end.seats, strict=True))
         for k in np.flatnonzero(observed.planes):

@@ -468,7 +468,7 @@ def _fitted_tips(arm_problem: Problem, tips: Array, targets: _Targets) -> tuple[
     if not arm_problem.vector.effects:
         if setup.external:
             tips = registered(tips[placed], records.reference[placed]).apply(tips)
-        return tips, observations.start(tips)
+        return tips, observations.first_seats(tips)
     combined = replace(records, q=arm_problem.measurements.q)
     problem = replace(arm_problem, measurements=combined, setup=setup)
     point = initial_point(problem, observations)

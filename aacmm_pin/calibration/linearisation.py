@@ -46,8 +46,8 @@ class SeatElimination:
         columns = np.arange(self._touched.size)
         self._summing = csr_array((ones, (self._seat_of_touched, columns)), shape=shape)
         self._set_orthonormal(by_seat[self._touched])
-        self._relation_residual, by_ends = observations.of_relations(points)
-        self._stated_residual = observations.of_seats(points)
+        self._relation_residual, by_ends = observations.relation_residuals(points)
+        self._stated_residual = observations.seat_residuals(points)
         self._relation_jacobian = self._by_seats(by_ends)
 
     @property
@@ -230,7 +230,7 @@ def linearise(point: Point, prior: Prior, noise: NoiseModel, weights: Array) -> 
     rows[:, :, p] = whitened * root_weights
     correlation = noise.correlation(whitening)
     rows = correlation.whitened(rows)
-    by_seats = correlation.whitened(observations.by_seats(whitening))
+    by_seats = correlation.whitened(observations.seat_derivatives(whitening))
     elimination = SeatElimination(observations, point.seats, by_seats)
     seats_cost = float(np.square(rows[has_target, :, p]).sum()) + elimination.cost
     along_seats, (of_records, of_seats, of_relations) = elimination.eliminated(rows)

@@ -113,7 +113,7 @@ class NoiseModel:
         observations = replace(observations, stated_u=u)
         if observations.on_surface.any():
             tips_there = problem.poses(x, frame)[:, :3]
-            centres = observations.start(tips_there) if seats is None else seats
+            centres = observations.first_seats(tips_there) if seats is None else seats
             observations = observations.with_normals(tips_there, centres)
         scatter = scatters.covariance(observations.covariance.shape[1])
         tip_covariance = np.broadcast_to(scatter, (n, *scatter.shape))

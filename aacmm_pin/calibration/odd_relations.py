@@ -62,7 +62,7 @@ def require_possible_relations(problem: Problem) -> None:
     )
     is_tilt = np.isin(related.relation, TILTS)
     as_angles = replace(related, relation=np.where(is_tilt, ANGLE, related.relation))
-    excess = as_angles.of_relations(free.point.seats)[0] * related.value_u
+    excess = as_angles.relation_residuals(free.point.seats)[0] * related.value_u
     is_distance = related.relation == DISTANCE
     gross = np.where(is_distance, GROSS_DISTANCE + GROSS_SCALE * related.value, GROSS_ANGLE)
     impossible = of_planes & (deviations >= IMPOSSIBLE) & (np.abs(excess) >= gross)

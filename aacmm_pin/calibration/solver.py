@@ -83,7 +83,7 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
         prediction = problem.predict(x, frame)
     elif problem.external:
         prediction = Prediction(frame.apply(tips), frame.rotation @ prediction.jacobian)
-    return Point(x, frame, observations.start(prediction.tips), prediction)
+    return Point(x, frame, observations.first_seats(prediction.tips), prediction)
 
 
 def solve(

@@ -45,8 +45,8 @@ def _tip_scatter(fit: Fit, open_: Mask, dof: float) -> float:
     seats = fit.point.seats
     deviation = np.where(fit.used[:, None], fit.system.deviation, 0.0)
     stated = noise.without_scatter[:, :3, :3]
-    of_seats = np.where(open_, 0.0, noise.observations.of_seats(seats))
-    of_relations, _ = noise.observations.of_relations(seats)
+    of_seats = np.where(open_, 0.0, noise.observations.seat_residuals(seats))
+    of_relations, _ = noise.observations.relation_residuals(seats)
     of_ties = float(np.square(of_seats).sum() + np.square(of_relations).sum())
 
     def excess(variance: float) -> float:
@@ -121,7 +121,7 @@ def information_of_seats(fit: Fit) -> tuple[Array, Array, Array, Array]:
     observations = fit.observations
     touched = np.flatnonzero(observations.seat >= 0)
     whitening = fit.noise.whitening
-    by_seats = observations.by_seats(whitening)[touched, :3]
+    by_seats = observations.seat_derivatives(whitening)[touched, :3]
     weighted = fit.weights[touched, None, None] * by_seats.transpose(0, 2, 1)
     of_records = weighted @ by_seats
     tie = np.where(observations.is_stated[:, None], observations.stated_u, np.inf) ** -2.0
@@ -148,7 +148,8 @@ def deleted_distances(fit: Fit) -> Array:
         least = np.maximum(NOTHING_KNOWN, rounding)[:, None, None] * np.eye(3)
         by_others = np.linalg.inv(information[seat] - of_records + least)
         # By one unit of a seat a deviation changes by minus these.
-        changes = -observations.by_seats(np.tile(np.eye(3), (len(deviations), 1, 1)))[touched]
+        identity = np.tile(np.eye(3), (len(deviations), 1, 1))
+        changes = -observations.seat_derivatives(identity)[touched]
         corrections = changes @ by_others @ pulls @ deviations[touched][:, :, None]
         deviations[touched] += corrections[:, :, 0]
         covariance[touched] += changes @ by_others @ changes.transpose(0, 2, 1)

@@ -138,7 +138,7 @@ def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask)
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.point.seats[old]
     whitening = noise.whitening * chosen[:, None, None]
-    by_seat = noise.decorrelated(observations.by_seats(whitening))
+    by_seat = noise.decorrelated(observations.seat_derivatives(whitening))
     elimination = SeatElimination(observations, points, by_seat)
     whole_groups = noise.with_all_of_a_group(chosen, used)
     deviations = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)

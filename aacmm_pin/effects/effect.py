@@ -606,7 +606,7 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
     return Displacement(axis(row), twists)
 
 
-def of_encoder(state: State, row: int, columns: Array) -> list[Displacement]:
+def encoder_displacements(state: State, row: int, columns: Array) -> list[Displacement]:
     """Rotations of all joints whose angles contain the reading of ``row``, by its errors
     ``columns`` (n, p) [rad].
     """

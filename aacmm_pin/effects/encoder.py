@@ -30,8 +30,8 @@ from aacmm_pin.effects.effect import (
     Reading,
     Term,
     about_axis,
+    encoder_displacements,
     is_row,
-    of_encoder,
     require_names,
 )
 from aacmm_pin.effects.state import State
@@ -107,7 +107,8 @@ class OfAngle(Effect):
     def displacements(self, state: State) -> list[Displacement]:
         """The error as a rotation about the axis of the joint."""
         if self.of_reading:
-            return of_encoder(state, self.joint, self.function(state.reading(self.joint)))
+            errors = self.function(state.reading(self.joint))
+            return encoder_displacements(state, self.joint, errors)
         return [about_axis(state, self.joint, self.function(state.angle(self.joint)))]
 
     def basis(self, arm: Arm, records: Records) -> Effect | None:
@@ -256,7 +257,7 @@ class EncoderEccentricity(_Periodic):
             )
         waves = self.function(state.reading(self.joint))
         errors = np.arcsin(waves @ np.array(self.values))
-        rotations = of_encoder(state, self.joint, errors[:, None])
+        rotations = encoder_displacements(state, self.joint, errors[:, None])
         return [(rotation.place, rotation.columns[:, :, 0]) for rotation in rotations]
 
 

@@ -214,7 +214,7 @@ def product_of(functions: Sequence[Smooth], state: State) -> Array:
     return products
 
 
-def as_read(entry: dict[str, Any]) -> Smooth:
+def functions_of_entry(entry: dict[str, Any]) -> Smooth:
     """The functions of an entry of a file.
 
     Raises:
@@ -518,7 +518,7 @@ def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
     """
     parts = []
     for part in entry.parts:
-        functions = tuple(map(as_read, part.functions))
+        functions = tuple(map(functions_of_entry, part.functions))
         parts.append(Part(Carrier(part.acts_on), functions, part.directions))
     values = entry.values_si
     u = entry.standard_uncertainty_si

@@ -21,7 +21,7 @@ from aacmm_pin.effects.effect import (
     TimeConstant,
     UncertaintyOf,
     about_axis,
-    of_encoder,
+    encoder_displacements,
 )
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
@@ -298,4 +298,4 @@ class EncoderSlip(StepInTime):
     def displacements(self, state: State) -> list[Displacement]:
         """The part of the slip in each record as an error of the reading."""
         part = self.part(state.conditions)
-        return of_encoder(state, self.joint, part[:, None])
+        return encoder_displacements(state, self.joint, part[:, None])

@@ -214,7 +214,7 @@ class Observations:
         from_anchor = points[seat] - self.anchor[seat]
         return np.asarray(from_anchor / np.linalg.norm(from_anchor, axis=1, keepdims=True))
 
-    def by_seats(self, whitening: Array) -> Array:
+    def seat_derivatives(self, whitening: Array) -> Array:
         """Derivative of each whitened deviation with respect to its seat ``(n, r, 3)``;
         ``whitening`` ``(n, r, 3 or 6)`` makes r numbers of a deviation.
         """
@@ -265,7 +265,7 @@ class Observations:
         """The cluster of each seat, ``(s,)``; relations connect its seats."""
         return clusters_of(self.ends, len(self.labels))
 
-    def start(self, tips: Array) -> Array:
+    def first_seats(self, tips: Array) -> Array:
         """First estimates of the seats, ``(s, 3)`` [m], from tips ``(n, 3)`` [m].
 
         The stated value, else the median of the tips; of a sphere the fitted centre, of a plane the
@@ -312,13 +312,13 @@ class Observations:
         deviations[plane, :3] = above_plane[:, None] * self.normal[plane]
         return deviations
 
-    def of_seats(self, points: Array) -> Array:
+    def seat_residuals(self, points: Array) -> Array:
         """Residuals of the stated seats over their u, ``(s, 3)``; zero if not stated."""
         is_stated = self.is_stated[:, None]
         u = np.where(is_stated, self.stated_u, 1.0)
         return np.where(is_stated, (points - self.stated) / u, 0.0)
 
-    def of_relations(self, points: Array) -> tuple[Array, Array]:
+    def relation_residuals(self, points: Array) -> tuple[Array, Array]:
         """Residuals of relations over their u ``(b,)``; derivatives by both ends ``(b, 2, 3)``."""
         first, second = self.ends.T
         difference = points[first] - points[second]

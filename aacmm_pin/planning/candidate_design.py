@@ -133,14 +133,14 @@ def whitened_rows(
     of_seat = [scales.size + 3 * seats.index(label) + np.arange(3) for label in labels]
     rows = np.zeros((problem.measurements.n, 3, width))
     rows[:, :, : scales.size] = whitening @ (prediction.jacobian * scales)
-    by_seat = observations.by_seats(whitening)
+    by_seat = observations.seat_derivatives(whitening)
     for record in np.flatnonzero(observations.seat >= 0):
         rows[record][:, of_seat[observations.seat[record]]] = by_seat[record]
     is_new = np.array([label not in stated for label in labels], dtype=bool)
     ties = [np.zeros((0, width))]
     for seat in np.flatnonzero(observations.is_stated & is_new):
         ties.append(unit[of_seat[seat]] / observations.stated_u[seat][:, None])
-    _, by_ends = observations.of_relations(observations.start(prediction.tips))
+    _, by_ends = observations.relation_residuals(observations.first_seats(prediction.tips))
     for (one, other), by_both in zip(observations.ends, by_ends, strict=True):
         if is_new[one] or is_new[other]:
             ties.append(by_both[:1] @ unit[of_seat[one]] + by_both[1:] @ unit[of_seat[other]])

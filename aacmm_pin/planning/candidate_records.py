@@ -57,7 +57,7 @@ def postures_at_seats(
     else:
         tips = task.frame.apply(task.model.predict(existing.q, existing.conditions))
         no_surface = np.flatnonzero(~observed.surfaces)
-        points = task.frame.back(observed.start(tips))[no_surface]
+        points = task.frame.back(observed.first_seats(tips))[no_surface]
         labels = [observed.labels[k] for k in no_surface]
         rows = existing.seats()
         first_row = [rows[label][0] for label in labels]

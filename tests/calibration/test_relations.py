@@ -190,7 +190,7 @@ def test_steps_blocks_and_slots(sino6, rng, angle, stated, sign):
     row = [("E0", "E1", stated, 1e-3, angle, 1e-3)]
     records = read(np.concatenate(found), np.array(numbers), pd.DataFrame(row, columns=COLUMNS))
     fit = calibrated(sino6, records, parameters="theta_offset6").fit
-    residual, _ = fit.observations.of_relations(fit.point.seats)
+    residual, _ = fit.observations.relation_residuals(fit.point.seats)
     assert np.abs(residual).max() < 0.1
 
 
