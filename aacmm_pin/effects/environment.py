@@ -78,7 +78,6 @@ class SeatError(_Moved):
     cause = "seat_error"
     moves = "seat"
     words = "error of the stated coordinates"
-    needs = ("seat",)
     of_reference = True
     terms = shifts(2e-5)
 
