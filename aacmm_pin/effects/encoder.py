@@ -70,7 +70,7 @@ COARSER = (8, 4, 2, 1)
 FEWEST_COEFFICIENTS = 8
 """A curve with fewer coefficients is too stiff."""
 DEFAULT_COEFFICIENTS = 24
-LIMIT_MARGIN = 0.01
+CURVE_MARGIN = 0.01
 """Of a curve beyond the limits of its joint [rad]."""
 POINTS_PER_INTERVAL = 4
 """Angles in each interval to represent a function by splines."""
@@ -397,8 +397,8 @@ class JointErrorCurve(OfAngle):
         bounds = joint_bounds(arm)[rows.index(joint)] if joint in rows else (-np.pi, np.pi)
         low, high = map(float, bounds)
         return {
-            "lower_rad": low - LIMIT_MARGIN,
-            "upper_rad": high + LIMIT_MARGIN,
+            "lower_rad": low - CURVE_MARGIN,
+            "upper_rad": high + CURVE_MARGIN,
             "coefficients": DEFAULT_COEFFICIENTS,
         }
 

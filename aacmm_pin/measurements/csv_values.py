@@ -340,9 +340,10 @@ def _check_bars(values: Values, problems: Problems) -> None:
     bar, end, seat = (values.label(name) for name in ("bar", "bar_end", "seat"))
     length, u = values.block(["bar_length_mm", BAR_U]).T
     of_bar = bar != ""
-    message = "empty cell in a row of the bar {!r}; expected a value"
-    problems.at(of_bar & (seat == ""), "seat", message, bar)
-    problems.at(of_bar & np.isnan(length), "bar_length_mm", message, bar)
+    for name, is_empty in (("seat", seat == ""), ("bar_length_mm", np.isnan(length))):
+        problems.at(
+            of_bar & is_empty, name, "empty cell in a row of the bar {!r}; expected a value", bar
+        )
     groups = pd.Series(bar)
     for name, numbers in (("bar_length_mm", length), (BAR_U, u)):
         problems.of_other_values(name, numbers, of_bar & np.isfinite(numbers), groups, "bar")
