@@ -15,7 +15,7 @@ from aacmm_pin._support.file_problems import Problems, first_few
 from aacmm_pin.measurements.csv_columns import DIAMETERS, RELATION_COLUMNS
 from aacmm_pin.measurements.csv_header import checked_names
 from aacmm_pin.measurements.csv_table import read_table
-from aacmm_pin.measurements.csv_values import check_values, read_values
+from aacmm_pin.measurements.csv_values import Values, check_values, read_values
 
 DISTANCE, ANGLE = "distance", "angle"
 TILTS = ("tilt 1", "tilt 2")
@@ -69,25 +69,7 @@ def read_relations(
     Raises:
         MeasurementFileError: it cannot be read, or a row not used.
     """
-    if isinstance(given, pd.DataFrame):
-        table, problems = given, Problems("table", np.arange(len(given)) + 2)
-    else:
-        table, lines, *_ = read_table(str(given))
-        problems = Problems(str(given), lines)
-    if not len(table):
-        problems.add("", "a table without relations; expected one row per pair of planes")
-    names = checked_names([*table.columns], RELATION_COLUMNS, problems)
-    valid = [column.names[0] for column in RELATION_COLUMNS]
-    for name in dict.fromkeys(names):
-        if name.strip() and name not in valid:
-            problems.add(name, f"unknown name; expected only {', '.join(valid)}; rename the column")
-    for column in RELATION_COLUMNS:
-        if column.names[0] not in names and not column.field.startswith(DISTANCE):
-            problems.add(column.names[0], "missing; expected this column in a table of relations")
-    problems.stop()
-    values = read_values(table, RELATION_COLUMNS, problems)
-    check_values(values, RELATION_COLUMNS, problems)
-    problems.stop()
+    values, problems = _cells(given)
     a, b = (values.label(column.names[0]) for column in RELATION_COLUMNS[:2])
     distance, distance_u, angle, angle_u = (
         values.block(column.names)[:, 0] * column.si for column in RELATION_COLUMNS[2:]
@@ -144,6 +126,31 @@ def read_relations(
     centre_distance = np.abs(distance + np.where(opposite, (probe_a + probe_b) / 2, 0.0))
     numbers = np.stack([centre_distance, distance_u, angle, angle_u]).tolist()
     return tuple(map(Relation, a, b, *numbers))
+
+
+def _cells(given: str | Path | pd.DataFrame) -> tuple[Values, Problems]:
+    """The cells, each in its range, and the list of mistakes."""
+    if isinstance(given, pd.DataFrame):
+        table = given
+        problems = Problems("table", np.arange(len(given)) + 2)
+    else:
+        table, lines, *_ = read_table(str(given))
+        problems = Problems(str(given), lines)
+    if not len(table):
+        problems.add("", "a table without relations; expected one row per pair of planes")
+    names = checked_names([*table.columns], RELATION_COLUMNS, problems)
+    valid = [column.names[0] for column in RELATION_COLUMNS]
+    for name in dict.fromkeys(names):
+        if name.strip() and name not in valid:
+            problems.add(name, f"unknown name; expected only {', '.join(valid)}; rename the column")
+    for column in RELATION_COLUMNS:
+        if column.names[0] not in names and not column.field.startswith(DISTANCE):
+            problems.add(column.names[0], "missing; expected this column in a table of relations")
+    problems.stop()
+    values = read_values(table, RELATION_COLUMNS, problems)
+    check_values(values, RELATION_COLUMNS, problems)
+    problems.stop()
+    return values, problems
 
 
 def relations_of_planes(
