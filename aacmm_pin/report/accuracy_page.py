@@ -133,7 +133,6 @@ def _degrees(angles: Iterable[float]) -> str:
 
 
 def _what_k_covers() -> str:
-    """The coverage probability of U of a position, in words."""
     along, isotropic = (f"{100 * part:.1f}" for part in COVERED)
     return (
         f"U (k = {COVERAGE_FACTOR:g}) of a position covers {along} to {isotropic} % of normally "

@@ -170,7 +170,6 @@ def _because_of_doubts(result: Diagnosis) -> str:
 
 
 def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
-    """How to separate two causes, or a cause from a covariate."""
     # Two causes in which the most probable set and a possible other set differ.
     best = next(iter(result.alternatives))
     named = {finding.label: finding.effect for finding in result.findings}
@@ -236,7 +235,6 @@ def _plan_command(result: Diagnosis, cause: Effect, other: Effect) -> str:
 
 
 def _how_to_vary(result: Diagnosis, depends_on: Sequence[str]) -> str:
-    """How to vary the quantities that the residuals depend on, independently of the others."""
     joints = [name for name in depends_on if name.startswith("joint ")]
     moments = [name for name in depends_on if name.startswith("moment ")]
     labels = [name for name in depends_on if name.split()[0] in LABELS]

@@ -109,7 +109,6 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
 
 
 def _positions_table(procedure: Procedure) -> pd.DataFrame:
-    """Where artefacts, and far ends of bars, stand round the base."""
     ends = _ends(procedure)
     heads = ["distance [mm]", "bearing [°]", "height [mm]"]
     located = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
@@ -119,7 +118,6 @@ def _positions_table(procedure: Procedure) -> pd.DataFrame:
 
 
 def _sizes(points: pd.DataFrame) -> pd.DataFrame:
-    """Size of every artefact, and room for its serial number."""
     bars = points["length_id"].replace(r"^(L\d+)$", r"length bar, A to \1", regex=True)
     names = {
         "feature_diameter_mm": "sphere, diameter",

@@ -223,7 +223,6 @@ def _plot_over_one(
 def _plot_over_two(
     shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes
 ) -> None:
-    """Draw a correction over two covariates, as colours."""
     size, colours = np.linalg.norm(shape[quantities], axis=1), VOLUME_COLOURS
     low, high = 0.0, float(size.max())
     if len(quantities) == 1:
