@@ -221,9 +221,9 @@ def _reversed(joint: int, nq: int) -> Mistake:
 @cache
 def _turned(joint: int, degrees: int, nq: int) -> Mistake:
     data = {"joint": joint + 1, "degrees": degrees}
-    same = np.eye(nq)
-    offset = degrees * DEG * same[joint]
-    return Mistake("zero_turned", data, matrix=same, offset=offset)
+    unchanged = np.eye(nq)
+    offset = degrees * DEG * unchanged[joint]
+    return Mistake("zero_turned", data, matrix=unchanged, offset=offset)
 
 
 def _wrong_couplings(arm: Arm) -> Iterator[Mistake]:

@@ -154,7 +154,7 @@ def _sparse_combinations(problem: Problem, directions: Array) -> Array:
         if parameter.unit not in ("m", "rad"):
             typical[k] = problem.widths[k]
     rows = (directions * problem.scales[:, None] / typical[:, None]).T.copy()
-    for k in range(len(rows)):
+    for k in range(len(rows)):  # Gauss–Jordan, full pivoting
         remaining = np.abs(rows[k:])
         i, j = divmod(int(np.argmax(remaining)), remaining.shape[1])
         rows[[k, k + i]] = rows[[k + i, k]]

@@ -176,7 +176,7 @@ def unidentifiable_lengths(problem: Problem) -> list[str]:
     return [p.name for p, stated in parameters if p is not None and p.unit == "m" and not stated]
 
 
-def length_held(problem: Problem) -> Effect | None:
+def length_to_hold(problem: Problem) -> Effect | None:
     """The arm's largest length, as stated, if the records leave its size open."""
     if not unidentifiable_lengths(problem):
         return None
@@ -217,7 +217,7 @@ def _all_geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
                 effects.append(LinkTilt(row if arm.dh.standard else row + 1))
     unknowns = [_unknown_geometry(arm, effect, setup.prior) for effect in effects]
     for k, effect in enumerate(effects):
-        if setup.held is not None and effect.label == setup.held.label:
+        if setup.held_length is not None and effect.label == setup.held_length.label:
             # Its lengths stay; angles of the same placement do not.
             width_of_unit = ASSEMBLED | {"m": HELD_WIDTH}
             widths = np.array([width_of_unit[term.unit] for term in effect.terms])

@@ -106,14 +106,14 @@ class Repeatability(Shown):
         repeats are too few, or all of one time.
         """
         elapsed = self.elapsed
-        square = float(elapsed @ elapsed)
+        elapsed_square = float(elapsed @ elapsed)
         dof = len(self.posture) - self.cycles.size - 1
-        if dof < 3 or not square:
+        if dof < 3 or not elapsed_square:
             return None
-        slope = elapsed @ self.deviations / square
-        scatter = self.deviations - np.outer(elapsed, slope)
-        precision = np.linalg.pinv(scatter.T @ scatter, rcond=NO_VARIANCE, hermitian=True)
-        ratio = square * float(slope @ precision @ slope)
+        slope = elapsed @ self.deviations / elapsed_square
+        residuals = self.deviations - np.outer(elapsed, slope)
+        precision = np.linalg.pinv(residuals.T @ residuals, rcond=NO_VARIANCE, hermitian=True)
+        ratio = elapsed_square * float(slope @ precision @ slope)
         p_value = float(f_sf(ratio * (dof - 2) / 3, 3, dof - 2))
         return Drift(slope * np.ptp(self.clock), p_value)
 

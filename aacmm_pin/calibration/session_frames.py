@@ -146,10 +146,10 @@ def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Fra
 
 
 def _with_directions(records: Measurements, chosen: Mask, rotation: Array) -> Measurements:
-    direction = records.conditions.probe_direction
-    if direction is None:
+    directions = records.conditions.probe_direction
+    if directions is None:
         return records
-    rotated = np.where(chosen[:, None], direction @ rotation.T, direction)
+    rotated = np.where(chosen[:, None], directions @ rotation.T, directions)
     conditions = replace(records.conditions, probe_direction=rotated)
     return replace(records, conditions=conditions)
 

@@ -28,10 +28,10 @@ class Setup:
 
     Attributes:
         encoder_noise: of each joint (nq,) [rad].
-        moved_frames: rotation (3, 3) and shift (3,) [m] that brought the references of each session
-            into the frame of the first.
-        held: the largest length of an arm, which stays if the records have neither coordinates nor
-            lengths.
+        moved_frames: rotation (3, 3) and shift (3,) [m] with which the references of each session
+            are in the frame of the first.
+        held_length: the largest of an arm, which stays if the records have neither coordinates
+            nor lengths.
 
     Raises:
         UnknownNameError: no such frame or target.
@@ -46,7 +46,7 @@ class Setup:
     probe_noise: float | None = None
     length_noise: float | None = None
     moved_frames: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
-    held: Effect | None = None
+    held_length: Effect | None = None
 
     def __post_init__(self) -> None:
         for name, choice in (("reference_frame", ReferenceFrame), ("target", Target)):
@@ -85,7 +85,7 @@ class Setup:
     def keywords(self) -> dict[str, Any]:
         """The keywords of :meth:`of` that give this set-up."""
         values = dict(vars(self))
-        del values["held"], values["moved_frames"]
+        del values["held_length"], values["moved_frames"]
         return values
 
     @property

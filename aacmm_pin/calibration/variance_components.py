@@ -27,30 +27,30 @@ LEAST_SCATTER = 1e-10
 """Least scatter, for computed data may fit exactly [m]."""
 
 
-def variance_components(fit: Fit, open_: Mask) -> Scatters:
-    """Scatters with which χ² of tips, rotations and ``open_`` coordinates of seats (s, 3), without
-    stated uncertainty, equal their degrees of freedom; those of ``fit`` without any.
+def variance_components(fit: Fit, unstated: Mask) -> Scatters:
+    """Scatters with which χ² of tips, rotations and ``unstated`` coordinates of seats (s, 3) equal
+    their degrees of freedom; those of ``fit`` without any.
     """
     before = fit.noise.scatters
-    seat, dof_of_seats = _seat_scatter(fit, open_) if open_.any() else (0.0, 0.0)
+    seat, dof_of_seats = _seat_scatter(fit, unstated) if unstated.any() else (0.0, 0.0)
     turn_dof = fit.turn_dof
     dof = fit.chi2.dof - turn_dof - dof_of_seats
-    tip = before.tip if dof < LEAST_DOF else _tip_scatter(fit, open_, dof)
+    tip = before.tip if dof < LEAST_DOF else _tip_scatter(fit, unstated, dof)
     turn = before.rotation if turn_dof < LEAST_DOF else _turn_scatter(fit, turn_dof)
     return Scatters(tip, turn, seat)
 
 
-def _tip_scatter(fit: Fit, open_: Mask, dof: float) -> float:
+def _tip_scatter(fit: Fit, unstated: Mask, dof: float) -> float:
     noise = fit.noise
     seats = fit.point.seats
     deviation = np.where(fit.used[:, None], fit.system.deviation, 0.0)
     stated = noise.without_scatter[:, :3, :3]
-    of_seats = np.where(open_, 0.0, noise.observations.seat_residuals(seats))
+    of_seats = np.where(unstated, 0.0, noise.observations.seat_residuals(seats))
     of_relations, _ = noise.observations.relation_residuals(seats)
-    of_ties = float(np.square(of_seats).sum() + np.square(of_relations).sum())
+    chi2_of_seats = float(np.square(of_seats).sum() + np.square(of_relations).sum())
 
     def excess(variance: float) -> float:
-        return _chi2(fit, deviation, stated + variance * np.eye(3)) + of_ties - dof
+        return _chi2(fit, deviation, stated + variance * np.eye(3)) + chi2_of_seats - dof
 
     return float(np.sqrt(root(excess, deviation)))
 
@@ -79,8 +79,8 @@ def _chi2(fit: Fit, deviation: Array, covariance: Array) -> float:
     return float(np.square(rows).sum())
 
 
-def _seat_scatter(fit: Fit, open_: Mask) -> tuple[float, float]:
-    """Scatter of the ``open_`` coordinates of seats (s, 3) [m], and their degrees of freedom.
+def _seat_scatter(fit: Fit, unstated: Mask) -> tuple[float, float]:
+    """Scatter of the ``unstated`` coordinates of seats (s, 3) [m], and their degrees of freedom.
 
     The almost unbiased estimate of a variance component (Horn, Horn and Duncan 1975, J. Am. Stat.
     Assoc. 70). The scatter of the tips counts as one more degree of freedom, for few seats.
@@ -88,18 +88,18 @@ def _seat_scatter(fit: Fit, open_: Mask) -> tuple[float, float]:
     """
     noise = fit.noise
     system = fit.system
-    stated = noise.observations.is_stated
-    seat_rows = 3 * int(stated.sum())
+    placed = noise.observations.is_stated
+    seat_rows = 3 * int(placed.sum())
     relations = len(noise.observations.ends)
     first = len(system.residual) - seat_rows - relations
     steps = system.jacobian[first : first + seat_rows] @ system.independent_steps
     by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
     information, tie, *_ = information_of_seats(fit)
-    variances = np.diagonal(np.linalg.inv(information[stated]), axis1=1, axis2=2)
-    dof_of_coordinate = 1.0 - tie[stated] * variances - by_parameters
-    dof_of_seat = np.where(open_[stated], dof_of_coordinate, 0.0).sum(axis=1)
-    residuals = np.where(open_, fit.point.seats - noise.observations.stated, 0.0)
-    squares = np.square(residuals[stated]).sum(axis=1)
+    variances = np.diagonal(np.linalg.inv(information[placed]), axis1=1, axis2=2)
+    dof_of_coordinate = 1.0 - tie[placed] * variances - by_parameters
+    dof_of_seat = np.where(unstated[placed], dof_of_coordinate, 0.0).sum(axis=1)
+    residuals = np.where(unstated, fit.point.seats - noise.observations.stated, 0.0)
+    squares = np.square(residuals[placed]).sum(axis=1)
     dof = float(dof_of_seat.sum())
     is_shown = dof_of_seat > LEAST_DOF_OF_SEAT
     squares = squares[is_shown]

@@ -91,8 +91,8 @@ def likely_ratios(problem: Problem) -> list[float]:
             if not misfit.size:
                 return []
             best = int(np.argmin(misfit))
-            ends = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
-            grid = np.linspace(*ends, RATIOS)
+            below, above = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+            grid = np.linspace(below, above, RATIOS)
         ratios.append(float(grid[RATIOS // 2]))
     return ratios
 

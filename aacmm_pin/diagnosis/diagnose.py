@@ -30,7 +30,7 @@ from aacmm_pin.calibration import (
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
 from aacmm_pin.calibration.cross_validation import enough_postures, fold_numbers
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.parameters import is_reestimated, length_held
+from aacmm_pin.calibration.parameters import is_reestimated, length_to_hold
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.budget import BEYOND, SHARED, STRUCTURE, budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
@@ -275,8 +275,8 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
         asked = problem_of(with_held, measurements, estimated, setup)
         return replace(asked, candidates=len(taken_out))
 
-    held = length_held(problem(setup, []))
-    return partial(problem, replace(setup, held=held))
+    length = length_to_hold(problem(setup, []))
+    return partial(problem, replace(setup, held_length=length))
 
 
 def _freed(effect: Effect) -> Effect:
