@@ -349,9 +349,9 @@ class Fit:
         """Derivative of all estimates by what the fit held (p, q) [units]: ``-(JᵀJ)⁻¹ Jᵀ C``;
         ``columns`` displace the records by one unit (n, 3 or 6, q) [m, rad].
         """
-        by_estimates, by_held = self._whitened_rows(columns)
+        by_estimates, by_others = self._whitened_rows(columns)
         steps = self.system.independent_steps
-        return -steps @ (steps.T @ (by_estimates.T @ by_held))
+        return -steps @ (steps.T @ (by_estimates.T @ by_others))
 
     @property
     def nonlinear_u(self) -> dict[tuple[str, str], float]:

@@ -117,12 +117,12 @@ class _Search:
         units = np.zeros(self.problem.scales.size)
         system = self.system(point)
         message = f"{MOST_STEPS} steps were not enough"
-        for count in range(1, MOST_STEPS + 1):
+        for steps in range(1, MOST_STEPS + 1):
             if self.robust:
                 self.weights = _robust_weights(np.fmax(system.distance, system.turn_distance))
                 del system
                 system = self.system(point)
-            if self.robust or count == 1:
+            if self.robust or steps == 1:
                 point, system = self.seats_at_best(point, system)
             units = np.maximum(units, system.lengths)
             step = bounded_step(system, units, self.radius)
@@ -135,27 +135,27 @@ class _Search:
             del system  # the rows of one system are most of what a search holds
             trial = self.trial(point, seats, step.parameters)
             reduction = -np.inf if trial is None else cost - trial[1].cost
-            ratio = reduction / step.predicted if step.predicted > 0 else 0.0
-            self.adapt_radius(step.length, ratio)
+            gain_ratio = reduction / step.predicted if step.predicted > 0 else 0.0
+            self.adapt_radius(step.length, gain_ratio)
             if trial is not None and reduction >= -ROUNDING * cost:
                 point, system = trial
-            else:
+            else:  # back to the point before
                 system = self.system(point)
             del trial
-            flat = step.reduction < FLAT_REDUCTION and not reduction >= SETTLED
-            if step.reduction < tolerance or flat:
+            is_flat = step.reduction < FLAT_REDUCTION and not reduction >= SETTLED
+            if step.reduction < tolerance or is_flat:
                 message = ""
                 break
             if self.radius < SMALLEST_STEP * self.first_length:
                 message = "no step lowers the residuals"
                 break
-        return Fit(self.problem, self.noise, point, self.weights, system, count, message)
+        return Fit(self.problem, self.noise, point, self.weights, system, steps, message)
 
-    def adapt_radius(self, length: float, ratio: float) -> None:
+    def adapt_radius(self, length: float, gain_ratio: float) -> None:
         self.first_length = self.first_length or length
-        if not ratio > 0.25:
+        if not gain_ratio > 0.25:
             self.radius = length / 4
-        elif ratio > 0.75:
+        elif gain_ratio > 0.75:
             self.radius = max(self.radius, 2 * length)
 
     def system(self, point: Point) -> Linearisation:
