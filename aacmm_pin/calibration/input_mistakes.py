@@ -102,11 +102,8 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     fitted_distance = _median_distance(after.system.deviation)
     if fitted_distance >= FAR:
         _require_unshifted_rows(problem, fitted_distance)
-    if (
-        unlike
-        or problem.measurements.bars()
-        or max(fitted_distance, _distance_as_described(after)) >= FAR
-    ):
+    described_distance = _distance_as_described(after)
+    if unlike or problem.measurements.bars() or max(fitted_distance, described_distance) >= FAR:
         absorbs = _absorbs(after)
         geometry = {type(effect) for effect in problem.vector.effects} & GEOMETRIC_EFFECTS
         zeros_alone = geometry <= {JointZeroOffset}  # which may have any value

@@ -310,6 +310,15 @@ def _repeated_coordinates(seat: Index, stated: Array, count: int) -> tuple[Mask,
     return repeated, most_stated
 
 
+class _Relation(NamedTuple):
+    """Seats ``a`` and ``b``; kind, value and standard uncertainty [m, rad]."""
+
+    a: str
+    b: str
+    value: tuple[str, float, float]
+    guessed: bool = False
+
+
 def _relations(
     measurements: Measurements, setup: Setup, number: dict[str, int]
 ) -> tuple[Index, NDArray[np.str_], Array, Array]:
@@ -324,20 +333,20 @@ def _relations(
     for bar in measurements.bars():
         guessed = setup.length_noise is None and not np.isfinite(bar.u)
         length = (OF_BAR, bar.length, max(_length_u(bar, setup), LEAST_U))
-        stated.append((bar.seat_a, bar.seat_b, length, guessed))
+        stated.append(_Relation(bar.seat_a, bar.seat_b, length, guessed))
     for relation in measurements.relations:
-        stated += [(relation.a, relation.b, row, False) for row in relation.rows()]
-    between_seats = [row for row in stated if row[0] in number and row[1] in number]
-    ends = np.array([(number[a], number[b]) for a, b, *_ in between_seats], dtype=np.intp).reshape(
-        -1, 2
-    )
+        stated += [_Relation(relation.a, relation.b, value) for value in relation.rows()]
+    relations = [one for one in stated if one.a in number and one.b in number]
+    pairs = [(number[one.a], number[one.b]) for one in relations]
+    ends = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     body_of_seat = clusters_of(ends, len(number))
     bodies = defaultdict(set)  # on which each value is stated
-    for k, (_, _, row, _) in enumerate(between_seats):
-        bodies[row].add(-1 - k if row[0] == OF_BAR else body_of_seat[ends[k, 0]])
-    factor = [1.0 if guessed else len(bodies[row]) ** 0.5 for _, _, row, guessed in between_seats]
-    kind = np.array([row[0] for _, _, row, _ in between_seats], dtype=np.str_)
-    value, u = np.array([row[1:] for _, _, row, _ in between_seats]).reshape(-1, 2).T
+    for k, one in enumerate(relations):
+        is_bar = one.value[0] == OF_BAR
+        bodies[one.value].add(-1 - k if is_bar else body_of_seat[ends[k, 0]])
+    factor = [1.0 if one.guessed else len(bodies[one.value]) ** 0.5 for one in relations]
+    kind = np.array([one.value[0] for one in relations], dtype=np.str_)
+    value, u = np.array([one.value[1:] for one in relations]).reshape(-1, 2).T
     return ends, kind, value, u * factor
 
 

@@ -55,20 +55,9 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
         is_offset[entries] = isinstance(effect, StylusOffset)
     offsets = np.flatnonzero(is_offset & ~problem.stated)
     tips = prediction.tips
-    enough_placed = placed.sum() >= FEWEST_PLACED
-    points, references = tips[placed], problem.measurements.reference[placed]
-    if problem.external and not enough_placed:
-        for k in np.flatnonzero(observations.spheres & observations.is_stated):
-            contacts = observations.seat == k
-            centre = centre_of_sphere(tips[contacts], float(observations.radius[contacts][0]))
-            points = np.concatenate([points, centre[None]])
-            references = np.concatenate([references, observations.stated[k : k + 1]])
-    if problem.external and len(points) < FEWEST_PLACED:
-        raise AacmmError(
-            f"{problem.measurements.source}: {len(points)} records or spheres have reference "
-            "coordinates; expected 3 or more to estimate their frame"
-        )
-    if offsets.size and enough_placed:
+    if problem.external:
+        points, references = _points_for_frame(problem, tips, observations)
+    if offsets.size and placed.sum() >= FEWEST_PLACED:
         placement, offset_values = first_placement(
             problem, tips, prediction.jacobian[:, :3, offsets]
         )
@@ -84,6 +73,26 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
     elif problem.external:
         prediction = Prediction(frame.apply(tips), frame.rotation @ prediction.jacobian)
     return Point(x, frame, observations.first_seats(prediction.tips), prediction)
+
+
+def _points_for_frame(
+    problem: Problem, tips: Array, observations: Observations
+) -> tuple[Array, Array]:
+    """Points and their references (k, 3) [m]: tips and, if these are few, centres of spheres."""
+    placed = problem.measurements.known
+    points, references = tips[placed], problem.measurements.reference[placed]
+    if len(points) < FEWEST_PLACED:
+        for k in np.flatnonzero(observations.spheres & observations.is_stated):
+            contacts = observations.seat == k
+            centre = centre_of_sphere(tips[contacts], float(observations.radius[contacts][0]))
+            points = np.concatenate([points, centre[None]])
+            references = np.concatenate([references, observations.stated[k : k + 1]])
+    if len(points) < FEWEST_PLACED:
+        raise AacmmError(
+            f"{problem.measurements.source}: {len(points)} records or spheres have reference "
+            "coordinates; expected 3 or more to estimate their frame"
+        )
+    return points, references
 
 
 def solve(

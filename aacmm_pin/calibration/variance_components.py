@@ -5,6 +5,7 @@ and squared distances of records from their targets, in standard deviations.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -94,9 +95,9 @@ def _seat_scatter(fit: Fit, unstated: Mask) -> tuple[float, float]:
     first = len(system.residual) - seat_rows - relations
     steps = system.jacobian[first : first + seat_rows] @ system.independent_steps
     by_parameters = np.square(steps).sum(axis=1).reshape(-1, 3)
-    information, tie, *_ = information_of_seats(fit)
-    variances = np.diagonal(np.linalg.inv(information[placed]), axis1=1, axis2=2)
-    dof_of_coordinate = 1.0 - tie[placed] * variances - by_parameters
+    information = information_of_seats(fit)
+    variances = np.diagonal(np.linalg.inv(information.total[placed]), axis1=1, axis2=2)
+    dof_of_coordinate = 1.0 - information.stated[placed] * variances - by_parameters
     dof_of_seat = np.where(unstated[placed], dof_of_coordinate, 0.0).sum(axis=1)
     residuals = np.where(unstated, fit.point.seats - noise.observations.stated, 0.0)
     squares = np.square(residuals[placed]).sum(axis=1)
@@ -113,21 +114,34 @@ def _seat_scatter(fit: Fit, unstated: Mask) -> tuple[float, float]:
     return float(np.sqrt(variance)), dof
 
 
-def information_of_seats(fit: Fit) -> tuple[Array, Array, Array, Array]:
-    """Information on each seat (s, 3, 3) [1/m²], without relations; the diagonal by stated
-    coordinates (s, 3); the part of each record at a seat, and the pull by its deviation (records,
-    3, 3).
+class SeatInformation(NamedTuple):
+    """Information on each seat [1/m²], without relations.
+
+    Attributes:
+        total: (s, 3, 3).
+        stated: diagonal by stated coordinates (s, 3).
+        by_record: part of each record at a seat (records, 3, 3).
+        pulls: by its deviation (records, 3, 3).
     """
+
+    total: Array
+    stated: Array
+    by_record: Array
+    pulls: Array
+
+
+def information_of_seats(fit: Fit) -> SeatInformation:
+    """Of the seats of a fit, by the weights of its records."""
     observations = fit.observations
     touched = np.flatnonzero(observations.seat >= 0)
     whitening = fit.noise.whitening
     by_seats = observations.seat_derivatives(whitening)[touched, :3]
     weighted = fit.weights[touched, None, None] * by_seats.transpose(0, 2, 1)
-    of_records = weighted @ by_seats
-    tie = np.where(observations.is_stated[:, None], observations.stated_u, np.inf) ** -2.0
-    information = tie[:, :, None] * np.eye(3)
-    np.add.at(information, observations.seat[touched], of_records)
-    return information, tie, of_records, -weighted @ whitening[touched, :3, :3]
+    by_record = weighted @ by_seats
+    stated = np.where(observations.is_stated[:, None], observations.stated_u, np.inf) ** -2.0
+    total = stated[:, :, None] * np.eye(3)
+    np.add.at(total, observations.seat[touched], by_record)
+    return SeatInformation(total, stated, by_record, -weighted @ whitening[touched, :3, :3])
 
 
 def deleted_distances(fit: Fit) -> Array:
@@ -142,15 +156,15 @@ def deleted_distances(fit: Fit) -> Array:
     touched = np.flatnonzero(observations.seat >= 0)
     if touched.size:
         seat = observations.seat[touched]
-        information, _, of_records, pulls = information_of_seats(fit)
+        information = information_of_seats(fit)
         # Rounding may leave less than no information of a direction that one contact determines.
-        rounding = ROUNDING_OF_INFORMATION * np.trace(information, axis1=1, axis2=2)[seat]
+        rounding = ROUNDING_OF_INFORMATION * np.trace(information.total, axis1=1, axis2=2)[seat]
         least = np.maximum(NOTHING_KNOWN, rounding)[:, None, None] * np.eye(3)
-        by_others = np.linalg.inv(information[seat] - of_records + least)
+        by_others = np.linalg.inv(information.total[seat] - information.by_record + least)
         # By one unit of a seat a deviation changes by minus these.
         identity = np.tile(np.eye(3), (len(deviations), 1, 1))
         changes = -observations.seat_derivatives(identity)[touched]
-        corrections = changes @ by_others @ pulls @ deviations[touched][:, :, None]
+        corrections = changes @ by_others @ information.pulls @ deviations[touched][:, :, None]
         deviations[touched] += corrections[:, :, 0]
         covariance[touched] += changes @ by_others @ changes.transpose(0, 2, 1)
     covariance = observations.counting_covariance(covariance)

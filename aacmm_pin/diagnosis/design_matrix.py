@@ -236,11 +236,11 @@ class Design:
         deviations = observations.deviations(tips, points)
         if not touched.size:
             return deviations
-        information, tie, _, by_records = information_of_seats(self.fit)
-        pull = -tie * np.nan_to_num(points - observations.stated)
-        pulls = by_records @ deviations[touched, :3, None]
+        information = information_of_seats(self.fit)
+        pull = -information.stated * np.nan_to_num(points - observations.stated)
+        pulls = information.pulls @ deviations[touched, :3, None]
         np.add.at(pull, observations.seat[touched], pulls[:, :, 0])
-        moved = np.einsum("sij,sj->si", np.linalg.pinv(information, hermitian=True), pull)
+        moved = np.einsum("sij,sj->si", np.linalg.pinv(information.total, hermitian=True), pull)
         return observations.deviations(tips, points + moved)
 
     @property
