@@ -282,7 +282,7 @@ def _mistakes_in_table(file: ArmFile) -> Iterator[tuple[str, _Values, Arm]]:
 
 
 def _mistakes_in_row(file: ArmFile, number: int) -> Iterator[tuple[str, _Values, _Values]]:
-    """Code and data of each mistake in one row (from 0), and the correct values."""
+    """Of one row (from 0); and the correct values."""
     row = file.joints[number]
     yield "row_exchanged", {"row": number + 1}, {"a_mm": row.d_mm, "d_mm": row.a_mm}
     twist = {"row": number + 1, "alpha": row.alpha_rad}

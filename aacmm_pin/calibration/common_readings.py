@@ -18,9 +18,8 @@ INDEPENDENT_PART = 1e-9
 def records_sharing_readings(
     measurements: Measurements, observations: Observations
 ) -> tuple[Index, ...]:
-    """Records of one reading, for each number m of records of a reading: (groups, m). Each has
-    another target, and they touch one seat or none. A target measured again in a posture was read
-    again.
+    """Records of one reading, each of another target, at one seat or none, for each number m of
+    them (groups, m). A target measured again in a posture was read again.
     """
     marker = measurements.conditions.marker
     if marker is None:

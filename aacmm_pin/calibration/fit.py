@@ -263,10 +263,8 @@ class Fit:
 
     @property
     def predicted_rms(self) -> float:
-        """RMS distance of used tips and targets to expect from the stated uncertainties [m]; nan
-        without uncertainties of the arm, or targets.
-
-        Of errors of the geometry what the fit leaves; of the noise see :meth:`expected_rms`.
+        """RMS distance of used tips and targets to expect after the fit from the stated
+        uncertainties [m]; nan without uncertainties of the arm, or targets.
         """
         if not (self.used.any() and self.problem.model.covariance().any()):
             return float("nan")

@@ -40,7 +40,7 @@ def in_first_frame(
 ) -> tuple[Measurements, Setup]:
     """The records with all references in the frame of the first session, if each has its own, and
     probe directions in that of the base; and the set-up. Tips of the arm as described register the
-    sessions; the rotation that this leaves is nothing beside a deflection.
+    sessions.
 
     Raises:
         AacmmError: a record with a reference has no session, or a session too few references for a

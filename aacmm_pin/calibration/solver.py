@@ -78,7 +78,7 @@ def initial_point(problem: Problem, observations: Observations) -> Point:
 def _points_for_frame(
     problem: Problem, tips: Array, observations: Observations
 ) -> tuple[Array, Array]:
-    """Points and their references (k, 3) [m]: tips and, if these are few, centres of spheres."""
+    """Tips with references and, if these are few, centres of spheres; and their references."""
     placed = problem.measurements.known
     points, references = tips[placed], problem.measurements.reference[placed]
     if len(points) < FEWEST_PLACED:

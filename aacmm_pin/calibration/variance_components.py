@@ -84,8 +84,8 @@ def _seat_scatter(fit: Fit, unstated: Mask) -> tuple[float, float]:
     """Scatter of the ``unstated`` coordinates of seats (s, 3) [m], and their degrees of freedom.
 
     The almost unbiased estimate of a variance component (Horn, Horn and Duncan 1975, J. Am. Stat.
-    Assoc. 70). The scatter of the tips counts as one more degree of freedom, for few seats.
-    Outliers against the better half, such as a moved seat, do not count.
+    Assoc. 70). The scatter of the tips counts as one more degree of freedom. Outliers against the
+    better half do not count.
     """
     noise = fit.noise
     system = fit.system

@@ -1,8 +1,7 @@
 """Signs and quarter turns of several joint angles at once, orders of columns, or the ratio of one
 joint, with which tips meet their targets.
 
-A controller and a DH table often count joints otherwise: too many possibilities for a fit of each,
-so that a few records judge all.
+These are too many for a fit of each, so that a few records judge all.
 """
 
 from __future__ import annotations
