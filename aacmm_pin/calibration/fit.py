@@ -149,7 +149,10 @@ class Fit:
         """
         root_weights = np.sqrt(self.weights)[:, None, None]
         correlation = self.noise.correlation(self.noise.whitening * root_weights)
-        return correlation.whitened_back(self._rows_by_record(rows))
+        by_record = self._rows_by_record(rows)
+        if relations := len(self.observations.ends):
+            by_record += self.system.elimination.by_relations(rows[-relations:])
+        return correlation.whitened_back(by_record)
 
     def chi2_of(self, records: Mask) -> Chi2:
         """χ² of some records (n,) and the prior, after a fit to them alone, to first order."""
@@ -265,6 +268,8 @@ class Fit:
     def predicted_rms(self) -> float:
         """RMS distance of used tips and targets to expect after the fit from the stated
         uncertainties [m]; nan without uncertainties of the arm, or targets.
+
+        Errors of the stated coordinates of seats do not count.
         """
         if not (self.used.any() and self.problem.model.covariance().any()):
             return float("nan")

@@ -147,6 +147,16 @@ class SeatElimination:
         rows = self._relation_jacobian
         return np.asarray(np.linalg.qr(np.vstack([np.eye(len(rows)), rows.T]), mode="r")).T
 
+    def by_relations(self, rows: Array) -> Array:
+        """What relations with these ``rows`` (b, c) add to the rows of the records (n, 3 or 6, c),
+        because they hold the seats aside from where the records alone put them.
+        """
+        steps = self._relation_jacobian.T @ solve_triangular(self.relation_factor.T, rows)
+        of_seats = steps.reshape(-1, 3, rows.shape[1])
+        added = np.zeros((len(self.observations.seat), self._q.shape[1], rows.shape[1]))
+        added[self._touched] = -self._q @ of_seats[self._seat_of_touched]
+        return added
+
     def step(self, along: Array) -> Array:
         """Best step of the seats (s, 3) [m] for ``Qᵀ`` of the residual (s, 3, 1)."""
         if not len(along):

@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from aacmm_pin import diagnose, next_measurements
 from aacmm_pin.arm import Arm
+from aacmm_pin.arm.file import Uncertainty
 from aacmm_pin.calibration import Setup, problem_of, rms_residual
 from aacmm_pin.calibration.calibrated_arm import moved_arm
 from aacmm_pin.calibration.estimation import fit
@@ -23,6 +24,7 @@ from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.verdicts import verdict_in_words
+from tests.arm_files import changed
 from tests.calibration.contacts import (
     CONTACT,
     PROBE,
@@ -192,6 +194,19 @@ def test_steps_blocks_and_slots(sino6, rng, angle, stated, sign):
     fit = calibrated(sino6, records, parameters="theta_offset6").fit
     residual, _ = fit.observations.relation_residuals(fit.point.seats)
     assert np.abs(residual).max() < 0.1
+
+
+def test_predicted_distance_of_faces_that_relations_hold(sino6, rng):
+    """Distance d of row 4 is one standard uncertainty off; all else is exact."""
+    half_width = 1e-3
+    exact = dict.fromkeys(("a_mm", "alpha_rad", "theta_offset_rad"), 0.0)
+    row = {"uncertainty": Uncertainty(d_mm=half_width * 1e3, **exact)}
+    arm = changed("sino6", {0: {"uncertainty": None}, 4: row})
+    errors = np.array([half_width / np.sqrt(3) * (p.name == "d4") for p in sino6.parameters])
+    records = read(*on_cube(Machine(sino6, errors), rng), of_cubes())
+    setup = Setup.of(arm, encoder_noise=READING, probe_noise=CONTACT)
+    fitted = fit(problem_of(ErrorModel.of(arm), records, [], setup), robust=False)
+    assert fitted.predicted_rms == pytest.approx(rms_residual(fitted, fitted.used), rel=0.02)
 
 
 def contradictions(arm: Arm, records: Measurements) -> list[tuple[str, list[str]]]:
