@@ -89,7 +89,8 @@ class Needed(NamedTuple):
         labels = [name for by, _ in self.levels for name in by]
         for key, group in table.groupby(labels, sort=False):
             if len(group) < self.each:
-                yield named(dict(zip(labels, map(str, key), strict=True)))
+                stated = {name: label for name, label in zip(labels, key, strict=True) if label}
+                yield named(stated)
 
 
 @dataclass(frozen=True)

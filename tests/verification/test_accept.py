@@ -261,7 +261,7 @@ def cap_directions(count: int, half_angle: float) -> Array:
         again("location", slice(0, 5), 5),
         ("length-uni", slice(0, 2), 1),
         again("length-bi", slice(0, 42), 21),
-        again("effective-diameter", slice(0, 9), 9),
+        ("effective-diameter", slice(0, 8), 8),
         again("volumetric", slice(0, 6), 3),
         ("single-point", slice(8, 10), 2),
     ],
@@ -279,6 +279,7 @@ def test_too_few_touches_give_no_value(tmp_path, test, left_out, missing):
     begun = {
         "sphere": "feature S, position 0",
         "length-uni": "length L0, position 0",
+        "effective-diameter": "feature S, repeat 0",
         "single-point": "position 0",
     }
     assert {f.evaluated.lacking for f in found} == {(begun[test],) if test in begun else ()}
