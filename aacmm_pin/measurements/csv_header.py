@@ -66,7 +66,6 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
                 f"the columns are {present}; expected {span(expected)} without a gap"
                 f"{for_each_joint}",
             )
-    row_temperatures = column_of(LINK_TEMPERATURE.replace("#", "1")).among(texts)
     if not joints:
         came = first_few(map(repr, names)) or "nothing"
         problems.add(
@@ -82,6 +81,7 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
             f"{count(nq, 'joint')}",
         )
     _check_companions({*texts}, problems)
+    row_temperatures = column_of(LINK_TEMPERATURE.replace("#", "1")).among(texts)
     if row_temperatures and "temperature_c" in texts:
         problems.add(
             "temperature_c",

@@ -212,22 +212,8 @@ def _records(
     path: str, rows: Sequence[FileLine], peculiarities: list[str]
 ) -> tuple[list[str], Index, list[list[str]]]:
     """Header, lines and cells of records."""
-    stated = [row for row in rows if not row.is_comment]
-    if not stated:
-        raise MeasurementFileError(
-            path, None, "", "empty, or only comments; expected a header and one row per record"
-        )
-    first = stated[0]
-    with_names = next((row for row in stated[:LAST_HEADER] if _has_names(row.cells)), first)
-    if with_names is not first:
-        raise MeasurementFileError(
-            path,
-            first.line,
-            "",
-            f"{shortened(first.cells[0])!r}; expected the names of the columns (row "
-            f"{with_names.line}); delete the rows above the header, or begin them with #",
-        )
-    header = first.cells
+    header_row = _header_row(path, rows)
+    header = header_row.cells
     columns = columns_of_file(header)
     lower = [
         name if column_of(name.lower(), columns) is UNKNOWN_COLUMN else name.lower()
@@ -238,7 +224,7 @@ def _records(
         header = lower
     may_be_label = column_of(header[0], columns).is_label  # a number does not begin with #
     records = []
-    for row in rows[rows.index(first) + 1 :]:
+    for row in rows[rows.index(header_row) + 1 :]:
         if not row.is_comment or (may_be_label and len(row.cells) == len(header)):
             records.append(row)
     problems = Problems(path, np.array([row.line for row in records], dtype=np.intp))
@@ -258,6 +244,26 @@ def _records(
     )
     problems.stop()
     return header, problems.lines, [row.cells for row in records]
+
+
+def _header_row(path: str, rows: Sequence[FileLine]) -> FileLine:
+    """The first row that is no comment; a title above known names is refused."""
+    stated = [row for row in rows if not row.is_comment]
+    if not stated:
+        raise MeasurementFileError(
+            path, None, "", "empty, or only comments; expected a header and one row per record"
+        )
+    first = stated[0]
+    with_names = next((row for row in stated[:LAST_HEADER] if _has_names(row.cells)), first)
+    if with_names is not first:
+        raise MeasurementFileError(
+            path,
+            first.line,
+            "",
+            f"{shortened(first.cells[0])!r}; expected the names of the columns (row "
+            f"{with_names.line}); delete the rows above the header, or begin them with #",
+        )
+    return first
 
 
 def _numeric(header: Sequence[str]) -> list[int]:
