@@ -312,20 +312,13 @@ def workshop_conditions(
     """Conditions of records in order.
 
     Time counts from switching on. The temperature stays within :data:`TEMPERATURE_RANGE` of the
-    reference: offset (4/10), drift (3/10), sine of the day (2/10) and noise (1/10), all random. The
-    approach is the sign of the motion since the record before (first: the mean posture), reversed
-    for one joint in five. Probe directions are random, if ``model`` needs them. ``session`` is
-    ascending (n,); q is (n, nq) [rad].
+    reference. The approach is the sign of the motion since the record before (first: the mean
+    posture), reversed for one joint in five. Probe directions are random, if ``model`` needs them.
+    ``session`` is ascending (n,); q is (n, nq) [rad].
     """
     n = len(session)
-    intervals = rng.uniform(*RECORD_INTERVAL, size=n)
-    intervals += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE_LENGTH, size=n)
-    intervals += (np.diff(session, prepend=session[:1]) > 0) * rng.uniform(*BREAK, size=n)
-    time = np.cumsum(intervals)
-    offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
-    deviation = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
-    deviation += 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
-    deviation += rng.uniform(-0.1, 0.1, size=n)
+    time = _times(session, rng)
+    temperature_change = TEMPERATURE_RANGE * _temperature_share(time, rng)
     approach = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
     is_reversed = rng.random(q.shape) < OVERSHOOT
     session_labels = None
@@ -334,7 +327,7 @@ def workshop_conditions(
     conditions = Conditions(
         n,
         time=time,
-        temperature=model.arm.reference_temperature + TEMPERATURE_RANGE * deviation,
+        temperature=model.arm.reference_temperature + temperature_change,
         approach=np.where(is_reversed, -approach, approach) + 0.0,  # without -0
         seat=seat,
         session=session_labels,
@@ -345,6 +338,23 @@ def workshop_conditions(
         directions = probe_directions(n, rng.spawn(1)[0])
         conditions = replace(conditions, probe_direction=directions)
     return conditions.with_usual(needs, q.shape[1])
+
+
+def _times(session: Index, rng: np.random.Generator) -> Array:
+    intervals = rng.uniform(*RECORD_INTERVAL, size=len(session))
+    is_pause = rng.random(len(session)) < PAUSES
+    intervals += is_pause * rng.uniform(*PAUSE_LENGTH, size=len(session))
+    is_break = np.diff(session, prepend=session[:1]) > 0
+    intervals += is_break * rng.uniform(*BREAK, size=len(session))
+    return np.cumsum(intervals)
+
+
+def _temperature_share(time: Array, rng: np.random.Generator) -> Array:
+    """Random numbers within ±1 (n,): offset, drift, sine of the day and noise."""
+    offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
+    share = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
+    share += 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
+    return np.asarray(share + rng.uniform(-0.1, 0.1, size=len(time)))
 
 
 def probe_directions(n: int, rng: np.random.Generator) -> Array:
