@@ -31,7 +31,7 @@ from aacmm_pin.calibration.parameters import (
     named_parameters,
     problem_of,
     unidentifiable_lengths,
-    unused_places,
+    unused_offsets,
 )
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
@@ -197,7 +197,7 @@ def calibrate(
             f"{after.problem.scales.size} parameters and the coordinates of the seats, to estimate "
             "the noise. State the noise, take more records, or estimate fewer parameters"
         )
-    if unused := unused_places(model, measurements, setup, asked):
+    if unused := unused_offsets(model, measurements, setup, asked):
         notes_of_input.append(Note("places_unused", {"places": unused}))
     if len(measurements.extra.columns):
         notes_of_input.append(Note("columns_unused", {"columns": [*measurements.extra]}))

@@ -34,7 +34,7 @@ class _ConstantTwists:
     parameters (k,).
     """
 
-    place: Index
+    frame: Index
     twist: Array
     number: Index
     of_reference: Mask
@@ -47,7 +47,7 @@ class _VaryingTwists:
     displacement: Displacement
     number: slice
     of_reference: bool
-    straight: bool
+    is_linear: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,24 +70,24 @@ class Columns:
         """From the nominal arm in its records."""
         vector = ParameterVector(state.arm, tuple(effects))
         varying = []
-        places = []
+        frames = []
         twists: list[Array] = []
         numbers: list[int] = []
         of_reference: list[bool] = []
         for effect, entries in vector:
-            straight = type(effect).exact is Effect.exact
+            is_linear = type(effect).exact is Effect.exact
             displacements = [] if effect.elastic else effect.displacements(state)
             for d in displacements:
-                if not (len(displacements) == len(d.columns) == 1 and straight):
-                    varying.append(_VaryingTwists(d, entries, effect.of_reference, straight))
+                if not (len(displacements) == len(d.columns) == 1 and is_linear):
+                    varying.append(_VaryingTwists(d, entries, effect.of_reference, is_linear))
                     continue
                 width = entries.stop - entries.start
-                places += width * [d.place]
+                frames += width * [d.place]
                 twists.append(d.columns[0].T)
                 numbers += range(entries.start, entries.stop)
                 of_reference += width * [effect.of_reference]
         constant = _ConstantTwists(
-            np.array(places, dtype=np.intp),
+            np.array(frames, dtype=np.intp),
             np.concatenate([np.zeros((0, 6)), *twists]),
             np.array(numbers, dtype=np.intp),
             np.array(of_reference, dtype=bool),
@@ -102,8 +102,8 @@ class Columns:
         of_references: Twists = {}
         for effect in self.given:
             twists = of_references if effect.of_reference else of_arm
-            for place, twist in [] if effect.elastic else effect.exact(self.state):
-                _add(twists, {place: twist})
+            for frame, twist in [] if effect.elastic else effect.exact(self.state):
+                _add(twists, {frame: twist})
         return of_arm, of_references
 
     @cached_property
@@ -118,10 +118,10 @@ class Columns:
         constant = self.constant
         twists = []
         for chosen in (~constant.of_reference, constant.of_reference):
-            places, frame = np.unique(constant.place[chosen], return_inverse=True)
-            per_unit = np.zeros((places.size, 6, self.vector.size))
-            per_unit[frame, :, constant.number[chosen]] = constant.twist[chosen]
-            twists.append((places.tolist(), per_unit))
+            frames, position = np.unique(constant.frame[chosen], return_inverse=True)
+            per_unit = np.zeros((frames.size, 6, self.vector.size))
+            per_unit[position, :, constant.number[chosen]] = constant.twist[chosen]
+            twists.append((frames.tolist(), per_unit))
         return twists
 
     def at(self, x: Array) -> State:
@@ -143,7 +143,7 @@ class Columns:
         """
         shape = (state.coordinates, self.vector.size + more, state.n)
         columns = np.zeros(shape).transpose(2, 0, 1)
-        if self.constant.place.size:
+        if self.constant.frame.size:
             columns[:, :, self.constant.number] = self._constant_columns(state)
         for part in self.varying:
             columns[:, :, part.number] += point_sensitivity(state, part.displacement)
@@ -153,10 +153,10 @@ class Columns:
 
     def _constant_columns(self, state: State) -> Array:
         """``R v + (R ω) × (p - o)`` (n, 3, k); behind it rotations ``R ω``."""
-        place = self.constant.place
-        axes = state.rotation.transpose(0, 3, 2, 1)[place].reshape(-1, 3, 3 * state.n)
+        frame = self.constant.frame
+        axes = state.rotation.transpose(0, 3, 2, 1)[frame].reshape(-1, 3, 3 * state.n)
         twists = (self.constant.twist.reshape(-1, 2, 3) @ axes).reshape(-1, 2, 3, state.n)
-        lever = state.position.T - state.origin.transpose(0, 2, 1)[place]
+        lever = state.position.T - state.origin.transpose(0, 2, 1)[frame]
         turns = twists[:, 1]
         motions = twists[:, 0] + cross(turns, lever)
         if state.with_rotation:
@@ -164,20 +164,20 @@ class Columns:
         return motions.transpose(2, 1, 0)
 
     def _twists(self, x: Array, of_reference: bool) -> Twists:
-        places, per_unit = self._constant_twists[of_reference]
+        frames, per_unit = self._constant_twists[of_reference]
         twists = dict(self._given_twists[of_reference])
-        _add(twists, dict(zip(places, (per_unit @ x)[:, None], strict=True)))
+        _add(twists, dict(zip(frames, (per_unit @ x)[:, None], strict=True)))
         for part in self.varying:
-            if part.of_reference == of_reference and part.straight and x[part.number].any():
+            if part.of_reference == of_reference and part.is_linear and x[part.number].any():
                 _add(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})
         for effect, entries in self.vector:
-            is_linear = effect.elastic or type(effect).exact is Effect.exact
-            if not is_linear and effect.of_reference == of_reference and x[entries].any():
-                for place, twist in effect.at(x[entries]).exact(self.state):
-                    _add(twists, {place: twist})
+            has_own_exact = not effect.elastic and type(effect).exact is not Effect.exact
+            if has_own_exact and effect.of_reference == of_reference and x[entries].any():
+                for frame, twist in effect.at(x[entries]).exact(self.state):
+                    _add(twists, {frame: twist})
         return twists
 
 
 def _add(twists: Twists, more: Twists) -> None:
-    for place, twist in more.items():
-        twists[place] = twists[place] + twist if place in twists else twist
+    for frame, twist in more.items():
+        twists[frame] = twists[frame] + twist if frame in twists else twist

@@ -67,8 +67,8 @@ def problem_of(
     """
     items = [parameters] if isinstance(parameters, str) else list(parameters)
     named_causes = {item.label for item in items if isinstance(item, Effect)}
-    places = known_places(model, measurements, setup)
-    items += [place for place in places if place.label not in named_causes]
+    offsets = stated_offsets(model, measurements, setup)
+    items += [offset for offset in offsets if offset.label not in named_causes]
     unknowns = _unknowns(model.arm, measurements, items, setup)
     effects = tuple(unknown.effect for unknown in unknowns)
     keys = [effect.key for effect in effects]
@@ -234,28 +234,28 @@ def _unknown_geometry(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
 
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
-    """Whether it is the place of a target of the records, without a u that counts."""
+    """Whether it is the offset of a target of the records, without a u that counts."""
     labels = {offset.effect.label for offset in _target_offsets(measurements, setup.target)}
-    return effect.label in labels and not _is_known_place(effect, setup)
+    return effect.label in labels and not _is_stated_offset(effect, setup)
 
 
-def known_places(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
-    """Places of the records' targets that the arm states with a u that counts."""
+def stated_offsets(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
+    """Offsets of the records' targets that the arm states with a u that counts."""
     labels = {offset.effect.label for offset in _target_offsets(measurements, setup.target)}
-    return [e for e in model.effects if e.label in labels and _is_known_place(e, setup)]
+    return [e for e in model.effects if e.label in labels and _is_stated_offset(e, setup)]
 
 
-def unused_places(
+def unused_offsets(
     model: ErrorModel, measurements: Measurements, setup: Setup, asked: Collection[str]
 ) -> list[str]:
-    """Labels of the places of markers that are estimated anew for want of a u."""
+    """Labels of the offsets of markers that are estimated anew for want of a u."""
     if not setup.prior:
         return []
     targets = [effect for effect in model.effects if is_reestimated(effect, setup, measurements)]
     return [target.label for target in targets if target.place and target.label not in asked]
 
 
-def _is_known_place(effect: Effect, setup: Setup) -> bool:
+def _is_stated_offset(effect: Effect, setup: Setup) -> bool:
     of_marker = isinstance(effect, StylusOffset) and effect.marker is not None
     return of_marker and setup.prior and any(effect.u)
 
