@@ -27,7 +27,7 @@ TOKENS: dict[str, int] = {
     "postures": 22850,
     "measurements": 23050,
     "accuracy": 12200,
-    "calibration": 54450,
+    "calibration": 54250,
     "diagnosis": 46400,
     "planning": 11800,
     "verification": 14150,

@@ -436,7 +436,7 @@ def _binding_uncertainties(after: Fit) -> Iterator[Note]:
     yield Note("stated_values_hold", data)
 
 
-def contradicted_places(after: Fit) -> Iterator[Note]:
+def contradiction_notes(after: Fit) -> Iterator[Note]:
     """Notes on stated coordinates and lengths that other data, or all excluded records,
     contradict.
     """
@@ -478,7 +478,7 @@ def notes_of(after: Fit) -> Iterator[Note]:
         yield Note("bar_noise_assumed", {"u": BAR_NOISE})
     if not after.converged:
         yield Note("not_converged", {"why": after.message})
-    yield from contradicted_places(after)
+    yield from contradiction_notes(after)
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
         yield Note("records_silent", {"records": silent})

@@ -153,8 +153,9 @@ class _Geometry(NamedTuple):
         others = np.setdiff1d(np.arange(system.prior.scales.size), geometric)
         triangle = remaining_triangle(all_rows[:, [*others, *geometric, -1]], others.size)
         rows = triangle[:, :-1] / system.prior.scales[geometric]
-        rounding = LEAST_NOISE * np.abs(rows).max()
-        scale = min(1.0, np.sqrt(problem.measurements.n) / rounding)
+        # No more information than of records with the least noise.
+        root_of_count = LEAST_NOISE * np.abs(rows).max()
+        scale = min(1.0, np.sqrt(problem.measurements.n) / root_of_count)
         rows = scale * rows
         measured = rows @ (free.point.x - problem.start)[geometric] - scale * triangle[:, -1]
         of_entries = [problem.vector.arm_parameters[k] for k in geometric]

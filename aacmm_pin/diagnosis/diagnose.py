@@ -27,7 +27,7 @@ from aacmm_pin.calibration import (
     problem_of,
     session_notes,
 )
-from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
+from aacmm_pin.calibration.calibrate import contradiction_notes, counted_once
 from aacmm_pin.calibration.cross_validation import enough_postures, fold_numbers
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import is_reestimated, length_to_hold
@@ -164,7 +164,7 @@ def diagnose(
     contradicted = {
         replace(note, data={**note.data, "deviations": None}): note
         for one in judged
-        for note in contradicted_places(one)
+        for note in contradiction_notes(one)
     }
     named = [finding.label for finding in findings]
     budget = budget_of(choice, before, unexplained.discrepancy, unexplained.shared_by_postures)
