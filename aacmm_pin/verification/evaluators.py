@@ -89,7 +89,9 @@ class Needed(NamedTuple):
         labels = [name for by, _ in self.levels for name in by]
         for key, group in table.groupby(labels, sort=False):
             if len(group) < self.each:
-                stated = {name: label for name, label in zip(labels, key, strict=True) if label}
+                stated = {
+                    name: str(label) for name, label in zip(labels, key, strict=True) if label
+                }
                 yield named(stated)
 
 
