@@ -27,7 +27,7 @@ def diagnosis(
     folder: Path, words: str = "", *, seed: int, cause: str | None, **options: Any
 ) -> tuple[dict[str, Any], Draw]:
     """What the command says of a file of the plant, and what was drawn."""
-    hidden = draw(seed, cause, **options)
+    hidden = draw(seed, cause, **{"records": 120, **options})
     data = folder / "data.csv"
     hidden.write(data)
     at_seats = options.get("plan", "free") != "free"
@@ -62,7 +62,7 @@ CAUSES = [  # files of the gate in ``tests/blind`` hide the others
 @pytest.mark.parametrize(("cause", "plan", "seed"), CAUSES)
 def test_a_hidden_cause_is_named_and_measured(tmp_path, cause, plan, seed):
     words = "--no-cross-validation"
-    found, drawn = diagnosis(tmp_path, words, seed=seed, cause=cause, plan=plan)
+    found, drawn = diagnosis(tmp_path, words, seed=seed, cause=cause, plan=plan, records=300)
     (hidden,) = drawn.hidden
     assert named(found) == [(hidden.cause, hidden.joint)]
     assert found["verdict"] in ("explained", "ambiguous")

@@ -96,7 +96,7 @@ def test_few_records_in_an_unknown_frame(tmp_path, count):
     assert found["rms_mm"]["recalibrated"] < found["rms_mm"]["noise"]
 
 
-@NO_WAVES
+@ECCENTRICITY_ALONE
 def test_a_clock_that_starts_anew_needs_sessions(tmp_path):
     table = records(tmp_path, "free --records 40").sort_values("time_s")
     table.loc[table.index[20:], "time_s"] -= table["time_s"].iloc[19]
@@ -192,7 +192,7 @@ def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6):
     """
     noise = np.radians(5 / 3600)
     data = simulate_measurements(
-        sino6, "seats", 300, known=False, encoder_noise=noise, rng=np.random.default_rng(1)
+        sino6, "seats", 150, known=False, encoder_noise=noise, rng=np.random.default_rng(1)
     )
     found = diagnose(sino6, data, hold_out=False)
     assert (found.verdict, found.unexplained.groups) == ("no-discrepancy", ())
@@ -244,7 +244,7 @@ def test_a_known_target_is_refitted_once(sino6, rng, u):
     assert (other.code, other.data["markers"]) == ("markers_unknown", ["C"])
 
 
-@NO_WAVES
+@ECCENTRICITY_ALONE
 def test_long_files_are_thinned_evenly(sino6, rng, monkeypatch):
     hidden = EncoderEccentricity(joint=3, values=(1e-4, 0.0))
     data = simulate_measurements(ErrorModel(sino6, (hidden,)), "free", 300, rng=rng)

@@ -93,15 +93,12 @@ def test_an_extended_arm_that_is_no_better_explains_nothing(
 @NO_WAVES
 def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6):
     records = simulate_measurements(ErrorModel(sino6), "seats", 60, rng=np.random.default_rng(1))
-    full = diagnose(sino6, records, hold_out=False, encoder_noise=8e-6)
-    (direction,) = full.summary()["not_tried"]
-    assert direction == {"column": "probe_direction_x …", "causes": ["probe_bending"]}
     few = replace(records, conditions=replace(records.conditions, approach=None, temperature=None))
     found = diagnose(sino6, few, hold_out=False, encoder_noise=8e-6)
     not_tried = {one["column"]: one["causes"] for one in found.summary()["not_tried"]}
     assert not_tried == {
         "temperature_c": ["thermal_expansion"],
-        direction["column"]: direction["causes"],
+        "probe_direction_x …": ["probe_bending"],
     }
     assert len(data_of(found.notes, "causes_not_tried")) == 1
 
@@ -110,7 +107,7 @@ def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6):
 def test_hysteresis_without_the_approach_is_a_scatter_of_readings_that_asks_for_it(sino6):
     rng = np.random.default_rng(7)
     hidden = ErrorModel(sino6, (JointHysteresis(2, values=(5e-5,)),))
-    stated = simulate_measurements(hidden, "seats", 200, rng=rng)
+    stated = simulate_measurements(hidden, "seats", 120, rng=rng)
     conditions = replace(stated.conditions, approach=None, time=None)
     records = replace(stated, conditions=conditions, record=None)  # in no order that is known
     found = diagnose(sino6, records, hold_out=False, encoder_noise=8e-6)
@@ -129,7 +126,7 @@ def test_hysteresis_without_stated_noise_is_the_joint_whose_readings_scatter_mos
     """An encoder noise that all joints have is none of a joint."""
     noise = {"encoder_noise": 2e-5 if hysteresis else 1e-4, "reference_noise": 1e-5}
     hidden = ErrorModel(sino6, (JointHysteresis(3, values=(hysteresis,)),))
-    stated = simulate_measurements(hidden, "seats", 200, rng=np.random.default_rng(7), **noise)
+    stated = simulate_measurements(hidden, "seats", 120, rng=np.random.default_rng(7), **noise)
     conditions = replace(stated.conditions, approach=None, time=None)
     found = diagnose(sino6, replace(stated, conditions=conditions, record=None), hold_out=False)
     assert [readings.joint for readings in found.unexplained.readings] == [3] * bool(hysteresis)

@@ -28,7 +28,7 @@ ROWS = (
 )
 """a [mm], d [mm], α [°]."""
 ON_TIP = np.zeros(3)
-RECORDS, AT = 200, 90
+RECORDS, AT = 120, 54
 ENCODER, NOISE = 1e-5, 0.015
 Array = NDArray[np.float64]
 DEG = np.pi / 180.0
@@ -141,7 +141,7 @@ def test_backlash_in_the_order_of_the_rows(column):
 def test_bursts_of_an_encoder_are_in_the_order_of_the_records():
     plant = Plant.of(5)
     angle = np.zeros(plant.q.shape)
-    for first in (20, 75, 130, 160):
+    for first in (10, 40, 70, 95):
         angle[first : first + 11, 4] = -3.5e-4
     order = plant.diagnosed(plant.places(angle)).unexplained.run_order
     assert order is not None

@@ -302,7 +302,7 @@ def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6):
     assert np.abs(change[lengths > 0.1]).max() < 1e-3
 
 
-def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 100) -> Diagnosis:
+def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 60) -> Diagnosis:
     """Of records of an arm that is known to have a compliance of joint 2, with another value or
     with causes besides.
     """
