@@ -93,18 +93,18 @@ OF_COORDINATES: list[tuple[Change, str]] = [
 ]
 MISTAKES = {
     "base": [
-        *(OF_ANGLES[k] for k in (3, 5, 11, 12)),
-        *(OF_COORDINATES[k] for k in (1, 2, 4, 5)),
+        *(OF_ANGLES[k] for k in (3, 11)),
+        *(OF_COORDINATES[k] for k in (1, 2, 4)),
         (angles(60.0), "minutes of arc"),
     ],
     "base, others like them": [
         *(OF_ANGLES[k] for k in (1, 4, 6, 8, 10)),
-        *(OF_COORDINATES[k] for k in (0, 3)),
+        *(OF_COORDINATES[k] for k in (0, 3, 5)),
         (angles(1 / 360), "in turns"),
     ],
     "external": [*OF_ANGLES, (OF_COORDINATES[1][0], "mirrored"), *OF_COORDINATES[2:4]],
-    "seats": OF_ANGLES,
-    "bars": [OF_ANGLES[2], (bars_in_metres, "bars are in metres")],
+    "seats": [*OF_ANGLES[5:], *OF_ANGLES[:5]],
+    "bars": [(bars_in_metres, "bars are in metres"), OF_ANGLES[2]],
 }
 
 
@@ -134,9 +134,10 @@ SETUPS = [
     ("sino6", "base", 1),
     ("sino6", "external", 9),
     ("sino6", "seats", 7),
-    ("sino6", "bars", 1),
+    ("sino6", "bars", 2),
 ]
 SETUPS += [
+    again("sino6", "bars", 1),
     again("sino6", "base, others like them", 1),
     again("zero6", "external", 6),
     again("ur5", "base", 9),

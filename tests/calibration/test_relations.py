@@ -24,6 +24,7 @@ from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.verdicts import verdict_in_words
+from tests.again import again
 from tests.arm_files import changed
 from tests.calibration.contacts import (
     CONTACT,
@@ -47,11 +48,9 @@ NORMALS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
 COLUMNS = ("feature_a", "feature_b", "distance_mm", "u_distance_mm", "angle_deg", "u_angle_deg")
 
 
-def on_cube(
-    machine: Machine, rng: np.random.Generator, cubes: int = 2, contacts: int = 12
-) -> tuple[Array, Array]:
-    """Postures (n, 6) at contacts with five faces of a cube in several places, and the number of
-    the face of each (n,), 5 a cube.
+def on_cube(machine: Machine, rng: np.random.Generator, cubes: int = 1) -> tuple[Array, Array]:
+    """Postures (n, 6) at 12 contacts with each of five faces of a cube in so many places, and the
+    number of the face of each (n,), 5 a place.
     """
     found, numbers = [], []
     for k in range(5 * cubes):
@@ -59,17 +58,17 @@ def on_cube(
             start = rng.uniform(-1.2, 1.2, 6)
             centre = machine.tips(start[None])[0]
             turn = Rotation.random(random_state=int(rng.integers(2**31)))
-        across = rng.uniform(-0.45, 0.45, (4 * contacts, 3)) * EDGE
+        across = rng.uniform(-0.45, 0.45, (48, 3)) * EDGE
         normal = NORMALS[k % 5]
         local = across * (normal == 0) + (EDGE + PROBE) / 2 * normal
         points = centre + turn.apply(local) + CONTACT * rng.normal(size=local.shape)
-        q = machine.at(points, start + rng.uniform(-0.6, 0.6, (len(points), 6)))[:contacts]
+        q = machine.at(points, start + rng.uniform(-0.6, 0.6, (len(points), 6)))[:12]
         found.append(q)
         numbers += [k] * len(q)
     return np.concatenate(found), np.array(numbers)
 
 
-def of_cubes(cubes: int = 2, u_mm: float = 1e-3, u_deg: float = 1e-3) -> pd.DataFrame:
+def of_cubes(cubes: int = 1, u_mm: float = 1e-3, u_deg: float = 1e-3) -> pd.DataFrame:
     """What a certificate states of the faces E0 …, 5 a cube."""
     rows = []
     for one, other in combinations(range(5 * cubes), 2):
@@ -102,9 +101,9 @@ def rough(arm: Arm, path: Path) -> Arm:
 def test_exact_relations_are_those_of_a_rigid_cube(sino6, rng):
     """Values, u and χ² of an independent least squares over the pose of each cube."""
     machine = Machine(sino6, drawn(sino6, rng))
-    q, face = on_cube(machine, rng)
+    q, face = on_cube(machine, rng, 2)
     q += READING * rng.normal(size=q.shape)
-    result = calibrated(sino6, read(q, face, of_cubes(u_mm=1e-5, u_deg=1e-5)))
+    result = calibrated(sino6, read(q, face, of_cubes(2, u_mm=1e-5, u_deg=1e-5)))
     assert chi2.sf(*result.fit.chi2_stated) > 1e-3
     values = Values(sino6, result, q)
     at = values.tips(np.zeros(values.count))
@@ -132,9 +131,9 @@ def test_exact_relations_are_those_of_a_rigid_cube(sino6, rng):
 
 
 def test_wide_relations_say_nothing(sino6, rng):
-    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng, 1)
+    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
     alone = calibrated(sino6, Measurements.from_frame(cube_file(q, face)))
-    wide = calibrated(sino6, read(q, face, of_cubes(1, u_mm=9.0, u_deg=5.0)))
+    wide = calibrated(sino6, read(q, face, of_cubes(u_mm=9.0, u_deg=5.0)))
     close(wide.fit.point.x, alone.fit.point.x, 1e-9)
 
 
@@ -231,7 +230,7 @@ def test_a_value_that_all_else_contradicts_is_named(sino6, rng):
             calibrated(sino6, read(q, face, stated))
 
 
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [again(0), 3])
 def test_a_contact_with_the_label_of_another_face_is_excluded(sino6, seed, tmp_path):
     """It tilts a plane of least squares; one step would then turn the planes far beyond what is
     linear.
@@ -251,7 +250,7 @@ def test_faces_that_are_exchanged_or_probed_with_another_ball_are_refused(sino6,
     exchanged = table.replace({"feature": {"E0": "E2", "E2": "E0"}})
     for wrong, said in (
         (exchanged, r"the stated angle by \+90°"),
-        (table.assign(probe_diameter_mm=2 * PROBE * 1e3), "the stated distance by -3 mm"),
+        (table.assign(probe_diameter_mm=2 * PROBE * 1e3), r"the stated distance by -2\.99 mm"),
     ):
         with pytest.raises(AacmmError, match=said):
             calibrated(sino6, Measurements.from_frame(wrong).with_relations(of_cubes()))
@@ -302,11 +301,11 @@ def test_relations_without_contacts_are_left_out(sino6, rng):
 @ECCENTRICITY_ALONE
 def test_a_cause_is_found_by_cubes_alone(sino6, rng):
     machine = Machine(sino6)
-    q, face = on_cube(machine, rng)
+    q, face = on_cube(machine, rng, 2)
     readings = q - 3e-4 * np.cos(q - 0.7) * (np.arange(6) == 2) + READING * rng.normal(size=q.shape)
     result = diagnose(
         sino6,
-        read(readings, face, of_cubes()),
+        read(readings, face, of_cubes(2)),
         encoder_noise=READING,
         probe_noise=CONTACT,
         rng=rng,
@@ -345,9 +344,9 @@ def test_relations_that_cannot_be_used_are_named(change, said):
 def test_tables_of_relations_need_their_columns_and_each_pair_once():
     records = Measurements.from_frame(cube_file(np.zeros((24, 6)), np.repeat(np.arange(3), 8)))
     row = dict(zip(COLUMNS, ("E0", "E1", 100.0, 1e-3, 180.0, 1e-3), strict=True))
-    again = row | {"feature_a": "E1", "feature_b": "E0"}
+    other = row | {"feature_a": "E1", "feature_b": "E0"}
     with pytest.raises(MeasurementFileError, match="row 3, column feature_b: 'E1' and 'E0' again"):
-        records.with_relations(pd.DataFrame([row, again]))
+        records.with_relations(pd.DataFrame([row, other]))
     with pytest.raises(MeasurementFileError, match="u_angle_deg: missing"):
         records.with_relations(pd.DataFrame([row]).drop(columns="u_angle_deg"))
     for name in ("dist_mm", "remark"):
@@ -365,6 +364,6 @@ def test_relations_at_the_shell(sino6, rng, tmp_path):
     known = "--encoder-noise 8e-6 --probe-noise-mm 0.003 --no-prior --no-cross-validation"
     content = shell.found(f"calibrate sino6 {data} --relations {relations} {known}")
     shown = shell.done(f"check sino6 {data} --relations {relations}")[0]
-    assert "10 with 12 records each" in shown.split("planes")[1]
-    assert "4 distances and 10 angles between planes" in shown
+    assert "5 with 12 records each" in shown.split("planes")[1]
+    assert "2 distances and 5 angles between planes" in shown
     assert content["rms_mm"]["calibrated"] < content["rms_mm"]["nominal"]
