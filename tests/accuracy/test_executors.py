@@ -1,5 +1,5 @@
 """Maps and Monte Carlo by other executors than our own processes: the same to the last bit, and the
-executor stays open.
+executor stays open. By our own processes: tests/cli.
 """
 
 from __future__ import annotations
@@ -29,11 +29,8 @@ class Counting(Executor):
         return self.executor.submit(work, *args, **named)
 
 
-@pytest.fixture(scope="module", params=["processes", "threads", again("dask")])
-def executor(request) -> Iterator[Counting | int]:
-    if request.param == "processes":
-        yield 2
-        return
+@pytest.fixture(scope="module", params=["threads", again("dask")])
+def executor(request) -> Iterator[Counting]:
     if request.param == "threads":
         with ThreadPoolExecutor(2) as pool:
             yield Counting(pool)
@@ -58,8 +55,6 @@ def test_results_do_not_depend_on_the_executor(executor, monkeypatch):
     here, there = (map_workspace(model, (3, 3), 4, workers=w).data for w in (1, executor))
     del here.attrs["seconds"], there.attrs["seconds"]
     xr.testing.assert_identical(here, there)
-    if not isinstance(executor, Counting):
-        return
     assert executor.jobs == 3, "expected several cells in a piece"
     q = np.random.default_rng(1).uniform(*arm.limits.T, (volume.DRAWN_AT_ONCE + 1, 6))
     for method in ("monte-carlo", "zonotope"):
