@@ -82,7 +82,7 @@ def hose(folder) -> Iterator[Any]:
 @pytest.fixture(scope="module")
 def hidden(hose) -> Measurements:
     truth = ErrorModel(Arm.load("sino6"), (hose(2, values=(SIZE,)),))
-    return simulate_measurements(truth, "free", 200, rng=np.random.default_rng(1))
+    return simulate_measurements(truth, "free", 100, rng=np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
