@@ -46,7 +46,16 @@ from tests.again import again
 ROOT = Path(__file__).parents[1]
 SITE = ROOT / "notebooks" / "site"
 PAGES = [ROOT / "README.md", *sorted(SITE.rglob("*.md"))]
-LONG = ("acceptance", "diagnose", "diagnosis", "other_arms", "own_cause", "python", "tour")
+LONG = (
+    "acceptance",
+    "calibrate",
+    "diagnose",
+    "diagnosis",
+    "other_arms",
+    "own_cause",
+    "python",
+    "tour",
+)
 """Pages that take long, or whose code other tests run: CI runs them by themselves."""
 RUN_BY_CI = ("demo-command", "test-command", "docs-command")
 DIRECTIVES = ("{include}", "{toctree}", "{eval-rst}", "{figure}", "{raw}")

@@ -145,7 +145,7 @@ def test_turns_tell_the_roll_of_the_wrist(straight, rng):
 @NO_WAVES
 def test_turns_show_a_cause_in_the_wrist(straight, rng):
     hidden = ErrorModel(straight, (EncoderEccentricity(joint=6, values=(2e-4, 1e-4)),))
-    data = simulate_measurements(hidden, "free", 80, rng=rng, orientation_noise=TURN, **NOISE)
+    data = simulate_measurements(hidden, "free", 50, rng=rng, orientation_noise=TURN, **NOISE)
     told = diagnose(straight, data, rng=rng, hold_out=False, **NOISE)
     assert [finding.label for finding in told.findings] == ["encoder_eccentricity:6"]
     assert told.verdict == "explained"
@@ -157,8 +157,8 @@ def test_turns_show_a_cause_in_the_wrist(straight, rng):
 @NO_WAVES
 def test_turns_that_nothing_explains(straight, rng):
     """A target that was knocked halfway; its page shows positions."""
-    data = simulate_measurements(straight, "free", 80, rng=rng, orientation_noise=TURN, **NOISE)
-    knock = Rotation.from_rotvec([[0.0, 0.0, 0.0]] * 40 + [[3e-4, 0.0, 0.0]] * 40)
+    data = simulate_measurements(straight, "free", 50, rng=rng, orientation_noise=TURN, **NOISE)
+    knock = Rotation.from_rotvec([[0.0, 0.0, 0.0]] * 25 + [[3e-4, 0.0, 0.0]] * 25)
     knocked = (Rotation.from_quat(data.orientation[:, [1, 2, 3, 0]]) * knock).as_quat()[
         :, [3, 0, 1, 2]
     ]
