@@ -90,7 +90,7 @@ def test_readings_that_scatter_have_a_chance(sino6):
 
     def log_density(scatter: float) -> float:
         logs = []
-        for tip in np.linspace(0.0, 6e-5, 13):
+        for tip in np.linspace(0.0, 6e-5, 31):
             covariances = noise + tip**2 * np.eye(3) + scatter**2 * lever
             squares = np.einsum("ni,nij,nj->", off, np.linalg.inv(covariances), off)
             logs.append(-0.5 * float(np.linalg.slogdet(covariances)[1].sum() + squares))
