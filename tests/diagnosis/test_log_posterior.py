@@ -203,7 +203,7 @@ def rows_of(space: ModelSpace) -> Array:
         if at.seat[record] >= 0:
             by_seat[number, :, at.seat[record]] = -whitening[record]
     derivative = by_seat.reshape(3 * mine.size, -1)
-    stated = [k for k in touched if at.known[k]]
+    stated = [k for k in touched if at.is_stated[k]]
     ties = np.zeros((3 * len(stated), rows.shape[1]))
     by_ties = np.zeros((len(ties), derivative.shape[1]))
     for number, k in enumerate(stated):
