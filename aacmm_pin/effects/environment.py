@@ -78,6 +78,7 @@ class SeatError(_Moved):
     cause = "seat_error"
     moves = "seat"
     words = "error of the stated coordinates"
+    needs = ("seat",)  # of the class, for the list of causes that records cannot show
     of_reference = True
     terms = shifts(2e-5)
 
