@@ -28,6 +28,8 @@ LOOSELY_SETTLED = 1e-2
 """The same of a mere start."""
 NO_STEP = 1e-12
 """A step that promises less is not taken: it is a millionth of u."""
+MOST_SEAT_STEPS = 20
+"""Bars and planes settle within 14 steps, but not bars of wrong lengths within hundreds."""
 LEAST_SEAT_STEP = 1e-7
 """Least motion of the ends of relations [m]."""
 FLAT_REDUCTION = 1e-2
@@ -191,7 +193,7 @@ class _Search:
         if not len(self.noise.observations.ends):
             return point, system
         no_step = np.zeros(self.problem.scales.size)
-        for _ in range(MOST_STEPS):
+        for _ in range(MOST_SEAT_STEPS):
             seat_step = system.seat_step(no_step)
             # Relations rotate planes, which is not linear: the whole step may lead far away.
             while np.abs(seat_step).max(initial=0.0) >= LEAST_SEAT_STEP:
