@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -25,6 +26,8 @@ def changed(
     has a joint) and in fields. Not validated.
     """
     file, rows = load_arm_file(file) if isinstance(file, str) else file, rows or {}
+    assert fields.keys() <= ArmFile.model_fields.keys()
+    assert {*chain(*rows.values())} <= type(file.joints[0]).model_fields.keys()
     file = file.model_copy(update=fields)
     joints = [
         row.model_copy(update={**({} if row.fixed else rows.get(0, {})), **rows.get(number, {})})

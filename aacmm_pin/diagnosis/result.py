@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pandas as pd
@@ -29,17 +29,10 @@ from aacmm_pin.effects import Effect, ErrorModel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from aacmm_pin.diagnosis.verdict import Verdict
+
 SEVERAL_JOINTS = 2
 """From so many joints on the columns have the wrong sign: it is no other cause."""
-
-Verdict = Literal[
-    "explained",
-    "partly-explained",
-    "no-discrepancy",
-    "ambiguous",
-    "unexplained",
-    "inconclusive",
-]
 
 
 @dataclass(frozen=True, eq=False)

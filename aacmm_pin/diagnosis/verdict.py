@@ -8,11 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
-from aacmm_pin.diagnosis.result import Finding, Verdict, too_good
+from aacmm_pin.diagnosis.result import Finding, too_good
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+
+Verdict = Literal[
+    "explained",
+    "partly-explained",
+    "no-discrepancy",
+    "ambiguous",
+    "unexplained",
+    "inconclusive",
+]
 
 
 @dataclass(frozen=True, eq=False)

@@ -320,7 +320,7 @@ class JointPeriodicError(_Periodic):
             is_other = np.ones(len(periods), dtype=bool)
             for order in OWN_ORDERS:
                 is_other &= np.abs(periods - order * revolutions) >= OWN_WITHIN
-            whole = np.arange(max(OWN_ORDERS) + 1.0, HIGHEST_ORDER)
+            whole = np.setdiff1d(np.arange(1.0, HIGHEST_ORDER), OWN_ORDERS)
             has_period = whole * revolutions >= 1.0
             orders = np.union1d(periods[is_other] / revolutions, whole[has_period])
             if orders.size:

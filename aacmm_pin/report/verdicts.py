@@ -14,7 +14,7 @@ from aacmm_pin._support.units import UM, count
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import NO_SCATTER, exclusions_of
 from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, Unexplained
-from aacmm_pin.diagnosis.result import Verdict
+from aacmm_pin.diagnosis.verdict import Verdict
 from aacmm_pin.effects import (
     corrects_seat,
     in_words,

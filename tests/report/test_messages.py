@@ -12,7 +12,7 @@ import pytest
 
 from aacmm_pin._support.notes import Note
 from aacmm_pin.diagnosis import verdict
-from aacmm_pin.diagnosis.result import Verdict
+from aacmm_pin.diagnosis.verdict import Verdict
 from aacmm_pin.report.messages import SENTENCES
 from aacmm_pin.report.verdicts import WORDS_OF_DOUBTS, WORDS_OF_VERDICTS
 from tests.test_rooms import MODULES
