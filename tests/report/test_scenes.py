@@ -116,7 +116,7 @@ def test_bodies_and_tip_are_where_pinocchio_has_them(arm_file, rng):
 def test_an_arm_that_came_as_urdf(robot_file, rng):
     arm = Arm.from_urdf(robot_file("panda.urdf"), "panda_hand")
     q = postures(arm, rng, 7)
-    scene, data = scenes.arm_scene(arm, q), arm.model.createData()
+    scene, data = scenes.arm_scene(arm, q, body_style="sticks"), arm.model.createData()
     tip = decoded(scene, f"arm/body {arm.nq}") @ transform(scene, f"arm/body {arm.nq}/tip")
     close(tip[:, :3, 3], arm.poses(q, "panda_hand").position, SINGLE)
     for number, row in enumerate(q):

@@ -205,7 +205,7 @@ def test_a_test_report_is_one_sheet(tmp_path, page):
     arms = {"nominal": arm, "extended": arm}
     result = accept(tmp_path / "touches.csv", arms, mpe=mpe)
     table.assign(z_mm=table["z_mm"] * 1.0001).to_csv(tmp_path / "before.csv", index=False)
-    before = accept(tmp_path / "before.csv", arms)
+    before = accept(tmp_path / "before.csv", {"nominal": arm})
     checks = history(SIZES).with_check(before, START + timedelta(days=270))
     checks = checks.with_check(result, START + timedelta(days=300))
     told = CheckDetails(START, "no. 12", {"humidity": "45 %"}, checks)
