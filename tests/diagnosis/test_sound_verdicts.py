@@ -637,11 +637,11 @@ def test_records_that_are_excluded_together_are_no_gross_errors(sino6, shares):
     rest, and yet all alike.
     """
     rng = np.random.default_rng(4)
-    data = simulate_measurements(sino6, "free", 240, rng=rng, **NOISE)
-    operator = np.where(rng.random(240) < 0.1, "Bo", "Al").astype(object)
+    data = simulate_measurements(sino6, "free", 160, rng=rng, **NOISE)
+    operator = np.where(rng.random(160) < 0.1, "Bo", "Al").astype(object)
     time = data.conditions.require("time", "the test")
     late, high = time > np.quantile(time, 0.9), data.q[:, 1] > np.quantile(data.q[:, 1], 0.9)
-    near = np.linalg.norm(data.reference - data.reference[0], axis=1).argsort().argsort() < 24
+    near = np.linalg.norm(data.reference - data.reference[0], axis=1).argsort().argsort() < 16
     apart = {
         "last few": time >= np.sort(time)[-5],
         "time": late,

@@ -80,7 +80,7 @@ def test_commands_take_workbooks(table, tmp_path):
     shell.done(f"check sino6 {path}")
     shell.done(f"correct sino6 {path} -o {tmp_path / 'corrected.csv'}")
     assert len(pd.read_csv(tmp_path / "corrected.csv")) == len(table)
-    points = everything("length-uni")
+    points = everything("single-point")
     points.to_csv(tmp_path / "points.csv", index=False)
     probed = workbook(tmp_path / "points.xlsx", rows_of(points))
     excel, text = (accept(tmp_path / f"points.{end}") for end in ("xlsx", "csv"))
