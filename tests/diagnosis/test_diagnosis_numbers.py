@@ -339,7 +339,7 @@ def test_without_a_part_the_others_are_left(case):
     assert others.directions is whole.directions
 
 
-@pytest.mark.parametrize("ratio", [0.5, 3.0])
+@pytest.mark.parametrize("ratio", [0.5, again(3.0)])
 def test_inner_products_with_an_error_that_records_share(case, ratio, monkeypatch):
     """Groups of one to four records of a seat, all of each in one stream."""
     monkeypatch.setattr(gram_matrix, "ROWS_OF_A_GROUP", 15)
@@ -364,7 +364,7 @@ def test_inner_products_with_an_error_that_records_share(case, ratio, monkeypatc
     assert gram.free == len(rows) - case.design.nuisances
 
 
-@pytest.mark.parametrize("ratio", [0.5, 3.0])
+@pytest.mark.parametrize("ratio", [0.5, again(3.0)])
 def test_records_that_share_an_error_in_several_parts(free_case, ratio):
     """These parts add up all the same, and what is left without one has no direction below zero."""
     group = np.random.default_rng(6).integers(0, 20, RECORDS)
