@@ -56,15 +56,17 @@ def check_header(names: Sequence[object], nq: int | None, problems: Problems) ->
     joints = len(theta)
     for form in numbered_forms(MEASUREMENT_FILE):
         columns = column_of(form.replace("#", "1")).among(texts)
-        of_each_joint = joints and form != LINK_TEMPERATURE
+        of_each_joint = joints and form not in (LINK_TEMPERATURE, *THETA.values())
         expected = named(form, joints if of_each_joint else len(columns))
         if columns and columns != expected:
             for_each_joint = f", one for each of the {joints} joints" if of_each_joint else ""
+            missing = [name for name in expected if name not in columns]
+            remedy = f"; add {missing[0]}" if missing else ""
             present = first_few(map(shortened, columns))
             problems.add(
                 span(columns),
-                f"the columns are {present}; expected {span(expected)} without a gap"
-                f"{for_each_joint}",
+                f"the columns are {present}; expected numbers from 1 without a gap{for_each_joint}"
+                f"{remedy}",
             )
     if not joints:
         came = first_few(map(repr, names)) or "nothing"

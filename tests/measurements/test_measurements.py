@@ -291,7 +291,7 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
     ("theta1_rad,theta2_rad", 1, "theta1_rad … theta2_rad", "2 joints; expected theta1_rad"),
     ("theta1_deg,seat,seat", None, "seat", "2 columns"),
     ("J1 [deg],J2 [deg],x_mm", None, "", "the header has 'J1 [deg]', 'J2 [deg]'"),
-    ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "without a gap"),
+    ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "add theta2_deg"),
     (
         "theta1_deg,theta2_rad,theta3_deg",
         None,
