@@ -229,16 +229,8 @@ class Peak(NamedTuple):
     state: ModelState
 
 
-Weighted = list[tuple[Beside, float]]
-"""What is left beside states of one set, each with its log weight."""
-
-
-def _factors(weighted: Weighted, families: Sequence[Family]) -> Array:
-    """Log factor by which each block of some families at each width makes a set more probable
-    (blocks, widths).
-    """
-    factors = [at.additions(families) - at.log_evidence + weight for at, weight in weighted]
-    return np.asarray(np.logaddexp.reduce(factors, axis=0))
+Weighted = tuple[Beside, float]
+"""What is left beside a state of a set, with the state's log weight."""
 
 
 class ModelSpace:
@@ -426,7 +418,10 @@ class ModelSpace:
             if not near:
                 near = self._near_best(self.marginal(blocks))
                 keep(self._beside, blocks, near, RECENT)
-            factors = np.max([_factors(weighted, families) for weighted in near], axis=0)
+            of_states = [
+                at.additions(families) - at.log_evidence + log_weight for at, log_weight in near
+            ]
+            factors = np.logaddexp.reduce(of_states, axis=0)
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)
             gain[self.candidates.barred(blocks)] = -np.inf
@@ -442,18 +437,16 @@ class ModelSpace:
         lower = max(best.amplitude - 1, 0)
         shares = np.maximum(marginal.amplitudes[[lower, best.amplitude]], LEAST_WEIGHT)
         weights = np.log(shares) - np.log(shares[1] + (lower < best.amplitude) * shares[0])
-        by_amplitude = [(at.without(), float(weights[1]))]
+        at_lower, at_best = weights.tolist()
+        near = [(at.without(), at_best)]
         if lower < best.amplitude:
             below = self.conditional(best._replace(amplitude=lower))
-            by_amplitude.append((below.without(), float(weights[0])))
-        states = [by_amplitude]
+            near.append((below.without(), at_lower))
         if 0 in best.widths:
             usual = best._replace(widths=tuple(width or FIRST_WIDTH for width in best.widths))
             there = self.conditional(usual)
-            states.append(
-                [(there.without(), float(weights[1]) + there.log_evidence - at.log_evidence)]
-            )
-        return states
+            near.append((there.without(), at_best + there.log_evidence - at.log_evidence))
+        return near
 
     def _with_one_more(self, blocks: Blocks) -> tuple[list[Weighted], list[Family]]:
         """The same from what is left beside a set with a block less, if that is known; and the
@@ -470,8 +463,7 @@ class ModelSpace:
                 gains = self._gains[fewer]
                 families = [one for one in families if gains[one.blocks].max() > -REMOTE]
             width = int(self._widths[fewer][k])
-            more = [[(at.plus(k, width), weight) for at, weight in states] for states in beside]
-            return more, families
+            return [(at.plus(k, width), log_weight) for at, log_weight in beside], families
         return [], families
 
     def _open_families(self, blocks: Blocks) -> list[Family]:
@@ -494,7 +486,7 @@ class ModelSpace:
         along_widths = log_sum(at.over_widths[members, :-1]) - at.log_evidence
         others = marginal.log_posterior - at.log_evidence - along_widths.sum() - of_gone
         values = beside.additions(self._open_families(staying))
-        keep(self._beside, staying, [[(beside, 0.0)]], RECENT)
+        keep(self._beside, staying, [(beside, 0.0)], RECENT)
         self._widths[staying] = np.argmax(values, axis=1)
         log_posterior = others + log_sum(values) - np.log(WIDTHS.size) + odds
         log_posterior[self.candidates.barred(staying)] = -np.inf
