@@ -30,8 +30,6 @@ UNKNOWN = 1e-9
 products already."""
 HELD = 1e12
 """What is added to that of one which is held where it is stated."""
-LARGE = 6
-"""From so many columns on, a Cholesky factor for each width costs less than all eigenvalues."""
 KEPT = 16
 """So many blocks whose products are kept."""
 LEAST_CHI2 = 1e-9
@@ -608,42 +606,27 @@ def _squares(rows: Array) -> Array:
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
     """What blocks gain in log likelihood at each width, and ``½ log det(1 + τ² S)``.
 
-    ``½ γᵀ (S + τ⁻²)⁻¹ γ`` for informations S (b, q, q) and gradients γ (b, q).
+    ``½ γᵀ (S + τ⁻²)⁻¹ γ`` for informations S (b, q, q) and gradients γ (b, q), by ``L Lᵀ = S +
+    τ⁻²`` with ``L⁻¹ γ`` as one row more.
 
     Returns:
         (b, widths), twice.
     """
-    if information.shape[1] >= LARGE:
-        try:
-            return _by_factors(information, gradient)
-        except np.linalg.LinAlgError:  # rounding left an eigenvalue far below zero
-            pass
-    values, vectors = np.linalg.eigh(information)
-    values = np.maximum(values, 0.0)
-    scaled = WIDTHS[:, None] ** 2 * values[:, None]  # (b, widths, q)
-    along = np.einsum("bqr,bq->br", vectors, gradient)
-    shares = WIDTHS[:, None] ** 2 / (1.0 + scaled)
-    gain = 0.5 * np.einsum("bwq,bq->bw", shares, np.square(along))
-    return gain, 0.5 * np.log1p(scaled).sum(axis=2)
-
-
-def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
-    """The same by ``L Lᵀ = S + τ⁻²``, with ``L⁻¹ γ`` as one row more.
-
-    Raises:
-        LinAlgError: rounding left an eigenvalue of ``S`` below the least ``-τ⁻²``.
-    """
     b, q = information.shape[:2]
+    eye = np.eye(q)
     precision = np.empty((b, WIDTHS.size, q + 1, q + 1))
-    prior = np.eye(q) / WIDTHS[:, None, None] ** 2
-    precision[:, :, :q, :q] = information[:, None] + prior
+    precision[:, :, :q, :q] = information[:, None] + eye / WIDTHS[:, None, None] ** 2
     precision[:, :, q, :q] = gradient[:, None]  # of a symmetric matrix the lower triangle is read
     precision[:, :, q, q] = np.finfo(np.float64).max
-    factor = np.linalg.cholesky(precision)
+    try:
+        factor = np.linalg.cholesky(precision)
+    except np.linalg.LinAlgError:  # rounding left an eigenvalue far below zero
+        below_zero = np.minimum(np.linalg.eigvalsh(information)[:, 0], 0.0)
+        precision[:, :, :q, :q] -= below_zero[:, None, None, None] * eye
+        factor = np.linalg.cholesky(precision)
     diagonal = np.diagonal(factor, axis1=2, axis2=3)[:, :, :q]
     gain = 0.5 * np.square(factor[:, :, q, :q]).sum(axis=2)
-    volume = np.log(diagonal * WIDTHS[:, None]).sum(axis=2)
-    return gain, volume
+    return gain, np.log(diagonal * WIDTHS[:, None]).sum(axis=2)
 
 
 def log_sum(logs: Array) -> Array:
