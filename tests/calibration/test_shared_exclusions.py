@@ -137,6 +137,10 @@ def test_excluded_records_that_are_neighbours(sino6, rng):
         found = clusters(sino6, data, excluded, ~excluded)
         assert [cluster.shared.name for cluster in found] == ([name] if name else [])
         assert not name or (found[0].records == excluded).all()
+        if name == "joint 3":
+            angles = np.rad2deg(data.q[inside, 2])
+            expected = f"joint 3 [°] from {angles.min():.6g} to {angles.max():.6g}"
+            assert found[0].shared.where == expected
 
 
 @pytest.mark.parametrize("what", ["both ends of a joint", "temperature", "operator"])
