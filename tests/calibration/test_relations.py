@@ -237,10 +237,10 @@ def test_a_contact_with_the_label_of_another_face_is_excluded(sino6, seed, tmp_p
     """
     rng = np.random.default_rng(seed)
     arm = rough(sino6, tmp_path / "rough.toml")
-    q, face = on_cube(Machine(arm, drawn(arm, rng)), rng)
+    q, face = on_cube(Machine(arm, drawn(arm, rng)), rng, 2)
     table = cube_file(q + READING * rng.normal(size=q.shape), face)
     table.loc[3, "feature"] = "E1"
-    result = calibrated(arm, Measurements.from_frame(table).with_relations(of_cubes()))
+    result = calibrated(arm, Measurements.from_frame(table).with_relations(of_cubes(2)))
     assert np.flatnonzero(result.fit.excluded).tolist() == [3]
 
 
