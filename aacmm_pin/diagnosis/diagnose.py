@@ -119,8 +119,8 @@ def diagnose(
         length_noise,
     )
     measurements, notes = counted_once(measurements)
-    derived = measurements.conditions.approach is None and measurements.in_order
-    if derived:
+    approach_derived = measurements.conditions.approach is None and measurements.in_order
+    if approach_derived:
         measurements = measurements.with_approach_from_order()
     if measurements.n > THRESHOLDS.most_records:
         data = {"used": THRESHOLDS.most_records, "of": measurements.n}
@@ -136,43 +136,47 @@ def diagnose(
             Note("prior_ignored", {"arm": model.arm.name, "unexplained": model.arm.unexplained})
         )
     rng = rng or np.random.default_rng(1)
-    problem = _with_causes(model, measurements, setup)
-    alone = first_fit(problem([]))
-    _require_residuals(measurements, alone)
-    notes += mistakes_of(alone)
-    kind, fold_of_record = fold_numbers(alone, rng)
-    library = candidates(model, measurements, alone.problem, extra)
+    problem_with = _problem_with_causes(model, measurements, setup)
+    first_recalibration = first_fit(problem_with([]))
+    _require_residuals(measurements, first_recalibration)
+    notes += mistakes_of(first_recalibration)
+    kind_of_fold, fold_of_record = fold_numbers(first_recalibration, rng)
+    library = candidates(model, measurements, first_recalibration.problem, extra)
     all_covariates = covariates(model.arm, measurements)
-    choice = choose(problem, alone, library, all_covariates, fold_of_record, progress is True)
+    choice = choose(
+        problem_with, first_recalibration, library, all_covariates, fold_of_record, progress is True
+    )
     used = choice.fit.used
-    before = fit(problem_of(model, measurements, [], alone.problem.setup), used=used)
-    recalibrated = fit(problem([]), used=used)
+    nominal = fit(problem_of(model, measurements, [], first_recalibration.problem.setup), used=used)
+    recalibrated = fit(problem_with([]), used=used)
     notes += session_notes(recalibrated)
-    if derived and any(isinstance(effect, JointHysteresis) for effect in choice.effects):
+    if approach_derived and any(isinstance(effect, JointHysteresis) for effect in choice.effects):
         notes.append(Note("approach_from_time"))
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
-    apart = hold_out and enough_postures(measurements)
-    folds = predicted_folds(choice, before, kind, progress) if apart else []
+    holds_out = hold_out and enough_postures(measurements)
+    folds = predicted_folds(choice, nominal, kind_of_fold, progress) if holds_out else []
     findings = findings_of(model, choice, folds)
-    held = gain_of(choice, folds, kind, rng) if folds else None
-    if held is not None and not findings:
-        held = held.without_causes()
-    unexplained = unexplained_by(choice, held, bool(findings))
+    held_out_gain = gain_of(choice, folds, kind_of_fold, rng) if folds else None
+    if held_out_gain is not None and not findings:
+        held_out_gain = held_out_gain.without_causes()
+    unexplained = unexplained_by(choice, held_out_gain, bool(findings))
     # Without a finding nothing explains what the recalibrated arm alone excludes.
-    judged = [choice.fit] if findings else [choice.fit, alone]
+    judged_fits = [choice.fit] if findings else [choice.fit, first_recalibration]
     contradicted = {
         replace(note, data={**note.data, "deviations": None}): note
-        for one in judged
-        for note in contradiction_notes(one)
+        for judged in judged_fits
+        for note in contradiction_notes(judged)
     }
     named = [finding.label for finding in findings]
-    budget = budget_of(choice, before, unexplained.discrepancy, unexplained.shared_by_postures)
-    without_name = (STRUCTURE, SHARED, BEYOND)
-    nameless = sum(part.mean_square for part in budget if part.part in without_name)
+    budget = budget_of(choice, nominal, unexplained.discrepancy, unexplained.shared_by_postures)
+    nameless_parts = (STRUCTURE, SHARED, BEYOND)
+    nameless = sum(part.mean_square for part in budget if part.part in nameless_parts)
     if choice.fit.noise_is_stated:
         nameless += budget[-1].mean_square - choice.fit.noise_rms**2
-    sure = {f.label for f in findings if f.probability >= THRESHOLDS.settled and f.borne_out}
+    certain_labels = {
+        f.label for f in findings if f.probability >= THRESHOLDS.settled and f.borne_out
+    }
     evidence = Evidence(
         findings=tuple(findings),
         structure=unexplained.structure or exceeds_noise(choice.fit),
@@ -180,30 +184,30 @@ def diagnose(
         more=choice.posterior.beyond(named),
         visible=visible(choice.posterior),
         otherwise=choice.otherwise,
-        no_better=_no_better(model.arm, findings, held, bool(choice.covariates)),
+        no_better=_no_better(model.arm, findings, held_out_gain, bool(choice.covariates)),
         contradicted=tuple(contradicted.values()),
         agree=choice.posterior.agree,
         fits=(recalibrated, choice.fit),
-        named=sum(part.mean_square for part in budget if sure.intersection(part.causes)),
+        named=sum(part.mean_square for part in budget if certain_labels.intersection(part.causes)),
         nameless=max(nameless, 0.0),
     )
     doubts = doubts_of(evidence)
     if evidence.no_better:
         extended, of_model = calibrated_model(recalibrated), recalibrated
     elif with_discrepancy:
-        extended, of_model = described_model(model, choice, problem)
+        extended, of_model = described_model(model, choice, problem_with)
     else:
         extended, of_model = calibrated_model(choice.fit, choice.curves), choice.fit
     return Diagnosis(
         verdict=verdict_of(evidence, doubts),
         findings=tuple(findings),
         model=_as_found(extended, choice.fit.noise_is_stated, findings, unexplained),
-        before=before,
+        before=nominal,
         recalibrated=recalibrated,
         extended=choice.fit,
         of_model=of_model,
         choice=choice,
-        held_out=held,
+        held_out=held_out_gain,
         unexplained=unexplained,
         noise=choice.fit.noise_rms,
         visible=evidence.visible,
@@ -215,18 +219,20 @@ def diagnose(
     )
 
 
-def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:
+def _no_better(
+    arm: Arm, findings: Sequence[Finding], held_out_gain: Gain | None, has_structure: bool
+) -> bool:
     """Whether held-out records are not predicted better beyond doubt with the causes.
 
     Values of the geometry, which the recalibrated arm has too, and places of seats do not count.
-    Beside ``structure`` it is enough that each cause is borne out.
+    If structure was found, it is enough that each cause is borne out.
     """
-    if held is None or held.beyond_doubt:
+    if held_out_gain is None or held_out_gain.beyond_doubt:
         return False
     causes = [
         f for f in findings if not (corrects_seat(f.effect) or geometric_parameters(arm, f.effect))
     ]
-    borne_out = structure and all(f.brought is not None and f.borne_out for f in causes)
+    borne_out = has_structure and all(f.brought is not None and f.borne_out for f in causes)
     return bool(causes) and not borne_out
 
 
@@ -241,15 +247,15 @@ def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
     )
 
 
-def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:
-    """The calibration problem with some causes estimated too.
+def _problem_with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:
+    """What makes the calibration problem with some causes estimated too, or others held.
 
     Known causes are refitted within their stated u, but freely if nothing is stated, or if a cause
     of the same name is estimated: they may have changed.
     """
     stated_causes = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
-    unstated = [
-        _freed(effect)
+    causes_unstated = [
+        _with_wide_prior(effect)
         for effect in model.effects
         if not isinstance(effect, Discrepancy)
         and effect.identity not in stated_causes
@@ -260,26 +266,33 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
         setup: Setup,
         causes: Sequence[Effect],
         held_causes: Sequence[Effect] = (),
-        gone: Sequence[Effect] = (),
+        removed: Sequence[Effect] = (),
     ) -> Problem:
-        freed = [replace(c, values=stated_causes.get(c.identity, c).values) for c in causes]
-        new = [cause for cause in causes if cause.identity not in stated_causes]
-        places = {cause.label for cause in new if cause.nonlinear.field}
-        keys = {cause.key for cause in (*causes, *gone)}
-        unchanged = [effect for effect in stated_causes.values() if effect.key not in keys]
-        beside = [_freed(effect) for effect in unchanged if effect.label in places]
-        within = [effect for effect in unchanged if effect.label not in places]
-        with_held = replace(model, effects=(*model.effects, *held_causes))
-        taken_out = [*beside, *freed]
-        estimated: list[str | Effect] = ["geometry", *unstated, *within, *taken_out]
-        asked = problem_of(with_held, measurements, estimated, setup)
-        return replace(asked, candidates=len(taken_out))
+        causes_from_stated = [
+            replace(c, values=stated_causes.get(c.identity, c).values) for c in causes
+        ]
+        new_causes = [cause for cause in causes if cause.identity not in stated_causes]
+        labels_of_new = {cause.label for cause in new_causes if cause.nonlinear.field}
+        keys_replaced = {cause.key for cause in (*causes, *removed)}
+        other_known = [
+            effect for effect in stated_causes.values() if effect.key not in keys_replaced
+        ]
+        known_freed = [
+            _with_wide_prior(effect) for effect in other_known if effect.label in labels_of_new
+        ]
+        known_within_u = [effect for effect in other_known if effect.label not in labels_of_new]
+        model_with_held = replace(model, effects=(*model.effects, *held_causes))
+        added_last = [*known_freed, *causes_from_stated]
+        estimated: list[str | Effect] = ["geometry", *causes_unstated, *known_within_u, *added_last]
+        calibration = problem_of(model_with_held, measurements, estimated, setup)
+        return replace(calibration, candidates=len(added_last))
 
-    length = length_to_hold(problem(setup, []))
-    return partial(problem, replace(setup, held_length=length))
+    held_length = length_to_hold(problem(setup, []))
+    return partial(problem, replace(setup, held_length=held_length))
 
 
-def _freed(effect: Effect) -> Effect:
+def _with_wide_prior(effect: Effect) -> Effect:
+    """The effect at its values, which many typical magnitudes may change."""
     return effect.at(effect.values, free(effect).u)
 
 

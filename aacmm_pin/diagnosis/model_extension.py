@@ -82,20 +82,23 @@ def choose(
     them, and those of one time, joint or place, put back too. Its result is taken if it makes sense
     of them; of one or two only where there is nothing else, and then not as found.
     """
-    given = tuple(library), tuple(all_covariates), folds, progress
-    choice = _standing(problem_of, first, *given)
-    nearer = _put_back(first) & _put_back(choice.fit)
-    least = FEWEST_BACK if choice.causes else 1
-    back = int(np.sum(nearer & ~(first.used & choice.fit.used)))
-    if back >= max(least, A_FEW * len(nearer)):
-        doubtful = _doubtful(choice, choice.fit)
-        wider = fit(problem_of([]), used=nearer)
-        again = _standing(problem_of, wider, *given, nearer)
-        fewer = int(doubtful.sum() - _doubtful(again, choice.fit).sum())
-        if fewer >= FEWEST_BACK:
-            choice, again = again, choice
-        elif fewer > 0 and not choice.causes:
-            choice = replace(choice, otherwise=again.labels)
+    search_arguments = tuple(library), tuple(all_covariates), folds, progress
+    choice = _search_until_set_stays(problem_of, first, *search_arguments)
+    used_or_nearer = _used_or_nearer(first) & _used_or_nearer(choice.fit)
+    fewest_put_back = FEWEST_BACK if choice.causes else 1
+    count_put_back = int(np.sum(used_or_nearer & ~(first.used & choice.fit.used)))
+    if count_put_back >= max(fewest_put_back, A_FEW * len(used_or_nearer)):
+        doubtful_before = int(_doubtful(choice, choice.fit).sum())
+        fit_with_nearer = fit(problem_of([]), used=used_or_nearer)
+        choice_with_nearer = _search_until_set_stays(
+            problem_of, fit_with_nearer, *search_arguments, used_or_nearer
+        )
+        doubtful_after = int(_doubtful(choice_with_nearer, choice.fit).sum())
+        doubtful_less = doubtful_before - doubtful_after
+        if doubtful_less >= FEWEST_BACK:
+            choice = choice_with_nearer
+        elif doubtful_less > 0 and not choice.causes:
+            choice = replace(choice, otherwise=choice_with_nearer.labels)
     return replace(choice, kept_alone=first.used)
 
 
@@ -103,31 +106,33 @@ def _doubtful(choice: Choice, judge: Fit) -> Mask:
     """Records that do not fit with all that was found, covariates included, by the scatter of
     ``judge`` (n,).
     """
-    return _times_the_limit(choice.design.fit, choice.deviations, judge) > 1.0
+    return _ratio_to_limit(choice.design.fit, choice.deviations, judge) > 1.0
 
 
-def _put_back(of_fit: Fit) -> Mask:
+def _used_or_nearer(refit: Fit) -> Mask:
     """The used records, and excluded ones that are near, or that are neighbours (n,)."""
-    far = _times_the_limit(of_fit, of_fit.system.deviations, of_fit)
-    arm = of_fit.problem.model.arm
-    records = of_fit.problem.measurements
-    dense = [cluster.records for cluster in clusters(arm, records, of_fit.excluded, of_fit.used)]
-    nearer = np.any([far < NOT_FAR, *dense], axis=0)
-    return np.asarray(of_fit.used | (of_fit.excluded & nearer))
+    times_the_limit = _ratio_to_limit(refit, refit.system.deviations, refit)
+    arm = refit.problem.model.arm
+    records = refit.problem.measurements
+    neighbours = [cluster.records for cluster in clusters(arm, records, refit.excluded, refit.used)]
+    nearer = np.any([times_the_limit < NOT_FAR, *neighbours], axis=0)
+    return np.asarray(refit.used | (refit.excluded & nearer))
 
 
-def _times_the_limit(at: Fit, deviations: Array, judge: Fit) -> Array:
-    """Residual of each record, over what a good one may have by the scatter of ``judge`` (n,)."""
-    has_target = at.observations.has_target
-    times = np.zeros(len(deviations))
-    limit = chi2_isf(FALSE_EXCLUSION / len(deviations), at.observations.counts[has_target])
-    times[has_target] = np.sqrt(
-        squared_distances(deviations[has_target], judge.residual_noise[has_target]) / limit
-    )
-    return times
+def _ratio_to_limit(refit: Fit, deviations: Array, judge: Fit) -> Array:
+    """Residual of each record, over what a good one may have by the scatter of ``judge`` (n,); 0
+    without a target.
+    """
+    has_target = refit.observations.has_target
+    ratios = np.zeros(len(deviations))
+    coordinates = refit.observations.counts[has_target]
+    limit_squared = chi2_isf(FALSE_EXCLUSION / len(deviations), coordinates)
+    squares = squared_distances(deviations[has_target], judge.residual_noise[has_target])
+    ratios[has_target] = np.sqrt(squares / limit_squared)
+    return ratios
 
 
-def _standing(
+def _search_until_set_stays(
     problem_of: ProblemOf,
     first: Fit,
     library: tuple[Variants, ...],
@@ -136,44 +141,48 @@ def _standing(
     progress: bool,
     used: Mask | None = None,
 ) -> Choice:
-    """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the
-    median model.
+    """The choice after rounds of exploration and refit, each refit at the most probable set, until
+    that set stays; last, a refit at the median model.
 
     Each refit looks for gross errors anew, or is of the records ``used``; the last one then of
     those that fit with all that was found, where covariates are a part of it. Else, if some of the
     records ``used`` are gross errors, the search begins again without them.
     """
-    at = first
-    effects = list[Effect]()
-    before = None
-    visited, ends = list[Array](), list[Array]()
+    refit = first
+    refitted_causes = list[Effect]()
+    previous = None
+    tips_of_rounds, tips_explored = list[Array](), list[Array]()
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_EXPLORATIONS):
-            choice = _climbed(at, library, all_covariates, folds, effects, before)
+            choice = _round_of_search(
+                refit, library, all_covariates, folds, refitted_causes, previous
+            )
             rounds.update()
-            best = refined_causes(choice, choice.top_causes)
-            before = _Before.of(choice)
-            stays = _identities(best) == _identities(effects) or _is_near(choice, visited)
-            visited.append(before.tips)
-            if stays and before.settled(choice):
+            best_causes = refined_causes(choice, choice.top_causes)
+            previous = _PreviousRound.of(choice)
+            same_causes = _identities(best_causes) == _identities(refitted_causes)
+            set_stays = same_causes or _is_near(choice, tips_of_rounds)
+            tips_of_rounds.append(previous.tips)
+            if set_stays and previous.settled(choice):
                 choice = _explored(choice)
-                if _is_near(choice, [visited[-1], *ends]):  # or leads there again and again
+                # Exploration leads nowhere else, or to the same tips again and again.
+                if _is_near(choice, [tips_of_rounds[-1], *tips_explored]):
                     break
-                before = _Before.of(choice)
-                ends.append(before.tips)
-                best = refined_causes(choice, choice.top_causes)
-            rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
-            if best:
-                at = refitted(problem_of, choice.with_values(best), used=used)
-            elif effects:
-                at = first
-            if not at.determines_noise:  # more causes than these records can carry
+                previous = _PreviousRound.of(choice)
+                tips_explored.append(previous.tips)
+                best_causes = refined_causes(choice, choice.top_causes)
+            rounds.set_postfix_str(", ".join(effect.label for effect in best_causes)[:LETTERS])
+            if best_causes:
+                refit = refitted(problem_of, choice.with_values(best_causes), used=used)
+            elif refitted_causes:
+                refit = first
+            if not refit.determines_noise:  # more causes than these records can carry
                 return replace(
                     choice, fit=first, posterior=replace(choice.posterior, weights={(): 1.0})
                 )
             choice.posterior.space.release()
-            effects = best
-            library = _with_variants(library, effects)
+            refitted_causes = best_causes
+            library = _with_variants(library, refitted_causes)
         else:
             choice = _explored(choice)
     if used is not None and choice.covariates:
@@ -183,30 +192,32 @@ def _standing(
     extended = _extended(problem_of, choice, first)
     if used is None or not (used & ~extended.fit.used).any():
         return extended
-    good = used & extended.fit.used
-    without = fit(problem_of([]), used=good)
-    return _standing(problem_of, without, library, all_covariates, folds, progress, good)
+    still_used = used & extended.fit.used
+    fit_without = fit(problem_of([]), used=still_used)
+    return _search_until_set_stays(
+        problem_of, fit_without, library, all_covariates, folds, progress, still_used
+    )
 
 
 def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
     return frozenset(effect.identity for effect in effects)
 
 
-def _is_near(choice: Choice, visited: Sequence[Array]) -> bool:
-    """Whether the tips with the most probable set are those of an earlier round, beside the
-    noise.
+def _is_near(choice: Choice, tips_of_rounds: Sequence[Array]) -> bool:
+    """Whether the tips with the most probable set are those of an earlier round (n, 3 or 6), to
+    within the noise.
     """
     tips = choice.posterior.top_model.all_tips
-    differences = (choice.noise.whitened(tips - earlier) for earlier in visited)
+    differences = (choice.noise.whitened(tips - earlier) for earlier in tips_of_rounds)
     return any(rms(difference) < SAME_TIPS for difference in differences)
 
 
 @dataclass(frozen=True, eq=False)
-class _Before:
+class _PreviousRound:
     """What a round leaves for the next one, beside its most probable set.
 
     Attributes:
-        tips: with all of that set.
+        tips: poses of the records with all of that set (n, 3 or 6) [m, rad].
         dof: degrees of freedom that it leaves.
         scatter: of readings and tips beside that; None where the stated noise was all there was.
     """
@@ -216,22 +227,24 @@ class _Before:
     scatter: ReadingScatter | None = None
 
     @staticmethod
-    def of(choice: Choice) -> _Before:
+    def of(choice: Choice) -> _PreviousRound:
         model = choice.posterior.top_model
         scatter = None if noise_is_known(choice.design.fit) else choice.scatter_beside(model)
-        return _Before(model.all_tips, model.dof, scatter)
+        return _PreviousRound(model.all_tips, model.dof, scatter)
 
     def settled(self, choice: Choice) -> bool:
-        """Whether the scatter is about what a round reckoned with."""
+        """Whether the scatter left by this round is about what its noise assumed, in ``choice``."""
         if self.scatter is None:
             return True
-        at = choice.design.fit
-        reckoned = (
-            at.expected_rms(at.residual_noise) if choice.scatter is None else choice.scatter.size
+        refit = choice.design.fit
+        size_assumed = (
+            refit.expected_rms(refit.residual_noise)
+            if choice.scatter is None
+            else choice.scatter.size
         )
         same_kind = choice.scatter is not None or not self.scatter.readings.any()
         return same_kind and bool(
-            abs(np.log(self.scatter.size / reckoned)) < np.log(THRESHOLDS.rescaled)
+            abs(np.log(self.scatter.size / size_assumed)) < np.log(THRESHOLDS.rescaled)
         )
 
 
@@ -246,71 +259,75 @@ def _extended(
     """
     effects = refined_causes(choice, choice.causes)
     if not effects:
-        return replace(choice, fit=_with_shared_error(first, choice))
-    within = choice.with_values(effects)
-    at = refitted(problem_of, within, used=used)
+        return replace(choice, fit=_with_shared_and_held_errors(first, choice))
+    with_widths = choice.with_values(effects)
+    refit = refitted(problem_of, with_widths, used=used)
     if used is None:
-        for moved in steps_past_excluded(choice, at, effects):
-            moved_within = choice.with_values(moved)
-            refit = refitted(problem_of, moved_within)
-            if refit.used.sum() > at.used.sum():
-                effects, within, at = moved, moved_within, refit
-    if gone := _gone(at, effects):
-        at = refitted(problem_of, within, gone, used)
+        for moved in steps_past_excluded(choice, refit, effects):
+            moved_with_widths = choice.with_values(moved)
+            other_refit = refitted(problem_of, moved_with_widths)
+            if other_refit.used.sum() > refit.used.sum():
+                effects, with_widths, refit = moved, moved_with_widths, other_refit
+    if removed := _superseded(refit, effects):
+        refit = refitted(problem_of, with_widths, removed, used)
         # A cause that has replaced a known one has another nonlinear parameter without it.
-        labels = {effect.label for effect in gone}
+        labels_removed = {effect.label for effect in removed}
         tried = {
-            k: effect.nonlinear.refine(effect, at.problem.measurements)
+            k: effect.nonlinear.refine(effect, refit.problem.measurements)
             for k, effect in enumerate(effects)
-            if effect.label in labels and not effect.nonlinear.is_preferred(effect)
+            if effect.label in labels_removed and not effect.nonlinear.is_preferred(effect)
         }
         acting = [(effect,) for effect in effects]
-        effects = with_likeliest(at, choice.noise, acting, tried)
-        within = choice.with_values(effects)
-        at = refitted(problem_of, within, gone, used)
-    at = with_nonlinear_u(at, choice.noise, effects)
-    held = [effect for effect in within if effect.free_form]
-    curves = choice.held_curves(at, held) if held else None
-    return replace(choice, fit=_with_shared_error(at, choice, curves), curves=curves)
+        effects = with_likeliest(refit, choice.noise, acting, tried)
+        with_widths = choice.with_values(effects)
+        refit = refitted(problem_of, with_widths, removed, used)
+    refit = with_nonlinear_u(refit, choice.noise, effects)
+    held_curves = [effect for effect in with_widths if effect.free_form]
+    curves = choice.held_curves(refit, held_curves) if held_curves else None
+    return replace(choice, fit=_with_shared_and_held_errors(refit, choice, curves), curves=curves)
 
 
-def _with_shared_error(at: Fit, choice: Choice, curves: HeldEffects | None = None) -> Fit:
+def _with_shared_and_held_errors(
+    refit: Fit, choice: Choice, curves: HeldEffects | None = None
+) -> Fit:
     """The fit, whose covariance includes the error that records of one posture share, and held
     curves.
     """
     variance = choice.posterior.median_model.variance
-    added = choice.noise.added_covariance(at, variance)
+    added_covariance = choice.noise.added_covariance(refit, variance)
     if curves is not None:
-        added = added + curves.added_covariance
-    return replace(at, added_covariance=added)
+        added_covariance = added_covariance + curves.added_covariance
+    return replace(refit, added_covariance=added_covariance)
 
 
-def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
+def _superseded(refit: Fit, effects: Sequence[Effect]) -> list[Effect]:
     """Known causes, beside new ones of their name, that are zero to within their U (k = 2)."""
-    named = {effect.label for effect in effects if effect.nonlinear.field and not is_change(effect)}
+    labels_of_new = {
+        effect.label for effect in effects if effect.nonlinear.field and not is_change(effect)
+    }
     identities = _identities(effects)
-    gone = []
-    for effect, place in zip(at.effects, at.problem.vector.slices, strict=True):
-        if effect.label in named and effect.identity not in identities:
-            u = np.sqrt(np.diag(at.covariance[place, place]))
+    superseded = []
+    for effect, entries in zip(refit.effects, refit.problem.vector.slices, strict=True):
+        if effect.label in labels_of_new and effect.identity not in identities:
+            u = np.sqrt(np.diag(refit.covariance[entries, entries]))
             if np.all(np.abs(effect.values) <= COVERAGE_FACTOR * u):
-                gone.append(effect)
-    return gone
+                superseded.append(effect)
+    return superseded
 
 
 def refitted(
     problem_of: ProblemOf,
     effects: Sequence[Effect],
-    gone: Sequence[Effect] = (),
+    removed: Sequence[Effect] = (),
     used: Mask | None = None,
 ) -> Fit:
-    """All refitted with these causes, within their u, without known ones that are gone; without
-    ``used``, gross errors are looked for. Curves stay at their values: so many parameters are the
-    posterior's.
+    """All refitted with these causes, within their u, without known ones that are ``removed``;
+    without ``used``, gross errors are looked for. Curves stay at their values: so many parameters
+    are the posterior's.
     """
     held = [effect for effect in effects if effect.free_form]
     estimated = [effect.at((), effect.u) for effect in effects if not effect.free_form]
-    return fit(problem_of(estimated, held, gone=gone), used=used)
+    return fit(problem_of(estimated, held, removed=removed), used=used)
 
 
 def free(effect: Effect) -> Effect:
@@ -325,36 +342,38 @@ def _explored(choice: Choice) -> Choice:
     return replace(choice, posterior=explore(posterior.space, posterior.top))
 
 
-def _climbed(
-    at: Fit,
+def _round_of_search(
+    refit: Fit,
     library: tuple[Variants, ...],
     all_covariates: tuple[Covariate, ...],
     folds: Index,
     effects: Sequence[Effect],
-    before: _Before | None,
+    previous_round: _PreviousRound | None,
 ) -> Choice:
     """The posterior where a fit with some causes ended, with the noise that the round before found.
 
     An error curve, which has many parameters, may follow readings that scatter. So the first round
     takes the more probable: the curves, or the scatter of readings in their place.
     """
-    design = design_of(at, library, all_covariates)
+    design = design_of(refit, library, all_covariates)
     candidates = Candidates.of(design, library)
-    previous = before or _Before(at.point.prediction.poses, at.chi2.dof)
+    previous = previous_round or _PreviousRound(refit.point.prediction.poses, refit.chi2.dof)
     blocks_of_causes = [b for b in design.blocks if b.candidate < design.causes]  # the first ones
     identities = [library[b.candidate][b.variant].identity for b in blocks_of_causes]
     start = tuple(sorted(identities.index(effect.identity) for effect in effects))
     climb = _Climb(candidates, start, previous.scatter)
-    choice = Choice(at, climb.ended(previous), library, all_covariates, folds, previous.scatter)
-    if before is not None or noise_is_known(at):
+    choice = Choice(refit, climb.ended(previous), library, all_covariates, folds, previous.scatter)
+    if previous_round is not None or noise_is_known(refit):
         return choice
     scatter = choice.scatter_beside(choice.posterior.without_curves)
     if not scatter.readings.any():
         return choice
     posterior = replace(climb, scatter=scatter).ended(previous)
-    scattered = replace(choice, posterior=posterior, scatter=scatter)
+    choice_with_scatter = replace(choice, posterior=posterior, scatter=scatter)
     return max(
-        choice, scattered, key=lambda one: one.posterior.log_density + one.log_density_of_scatter
+        choice,
+        choice_with_scatter,
+        key=lambda one: one.posterior.log_density + one.log_density_of_scatter,
     )
 
 
@@ -366,7 +385,7 @@ class _Climb:
     start: Blocks
     scatter: ReadingScatter | None
 
-    def ended(self, previous: _Before) -> Posterior:
+    def ended(self, previous: _PreviousRound) -> Posterior:
         """The posterior with the most probable noise.
 
         What records of one posture share is either noise or what causes do there. So two noises are
@@ -383,8 +402,8 @@ class _Climb:
     @cached_property
     def noise(self) -> RecordNoise:
         """Of records of one posture that share nothing."""
-        at = self.candidates.design.fit
-        return RecordNoise.of_postures(at, (self.scatter or at.noise).whitening)
+        refit = self.candidates.design.fit
+        return RecordNoise.of_postures(refit, (self.scatter or refit.noise).whitening)
 
     def shared(self, tips: Array, dof: float) -> RecordNoise:
         """With the error that records of one posture share beside some tips."""
@@ -401,22 +420,24 @@ class _Climb:
         posterior = self.with_noise(noise)
         for _ in range(MOST_EXPLORATIONS):
             model = posterior.top_model
-            again = self.shared(model.all_tips, model.dof)
-            if again.is_about(posterior.noise):
+            shared_beside_set = self.shared(model.all_tips, model.dof)
+            if shared_beside_set.is_about(posterior.noise):
                 break
-            posterior = self.with_noise(again)
+            posterior = self.with_noise(shared_beside_set)
         return posterior
 
 
 def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[Variants, ...]:
     """The library with the refined variants among those that are tried."""
-    there = {variant.identity for variants in library for variant in variants}
-    refined = {effect.label: effect.at(()) for effect in effects if effect.identity not in there}
+    identities_tried = {variant.identity for variants in library for variant in variants}
+    untried_by_label = {
+        effect.label: effect.at(()) for effect in effects if effect.identity not in identities_tried
+    }
     with_refined = []
     for variants in library:
         # Of several candidates of one label, the first has the variants.
-        new = refined.pop(variants[0].label, None)
-        with_refined.append(variants if new is None else _with_variant(variants, new))
+        refined = untried_by_label.pop(variants[0].label, None)
+        with_refined.append(variants if refined is None else _with_variant(variants, refined))
     return tuple(with_refined)
 
 
@@ -425,7 +446,7 @@ def _with_variant(variants: Variants, refined: Effect) -> Variants:
     value than elsewhere, their prior would be larger there.
     """
     nonlinear = refined.nonlinear
-    alike = [
+    numbers_alike = [
         k
         for k, variant in enumerate(variants)
         if nonlinear.field
@@ -434,7 +455,7 @@ def _with_variant(variants: Variants, refined: Effect) -> Variants:
         and nonlinear.at(variant, nonlinear.value(refined)).identity == refined.identity
     ]
     nearest = min(
-        alike,
+        numbers_alike,
         key=lambda k: abs(nonlinear.value(variants[k]) - nonlinear.value(refined)),
         default=len(variants),
     )
