@@ -38,66 +38,73 @@ def refined_causes(choice: Choice, causes: Blocks) -> list[Effect]:
     """Some causes, together, with their likeliest nonlinear parameters."""
     records = choice.fit.problem.measurements
     acting = _acting(choice, causes)
-    tried = {}
-    for k, (*_, effect) in enumerate(acting):
-        if is_change(choice.variant(causes[k])):
+    tried_by_number = {}
+    for number, (*_, effect) in enumerate(acting):
+        if is_change(choice.variant(causes[number])):
             continue
         refined = effect.nonlinear.refine(effect, records)
         if len(refined) > 1:
-            tried[k] = refined
-    return with_likeliest(choice.fit, choice.noise, acting, tried)
+            tried_by_number[number] = refined
+    return with_likeliest(choice.fit, choice.noise, acting, tried_by_number)
 
 
 def with_likeliest(
-    at: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Sequence[Effect]]
+    fit: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Sequence[Effect]]
 ) -> list[Effect]:
-    """Each cause as it acts, or in its place the likeliest effect of those tried for it, see
-    :func:`likeliest`; arguments as in :func:`evidences`.
+    """Each cause as it acts, last of its variants, or in its place the likeliest effect of those
+    tried for it, see :func:`likeliest`; arguments as in :func:`evidences`.
     """
-    best = [variants[-1] for variants in acting]
-    for k, log_odds in evidences(at, noise, acting, tried).items():
-        best[k] = likeliest(tried[k], log_odds)
-    return best
+    effects = [variants[-1] for variants in acting]
+    for k, log_odds in evidences(fit, noise, acting, tried).items():
+        effects[k] = likeliest(tried[k], log_odds)
+    return effects
 
 
-def steps_past_excluded(choice: Choice, at: Fit, causes: Sequence[Effect]) -> list[list[Effect]]:
+def steps_past_excluded(choice: Choice, fit: Fit, causes: Sequence[Effect]) -> list[list[Effect]]:
     """The causes, each time with one step moved so that other excluded records come before it: to
     the likeliest of these times, unless the used records refuse it.
     """
-    records = at.problem.measurements
-    excluded = records.take(np.flatnonzero(at.excluded))
-    steps = [k for k, effect in enumerate(causes) if effect.nonlinear.gap(effect, records)]
+    records = fit.problem.measurements
+    excluded = records.take(np.flatnonzero(fit.excluded))
+    steps = [
+        number for number, effect in enumerate(causes) if effect.nonlinear.gap(effect, records)
+    ]
     if not excluded.n or not steps:
         return []
     times_excluded = excluded.conditions.times
-    tried = {k: causes[k].nonlinear.refine(causes[k].at(()), records) for k in steps}
+    tried_by_number = {
+        number: causes[number].nonlinear.refine(causes[number].at(()), records) for number in steps
+    }
     acting = [(effect.at(()),) for effect in causes]
-    moved = []
-    for k, log_odds in evidences(at, choice.noise, acting, tried).items():
-        nonlinear = causes[k].nonlinear
-        times = [nonlinear.value(effect) for effect in tried[k]]
+    causes_with_moved_step = []
+    for number, log_odds in evidences(fit, choice.noise, acting, tried_by_number).items():
+        nonlinear = causes[number].nonlinear
+        times = [nonlinear.value(effect) for effect in tried_by_number[number]]
         excluded_before = np.searchsorted(times_excluded, times)
-        as_now = np.searchsorted(times_excluded, nonlinear.value(causes[k]))
-        for count in np.setdiff1d(excluded_before, as_now):
-            log_odds_there = np.where(excluded_before == count, log_odds, -np.inf)
-            best = int(np.argmax(log_odds_there))
-            if log_odds_there[best] > log_odds.max() - UNREFUSED:
-                moved.append([*causes[:k], tried[k][best], *causes[k + 1 :]])
-    return moved
+        excluded_before_now = np.searchsorted(times_excluded, nonlinear.value(causes[number]))
+        for excluded_count in np.setdiff1d(excluded_before, excluded_before_now):
+            log_odds_there = np.where(excluded_before == excluded_count, log_odds, -np.inf)
+            best_time = int(np.argmax(log_odds_there))
+            if log_odds_there[best_time] > log_odds.max() - UNREFUSED:
+                moved = tried_by_number[number][best_time]
+                causes_with_moved_step.append([*causes[:number], moved, *causes[number + 1 :]])
+    return causes_with_moved_step
 
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
+    """The effect of each block, as :func:`evidences` takes them."""
     acting: list[Variants] = []
     for block in blocks:
         effect = choice.variant(block)
-        first = choice.library[choice.candidates.owner(block)][0]
-        changed = (first,) if is_change(first) and effect is not first else ()
-        acting.append((*changed, effect.at(())))
+        first_variant = choice.library[choice.candidates.owner(block)][0]
+        replaces_known = is_change(first_variant) and effect is not first_variant
+        known_cause = (first_variant,) if replaces_known else ()
+        acting.append((*known_cause, effect.at(())))
     return acting
 
 
 def evidences(
-    at: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Sequence[Effect]]
+    fit: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Sequence[Effect]]
 ) -> dict[int, Array]:
     """Log of evidence times prior of effects in the place of one cause, the other causes held,
     where a fit with one of each ended.
@@ -110,19 +117,24 @@ def evidences(
     if not any(tried.values()):
         return {}
     library = [(*variants, *tried.get(number, ())) for number, variants in enumerate(acting)]
-    design = design_of(at, library, [])
+    design = design_of(fit, library, [])
     candidates = Candidates.of(design, library)
-    space = ModelSpace(candidates, gram_of(design, noise), noise_is_known(at))
-    places = [np.flatnonzero(candidates.owners == number) for number in range(len(acting))]
-    held = [int(rows[len(variants) - 1]) for rows, variants in zip(places, acting, strict=True)]
-    records = at.problem.measurements
+    space = ModelSpace(candidates, gram_of(design, noise), noise_is_known(fit))
+    blocks_of_causes = [
+        np.flatnonzero(candidates.owners == number) for number in range(len(acting))
+    ]
+    acting_blocks = [
+        int(blocks[len(variants) - 1])
+        for blocks, variants in zip(blocks_of_causes, acting, strict=True)
+    ]
+    records = fit.problem.measurements
     evidence_of = {}
     for number, effects in tried.items():
         if not effects:
             continue
-        state = space.marginal(without_block(tuple(held), held[number])).best
+        state = space.marginal(without_block(tuple(acting_blocks), acting_blocks[number])).best
         additions = space.conditional(state).without().additions()
-        log_evidence = additions[places[number][-len(effects) :]]
+        log_evidence = additions[blocks_of_causes[number][-len(effects) :]]
         priors = [effect.nonlinear.prior_probability(effect, records) for effect in effects]
         evidence_of[number] = logsumexp(log_evidence, axis=1) + np.log(priors)
     return evidence_of
@@ -133,10 +145,10 @@ def likeliest(tried: Sequence[Effect], log_odds: Array) -> Effect:
     machines are made with.
     """
     best = int(np.argmax(log_odds))
-    exceptional = [k for k, effect in enumerate(tried) if effect.nonlinear.is_preferred(effect)]
-    usual = max(exceptional, key=lambda k: log_odds[k], default=best)
-    if exceptional and log_odds[usual] > log_odds[best] - EXCEPTIONAL:
-        return tried[usual]
+    preferred = [k for k, effect in enumerate(tried) if effect.nonlinear.is_preferred(effect)]
+    likeliest_preferred = max(preferred, key=lambda k: log_odds[k], default=best)
+    if preferred and log_odds[likeliest_preferred] > log_odds[best] - EXCEPTIONAL:
+        return tried[likeliest_preferred]
     return _at_the_top(tried, log_odds, best)
 
 
@@ -154,25 +166,30 @@ def _at_the_top(tried: Sequence[Effect], log_odds: Array, best: int) -> Effect:
     return refined
 
 
-def with_nonlinear_u(at: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
+def with_nonlinear_u(fit: Fit, noise: RecordNoise, effects: Sequence[Effect]) -> Fit:
     """A fit in which the nonlinear parameters of new causes are uncertain too; a known cause keeps
     its own.
     """
-    records = at.problem.measurements
-    new = [k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)]
-    tried = {k: effects[k].nonlinear.refine(effects[k].at(()), records) for k in new}
-    log_odds = evidences(at, noise, [(effect,) for effect in effects], tried)
-    u_of = {}
-    number = {effects[k].label: k for k in new}
-    for effect, entries in zip(at.effects, at.problem.vector.slices, strict=True):
-        k = number.get(effect.label, -1)
-        if k in log_odds and not at.problem.start[entries].any():
-            u_of[effect.key] = {effect.nonlinear.field: _least_u(effect, tried[k], log_odds[k])}
-    return replace(at, estimated_nonlinear=u_of)
+    records = fit.problem.measurements
+    new_causes = [
+        k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)
+    ]
+    tried_by_number = {
+        k: effects[k].nonlinear.refine(effects[k].at(()), records) for k in new_causes
+    }
+    log_odds = evidences(fit, noise, [(effect,) for effect in effects], tried_by_number)
+    u_by_key = {}
+    number_by_label = {effects[k].label: k for k in new_causes}
+    for effect, entries in zip(fit.effects, fit.problem.vector.slices, strict=True):
+        k = number_by_label.get(effect.label, -1)
+        if k in log_odds and not fit.problem.start[entries].any():
+            u = _least_u(effect, tried_by_number[k], log_odds[k])
+            u_by_key[effect.key] = {effect.nonlinear.field: u}
+    return replace(fit, estimated_nonlinear=u_by_key)
 
 
 def _is_smooth(effect: Effect) -> bool:
-    """Whether it is smooth in its nonlinear parameter, which may have any value."""
+    """Whether the effect is smooth in its nonlinear parameter, which may have any value."""
     nonlinear = effect.nonlinear
     return bool(nonlinear.prior_sd(effect)) and not nonlinear.is_preferred(effect)
 
@@ -184,20 +201,20 @@ def _least_u(effect: Effect, tried: Sequence[Effect], log_odds: Array) -> float:
     if len(tried) < 2:
         return 0.0
     grid = np.arange(len(tried))
-    fine = np.linspace(0.0, grid[-1], PARTS_OF_STEP * int(grid[-1]) + 1)
+    fine_grid = np.linspace(0.0, grid[-1], PARTS_OF_STEP * int(grid[-1]) + 1)
     tried_values = [variant.nonlinear.value(variant) for variant in tried]
-    values = scipy.interpolate.CubicSpline(grid, tried_values)(fine)
-    fine_odds = scipy.interpolate.CubicSpline(grid, log_odds)(fine)
-    low, high = _interval(values, fine_odds)
+    fine_values = scipy.interpolate.CubicSpline(grid, tried_values)(fine_grid)
+    fine_odds = scipy.interpolate.CubicSpline(grid, log_odds)(fine_grid)
+    low, high = _interval(fine_values, fine_odds)
     value = effect.nonlinear.value(effect)
     return float(max(high - value, value - low) / 2.0)
 
 
 def _interval(values: Array, log_odds: Array) -> tuple[float, float]:
-    """The ends of 95 % of the probability, by log log_odds of the values."""
-    share = np.cumsum(np.exp(log_odds - logsumexp(log_odds)))
-    places = np.searchsorted(share, (0.025, 0.975)).clip(max=values.size - 1)
-    low, high = values[places].tolist()
+    """The ends of 95 % of the probability, by the log odds of the values."""
+    cumulated = np.cumsum(np.exp(log_odds - logsumexp(log_odds)))
+    ends = np.searchsorted(cumulated, (0.025, 0.975)).clip(max=values.size - 1)
+    low, high = values[ends].tolist()
     return low, high
 
 
@@ -219,14 +236,14 @@ def interval_of_step(choice: Choice, block: int, name: str) -> NonlinearInterval
     """
     candidates = choice.candidates
     records = choice.fit.problem.measurements
-    chosen = choice.variant(block).at(())
-    tried = chosen.nonlinear.refine(chosen, records)
-    others = [k for k in choice.top_causes if candidates.owner(k) != candidates.owner(block)]
-    acting = _acting(choice, [block, *others])
+    effect_of_block = choice.variant(block).at(())
+    tried = effect_of_block.nonlinear.refine(effect_of_block, records)
+    other_causes = [k for k in choice.top_causes if candidates.owner(k) != candidates.owner(block)]
+    acting = _acting(choice, [block, *other_causes])
     log_odds = evidences(choice.fit, choice.noise, acting, {0: tried})[0]
     values = np.array([getattr(effect, name) for effect in tried])
-    share = np.exp(log_odds - logsumexp(log_odds))
+    probabilities = np.exp(log_odds - logsumexp(log_odds))
     gaps = np.array([effect.nonlinear.gap(effect, records) for effect in tried])
-    variances = np.square(values - getattr(chosen, name)) + np.square(gaps) / 12.0
-    u = float(np.sqrt(share @ variances))
+    variances = np.square(values - getattr(effect_of_block, name)) + np.square(gaps) / 12.0
+    u = float(np.sqrt(probabilities @ variances))
     return NonlinearInterval(u, *_interval(values, log_odds))
