@@ -26,9 +26,9 @@ RMS_OF = {
     "noise_mm": "noise",
 }
 """Columns of RMS distances, and the name of each in :attr:`aacmm_pin.Diagnosis.rms`."""
-GAIN = ("gain", "gain_low", "gain_high")
-WHOLE_NUMBERS = ("used", "excluded", "causes_shown", "causes_tried")
-COLUMNS = ("arm", "records", "verdict", "causes", *RMS_OF, *GAIN, *WHOLE_NUMBERS, "error")
+GAIN_COLUMNS = ("gain", "gain_low", "gain_high")
+COUNT_COLUMNS = ("used", "excluded", "causes_shown", "causes_tried")
+COLUMNS = ("arm", "records", "verdict", "causes", *RMS_OF, *GAIN_COLUMNS, *COUNT_COLUMNS, "error")
 
 
 def diagnose_files(
@@ -70,7 +70,7 @@ def diagnose_files(
             rows[number] = row
             moving.update()
     table = pd.DataFrame([rows[number] for number in range(len(jobs))], columns=[*COLUMNS])
-    return table.astype(dict.fromkeys(WHOLE_NUMBERS, "Int64"))
+    return table.astype(dict.fromkeys(COUNT_COLUMNS, "Int64"))
 
 
 def _row(
@@ -95,7 +95,7 @@ def _row(
         raise
     except AacmmError as error:
         return row | {"error": str(error)}
-    return row | _numbers(diagnosis)
+    return row | _columns_of(diagnosis)
 
 
 def _name(given: GivenModel | GivenRecords) -> str:
@@ -105,12 +105,13 @@ def _name(given: GivenModel | GivenRecords) -> str:
     return given.source if isinstance(given, Measurements) else ErrorModel.arm_of(given).name
 
 
-def _numbers(diagnosis: Diagnosis) -> dict[str, Any]:
+def _columns_of(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The cells of a file's row that its diagnosis gives, by column."""
     causes = {finding.label: finding.probability for finding in diagnosis.findings}
     row: dict[str, Any] = {"verdict": diagnosis.verdict, "causes": causes, "error": ""}
     row |= {column: diagnosis.rms[model] / MM for column, model in RMS_OF.items()}
-    held_out = diagnosis.held_out
-    if held_out is not None:
-        row |= dict(zip(GAIN, (held_out.gain, *held_out.interval), strict=True))
-    numbers = (diagnosis.extended.used.sum(), len(diagnosis.excluded), *diagnosis.visible)
-    return row | dict(zip(WHOLE_NUMBERS, numbers, strict=True))
+    held_out_gain = diagnosis.held_out
+    if held_out_gain is not None:
+        row |= dict(zip(GAIN_COLUMNS, (held_out_gain.gain, *held_out_gain.interval), strict=True))
+    counts = (diagnosis.extended.used.sum(), len(diagnosis.excluded), *diagnosis.visible)
+    return row | dict(zip(COUNT_COLUMNS, counts, strict=True))

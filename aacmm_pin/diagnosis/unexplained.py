@@ -170,47 +170,49 @@ class Unexplained(Shown):
         return tuple(one for one in structures if one is not None)
 
 
-def unexplained_by(choice: Choice, held: Gain | None, named: bool) -> Unexplained:
-    """The discrepancy, and whether structure is left beside the named causes."""
+def unexplained_by(choice: Choice, held_out_gain: Gain | None, has_findings: bool) -> Unexplained:
+    """The discrepancy, and whether structure is left beside the causes."""
     covariates = [choice.covariate(k) for k in choice.covariates]
-    odd = tuple(odd_groups(choice))
-    shared = shared_by(choice.fit)
-    depends = [group.name for group in odd[:1]]
+    groups_odd = tuple(odd_groups(choice))
+    shared_by_excluded = shared_by(choice.fit)
+    depends_on = [group.name for group in groups_odd[:1]]
     for covariate in covariates:
-        depends += covariate.depends_on
+        depends_on += covariate.depends_on
     posterior = choice.posterior
-    chances = [
+    p_values = [
         family_wise_p_value(choice.candidates, posterior.without(k), k) for k in choice.covariates
     ]
-    if not chances:
-        of_any = p_value_of_structure(choice.candidates, posterior.median_model)
-        chances = [of_any, *(group.p_value for group in odd)]
-    if shared is not None:
-        chances.append(shared.p_value)
-        if not (shared.name == "place" and "x" in depends):
-            depends.append(shared.name)
+    if not p_values:
+        p_value_of_any = p_value_of_structure(choice.candidates, posterior.median_model)
+        p_values = [p_value_of_any, *(group.p_value for group in groups_odd)]
+    if shared_by_excluded is not None:
+        p_values.append(shared_by_excluded.p_value)
+        if not (shared_by_excluded.name == "place" and "x" in depends_on):
+            depends_on.append(shared_by_excluded.name)
     # What a covariate leaves of a joint is no scatter.
     readings = tuple(
-        joint for joint in scattered_readings(choice) if f"joint {joint.joint}" not in depends
+        joint for joint in scattered_readings(choice) if f"joint {joint.joint}" not in depends_on
     )
-    sizes = _discrepancy(choice)
+    discrepancy_sizes = _discrepancy_sizes(choice)
+    gain = held_out_gain.discrepancy_gain if held_out_gain and discrepancy_sizes else None
     return Unexplained(
-        p_value=min(chances),
-        threshold=THRESHOLDS.left if named else THRESHOLDS.left_alone,
-        depends_on=tuple(dict.fromkeys(depends)),
-        discrepancy=sizes,
+        p_value=min(p_values),
+        threshold=THRESHOLDS.left if has_findings else THRESHOLDS.left_alone,
+        depends_on=tuple(dict.fromkeys(depends_on)),
+        discrepancy=discrepancy_sizes,
         choice=choice,
         acts_on={choice.covariate(k).name: choice.way(k).acts_on for k in choice.covariates},
-        gain=held.discrepancy_gain if held is not None and sizes else None,
-        groups=odd,
-        excluded=shared,
+        gain=gain,
+        groups=groups_odd,
+        excluded=shared_by_excluded,
         readings=readings,
         shared_by_postures=_shared_error(choice),
-        run_order=None if {"time", "session"} & {*depends} else run_order_of(choice),
+        run_order=None if {"time", "session"} & {*depends_on} else run_order_of(choice),
     )
 
 
 def _shared_error(choice: Choice) -> SharedError | None:
+    """The error that records of one posture share, if it is significant and large."""
     noise = choice.noise
     fit = choice.design.fit
     if noise.p_value >= THRESHOLDS.left or noise.ratio < THRESHOLDS.large:
@@ -225,18 +227,22 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     if noise_is_known(fit):
         return ()
     stated = fit.problem.setup.encoder_noise is not None
-    scatter = choice.scatter_left
+    scatter_left = choice.scatter_left
     chain = fit.problem.model.arm.chain
-    noise = fit.noise_rms
+    noise_rms = fit.noise_rms
     scattered = []
-    for j, row in enumerate(chain.moving_rows()):
-        at_tips = float(scatter.at_tips[j])
-        log_ratio = float(scatter.log_ratios[j])
-        if scatter.larger[j] and at_tips > THRESHOLDS.large * noise:
-            chance = min(1.0, 0.5 * scatter.readings.size * float(chi2_sf(2.0 * log_ratio, 1)))
-            size, slides = float(scatter.readings[j]), bool(chain.prismatic[j])
+    for number, joint_row in enumerate(chain.moving_rows()):
+        at_tips = float(scatter_left.at_tips[number])
+        log_ratio = float(scatter_left.log_ratios[number])
+        if scatter_left.larger[number] and at_tips > THRESHOLDS.large * noise_rms:
+            chance_of_joint = float(chi2_sf(2.0 * log_ratio, 1))
+            p_value = min(1.0, 0.5 * scatter_left.readings.size * chance_of_joint)
+            scatter_of_joint = float(scatter_left.readings[number])
+            slides = bool(chain.prismatic[number])
             scattered.append(
-                ScatteredReadings(int(row), size, slides, stated, at_tips, log_ratio, chance)
+                ScatteredReadings(
+                    int(joint_row), scatter_of_joint, slides, stated, at_tips, log_ratio, p_value
+                )
             )
     return tuple(sorted(scattered, key=lambda readings: -readings.at_tips))
 
@@ -247,33 +253,37 @@ def exceeds_noise(extended: Fit) -> bool:
     """
     if extended.chi2_stated is None or extended.noise.scatters.of_targets == 0.0:
         return False
-    squares = np.square(extended.system.deviations)
-    explained = np.diagonal(extended.stated_noise, axis1=1, axis2=2)
+    squared_deviations = np.square(extended.system.deviations)
+    explained_variances = np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:
-        of_readings = np.square(extended.by_reading).sum(axis=2)
-        explained = explained + THRESHOLDS.plain_encoder**2 * of_readings
-    limit = THRESHOLDS.much_more**2
+        squared_levers = np.square(extended.by_reading).sum(axis=2)
+        explained_variances = explained_variances + THRESHOLDS.plain_encoder**2 * squared_levers
+    largest_ratio = THRESHOLDS.much_more**2
     oriented = extended.used & extended.observations.oriented
     chi2, dof = extended.chi2_stated
     return chi2 > dof and any(
-        squares[records, rows].sum() > limit * explained[records, rows].sum()
-        for rows, records in ((slice(3), extended.used), (slice(3, 6), oriented))
+        squared_deviations[records, coordinates].sum()
+        > largest_ratio * explained_variances[records, coordinates].sum()
+        for coordinates, records in ((slice(3), extended.used), (slice(3, 6), oriented))
     )
 
 
-def _discrepancy(choice: Choice) -> tuple[DiscrepancySize, ...]:
+def _discrepancy_sizes(choice: Choice) -> tuple[DiscrepancySize, ...]:
     """The covariates: of each the root mean square displacement of the used records' tips that
     recalibration leaves, and its standard uncertainty.
     """
     design, model = choice.design, choice.posterior.median_model
-    parts = []
-    for k in choice.covariates:
-        entries = model.entries[k]
-        rows = choice.displacement(design.weights(k))
-        square = np.square(rows @ model.estimate[entries]).sum()
+    sizes = []
+    for block in choice.covariates:
+        entries = model.entries[block]
+        displacements = choice.displacement(design.weights(block))
+        sum_of_squares = np.square(displacements @ model.estimate[entries]).sum()
         covariance = model.covariance[entries, entries]
-        variance = np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True)
-        rms, u = np.sqrt(np.maximum([square, variance], 0.0) / len(rows)).tolist()
-        probability = choice.posterior.probability(k)
-        parts.append(DiscrepancySize(choice.covariate(k).name, rms, u, probability))
-    return tuple(parts)
+        sum_of_variances = np.einsum(
+            "nij,jk,nik->", displacements, covariance, displacements, optimize=True
+        )
+        mean_squares = np.maximum([sum_of_squares, sum_of_variances], 0.0) / len(displacements)
+        rms, u = np.sqrt(mean_squares).tolist()
+        probability = choice.posterior.probability(block)
+        sizes.append(DiscrepancySize(choice.covariate(block).name, rms, u, probability))
+    return tuple(sizes)

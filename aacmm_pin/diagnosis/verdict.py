@@ -73,6 +73,7 @@ class Evidence:
 
 
 def _shows_few_causes(evidence: Evidence) -> bool:
+    """Whether no cause acts, and the records would have shown few of those tried."""
     shown, tried = evidence.visible
     nothing_acts = not evidence.findings and evidence.more < THRESHOLDS.named
     return nothing_acts and shown <= THRESHOLDS.shown * tried
