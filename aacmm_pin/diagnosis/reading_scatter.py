@@ -60,40 +60,45 @@ class ReadingScatter:
         Hu, Qiao, Cho 2019, J. Comput. Graph. Stat. 28); residuals are enlarged by what the fit
         took. What records share by their ``noise`` is no scatter of readings.
         """
-        counts = fit.used
+        used = fit.used
         width = deviations.shape[1]
         observations = fit.observations
         by_reading = fit.by_reading
         eye = np.broadcast_to(np.eye(width), (len(deviations), width, width))
-        columns = [eye[:, :, :3]]
+        unit_errors = [eye[:, :, :3]]
         if width > 3:
-            columns.append(np.where(observations.oriented[:, None, None], eye[:, :, 3:], 0.0))
-        alone = len(columns)
-        columns += np.split(by_reading, by_reading.shape[2], axis=2)
-        rows = [observations.along_normals(eye) @ column for column in columns]
-        squares = np.stack([row @ row.transpose(0, 2, 1) for row in rows])
-        enlarged = np.where(np.isfinite(deviations), deviations, 0.0) / np.sqrt(share_left)
+            unit_errors.append(np.where(observations.oriented[:, None, None], eye[:, :, 3:], 0.0))
+        first_reading = len(unit_errors)
+        unit_errors += np.split(by_reading, by_reading.shape[2], axis=2)
+        displacements = [observations.along_normals(eye) @ column for column in unit_errors]
+        squares = np.stack([row @ row.transpose(0, 2, 1) for row in displacements])
+        finite_deviations = np.where(np.isfinite(deviations), deviations, 0.0)
+        enlarged_deviations = finite_deviations / np.sqrt(share_left)
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
         stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
-        search = _Components(stated[counts], squares[:, counts], enlarged[counts])
-        start = np.square(fit.noise.scatters)[:alone]
-        start = np.maximum(start, LEAST_VARIANCE)
-        lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
-        first = FIRST_SHARE * start[0] / np.maximum(lever, LEAST_TIP_LEVER**2)
-        apart = replace(search, residuals=noise.independent(enlarged)[counts])
-        log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
-        chosen = np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)])
-        variances = search.best(chosen)
-        readings = np.sqrt(variances[alone:])
+        components = _Components(stated[used], squares[:, used], enlarged_deviations[used])
+        start_of_tips = np.square(fit.noise.scatters)[:first_reading]
+        start_of_tips = np.maximum(start_of_tips, LEAST_VARIANCE)
+        lever = np.square(by_reading[used, :3]).sum(axis=1).mean(axis=0)
+        start_of_readings = FIRST_SHARE * start_of_tips[0] / np.maximum(lever, LEAST_TIP_LEVER**2)
+        unshared = replace(components, residuals=noise.independent(enlarged_deviations)[used])
+        start = np.concatenate([start_of_tips, start_of_readings])
+        log_ratios = unshared.sure_ratios(start, first_reading)
+        start_of_sure_readings = np.where(log_ratios > 0.0, start_of_readings, 0.0)
+        start_of_sure = np.concatenate([start_of_tips, start_of_sure_readings])
+        variances = components.best(start_of_sure)
+        readings = np.sqrt(variances[first_reading:])
         larger = log_ratios > 0.0
         if fit.problem.setup.encoder_noise is None and larger.any():
             units = reading_units(fit)
-            of_all = np.tensordot(np.square(units), squares[alone:, counts], 1)
-            alike = replace(apart, squares=np.append(search.squares[:alone], of_all[None], axis=0))
-            together = np.append(start, np.square(readings / units).mean())
-            gain = apart.largest(chosen) - alike.largest(together)
-            relative = readings / units
-            larger = (relative > rms(relative)) & (gain > THRESHOLDS.readings)
+            squares_of_all = np.tensordot(np.square(units), squares[first_reading:, used], 1)
+            squares_of_tips = components.squares[:first_reading]
+            squares_alike = np.append(squares_of_tips, squares_of_all[None], axis=0)
+            joints_alike = replace(unshared, squares=squares_alike)
+            relative_scatter = readings / units
+            start_alike = np.append(start_of_tips, np.square(relative_scatter).mean())
+            gain = unshared.largest(start_of_sure) - joints_alike.largest(start_alike)
+            larger = (relative_scatter > rms(relative_scatter)) & (gain > THRESHOLDS.readings)
         covariances = stated + np.tensordot(variances, squares, 1)
         size = fit.expected_rms(covariances)
         as_stated = size < THRESHOLDS.as_stated * fit.expected_rms(stated)
@@ -126,47 +131,50 @@ class _Components:
     residuals: Array
 
     def covariances(self, variances: Array) -> Array:
+        """``C`` of each residual (n, k, k), by the variance of each component (c,)."""
         scatter = np.tensordot(variances, self.squares, 1)
         return self.stated + scatter
 
     def best(self, variances: Array) -> Array:
         """The likeliest variances; those that are zero stay zero."""
         acting = np.flatnonzero(variances)
-        of_each = self.squares[acting].reshape(len(acting), -1)
+        squares_of_each = self.squares[acting].reshape(len(acting), -1)
         likeliest = variances.copy()
         for _ in range(STEPS):
             inverse = np.linalg.inv(self.covariances(likeliest))
-            pulled = inverse @ self.residuals[:, :, None]
-            pulls = pulled @ pulled.transpose(0, 2, 1)
+            weighed = inverse @ self.residuals[:, :, None]
+            weighed_products = weighed @ weighed.transpose(0, 2, 1)
             # Both are sums of squares; below zero they are rounded zeros.
-            squares = np.maximum(of_each @ pulls.ravel(), 0.0)
-            expected = of_each @ inverse.ravel()
-            likeliest[acting] *= np.sqrt(squares / np.maximum(expected, LEAST_VARIANCE))
+            observed = np.maximum(squares_of_each @ weighed_products.ravel(), 0.0)
+            expected = squares_of_each @ inverse.ravel()
+            likeliest[acting] *= np.sqrt(observed / np.maximum(expected, LEAST_VARIANCE))
         return likeliest
 
     def largest(self, start: Array) -> float:
+        """Log likelihood of the best variances; those that are zero at the start stay zero."""
         return self.log_likelihood(self.best(start))
 
-    def sure_ratios(self, start: Array, alone: int) -> Array:
-        """Log likelihood with each variance from number ``alone`` on over that without; 0 below the
+    def sure_ratios(self, start: Array, first: int) -> Array:
+        """Log likelihood with each variance from number ``first`` on over that without; 0 below the
         threshold. The least sure is taken out until all are sure.
         """
         ratios = np.zeros(start.size)
-        chosen = [*range(alone, start.size)]
+        acting = [*range(first, start.size)]
         with_all = self.largest(start)
-        if with_all - self.largest(_without(start, chosen)) < THRESHOLDS.readings:
-            return ratios[alone:]
-        while chosen:
-            losses = [with_all - self.largest(_without(start, [k])) for k in chosen]
-            least = int(np.argmin(losses))
-            if losses[least] >= THRESHOLDS.readings:
-                ratios[chosen] = losses
+        if with_all - self.largest(_without(start, acting)) < THRESHOLDS.readings:
+            return ratios[first:]
+        while acting:
+            ratios_of_acting = [with_all - self.largest(_without(start, [k])) for k in acting]
+            least_sure = int(np.argmin(ratios_of_acting))
+            if ratios_of_acting[least_sure] >= THRESHOLDS.readings:
+                ratios[acting] = ratios_of_acting
                 break
-            start = _without(start, [chosen.pop(least)])
+            start = _without(start, [acting.pop(least_sure)])
             with_all = self.largest(start)
-        return ratios[alone:]
+        return ratios[first:]
 
     def log_likelihood(self, variances: Array) -> float:
+        """Of the residuals, but for a constant."""
         covariances = self.covariances(variances)
         residuals = self.residuals[:, :, None]
         squares = np.sum(residuals * np.linalg.solve(covariances, residuals))
@@ -174,6 +182,7 @@ class _Components:
 
 
 def _without(variances: Array, numbers: list[int]) -> Array:
+    """A copy of the variances, zero at these numbers."""
     variances = variances.copy()
     variances[numbers] = 0.0
     return variances

@@ -41,7 +41,7 @@ class RecordNoise:
     Attributes:
         whitening: of each record (n, 3, 3) [1/m], with orientations (n, 6, 6).
         group: number of the group of each record, -1 if it does not count (n,).
-        numbers: how many numbers a record of each group states (groups,).
+        coordinates: how many coordinates a record of each group states (groups,).
         ratio: standard deviation of the shared error over a record's; root mean square, if the
             readings cause it.
         of_readings: whether the readings cause the shared error; else it displaces all records of a
@@ -56,7 +56,7 @@ class RecordNoise:
 
     whitening: Array
     group: Index
-    numbers: Array
+    coordinates: Array
     ratio: float = 0.0
     of_readings: bool = False
     log_ratio: float = 0.0
@@ -89,25 +89,32 @@ class RecordNoise:
         """The noise of a fit by its postures, whose records share only what is stated of their
         readings.
         """
-        counts = fit.used
-        group = np.full(counts.size, -1, dtype=np.intp)
+        used = fit.used
+        group = np.full(used.size, -1, dtype=np.intp)
         postures = posture_numbers(fit.problem.measurements.q, NEAR)
-        pairs = np.stack([postures, fit.observations.seat], axis=1)[counts]
-        _, first, number = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
-        group[counts] = number.ravel()
-        numbers = fit.observations.counts[counts][first]
-        noise = RecordNoise(whitening, group, numbers.astype(np.float64))
+        posture_and_seat = np.stack([postures, fit.observations.seat], axis=1)[used]
+        _, first_of_group, group_of_used = np.unique(
+            posture_and_seat, axis=0, return_index=True, return_inverse=True
+        )
+        group[used] = group_of_used.ravel()
+        coordinates = fit.observations.counts[used][first_of_group]
+        noise = RecordNoise(whitening, group, coordinates.astype(np.float64))
         if not noise.repeat:
             return noise
-        of_counted = whitening * counts[:, None, None]
-        correlation = fit.noise.correlation(of_counted)
+        whitening_of_used = whitening * used[:, None, None]
+        correlation = fit.noise.correlation(whitening_of_used)
         noise = replace(noise, correlation=correlation)
         readings = reading_units(fit)
-        by_reading = correlation.whitened(of_counted @ (fit.by_reading * readings))
-        size = np.sqrt(np.square(by_reading).sum() / max(noise.numbers @ noise.count, 1.0))
-        if not size > 0.0:
+        by_reading = correlation.whitened(whitening_of_used @ (fit.by_reading * readings))
+        coordinates_in_all = max(noise.coordinates @ noise.count, 1.0)
+        average_displacement = np.sqrt(np.square(by_reading).sum() / coordinates_in_all)
+        if not average_displacement > 0.0:
             return noise
-        return replace(noise, by_reading=by_reading / size, readings=readings / size)
+        return replace(
+            noise,
+            by_reading=by_reading / average_displacement,
+            readings=readings / average_displacement,
+        )
 
     @property
     def repeat(self) -> bool:
@@ -128,37 +135,39 @@ class RecordNoise:
         if self.by_reading.size:
             by_readings = replace(self, of_readings=True)
             _, of_readings = _likeliest(by_readings, residual, dof)
-            _, apart = _likeliest(by_readings.apart, residual, dof)
-            other = max(nothing, likeliest.log_ratio, apart.log_ratio)
-            if of_readings.log_ratio > other + THRESHOLDS.readings:
-                likeliest, nothing = of_readings, max(nothing, apart.log_ratio)
+            _, ungrouped = _likeliest(by_readings.ungrouped, residual, dof)
+            largest_other = max(nothing, likeliest.log_ratio, ungrouped.log_ratio)
+            if of_readings.log_ratio > largest_other + THRESHOLDS.readings:
+                likeliest, nothing = of_readings, max(nothing, ungrouped.log_ratio)
         log_ratio = likeliest.log_ratio - nothing
         return replace(likeliest, log_ratio=log_ratio) if log_ratio > 0.0 else self
 
     @property
-    def apart(self) -> RecordNoise:
-        """Each record a group of its own."""
+    def ungrouped(self) -> RecordNoise:
+        """The noise, in which each record of a group is a group of its own."""
         inside = self.group >= 0
         group = np.where(inside, np.cumsum(inside) - 1, -1)
-        return replace(self, group=group, numbers=self.numbers[self.group[inside]])
+        return replace(self, group=group, coordinates=self.coordinates[self.group[inside]])
 
     def log_density(self, dof: float) -> float:
         """What the shared error adds to the log likelihood beside χ²."""
-        return self.restricted(self.ratio, dof) - dof * float(np.log(self.record))
+        return self.restricted_log_density(self.ratio, dof) - dof * float(np.log(self.record))
 
-    def restricted(self, ratio: float, dof: float) -> float:
-        """The same for a record's variance of one and an error of another size, the fitted
-        parameters being among what groups share.
+    def restricted_log_density(self, ratio: float, dof: float) -> float:
+        """What a shared error of size ``ratio`` adds to the log likelihood for a record's variance
+        of one, the fitted parameters being among what groups share.
         """
-        fitted = float(self.numbers @ self.count) - dof
-        part = max(self.directions - fitted, 1.0) / self.directions
-        return -0.5 * part * float(self.log_volume(ratio).sum())
+        fitted_parameters = float(self.coordinates @ self.count) - dof
+        part_unfitted = max(self.directions - fitted_parameters, 1.0) / self.directions
+        return -0.5 * part_unfitted * float(self.log_volume(ratio).sum())
 
     @property
     def directions(self) -> float:
         """Number of directions of the residuals in which an error is shared."""
-        of_group = float(self.by_reading.shape[2]) if self.of_readings else self.numbers
-        return float(np.minimum(of_group, self.numbers * self.count).sum())
+        directions_of_group = (
+            float(self.by_reading.shape[2]) if self.of_readings else self.coordinates
+        )
+        return float(np.minimum(directions_of_group, self.coordinates * self.count).sum())
 
     @cached_property
     def columns(self) -> Array:
@@ -182,23 +191,24 @@ class RecordNoise:
         the noise's shape by the numbers that a record states.
         """
         if not ratio:
-            return np.zeros_like(self.numbers)
+            return np.zeros_like(self.coordinates)
         variance = ratio**2
-        of_all = np.log1p(variance * self.spectra[0]).sum(axis=1)
+        log_volumes = np.log1p(variance * self.spectra[0]).sum(axis=1)
         if self.of_readings:
-            return np.asarray(of_all)
-        unstated = self.width - self.numbers
-        return np.asarray(of_all - unstated * np.log1p(variance * self.count))
+            return np.asarray(log_volumes)
+        unstated = self.width - self.coordinates
+        return np.asarray(log_volumes - unstated * np.log1p(variance * self.count))
 
     def is_about(self, other: RecordNoise) -> bool:
         """Whether the same postures have about the other error, or a small one beside a record's in
         both.
         """
         change = self.log_volume(self.ratio) - other.log_volume(other.ratio)
-        return bool(abs((change / self.numbers).mean()) < SAME_LOG_VARIANCE)
+        return bool(abs((change / self.coordinates).mean()) < SAME_LOG_VARIANCE)
 
     @cached_property
     def _sum(self) -> csr_array:
+        """Matrix of ones that sums records by group (groups, n)."""
         inside = np.flatnonzero(self.group >= 0)
         shape = (len(self.count), len(self.group))
         return csr_array((np.ones(inside.size), (self.group[inside], inside)), shape=shape)
@@ -220,26 +230,26 @@ class RecordNoise:
         """The records in turn, about ``most`` at once; those of one group together."""
         order = records[np.argsort(self.group[records], kind="stable")]
         group = self.group[order]
-        starts = np.flatnonzero((np.diff(group, prepend=-2) != 0) | (group < 0))
+        group_starts = np.flatnonzero((np.diff(group, prepend=-2) != 0) | (group < 0))
         first = 0
         while first < order.size:
-            behind = starts[starts >= first + most]
-            last = int(behind[0]) if behind.size else order.size
-            yield order[first:last]
-            first = last
+            possible_ends = group_starts[group_starts >= first + most]
+            end = int(possible_ends[0]) if possible_ends.size else order.size
+            yield order[first:end]
+            first = end
 
     def take(self, records: Index) -> RecordNoise:
         """The noise of some of the records, whole groups of them."""
         group = self.group[records]
         inside = group >= 0
-        groups, local = np.unique(group[inside], return_inverse=True)
+        groups_taken, new_number = np.unique(group[inside], return_inverse=True)
         group = np.full(group.size, -1, dtype=np.intp)
-        group[inside] = local
+        group[inside] = new_number
         return replace(
             self,
             whitening=self.whitening[records],
             group=group,
-            numbers=self.numbers[groups],
+            coordinates=self.coordinates[groups_taken],
             correlation=self.correlation.take(records),
             by_reading=self.by_reading[records] if self.by_reading.size else self.by_reading,
         )
@@ -263,11 +273,11 @@ class RecordNoise:
         flat = whitened.reshape(*rows.shape[:2], -1)
         values, vectors = self.spectra
         variance = self.ratio**2
-        deviations = np.sqrt(1.0 + variance * values)
-        parts = variance / (deviations * (1.0 + deviations))
-        along = parts[:, :, None] * (vectors.transpose(0, 2, 1) @ self.along(flat))
+        standard_deviations = np.sqrt(1.0 + variance * values)
+        factors = variance / (standard_deviations * (1.0 + standard_deviations))
+        shared_parts = factors[:, :, None] * (vectors.transpose(0, 2, 1) @ self.along(flat))
         inside = self.group >= 0
-        flat[inside] -= self.columns[inside] @ (vectors @ along)[self.group[inside]]
+        flat[inside] -= self.columns[inside] @ (vectors @ shared_parts)[self.group[inside]]
         return whitened
 
     def independent(self, deviations: Array) -> Array:
@@ -279,9 +289,9 @@ class RecordNoise:
         """Root mean square displacement of tips by the shared error, for a variance of one [m]."""
         if not self.of_readings:
             return fit.expected_rms(self.ratio**2 * self.covariances)
-        readings = self.record * self.ratio * self.readings
-        shifts = fit.by_reading * readings
-        return fit.expected_rms(shifts @ shifts.transpose(0, 2, 1))
+        u_readings = self.record * self.ratio * self.readings
+        displacements = fit.by_reading * u_readings
+        return fit.expected_rms(displacements @ displacements.transpose(0, 2, 1))
 
     @property
     def covariances(self) -> Array:
@@ -307,19 +317,20 @@ class RecordNoise:
         has_target = fit.observations.has_target
         width = self.width
         steps = fit.system.steps(fit.unknown)
-        rows = np.zeros((len(has_target), width, steps.shape[1]))
-        of_records = fit.system.jacobian[: width * has_target.sum()]
-        rows[has_target] = (of_records @ steps).reshape(-1, width, steps.shape[1])
+        jacobian = np.zeros((len(has_target), width, steps.shape[1]))
+        jacobian_with_target = fit.system.jacobian[: width * has_target.sum()]
+        jacobian[has_target] = (jacobian_with_target @ steps).reshape(-1, width, steps.shape[1])
         weights = np.sqrt(fit.weights)[:, None, None]
-        weighed = fit.noise.correlation(fit.noise.whitening * weights).weighed(rows.copy())
-        root = fit.noise.whitening @ self._unwhitening
-        in_units = np.sqrt(variance) * root.transpose(0, 2, 1) @ weighed
-        in_units = self.correlation.weighed_back(in_units)
-        shared = self.ratio * self.along(in_units)
-        added = _squared(in_units) + _squared(shared) - _squared(rows)
+        correlation_of_fit = fit.noise.correlation(fit.noise.whitening * weights)
+        weighed_jacobian = correlation_of_fit.weighed(jacobian.copy())
+        whitened_unit = fit.noise.whitening @ self._unwhitening
+        rows_in_units = np.sqrt(variance) * whitened_unit.transpose(0, 2, 1) @ weighed_jacobian
+        rows_in_units = self.correlation.weighed_back(rows_in_units)
+        shared = self.ratio * self.along(rows_in_units)
+        added = _squared(rows_in_units) + _squared(shared) - _squared(jacobian)
         values, vectors = np.linalg.eigh(added)
-        along = steps @ vectors
-        return np.asarray(along * np.maximum(values, 0.0) @ along.T)
+        directions = steps @ vectors
+        return np.asarray(directions * np.maximum(values, 0.0) @ directions.T)
 
     def scaled(self, stated: bool) -> RecordNoise:
         """With the noise of the whitening beside the shared error if ``stated``, else as
@@ -337,31 +348,33 @@ def reading_units(fit: Fit) -> Array:
     if stated is not None and stated.any():
         return stated
     slides = fit.problem.model.arm.chain.prismatic
-    shifts = fit.by_reading[fit.used, :3]
-    levers = np.sqrt(np.square(shifts).sum(axis=1).mean(axis=0))
-    turning = float(levers[~slides].mean()) if not slides.all() else 1.0
-    return np.where(slides, turning, 1.0)
+    displacements = fit.by_reading[fit.used, :3]
+    levers = np.sqrt(np.square(displacements).sum(axis=1).mean(axis=0))
+    average_lever = float(levers[~slides].mean()) if not slides.all() else 1.0
+    return np.where(slides, average_lever, 1.0)
 
 
-def _likeliest(held: RecordNoise, residual: Array, dof: float) -> tuple[float, RecordNoise]:
-    """Restricted log likelihood and the best variance of a record, of groups that share nothing;
-    and the groups with the likeliest shared error of their kind, and its log ratio.
+def _likeliest(noise: RecordNoise, residual: Array, dof: float) -> tuple[float, RecordNoise]:
+    """Restricted log likelihood of groups that share nothing, with the best variance of a record;
+    and the noise with the likeliest shared error of its kind, with its own log likelihood as log
+    ratio.
     """
-    inside = (held.group >= 0)[:, None]
-    rows = held.correlation.whitened(np.where(inside, residual, 0.0))
-    values, vectors = held.spectra
-    along = vectors.transpose(0, 2, 1) @ held.along(rows[:, :, None])
-    squares = np.square(along[:, :, 0])
-    total = float(np.square(rows).sum())
+    inside = (noise.group >= 0)[:, None]
+    whitened = noise.correlation.whitened(np.where(inside, residual, 0.0))
+    values, vectors = noise.spectra
+    along_directions = vectors.transpose(0, 2, 1) @ noise.along(whitened[:, :, None])
+    squares = np.square(along_directions[:, :, 0])
+    sum_of_squares = float(np.square(whitened).sum())
     # Degrees of freedom of all residuals, those inside groups at least.
-    of_all = max(dof, float(held.numbers @ held.count) - held.directions + 1.0)
+    dof_of_all = max(dof, float(noise.coordinates @ noise.count) - noise.directions + 1.0)
 
     def chi2(ratio: float) -> float:
-        taken = (squares * ratio**2 / (1.0 + ratio**2 * values)).sum()
-        return max(total - float(taken), NO_RESIDUAL)
+        explained = (squares * ratio**2 / (1.0 + ratio**2 * values)).sum()
+        return max(sum_of_squares - float(explained), NO_RESIDUAL)
 
     def log_likelihood(ratio: float) -> float:
-        return held.restricted(ratio, dof) - 0.5 * of_all * float(np.log(chi2(ratio)))
+        log_chi2 = float(np.log(chi2(ratio)))
+        return noise.restricted_log_density(ratio, dof) - 0.5 * dof_of_all * log_chi2
 
     best = scipy.optimize.minimize_scalar(
         lambda log_ratio: -log_likelihood(float(np.exp(log_ratio))),
@@ -370,13 +383,14 @@ def _likeliest(held: RecordNoise, residual: Array, dof: float) -> tuple[float, R
     )
     ratio = float(np.exp(best.x))
     return log_likelihood(0.0), replace(
-        held,
+        noise,
         ratio=ratio,
         log_ratio=-float(best.fun),
-        record=float(np.sqrt(chi2(ratio) / of_all)),
+        record=float(np.sqrt(chi2(ratio) / dof_of_all)),
     )
 
 
 def _squared(rows: Array) -> Array:
+    """Products of the columns, summed over all rows (n, k, columns)."""
     stacked = rows.reshape(-1, rows.shape[-1])
     return stacked.T @ stacked
