@@ -76,65 +76,82 @@ def budget_of(
     nominal_square = rms_residual(nominal, used) ** 2
     dof = max(choice.posterior.median_model.dof, 1.0)
     remaining_square = rms(np.linalg.norm(choice.deviations[used, :3], axis=1)) ** 2
-    noise = remaining_square * max(nominal.chi2.dof, 1.0) / dof
-    parts = sorted(_displacing(choice, structure), key=lambda part: -part.mean_square)
+    noise_square = remaining_square * max(nominal.chi2.dof, 1.0) / dof
+    named_parts = _parts_of_places_and_structure(choice, structure)
+    parts = sorted(named_parts, key=lambda part: -part.mean_square)
     if shared is not None:
-        of_posture = min(shared.rms**2, noise)
-        groups = max(choice.noise.count.size, 1)
-        parts.append(BudgetPart(SHARED, of_posture, of_posture * math.sqrt(2.0 / groups)))
-        noise -= of_posture
+        shared_square = min(shared.rms**2, noise_square)
+        group_count = max(choice.noise.count.size, 1)
+        u_shared = shared_square * math.sqrt(2.0 / group_count)
+        parts.append(BudgetPart(SHARED, shared_square, u_shared))
+        noise_square -= shared_square
     relative_u = math.sqrt(2.0 / dof)
-    stated = choice.fit.noise_rms**2 if choice.fit.noise_is_stated else noise
-    significant = noise - stated > SIGNIFICANT * noise * relative_u
-    if significant and noise > THRESHOLDS.much_more**2 * stated:
-        parts.append(BudgetPart(BEYOND, noise - stated, noise * relative_u))
-        noise = stated
-    parts.append(BudgetPart(NOISE, noise, noise * relative_u))
-    of_geometry = nominal_square - sum(part.mean_square for part in parts)
-    parts.insert(0, BudgetPart(GEOMETRY, of_geometry, math.hypot(*(part.u for part in parts))))
+    stated_square = choice.fit.noise_rms**2 if choice.fit.noise_is_stated else noise_square
+    beyond_stated = noise_square - stated_square > SIGNIFICANT * noise_square * relative_u
+    if beyond_stated and noise_square > THRESHOLDS.much_more**2 * stated_square:
+        parts.append(BudgetPart(BEYOND, noise_square - stated_square, noise_square * relative_u))
+        noise_square = stated_square
+    parts.append(BudgetPart(NOISE, noise_square, noise_square * relative_u))
+    geometry_square = nominal_square - sum(part.mean_square for part in parts)
+    u_geometry = math.hypot(*(part.u for part in parts))
+    parts.insert(0, BudgetPart(GEOMETRY, geometry_square, u_geometry))
     return tuple(replace(part, share=part.mean_square / nominal_square) for part in parts)
 
 
-def _displacing(choice: Choice, structure: Sequence[DiscrepancySize]) -> Iterator[BudgetPart]:
+def _parts_of_places_and_structure(
+    choice: Choice, structure: Sequence[DiscrepancySize]
+) -> Iterator[BudgetPart]:
+    """One part for the causes of each place, or of places that oppose one another; the structure
+    last.
+    """
     design, model = choice.design, choice.posterior.median_model
     arm = choice.fit.problem.model.arm
-    of_causes = {k: design.weights(k) @ model.estimate[model.entries[k]] for k in choice.causes}
-    members = defaultdict[int, list[int]](list)
-    for block in of_causes:
+    coefficients_of_causes = {
+        k: design.weights(k) @ model.estimate[model.entries[k]] for k in choice.causes
+    }
+    blocks_by_place = defaultdict[int, list[int]](list)
+    for block in coefficients_of_causes:
         if not geometric_parameters(arm, choice.variant(block)):
-            members[int(choice.candidates.of_blocks[block])].append(block)
-    of_structure = model.step - sum(of_causes.values())
-    of_structure[: design.nuisances] = 0.0
-    of_places = [sum(of_causes[k] for k in blocks) for blocks in members.values()]
-    displacements = choice.displacement(np.stack([*of_places, of_structure], axis=1))
+            blocks_by_place[int(choice.candidates.of_blocks[block])].append(block)
+    coefficients_of_structure = model.step - sum(coefficients_of_causes.values())
+    coefficients_of_structure[: design.nuisances] = 0.0
+    coefficients_of_places = [
+        sum(coefficients_of_causes[k] for k in blocks) for blocks in blocks_by_place.values()
+    ]
+    coefficients = np.stack([*coefficients_of_places, coefficients_of_structure], axis=1)
+    displacements = choice.displacement(coefficients)
     products = np.einsum("nij,nik->jk", displacements, displacements) / len(displacements)
-    shares = products.sum(axis=1)
-    blocks_of = [*members.values()]
-    for places in _not_opposed(products):
+    place_squares = products.sum(axis=1)
+    blocks_of = [*blocks_by_place.values()]
+    for places in _places_joined_if_opposed(products):
         blocks = [k for place in places for k in blocks_of[place]]
         labels = design.labels(blocks)
-        mean_square = float(shares[places].sum())
+        mean_square = float(place_squares[places].sum())
         u = abs(mean_square) * _relative_u(choice, blocks)
         yield BudgetPart(" + ".join(labels), mean_square, u, causes=labels)
-    if structure and shares[-1] > 0.0:
-        u = 2.0 * math.sqrt(shares[-1]) * math.hypot(*(part.u for part in structure))
-        yield BudgetPart(STRUCTURE, float(shares[-1]), u)
+    if structure and place_squares[-1] > 0.0:
+        u = 2.0 * math.sqrt(place_squares[-1]) * math.hypot(*(part.u for part in structure))
+        yield BudgetPart(STRUCTURE, float(place_squares[-1]), u)
 
 
-def _not_opposed(products: Array) -> list[list[int]]:
+def _places_joined_if_opposed(products: Array) -> list[list[int]]:
     """Groups of places, by the mean products of their displacements, the structure's last (p + 1, p
     + 1): a place joins the one that nearly undoes its displacement.
     """
     groups = [[place] for place in range(len(products) - 1)]
     while len(groups) > 1:
-        shares = [products[group].sum() for group in groups]
-        squares = [products[np.ix_(group, group)].sum() for group in groups]
-        least = min(range(len(groups)), key=lambda k: shares[k] / squares[k] if squares[k] else 1.0)
-        if shares[least] > UNDONE * squares[least]:
+        counting_squares = [products[group].sum() for group in groups]
+        own_squares = [products[np.ix_(group, group)].sum() for group in groups]
+        parts_counting = [
+            counting / own if own else 1.0
+            for counting, own in zip(counting_squares, own_squares, strict=True)
+        ]
+        most_undone = parts_counting.index(min(parts_counting))
+        if counting_squares[most_undone] > UNDONE * own_squares[most_undone]:
             break
-        group = groups.pop(least)
-        partner = min(groups, key=lambda other: products[np.ix_(group, other)].sum())
-        partner += group
+        group = groups.pop(most_undone)
+        opposed_group = min(groups, key=lambda other: products[np.ix_(group, other)].sum())
+        opposed_group += group
     return groups
 
 
@@ -143,11 +160,11 @@ def _relative_u(choice: Choice, blocks: Sequence[int]) -> float:
     √(βᵀ I Σ I β) / βᵀ I β``, I the information beside all that is refitted.
     """
     model = choice.posterior.median_model
-    alone = choice.posterior.causes_alone
-    of_blocks = numbers_of([alone.entries[k] for k in blocks])
+    causes_alone = choice.posterior.causes_alone
+    entries_alone = numbers_of([causes_alone.entries[k] for k in blocks])
     entries = numbers_of([model.entries[k] for k in blocks])
     estimate = model.estimate[entries]
-    gradient = alone.information[np.ix_(of_blocks, of_blocks)] @ estimate
+    gradient = causes_alone.information[np.ix_(entries_alone, entries_alone)] @ estimate
     variance = float(gradient @ model.covariance[np.ix_(entries, entries)] @ gradient)
-    size = float(gradient @ estimate)
-    return 2.0 * math.sqrt(variance) / size if size > 0.0 else 0.0
+    mean_square = float(gradient @ estimate)
+    return 2.0 * math.sqrt(variance) / mean_square if mean_square > 0.0 else 0.0

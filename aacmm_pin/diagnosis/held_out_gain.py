@@ -92,57 +92,61 @@ class Fold:
     without: Mapping[int, Array]
 
 
-def predicted_folds(choice: Choice, before: Fit, kind: str, progress: Progress) -> list[Fold]:
-    """Leave out every fold in turn; choose and fit with the others; predict it. ``before``: the arm
-    as it was, set-up fitted.
+def predicted_folds(choice: Choice, nominal: Fit, kind: str, progress: Progress) -> list[Fold]:
+    """Leave out every fold in turn; choose and fit with the others; predict it. ``nominal``: the
+    arm as stated, set-up fitted.
     """
-    of_all = choice.gram_of_folds
+    gram_of_all = choice.gram_of_folds
     numbers = np.unique(choice.folds[choice.counted]).tolist()
     with watched(numbers, progress, f"held-out {kind}", "part") as watched_numbers:
-        folds = [_fold(choice, before, of_all, number) for number in watched_numbers]
+        folds = [_fold(choice, nominal, gram_of_all, number) for number in watched_numbers]
     return [fold for fold in folds if fold is not None]
 
 
-def _fold(choice: Choice, before: Fit, of_all: Gram, number: int) -> Fold | None:
+def _fold(choice: Choice, nominal: Fit, gram_of_all: Gram, fold_number: int) -> Fold | None:
     """Choose and fit without the records of fold ``number``, and predict them; None if these have
     no more rows than unknown coordinates of seats.
     """
-    inside = choice.folds == number
-    left_out = gram_of(choice.design, choice.noise, [inside])
-    if not left_out.free:
+    in_fold = choice.folds == fold_number
+    gram_of_fold = gram_of(choice.design, choice.noise, [in_fold])
+    if not gram_of_fold.free:
         return None
     space = choice.posterior.space
     amplitudes = tuple(dict.fromkeys((0.0, choice.posterior.median_model.base.amplitude)))
-    others = ModelSpace(space.candidates, of_all.without(left_out), space.stated, amplitudes)
-    rows = np.flatnonzero(choice.counted & inside)
+    gram_of_others = gram_of_all.without(gram_of_fold)
+    space_of_others = ModelSpace(space.candidates, gram_of_others, space.stated, amplitudes)
+    rows = np.flatnonzero(choice.counted & in_fold)
     records = choice.fit.problem.measurements.take(rows)
     median = choice.posterior.median
 
     def distances_of(poses: Array) -> Array:
         return distances(records, poses, lever=choice.fit.lever)
 
-    def predicted(state: ModelState, background: bool = False) -> Array:
+    def predicted(state: ModelState, with_discrepancy: bool = False) -> Array:
         """Distances of the fold's records by a state, fitted to the others. Known causes keep their
-        stated values unless their change is among its blocks.
+        stated values unless their change is among its blocks. With the discrepancy, it has the
+        amplitude that all records give it; else none.
         """
-        amplitude = len(others.amplitudes) - 1 if background else 0
-        alike = state._replace(amplitude=amplitude)
-        return distances_of(others.conditional(alike, as_stated=True).tips(rows))
+        amplitude = len(space_of_others.amplitudes) - 1 if with_discrepancy else 0
+        state_of_others = state._replace(amplitude=amplitude)
+        fitted = space_of_others.conditional(state_of_others, as_stated=True)
+        return distances_of(fitted.tips(rows))
 
-    chosen = explore_from(others, median).median
-    of_chosen, of_median = (others.marginal(blocks).best for blocks in (chosen, median))
-    candidates = others.candidates
+    chosen = explore_from(space_of_others, median).median
+    state_chosen = space_of_others.marginal(chosen).best
+    state_of_median = space_of_others.marginal(median).best
+    candidates = space_of_others.candidates
     by_model = (
-        distances_of(before.point.prediction.poses[rows]),
-        predicted(of_chosen.of(())),
-        predicted(of_chosen.of([*filter(candidates.is_cause, chosen)])),
-        predicted(of_chosen, background=True),
+        distances_of(nominal.point.prediction.poses[rows]),
+        predicted(state_chosen.of(())),
+        predicted(state_chosen.of([*filter(candidates.is_cause, chosen)])),
+        predicted(state_chosen, with_discrepancy=True),
     )
     return Fold(
         rows=rows,
         by_model=dict(zip(PREDICTED_BY, by_model, strict=True)),
-        by_median=predicted(of_median),
-        without={k: predicted(of_median.of(without_block(median, k))) for k in choice.causes},
+        by_median=predicted(state_of_median),
+        without={k: predicted(state_of_median.of(without_block(median, k))) for k in choice.causes},
     )
 
 
@@ -173,11 +177,14 @@ def gain_of(
 def _interval(
     recalibrated: Array, extended: Array, folds: Index, rng: np.random.Generator
 ) -> tuple[float, float]:
+    """The 95 % interval of the gain, by distances (n,) [m] of resampled folds."""
     squares = np.square(np.stack([recalibrated, extended]))
-    numbers = np.unique(folds[np.isfinite(extended)])
-    table = np.array([np.nansum(squares[:, folds == number], axis=1) for number in numbers])
-    draws = rng.integers(0, len(table), (RESAMPLES, len(table)))
-    recalibrated_sum, extended_sum = table[draws].sum(axis=1).T
+    fold_numbers = np.unique(folds[np.isfinite(extended)])
+    sums_of_folds = np.array(
+        [np.nansum(squares[:, folds == number], axis=1) for number in fold_numbers]
+    )
+    resampled_folds = rng.integers(0, len(sums_of_folds), (RESAMPLES, len(sums_of_folds)))
+    recalibrated_sum, extended_sum = sums_of_folds[resampled_folds].sum(axis=1).T
     gains = 1.0 - np.sqrt(extended_sum / recalibrated_sum)
     low, high = np.quantile(gains, [0.025, 0.975]).tolist()
     return low, high
@@ -201,20 +208,21 @@ def cause_gain(choice: Choice, folds: list[Fold], block: int) -> Brought | None:
     if not folds or choice.in_one_fold(block):
         return None
     variance = np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
-    sums = []
+    sums_of_folds = []
     for fold in folds:
         if np.isfinite(fold.by_median).any():
             distances_of_both = np.stack([fold.by_median, fold.without[block]])
-            sums.append(np.nansum(np.square(distances_of_both) / variance[fold.rows], axis=1))
-    count = len(sums)
+            relative_squares = np.square(distances_of_both) / variance[fold.rows]
+            sums_of_folds.append(np.nansum(relative_squares, axis=1))
+    count = len(sums_of_folds)
     if count < THRESHOLDS.fewest_groups:
         return None
-    with_block, without_block = np.array(sums).T
-    total = without_block.sum()
-    share = float(with_block.sum() / total)
-    scatter = np.sum((with_block - share * without_block) ** 2)
-    u = np.sqrt(count / (count - 1) * scatter) / total
+    sums_with, sums_without = np.array(sums_of_folds).T
+    sum_without = sums_without.sum()
+    ratio = float(sums_with.sum() / sum_without)
+    squared_scatter = np.sum((sums_with - ratio * sums_without) ** 2)
+    u = np.sqrt(count / (count - 1) * squared_scatter) / sum_without
     half_width = u * float(scipy.special.stdtrit(count - 1, 0.975))
-    shares = np.array([share, share + half_width, share - half_width])
-    gains = 1.0 - np.sqrt(np.maximum(shares, 0.0))
+    ratios = np.array([ratio, ratio + half_width, ratio - half_width])
+    gains = 1.0 - np.sqrt(np.maximum(ratios, 0.0))
     return Brought(*gains.tolist())
