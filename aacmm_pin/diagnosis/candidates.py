@@ -48,8 +48,8 @@ def candidates(
         UnknownNameError: an extra cause is not registered.
         AacmmError: an extra cause is on a row that the arm does not have.
     """
-    of_set_up = [(effect,) for effect in _of_set_up(model.arm, measurements, problem)]
-    library = [*all_candidates(model.arm, measurements), *of_set_up]
+    set_up_variants = [(effect,) for effect in _of_set_up(model.arm, measurements, problem)]
+    library = [*all_candidates(model.arm, measurements), *set_up_variants]
     by_label = {variants[0].label: variants for variants in library}
     for effect in extra:
         if CAUSES.get(effect.cause) is not type(effect):
@@ -63,8 +63,8 @@ def candidates(
         variants = (*by_label.get(label, ()), effect.at(()))
         by_label[label] = tuple(dict.fromkeys(variants))
     changes = [*_changes(model, measurements, problem.setup, by_label)]
-    estimated = [*model.effects, *filter(None, [problem.setup.held_length])]
-    for effect in estimated:
+    estimated_effects = [*model.effects, *filter(None, [problem.setup.held_length])]
+    for effect in estimated_effects:
         if getattr(effect, "load_at", None) is None:  # at another load the cause may act too
             by_label.pop(effect.label, None)
     return [*changes, *by_label.values()]
@@ -73,17 +73,19 @@ def candidates(
 def _changes(
     model: ErrorModel, measurements: Measurements, setup: Setup, by_label: Mapping[str, Variants]
 ) -> Iterator[Variants]:
-    """The change of each known cause, and its other variants; the first known cause of a label has
-    them.
+    """The change of each known cause, which has its stated u, and its other variants, from
+    ``by_label`` or of another load; the first known cause of a label has them.
     """
-    taken = {effect.identity for effect in model.effects}
+    identities_taken = {effect.identity for effect in model.effects}
     for effect in known_causes(model, measurements, setup):
-        others = [*load_variants(effect, model.arm)]
+        other_variants = [*load_variants(effect, model.arm)]
         if effect.nonlinear.field:
-            others = [*by_label.get(effect.label, ()), *others]
-        new = [other for other in others if other.identity not in taken]
-        taken.update(other.identity for other in new)
-        yield (effect.at((), effect.u), *new)
+            other_variants = [*by_label.get(effect.label, ()), *other_variants]
+        new_variants = [
+            variant for variant in other_variants if variant.identity not in identities_taken
+        ]
+        identities_taken.update(variant.identity for variant in new_variants)
+        yield (effect.at((), effect.u), *new_variants)
 
 
 def not_tried(
@@ -93,15 +95,20 @@ def not_tried(
     the whole arm that this arm cannot have.
     """
     tried = {variants[0].cause for variants in library}
-    lacking: dict[str, tuple[type[Effect], ...]] = {}
+    causes_by_condition: dict[str, tuple[type[Effect], ...]] = {}
     for cause in CAUSES.values():
-        needs = getattr(cause, "needs", ())
-        if cause.cause in tried or not isinstance(needs, tuple):  # it depends on its fields
+        needed_conditions = getattr(cause, "needs", ())
+        depends_on_fields = not isinstance(needed_conditions, tuple)
+        if cause.cause in tried or depends_on_fields:
             continue
-        missing = [need for need in needs if getattr(measurements.conditions, need) is None]
+        missing = [
+            condition
+            for condition in needed_conditions
+            if getattr(measurements.conditions, condition) is None
+        ]
         if missing and (cause.location_field() is not None or any(cause.candidates(arm))):
-            lacking[missing[0]] = (*lacking.get(missing[0], ()), cause)
-    return lacking
+            causes_by_condition[missing[0]] = (*causes_by_condition.get(missing[0], ()), cause)
+    return causes_by_condition
 
 
 def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
@@ -122,12 +129,12 @@ def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterat
     stated.
     """
     vector = problem.vector
-    estimated = {effect.label for effect in vector.effects}
-    for effect, place in vector:
-        if problem.stated[place].all() and vector.arm_parameters[place.start] is not None:
+    labels_estimated = {effect.label for effect in vector.effects}
+    for effect, entries in vector:
+        if problem.stated[entries].all() and vector.arm_parameters[entries.start] is not None:
             yield effect.at(())
     if arm.dh is not None:
-        yield from (effect for effect in of_geometry(arm) if effect.label not in estimated)
+        yield from (effect for effect in of_geometry(arm) if effect.label not in labels_estimated)
     if not any(isinstance(effect, StylusOffset) for effect in vector.effects):
         yield StylusOffset()
     if measurements.known.any() and not problem.external:

@@ -32,21 +32,21 @@ def described_model(
     """
     causes = choice.with_values(choice.effects)
     estimated = [effect for effect in causes if not effect.free_form]
-    labels = {effect.label for effect in nominal.effects}
-    lost = not_saved(choice)
+    labels_taken = {effect.label for effect in nominal.effects}
+    names_not_saved = not_saved(choice)
     for block in choice.covariates:
-        if choice.covariate(block).name not in lost:
-            effect = _effect_of(choice, block, labels)
-            labels.add(effect.label)
+        if choice.covariate(block).name not in names_not_saved:
+            effect = _effect_of(choice, block, labels_taken)
+            labels_taken.add(effect.label)
             estimated.append(effect)
     curves = choice.curves
-    held = () if curves is None else curves.effects
-    refit = fit_of(problem_of(estimated, held), used=choice.fit.used)
+    held_effects_of_curves = () if curves is None else curves.effects
+    refit = fit_of(problem_of(estimated, held_effects_of_curves), used=choice.fit.used)
     if curves is None:
         return calibrated_model(refit), refit
-    beside = held_effects(refit, curves.effects, curves.covariance)
-    refit = replace(refit, added_covariance=beside.added_covariance)
-    return calibrated_model(refit, beside), refit
+    held_curves = held_effects(refit, curves.effects, curves.covariance)
+    refit = replace(refit, added_covariance=held_curves.added_covariance)
+    return calibrated_model(refit, held_curves), refit
 
 
 def _effect_of(choice: Choice, block: int, taken: Collection[str]) -> Discrepancy:

@@ -29,15 +29,16 @@ def findings_of(model: ErrorModel, choice: Choice, folds: list[Fold]) -> list[Fi
 
 
 def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -> Finding:
+    """The cause of a block, with its values, probability, aliases and gain."""
     by_identity = {estimate[0].identity: estimate for estimate in estimated(choice)}
     # Of several effects with one label the new one comes last.
     by_label = {estimate[0].label: estimate for estimate in by_identity.values()}
-    chosen = choice.variant(block)
-    effect, covariance = by_identity.get(chosen.identity, by_label[chosen.label])
+    variant = choice.variant(block)
+    effect, covariance = by_identity.get(variant.identity, by_label[variant.label])
     # Other sets of causes give other values (law of total variance).
-    q = len(effect.terms)
+    term_count = len(effect.terms)
     typical = typical_of(effect)
-    between_sets = choice.posterior.uncertainty_of_the_set(block)[:q, :q]
+    between_sets = choice.posterior.uncertainty_of_the_set(block)[:term_count, :term_count]
     covariance = covariance + np.outer(typical, typical) * between_sets
     u = np.sqrt(np.diag(covariance))
     effect = effect.at(effect.values, tuple(u))
@@ -46,11 +47,11 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
     if interval is not None:
         name = effect.nonlinear.field
         nonlinear_values = {name: (float(getattr(effect, name)), interval.u)}
-        if not is_change(chosen):
+        if not is_change(variant):
             reported = effect.nonlinear.with_coverage_interval(
                 effect, interval.low, interval.high, choice.fit.problem.measurements
             )
-    replaced = (
+    known_before = (
         old
         for old in model.effects
         if old.label == effect.label
@@ -72,11 +73,12 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
         inner=nonlinear_values,
         slides=slides(effect, choice.fit.problem.model.arm),
         beside=whole_arm,
-        was=next(replaced, None),
+        was=next(known_before, None),
     )
 
 
 def _nonlinear_interval(choice: Choice, block: int, effect: Effect) -> NonlinearInterval | None:
+    """Of the nonlinear parameter of a cause; None if the records do not determine it."""
     name = effect.nonlinear.field
     if name and not effect.nonlinear.prior_sd(effect):
         return interval_of_step(choice, block, name)

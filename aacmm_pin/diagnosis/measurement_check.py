@@ -113,31 +113,32 @@ def check_measurements(
     records, setup = in_first_frame(model, records, setup)
     calibrated = first_fit(problem_of(model, records, ["geometry"], setup))
     as_stated = fit(problem_of(model, records, [], setup), used=calibrated.used)
-    distance, after = (rms_residual(one, one.used) for one in (as_stated, calibrated))
+    rms_as_stated = rms_residual(as_stated, as_stated.used)
+    rms_calibrated = rms_residual(calibrated, calibrated.used)
     missing = not_tried(model.arm, list(all_candidates(model.arm, records)), records)
     notes = [*mistakes_of(calibrated), *notes, *exclusions_of(calibrated).notes]
     notes += [*notes_of_records(as_stated), *session_notes(as_stated)]
-    if silent := int((~calibrated.used & ~calibrated.excluded).sum()):
-        notes.append(Note("records_silent", {"records": silent}))
+    if silent_count := int((~calibrated.used & ~calibrated.excluded).sum()):
+        notes.append(Note("records_silent", {"records": silent_count}))
     notes += _limit_notes(model.arm, records)
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
-    predicted = as_stated.predicted_rms
-    if unknown := _noise_not_stated(model, records, setup):
-        notes.append(Note("prediction_without_noise", {"of": unknown}))
-    judged = calibrated.chi2_stated
-    if judged is not None and not judged.acceptable:
-        notes.append(Note("beyond_noise", {"times": after / calibrated.noise_rms}))
-    if distance > FAR_BEYOND * predicted:
-        notes.append(Note("beyond_prediction", {"times": distance / predicted}))
+    predicted_rms = as_stated.predicted_rms
+    if noise_unknown := _noise_not_stated(model, records, setup):
+        notes.append(Note("prediction_without_noise", {"of": noise_unknown}))
+    chi2_stated = calibrated.chi2_stated
+    if chi2_stated is not None and not chi2_stated.acceptable:
+        notes.append(Note("beyond_noise", {"times": rms_calibrated / calibrated.noise_rms}))
+    if rms_as_stated > FAR_BEYOND * predicted_rms:
+        notes.append(Note("beyond_prediction", {"times": rms_as_stated / predicted_rms}))
     return Check(
         model,
         records,
         as_stated.used,
         calibrated.excluded,
-        distance,
-        after,
-        predicted,
+        rms_as_stated,
+        rms_calibrated,
+        predicted_rms,
         missing,
         repeatability_of(calibrated),
         tuple(notes),
@@ -145,14 +146,15 @@ def check_measurements(
 
 
 def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
+    """A note for each joint with readings outside its limits."""
     outside = outside_limits(records.q, arm.limits)
     notes = []
     for joint in np.flatnonzero(outside.any(axis=0)).tolist():
-        rows = outside[:, joint]
-        values = records.q[rows, joint]
+        is_outside_here = outside[:, joint]
+        values = records.q[is_outside_here, joint]
         data = {
             "joint": joint + 1,
-            "rows": records.row[rows].tolist(),
+            "rows": records.row[is_outside_here].tolist(),
             "limits": arm.limits[joint],
             "values": [values.min(), values.max()],
             "unit": "mm" if arm.chain.prismatic[joint] else "°",
@@ -162,6 +164,7 @@ def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
 
 
 def _noise_not_stated(model: ErrorModel, records: Measurements, setup: Setup) -> list[str]:
+    """What has no stated noise: ``readings``, ``references``."""
     unknown = []
     if model.arm.encoder_noise is None and setup.encoder_noise is None:
         unknown.append("readings")

@@ -44,26 +44,28 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     if not groups:
         return []
     fit = choice.fit
-    scatter = choice.scatter_left.covariances - fit.observations.covariance
-    judge = replace(fit, noise=replace(fit.noise, tip_covariance=scatter))
-    count = choice.noise.count
-    part = count.size / count.sum() if choice.noise.ratio else 1.0
-    all_records = judge.chi2_of(fit.used)
-    odd = []
+    tip_covariance = choice.scatter_left.covariances - fit.observations.covariance
+    fit_with_scatter = replace(fit, noise=replace(fit.noise, tip_covariance=tip_covariance))
+    records_by_group = choice.noise.count
+    independent_part = records_by_group.size / records_by_group.sum() if choice.noise.ratio else 1.0
+    chi2_of_all = fit_with_scatter.chi2_of(fit.used)
+    standing_out = []
     for group in groups:
-        without_group = judge.chi2_of(fit.used & ~group.records)
-        dof_of_group = all_records.dof - without_group.dof
-        if min(dof_of_group, without_group.dof) < 1.0 or without_group.value <= 0.0:
+        chi2_of_others = fit_with_scatter.chi2_of(fit.used & ~group.records)
+        dof_of_group = chi2_of_all.dof - chi2_of_others.dof
+        if min(dof_of_group, chi2_of_others.dof) < 1.0 or chi2_of_others.value <= 0.0:
             continue
-        variance = max((all_records.value - without_group.value) / dof_of_group, 0.0)
-        ratio = variance / (without_group.value / without_group.dof)
-        alike = sum(other.kind == group.kind for other in groups)
-        chance = float(f_sf(ratio, part * dof_of_group, part * without_group.dof))
-        p_value = min(1.0, alike * chance)
+        variance = max((chi2_of_all.value - chi2_of_others.value) / dof_of_group, 0.0)
+        variance_ratio = variance / (chi2_of_others.value / chi2_of_others.dof)
+        count_of_kind = sum(other.kind == group.kind for other in groups)
+        dofs = independent_part * dof_of_group, independent_part * chi2_of_others.dof
+        p_value_of_group = float(f_sf(variance_ratio, *dofs))
+        p_value = min(1.0, count_of_kind * p_value_of_group)
         if p_value < THRESHOLDS.odd:
-            records = int((fit.used & group.records).sum())
-            odd.append(OddGroup(group.name, records, float(np.sqrt(ratio)), p_value))
-    return sorted(odd, key=lambda group: group.p_value)
+            record_count = int((fit.used & group.records).sum())
+            times = float(np.sqrt(variance_ratio))
+            standing_out.append(OddGroup(group.name, record_count, times, p_value))
+    return sorted(standing_out, key=lambda group: group.p_value)
 
 
 class LabelGroup(NamedTuple):
@@ -79,17 +81,22 @@ def label_groups(measurements: Measurements) -> list[LabelGroup]:
     sessions; markers. There are enough of a kind, each with enough records.
     """
     conditions = measurements.conditions
-    labels = {"session": conditions.session, "marker": conditions.marker}
+    labels_by_kind = {"session": conditions.session, "marker": conditions.marker}
     if not measurements.known.any():
-        labels["bar"] = measurements.bar
-        labels["seat"] = conditions.seat if measurements.bar is None else None
+        labels_by_kind["bar"] = measurements.bar
+        labels_by_kind["seat"] = conditions.seat if measurements.bar is None else None
     groups = []
-    for kind, of_record in labels.items():
-        if of_record is None:
+    for kind, label_of_record in labels_by_kind.items():
+        if label_of_record is None:
             continue
-        named = [label for label in dict.fromkeys(of_record) if label]
-        labelled = [LabelGroup(kind, f"{kind} {label}", of_record == label) for label in named]
-        large = [group for group in labelled if group.records.sum() > THRESHOLDS.fewest_records]
-        if len(large) >= THRESHOLDS.fewest_groups:
-            groups += large
+        distinct_labels = [label for label in dict.fromkeys(label_of_record) if label]
+        groups_of_kind = [
+            LabelGroup(kind, f"{kind} {label}", label_of_record == label)
+            for label in distinct_labels
+        ]
+        large_groups = [
+            group for group in groups_of_kind if group.records.sum() > THRESHOLDS.fewest_records
+        ]
+        if len(large_groups) >= THRESHOLDS.fewest_groups:
+            groups += large_groups
     return groups

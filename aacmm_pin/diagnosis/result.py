@@ -135,7 +135,7 @@ class Place:
         return self.probability >= THRESHOLDS.settled and most_probable < THRESHOLDS.named
 
 
-def _order(place: Place) -> tuple[float, float, str]:
+def _order_of_places(place: Place) -> tuple[float, float, str]:
     """By thousandths of the probability, along the arm, by label: not by the rows' order."""
     row = place.effect.row
     return -round(place.probability, 3), math.inf if row is None else row, place.effect.label
@@ -223,24 +223,29 @@ class Diagnosis(Shown):
         """
         names = self.choice.design.names
         places = []
-        for forms in self.choice.posterior.forms.values():
-            labelled = {tuple(names[k] for k in sorted(form)): p for form, p in forms.items()}
-            effect = self.cause(next(iter(labelled))[0])
-            probability = min(sum(labelled.values()), 1.0)
+        for sets_of_blocks in self.choice.posterior.forms.values():
+            probability_of_labels = {
+                tuple(names[k] for k in sorted(blocks)): probability
+                for blocks, probability in sets_of_blocks.items()
+            }
+            effect = self.cause(next(iter(probability_of_labels))[0])
+            probability = min(sum(probability_of_labels.values()), 1.0)
             if effect is not None and probability >= THRESHOLDS.worth_listing:
-                places.append(Place(effect, probability, labelled))
-        return tuple(sorted(places, key=_order))
+                places.append(Place(effect, probability, probability_of_labels))
+        return tuple(sorted(places, key=_order_of_places))
 
     @property
     def cannot_tell_apart(self) -> list[tuple[str, ...]]:
         """The groups of causes in which the most probable set and another probable set differ."""
-        best, *others = self.alternatives.items()
-        acting = set(best[0])
-        rivals = [set(labels) for labels, share in others if share >= THRESHOLDS.rival]
-        exchanged = [
-            tuple(sorted(acting ^ rival)) for rival in rivals if acting - rival and rival - acting
+        most_probable, *others = self.alternatives.items()
+        labels_of_best = set(most_probable[0])
+        rival_sets = [set(labels) for labels, share in others if share >= THRESHOLDS.rival]
+        differences = [
+            tuple(sorted(labels_of_best ^ rival))
+            for rival in rival_sets
+            if labels_of_best - rival and rival - labels_of_best
         ]
-        return [*dict.fromkeys(exchanged)]
+        return [*dict.fromkeys(differences)]
 
     @property
     def more(self) -> float:
@@ -306,9 +311,9 @@ class Diagnosis(Shown):
     @property
     def excluded(self) -> pd.DataFrame:
         """The records with gross errors: row, residual [mm], reason."""
-        out = self.extended.excluded
-        deviation = self.extended.system.deviation[out]
-        table = pd.DataFrame({"row": self.extended.problem.measurements.row[out]})
+        excluded = self.extended.excluded
+        deviation = self.extended.system.deviation[excluded]
+        table = pd.DataFrame({"row": self.extended.problem.measurements.row[excluded]})
         table["residual_mm"] = np.linalg.norm(deviation, axis=1) / MM
         return table.assign(reason=str(Note("outlier")))
 

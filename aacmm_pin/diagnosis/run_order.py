@@ -61,36 +61,43 @@ def run_order_of(choice: Choice) -> RunOrder | None:
     For independent residuals of n records, the lag-1 autocorrelation has a standard deviation of
     ``1/√n`` (Bartlett 1946, J. R. Stat. Soc. B 8).
     """
-    tests = [*signed_residuals(choice).items()]
-    tested = []
-    for joint, along in tests:
-        signed = along[np.isfinite(along).all(axis=1)]
-        if len(signed) < FEWEST_IN_ORDER:
+    residuals_by_joint = [*signed_residuals(choice).items()]
+    run_orders = []
+    for joint, residuals in residuals_by_joint:
+        finite_residuals = residuals[np.isfinite(residuals).all(axis=1)]
+        if len(finite_residuals) < FEWEST_IN_ORDER:
             continue
-        centred = signed - signed.mean(axis=0)
+        centred = finite_residuals - finite_residuals.mean(axis=0)
         correlation = float((centred[1:] * centred[:-1]).sum() / np.square(centred).sum())
         numbers = centred.size
-        chance = float(chi2_sf(numbers * correlation**2, 1)) * len(tests)
+        p_value = float(chi2_sf(numbers * correlation**2, 1)) * len(residuals_by_joint)
         limit = float(ndtri(0.975) / np.sqrt(numbers))
-        tested.append(RunOrder(joint, correlation, limit, min(chance, 1.0), len(signed)))
-    significant = [one for one in tested if one.correlation > 0.0 and one.p_value < THRESHOLDS.left]
-    return min(significant, key=lambda one: one.p_value, default=None)
+        run_orders.append(
+            RunOrder(joint, correlation, limit, min(p_value, 1.0), len(finite_residuals))
+        )
+    significant = [
+        run_order
+        for run_order in run_orders
+        if run_order.correlation > 0.0 and run_order.p_value < THRESHOLDS.left
+    ]
+    return min(significant, key=lambda run_order: run_order.p_value, default=None)
 
 
 def signed_residuals(choice: Choice) -> dict[int | None, Array]:
     """Whitened residuals of the used records beyond all that was found, in the order of time: of
     each joint along its displacement (n, 1), nan if it has none; of the tip (n, 3) under None.
     """
-    at = choice.design.fit
-    records = at.problem.measurements
+    fit = choice.design.fit
+    records = fit.problem.measurements
     order = records.order_in_time
     order = order[choice.fit.used[order]]
     residuals = choice.whitened_deviations[order]
-    columns = choice.noise.whitening[order, :3, :3] @ choice.design.of_angles[order, :3]
-    of_joint: dict[int | None, Array] = {None: residuals}
-    for number, row in enumerate(at.problem.model.arm.chain.moving_rows()):
-        levers = np.linalg.norm(columns[:, :, number], axis=1)
-        shows = levers > LEAST_PART_OF_LEVER * levers.max(initial=0.0)
-        along = np.einsum("ni,ni->n", columns[:, :, number], residuals)
-        of_joint[int(row)] = np.where(shows, along / np.where(shows, levers, 1.0), np.nan)[:, None]
-    return of_joint
+    displacements = choice.noise.whitening[order, :3, :3] @ choice.design.of_angles[order, :3]
+    residuals_by_joint: dict[int | None, Array] = {None: residuals}
+    for number, joint_row in enumerate(fit.problem.model.arm.chain.moving_rows()):
+        levers = np.linalg.norm(displacements[:, :, number], axis=1)
+        is_displaced = levers > LEAST_PART_OF_LEVER * levers.max(initial=0.0)
+        along = np.einsum("ni,ni->n", displacements[:, :, number], residuals)
+        signed = along / np.where(is_displaced, levers, 1.0)
+        residuals_by_joint[int(joint_row)] = np.where(is_displaced, signed, np.nan)[:, None]
+    return residuals_by_joint
