@@ -29,7 +29,7 @@ UNKNOWN = 1e-9
 """What is added to the information of a nuisance: what is known of it beforehand is among the
 products already."""
 HELD = 1e12
-"""What is added to that of one which is held where it is stated."""
+"""What is added to the information of a nuisance that is held at its stated value."""
 KEPT = 16
 """So many blocks whose products are kept."""
 LEAST_CHI2 = 1e-9
@@ -61,20 +61,24 @@ class Likelihood:
             return np.asarray(-0.5 * self.dof * np.log(chi2))
         a = 0.5 * THRESHOLDS.scale_dof
         b = a + 0.5 * self.dof
-        free = a * np.log(a) - gammaln(a) + gammaln(b) - b * np.log(a + 0.5 * chi2)
-        share = THRESHOLDS.noise_misstated
-        as_stated = np.log1p(-share) - 0.5 * chi2
-        return np.asarray(np.logaddexp(as_stated, np.log(share) + free))
+        log_scale_free = a * np.log(a) - gammaln(a) + gammaln(b) - b * np.log(a + 0.5 * chi2)
+        misstated = THRESHOLDS.noise_misstated
+        log_as_stated = np.log1p(-misstated) - 0.5 * chi2
+        return np.asarray(np.logaddexp(log_as_stated, np.log(misstated) + log_scale_free))
 
     def variance(self, chi2: Array | float) -> Array:
-        """Factor on the variance of the noise that values of χ² make most probable."""
+        """Factor on the variance of the noise that values of χ² make most probable.
+
+        It is one if the stated noise has more than half of the marginal likelihood.
+        """
         chi2 = np.maximum(chi2, LEAST_CHI2)
         if self.dof <= 0:
             return np.ones_like(chi2)
         if not self.stated:
             return np.asarray(chi2 / self.dof)
-        as_stated = np.log1p(-THRESHOLDS.noise_misstated) - 0.5 * chi2
-        return np.where(as_stated > self.log(chi2) - np.log(2.0), 1.0, chi2 / self.dof)
+        log_as_stated = np.log1p(-THRESHOLDS.noise_misstated) - 0.5 * chi2
+        is_as_stated = log_as_stated > self.log(chi2) - np.log(2.0)
+        return np.where(is_as_stated, 1.0, chi2 / self.dof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,24 +109,28 @@ class Base:
         rows = self.gram.matrix[:first]
         if not self.amplitude:
             return rows, rows[:, :first]
-        directions, along = self.gram.directions, self.gram.along_directions
-        across = along[:, :first]
-        inside = along[:, directions.columns] @ directions.weights
-        products = np.block([[rows[:, :first], across.T], [across, inside]])
-        return np.concatenate([rows, along]), products
+        directions = self.gram.directions
+        of_background = self.gram.along_directions
+        with_nuisances = of_background[:, :first]
+        inside = of_background[:, directions.columns] @ directions.weights
+        products = np.block([[rows[:, :first], with_nuisances.T], [with_nuisances, inside]])
+        return np.concatenate([rows, of_background]), products
 
     @cached_property
     def prior(self) -> Array:
-        """Prior precision of nuisances and background (b,)."""
-        stated = self.gram.design.known
+        """Prior precision of nuisances and background (b,); that of the nuisances is among the
+        products already, but for those that are held.
+        """
         precision = np.full(len(self._products[1]), UNKNOWN)
-        precision[stated] = HELD if self.as_stated else UNKNOWN
+        if self.as_stated:
+            of_known_causes = self.gram.design.known
+            precision[of_known_causes] = HELD
         precision[self.nuisances :] = 1.0 / max(self.amplitude, LEAST_CHI2) ** 2
         return precision
 
     @cached_property
     def factor(self) -> Array:
-        """Lower Cholesky factor of their precision, after the records (b, b)."""
+        """Lower Cholesky factor of the posterior precision of nuisances and background (b, b)."""
         products = self._products[1]
         # A frame without a prior is many metres wide: the rounding of its products may be more than
         # what is known of others.
@@ -130,12 +138,12 @@ class Base:
 
     @cached_property
     def whitened(self) -> Array:
-        """``L⁻¹`` times their products (b, columns + 1)."""
+        """``L⁻¹`` times the products of nuisances and background (b, columns + 1)."""
         return solve_lower(self.factor, self._products[0])
 
     @cached_property
     def left(self) -> Array:
-        """Products of the residual, where these are integrated over (columns + 1,)."""
+        """Products of the residual, nuisances and background integrated over (columns + 1,)."""
         return np.asarray(self.gram.matrix[-1] - self.whitened[:, -1] @ self.whitened)
 
     def inside(self, columns: slice | Index) -> Array:
@@ -157,12 +165,15 @@ class Base:
         return {}
 
     def rows(self, block: int) -> Array:
-        """Products of the parameters of a block (q, columns + 1); kept of the last blocks."""
+        """Products of a block's parameters with all columns and the residual (q, columns + 1),
+        nuisances and background integrated over; the last blocks' are kept.
+        """
         rows = self._rows.get(block)
         if rows is None:
             parameters = self.gram.design.blocks[block]
             products = parameters.of_rows(self.gram.matrix).T
-            rows = products - parameters.of_rows(self.whitened).T @ self.whitened
+            absorbed = parameters.of_rows(self.whitened).T @ self.whitened
+            rows = products - absorbed
         keep(self._rows, block, rows, KEPT)
         return rows
 
@@ -174,7 +185,9 @@ class Base:
     def log_volume(self) -> float:
         """``½ log det(1 + a² D)`` of the background's products D, nuisances at their best."""
         of_background = np.diag(self.factor)[self.nuisances :]
-        return float(np.log(of_background * self.amplitude).sum()) if of_background.size else 0.0
+        if not of_background.size:
+            return 0.0
+        return float(np.log(of_background * self.amplitude).sum())
 
     @cached_property
     def determined(self) -> float:
@@ -183,11 +196,11 @@ class Base:
         """
         inverse = solve_lower(self.factor, np.eye(len(self.factor)))
         first = self.nuisances
-        prior = self.gram.design.prior[:, :-1]
-        of_nuisances = np.square(inverse[:, :first] @ prior.T).sum()
+        prior_rows = self.gram.design.prior[:, :-1]
+        nuisances_by_prior = np.square(inverse[:, :first] @ prior_rows.T).sum()
         variances = np.square(inverse[:, first:]).sum(axis=0)
-        of_others = variances @ self.prior[first:]
-        return float(len(self.factor) - of_nuisances - of_others)
+        background_by_prior = variances @ self.prior[first:]
+        return float(len(self.factor) - nuisances_by_prior - background_by_prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,17 +273,17 @@ class Conditional:
 
     @cached_property
     def inverse(self) -> Array:
-        """Their posterior covariance for noise of unit variance (m, m)."""
+        """Posterior covariance of the set's parameters for noise of unit variance (m, m)."""
         return inverse_of_factor(self.factor)
 
     @property
     def covariance(self) -> Array:
-        """Their posterior covariance (m, m), in units of the design's scales."""
+        """Posterior covariance of the set's parameters (m, m), in units of the design's scales."""
         return self.variance * self.inverse
 
     @cached_property
     def chi2(self) -> float:
-        """What is left of χ²."""
+        """χ² that set, nuisances and background leave."""
         return float(self.base.left[-1] + self.rows[:, -1] @ self.estimate)
 
     @cached_property
@@ -290,12 +303,12 @@ class Conditional:
         """The same of one block; 0 where nature has either sign."""
         if not self.design_blocks[block].positive:
             return 0.0
-        place = self.entries[block].start
+        entry = self.entries[block].start
         unit = np.zeros(len(self.scale))
-        unit[place] = 1.0
-        along = scipy.linalg.solve_triangular(self.factor, unit, lower=True)
-        deviation = np.sqrt(self.variance * (along @ along))
-        return float(log_above_zero(self.estimate[place] / deviation))
+        unit[entry] = 1.0
+        whitened_unit = scipy.linalg.solve_triangular(self.factor, unit, lower=True)
+        deviation = np.sqrt(self.variance * (whitened_unit @ whitened_unit))
+        return float(log_above_zero(self.estimate[entry] / deviation))
 
     @property
     def log_evidence(self) -> float:
@@ -310,16 +323,17 @@ class Conditional:
     @cached_property
     def dof(self) -> float:
         """Degrees of freedom that the set leaves, of all that it may use."""
-        of_prior = np.diag(self.inverse) / np.square(self.scale)
-        used = len(self.scale) - float(of_prior.sum())
+        by_prior = np.diag(self.inverse) / np.square(self.scale)
+        used = len(self.scale) - float(by_prior.sum())
         return float(self.base.gram.free - self.base.determined - used)
 
     def canonical(self, one: int, other: int) -> float:
         """Largest canonical correlation of two members beside the others."""
         products, _ = self.without(one, other).left_out
         size = self.design_blocks[one].size
-        first, second = products[:size, :size], products[size:, size:]
-        return _largest_canonical(first, second, products[:size, size:])
+        of_one = products[:size, :size]
+        of_other = products[size:, size:]
+        return _largest_canonical(of_one, of_other, products[:size, size:])
 
     @cached_property
     def whitened(self) -> Array:
@@ -333,6 +347,7 @@ class Conditional:
         key = _key(columns)
         if key not in self._inside:
             if isinstance(columns, slice) and "whitened" not in vars(self) and self.blocks:
+                # Fewer columns to solve for than all, which nothing else has asked for yet.
                 whitened = solve_lower(self.factor, self.rows[:, columns])
             else:
                 whitened = self.whitened[:, columns]
@@ -346,19 +361,19 @@ class Conditional:
     def without(self, *members: int) -> Beside:
         """What is left beside the set without some of its blocks.
 
-        Not kept, as it refers to this, and the memory of a circle is freed late.
+        Not kept: it refers to this object, and Python frees the memory of a circle late.
         """
         entries = numbers_of([self.entries[k] for k in members])
         inverse = self.inverse[np.ix_(entries, entries)]
         precision = np.asarray(np.linalg.inv(inverse), np.float64)
         estimate = self.estimate[entries]
         scaled = precision * np.square(self.scale[entries])
-        of_members = sum(map(self.log_above_zero_of, members))
+        members_above_zero = sum(map(self.log_above_zero_of, members))
         return Beside(
             self,
             chi2=self.chi2 + float(estimate @ precision @ estimate),
             log_volume=self.log_volume - 0.5 * float(np.linalg.slogdet(scaled)[1]),
-            log_above_zero=self.log_above_zero - of_members,
+            log_above_zero=self.log_above_zero - members_above_zero,
             entries=entries,
             precision=precision,
         )
@@ -378,12 +393,12 @@ class Conditional:
         return log_likelihoods
 
     @cached_property
-    def _of_base(self) -> Array:
+    def _base_estimate(self) -> Array:
         """Posterior mean of nuisances and background, beside the set at its mean (b,)."""
         whitened = self.base.whitened
         right = whitened[:, -1].copy()
-        for k, place in self.entries.items():
-            right += self.design_blocks[k].of_rows(whitened) @ self.estimate[place]
+        for k, entries in self.entries.items():
+            right += self.design_blocks[k].of_rows(whitened) @ self.estimate[entries]
         solved = scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
         return np.asarray(-solved)
 
@@ -394,15 +409,15 @@ class Conditional:
         """
         design = self.base.gram.design
         coefficients = np.zeros(design.width)
-        for k, place in self.entries.items():
+        for k, entries in self.entries.items():
             parameters = self.design_blocks[k]
-            coefficients[parameters.columns] += parameters.in_columns(self.estimate[place])
-        of_base = self._of_base
+            coefficients[parameters.columns] += parameters.in_columns(self.estimate[entries])
+        base_estimate = self._base_estimate
         first = self.base.nuisances
-        coefficients[:first] = of_base[:first]
+        coefficients[:first] = base_estimate[:first]
         if self.base.amplitude:
             directions = self.base.gram.directions
-            coefficients[directions.columns] += directions.weights @ of_base[first:]
+            coefficients[directions.columns] += directions.weights @ base_estimate[first:]
         return coefficients
 
     @cached_property
@@ -441,7 +456,7 @@ class Beside:
         entries: of the members left out, among the set's parameters (q,).
         precision: ``Q``, of these (q, q).
         before: what was left before one more block was added.
-        more: rows whose squares that block takes (q, columns + 1).
+        more: rows whose squares that block takes from all products (q, columns + 1).
     """
 
     conditional: Conditional
@@ -460,32 +475,39 @@ class Beside:
         return information, -self.precision @ self.conditional.estimate[self.entries]
 
     @cached_property
-    def _back(self) -> Array:
-        """Rows whose squares are left too, for the members left out (q, columns + 1)."""
-        along = self.conditional.inverse[self.entries] @ self.conditional.rows
-        return np.asarray(np.linalg.cholesky(self.precision).T @ along)
+    def _given_back(self) -> Array:
+        """Rows whose squares the members left out give back to all products (q, columns + 1):
+        ``Cᵀ (A⁻¹ R)_k`` with ``C Cᵀ = Q``.
+        """
+        solved = self.conditional.inverse[self.entries] @ self.conditional.rows
+        return np.asarray(np.linalg.cholesky(self.precision).T @ solved)
 
     def plus(self, block: int, width: int) -> Beside:
-        """With one block more."""
+        """What is left with one block more, of a width by its number.
+
+        A positive block has one parameter: its estimate in standard deviations is minus its
+        whitened product with the residual.
+        """
+        parameters = self.conditional.design_blocks[block]
         rows = self._rows(block)
-        information = self.conditional.design_blocks[block].of_rows(rows)
+        information = parameters.of_rows(rows)
         scale = WIDTHS[width]
-        factor = lower_factor(
-            information + np.eye(len(information)) / scale**2, np.diag(information)
-        )
-        more = solve_lower(factor, rows)
-        chi2 = self.chi2 - float(more[:, -1] @ more[:, -1])
+        precision = information + np.eye(len(information)) / scale**2
+        factor = lower_factor(precision, np.diag(information))
+        whitened = solve_lower(factor, rows)
+        gradient = whitened[:, -1]
+        chi2 = self.chi2 - float(gradient @ gradient)
         above_zero = 0.0
-        if self.conditional.design_blocks[block].positive:
+        if parameters.positive:
             variance = self.conditional.likelihood.variance(chi2)
-            above_zero = float(log_above_zero(-more[0, -1] / np.sqrt(variance)))
+            above_zero = float(log_above_zero(-gradient[0] / np.sqrt(variance)))
         return replace(
             self,
             chi2=chi2,
             log_volume=self.log_volume + float(np.log(np.diag(factor) * scale).sum()),
             log_above_zero=self.log_above_zero + above_zero,
             before=self,
-            more=more,
+            more=whitened,
         )
 
     def of_block(self, block: int) -> tuple[Array, Array]:
@@ -494,19 +516,23 @@ class Beside:
         return self.conditional.design_blocks[block].of_rows(rows), rows[:, -1]
 
     def _rows(self, block: int) -> Array:
-        """Products of the parameters of a block (q, columns + 1)."""
+        """Products of a block's parameters with all columns and the residual (q, columns + 1): less
+        what the set takes, plus what the members left out give back, less what one more block
+        takes.
+        """
         parameters = self.conditional.design_blocks[block]
         if self.before is not None:
             return self.before._rows(block) - parameters.of_rows(self.more).T @ self.more
         whitened = self.conditional.whitened
         rows = self.conditional.base.rows(block) - parameters.of_rows(whitened).T @ whitened
-        return np.asarray(rows + parameters.of_rows(self._back).T @ self._back)
+        return np.asarray(rows + parameters.of_rows(self._given_back).T @ self._given_back)
 
     @cached_property
     def _left(self) -> Array:
         """Products of the residual (columns + 1,), before one more block was added."""
-        change = self.conditional.estimate @ self.conditional.rows
-        return np.asarray(self.conditional.base.left + change + self._back[:, -1] @ self._back)
+        by_set = self.conditional.estimate @ self.conditional.rows
+        given_back = self._given_back[:, -1] @ self._given_back
+        return np.asarray(self.conditional.base.left + by_set + given_back)
 
     @cached_property
     def _of_families(self) -> dict[int, tuple[Array, Array]]:
@@ -519,8 +545,8 @@ class Beside:
         if id(family) not in self._of_families:
             if self.before is None:
                 inside = self.conditional.inside(family.columns)
-                back = _squares(self._back[:, family.columns])
-                information = family.information(inside + back)
+                given_back = _squares(self._given_back[:, family.columns])
+                information = family.information(inside + given_back)
                 gradient = family.gradient(self._left)
             else:
                 information, gradient = self.before.of_family(family)
@@ -532,10 +558,11 @@ class Beside:
 
     def canonical(self, one: int, other: int) -> float:
         """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
-        first, second = (self.conditional.design_blocks[k] for k in (one, other))
-        rows = self._rows(one)
-        of_second, _ = self.of_block(other)
-        return _largest_canonical(first.of_rows(rows), of_second, second.of_rows(rows))
+        of_one = self._rows(one)
+        first = self.conditional.design_blocks[one].of_rows(of_one)
+        second, _ = self.of_block(other)
+        cross = self.conditional.design_blocks[other].of_rows(of_one)
+        return _largest_canonical(first, second, cross)
 
     @property
     def log_evidence(self) -> float:
@@ -571,14 +598,15 @@ class Beside:
 
 def _largest_canonical(first: Array, second: Array, cross: Array) -> float:
     """Largest canonical correlation by the products inside two blocks and between them."""
-    roots = []
+    whitenings = []
     for information in (first, second):
         values, vectors = np.linalg.eigh(information)
-        keep = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
-        roots.append(vectors[:, keep] / np.sqrt(values[keep]))
-    if not (roots[0].size and roots[1].size):
+        counted = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
+        whitenings.append(vectors[:, counted] / np.sqrt(values[counted]))
+    of_first, of_second = whitenings
+    if not (of_first.size and of_second.size):
         return 0.0
-    between = roots[0].T @ cross @ roots[1]
+    between = of_first.T @ cross @ of_second
     return float(min(np.linalg.svd(between, compute_uv=False)[0], 1.0))
 
 
@@ -591,14 +619,16 @@ def keep(kept: dict[Any, Any], key: object, value: object, most: int) -> None:
 
 
 def _key(columns: slice | Index) -> object:
-    """By which products inside some columns are kept."""
+    """A hashable name of some columns, under which their products are kept."""
     if isinstance(columns, slice):
         return columns.start, columns.stop
     return columns.tobytes()
 
 
 def _squares(rows: Array) -> Array:
-    """``Rᵀ R`` of rows (m, q); of those of some blocks (m, b, q) each by itself (b, q, q)."""
+    """``Rᵀ R`` of rows (m, q), as (q, q); of each block of rows (m, b, q) by itself, as (b, q,
+    q).
+    """
     blocks = rows if rows.ndim == 2 else rows.transpose(1, 0, 2)
     return np.asarray(blocks.swapaxes(-1, -2) @ blocks)
 

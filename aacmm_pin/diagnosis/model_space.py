@@ -80,18 +80,19 @@ class Candidates:
         covariates = design.names[len(causes) :]
         weights = np.array([cause.prior_weight for cause in causes])
         of_causes = THRESHOLDS.library * weights / weights.sum()
-        share = (1.0 - THRESHOLDS.library) / max(len(covariates), 1)
-        log_prior = np.log(np.concatenate([of_causes, np.full(len(covariates), share)]))
+        of_covariate = (1.0 - THRESHOLDS.library) / max(len(covariates), 1)
+        of_covariates = np.full(len(covariates), of_covariate)
+        log_prior = np.log(np.concatenate([of_causes, of_covariates]))
         records = design.fit.problem.measurements
-        within = [np.zeros(0)]
+        log_shares = [np.zeros(0)]
         for variants, log_odds in zip(library, log_prior, strict=False):
-            within.append(_shares(variants, log_odds, records))
+            log_shares.append(_shares(variants, log_odds, records))
         for count in np.bincount(design.owners)[len(causes) :]:
-            within.append(np.full(count, -np.log(count)))
-        keys = [*map(place_of, causes), *covariates]
-        numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-        number = {cause.label: k for k, cause in enumerate(causes)}
-        first = [number.get(f"{cause.follows}:{cause.place}", -1) for cause in causes]
+            log_shares.append(np.full(count, -np.log(count)))
+        places = [*map(place_of, causes), *covariates]
+        number_of_place = {place: k for k, place in enumerate(dict.fromkeys(places))}
+        number_of_cause = {cause.label: k for k, cause in enumerate(causes)}
+        follows = [number_of_cause.get(f"{cause.follows}:{cause.place}", -1) for cause in causes]
         free = [cause.free_form for cause in causes]
         values = np.full(len(design.blocks), np.nan)
         changes = []
@@ -103,10 +104,10 @@ class Candidates:
                     changes.append(k)
         return Candidates(
             design,
-            log_prior[design.owners] + np.concatenate(within),
-            places=np.array([numbers[key] for key in keys], dtype=np.intp),
+            log_prior[design.owners] + np.concatenate(log_shares),
+            places=np.array([number_of_place[place] for place in places], dtype=np.intp),
             free=np.array([*free, *len(covariates) * [False]], dtype=bool),
-            follows=np.array([*first, *len(covariates) * [-1]]),
+            follows=np.array([*follows, *len(covariates) * [-1]]),
             values=values,
             changes=tuple(changes),
         )
@@ -136,7 +137,7 @@ class Candidates:
 
     @cached_property
     def families(self) -> dict[int, list[Family]]:
-        """The blocks of each place, as they are asked together."""
+        """The families of the blocks of each place, by its number."""
         of_place = defaultdict[int, list[Family]](list)
         for family in self.design.families:
             places = self.of_blocks[family.blocks]
@@ -145,12 +146,16 @@ class Candidates:
         return of_place
 
     def barred(self, blocks: Blocks) -> Mask:
-        """Which blocks cannot be added to ``blocks``: blocks of their candidates; and none beside
-        one that can be every function of its place.
+        """Which blocks cannot be added to ``blocks`` (blocks,).
+
+        They are blocks of the same candidates; others at the place of a candidate that can be every
+        function of it; such a candidate at a place where another is; blocks without what they
+        follow; and orders of a wave near that of the wave they follow.
         """
         owners = np.array([self.owner(k) for k in blocks], dtype=np.intp)
         barred = np.isin(self.owners, owners)
-        barred |= np.isin(self.of_blocks, self.places[owners[self.free[owners]]])
+        full_places = self.places[owners[self.free[owners]]]
+        barred |= np.isin(self.of_blocks, full_places)
         barred |= self.free[self.owners] & np.isin(self.of_blocks, self.places[owners])
         follows = self.follows[self.owners]
         barred |= (follows >= 0) & ~np.isin(follows, owners)
@@ -179,7 +184,7 @@ def place_of(effect: Effect) -> tuple[object, ...]:
 
 
 def _shares(variants: Variants, log_prior: float, records: Measurements) -> Array:
-    """Log of each variant's prior odds over those of its candidate (variants,).
+    """Log of each variant's share of the prior odds of its candidate (variants,).
 
     Of a known cause, the first variant is a change of its values, with the odds of the candidate.
     Each other variant has another nonlinear parameter: it is such a change and a new cause as well,
@@ -203,15 +208,17 @@ class ModelState(NamedTuple):
     amplitude: int
 
     def of(self, kept: Sequence[int]) -> ModelState:
-        """The state with the blocks ``kept`` alone, with their widths; a usual one for others."""
-        width = dict(zip(self.blocks, self.widths, strict=True))
-        widths = tuple(width.get(k, FIRST_WIDTH) for k in kept)
+        """The state with the blocks ``kept`` alone, with their widths; those that this state lacks
+        have a usual one.
+        """
+        width_of = dict(zip(self.blocks, self.widths, strict=True))
+        widths = tuple(width_of.get(k, FIRST_WIDTH) for k in kept)
         return ModelState(tuple(kept), widths, self.amplitude)
 
 
 class Marginal(NamedTuple):
-    """Log posterior of a set of blocks, its widths and the background's amplitude summed over; and
-    the best of these.
+    """Log posterior of a set of blocks, its widths and the background's amplitude summed over; the
+    best of these; and the probability of each amplitude (amplitudes,).
     """
 
     log_posterior: float
@@ -254,8 +261,8 @@ class ModelSpace:
         amplitudes: tuple[float, ...] = THRESHOLDS.amplitudes,
     ) -> None:
         self.candidates, self.gram, self.stated = candidates, gram, stated
-        covariates = candidates.design.causes < len(candidates.design.names)
-        self.amplitudes = amplitudes if covariates else (0.0,)
+        has_covariates = candidates.design.causes < len(candidates.design.names)
+        self.amplitudes = amplitudes if has_covariates else (0.0,)
         self.ascents: dict[Blocks, Blocks] = {}
         self._bases: dict[tuple[int, bool], Base] = {}
         self._marginals: dict[Blocks, Marginal] = {}
@@ -278,7 +285,7 @@ class ModelSpace:
         return Likelihood(dof, self.stated)
 
     def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
-        """Every block, conditional on the set of ``state``."""
+        """The linear model with the set of ``state``; the last ones are kept."""
         key = (state.blocks, state.amplitude, as_stated)
         conditional = self._rows.get(key)
         if conditional is None:
@@ -333,10 +340,11 @@ class ModelSpace:
         by_amplitude = self._over_amplitudes(state)
         peaks = dict[int, Peak]()
         while (best := int(np.argmax(by_amplitude))) not in peaks:
-            peaks[best] = self._peak(state._replace(amplitude=best))
-            if peaks[best].state.widths != state.widths:
-                by_amplitude = self._over_amplitudes(peaks[best].state)
-            state = peaks[best].state
+            peak = self._peak(state._replace(amplitude=best))
+            if peak.state.widths != state.widths:
+                by_amplitude = self._over_amplitudes(peak.state)
+            state = peak.state
+            peaks[best] = peak
         counting = np.flatnonzero(by_amplitude > by_amplitude.max() - COUNTS)
         for k in counting.tolist():
             if k not in peaks:
@@ -356,35 +364,40 @@ class ModelSpace:
             marginal = self._marginals.get(fewer)
             if marginal is None:
                 continue
-            first = self._widths[fewer][block] if fewer in self._widths else FIRST_WIDTH
+            width = self._widths[fewer][block] if fewer in self._widths else FIRST_WIDTH
             widths = list(marginal.best.widths)
-            widths.insert(k, int(first))
+            widths.insert(k, int(width))
             return ModelState(blocks, tuple(widths), marginal.best.amplitude)
         return ModelState(blocks, (FIRST_WIDTH,) * len(blocks), 0)
 
     def _peak(self, state: ModelState) -> Peak:
-        """The best widths at the state's amplitude, changed one at a time."""
+        """The peak at the state's amplitude: widths change one at a time, from those of the state,
+        the one that gains most first.
+
+        The sum over the widths is a product of one sum for each member.
+        """
         conditional = self.conditional(state)
         log_prior = self._log_prior(state.blocks)
         while True:
-            values = conditional.over_widths[:, :-1]
-            largest = values.max(axis=1)
-            members = np.arange(len(values))
-            gains = largest - values[members, list(conditional.widths)]
+            log_evidences = conditional.over_widths[:, :-1]  # (members, widths)
+            largest = log_evidences.max(axis=1)
+            members = np.arange(len(log_evidences))
+            gains = largest - log_evidences[members, list(conditional.widths)]
             if gains.max(initial=0.0) <= LEAST_GAIN:
                 break
             member = int(np.argmax(gains))
             widths = list(conditional.widths)
-            widths[member] = int(np.argmax(values[member]))
+            widths[member] = int(np.argmax(log_evidences[member]))
             changed = conditional.with_widths(tuple(widths))
+            # That positive blocks are above zero is counted of each by itself: no gain may remain.
             if changed.log_evidence <= conditional.log_evidence + LEAST_GAIN:
-                break  # what is positive is so only by itself
+                break
             conditional = changed
         log_posterior = conditional.log_evidence + log_prior
-        along_widths = log_sum(values) - largest
+        sums_over_largest = log_sum(log_evidences) - largest
         return Peak(
             log_posterior,
-            log_posterior + float(along_widths.sum()),
+            log_posterior + float(sums_over_largest.sum()),
             state._replace(widths=conditional.widths),
         )
 
@@ -418,12 +431,13 @@ class ModelSpace:
             if not near:
                 near = self._near_best(self.marginal(blocks))
                 keep(self._beside, blocks, near, RECENT)
-            of_states = [
-                at.additions(families) - at.log_evidence + log_weight for at, log_weight in near
+            by_state = [
+                beside.additions(families) - beside.log_evidence + log_weight
+                for beside, log_weight in near
             ]
-            factors = np.logaddexp.reduce(of_states, axis=0)
-            self._widths[blocks] = np.argmax(factors, axis=1)
-            gain = log_sum(factors) - np.log(WIDTHS.size)
+            by_width = np.logaddexp.reduce(by_state, axis=0)  # (blocks, widths)
+            self._widths[blocks] = np.argmax(by_width, axis=1)
+            gain = log_sum(by_width) - np.log(WIDTHS.size)
             gain[self.candidates.barred(blocks)] = -np.inf
             self._gains[blocks] = gain + self.candidates.log_odds
         return self._gains[blocks]
@@ -431,39 +445,46 @@ class ModelSpace:
     def _near_best(self, marginal: Marginal) -> list[Weighted]:
         """What is left beside a set at its best amplitude and at the next lower one; and if a
         member has the smallest width, with a usual one.
+
+        The weights of the two amplitudes add up to one.
         """
         best = marginal.best
-        at = self.conditional(best)
+        at_best = self.conditional(best)
         lower = max(best.amplitude - 1, 0)
+        has_lower = lower < best.amplitude
         shares = np.maximum(marginal.amplitudes[[lower, best.amplitude]], LEAST_WEIGHT)
-        weights = np.log(shares) - np.log(shares[1] + (lower < best.amplitude) * shares[0])
-        at_lower, at_best = weights.tolist()
-        near = [(at.without(), at_best)]
-        if lower < best.amplitude:
-            below = self.conditional(best._replace(amplitude=lower))
-            near.append((below.without(), at_lower))
+        log_weights = np.log(shares) - np.log(shares[1] + has_lower * shares[0])
+        weight_of_lower, weight_of_best = log_weights.tolist()
+        near = [(at_best.without(), weight_of_best)]
+        if has_lower:
+            at_lower = self.conditional(best._replace(amplitude=lower))
+            near.append((at_lower.without(), weight_of_lower))
         if 0 in best.widths:
-            usual = best._replace(widths=tuple(width or FIRST_WIDTH for width in best.widths))
-            there = self.conditional(usual)
-            near.append((there.without(), at_best + there.log_evidence - at.log_evidence))
+            widths = tuple(width or FIRST_WIDTH for width in best.widths)
+            at_usual = self.conditional(best._replace(widths=widths))
+            weight = weight_of_best + at_usual.log_evidence - at_best.log_evidence
+            near.append((at_usual.without(), weight))
         return near
 
     def _with_one_more(self, blocks: Blocks) -> tuple[list[Weighted], list[Family]]:
-        """The same from what is left beside a set with a block less, if that is known; and the
-        families of which any block may count: beside a known set, those that do there.
+        """What is left beside a set, from what is left beside one with a block less, or an empty
+        list if none of these is kept; and the families of which any block may count.
+
+        A family that is remote beside the smaller set does not count beside the larger.
         """
         families = self._open_families(blocks)
         for k in blocks:
             fewer = tuple(block for block in blocks if block != k)
             if fewer not in self._beside:
                 continue
-            beside = self._beside[fewer]
-            keep(self._beside, fewer, beside, RECENT)
+            beside_fewer = self._beside[fewer]
+            keep(self._beside, fewer, beside_fewer, RECENT)
             if fewer in self._gains:
                 gains = self._gains[fewer]
                 families = [one for one in families if gains[one.blocks].max() > -REMOTE]
             width = int(self._widths[fewer][k])
-            return [(at.plus(k, width), log_weight) for at, log_weight in beside], families
+            near = [(beside.plus(k, width), log_weight) for beside, log_weight in beside_fewer]
+            return near, families
         return [], families
 
     def _open_families(self, blocks: Blocks) -> list[Family]:
@@ -477,31 +498,35 @@ class ModelSpace:
         place (blocks,), all else as it stands; minus infinity for barred blocks.
         """
         marginal = self.marginal(blocks)
-        at = self.conditional(marginal.best)
-        beside = at.without(*gone)
+        at_best = self.conditional(marginal.best)
+        beside = at_best.without(*gone)
         staying = tuple(k for k in blocks if k not in gone)
-        odds = self.candidates.log_odds
-        of_gone = odds[list(gone)].sum() - len(gone) * np.log(WIDTHS.size)
+        log_odds = self.candidates.log_odds
+        prior_of_gone = log_odds[list(gone)].sum() - len(gone) * np.log(WIDTHS.size)
         members = [blocks.index(k) for k in gone]
-        along_widths = log_sum(at.over_widths[members, :-1]) - at.log_evidence
-        others = marginal.log_posterior - at.log_evidence - along_widths.sum() - of_gone
-        values = beside.additions(self._open_families(staying))
+        over_best_width = log_sum(at_best.over_widths[members, :-1]) - at_best.log_evidence
+        # What is to be added to a log evidence beside those that stay, for the log posterior.
+        offset = (
+            marginal.log_posterior - at_best.log_evidence - over_best_width.sum() - prior_of_gone
+        )
+        log_evidences = beside.additions(self._open_families(staying))  # (blocks, widths)
         keep(self._beside, staying, [(beside, 0.0)], RECENT)
-        self._widths[staying] = np.argmax(values, axis=1)
-        log_posterior = others + log_sum(values) - np.log(WIDTHS.size) + odds
+        self._widths[staying] = np.argmax(log_evidences, axis=1)
+        log_posterior = offset + log_sum(log_evidences) - np.log(WIDTHS.size) + log_odds
         log_posterior[self.candidates.barred(staying)] = -np.inf
-        return float(others + beside.log_evidence), np.asarray(log_posterior)
+        return float(offset + beside.log_evidence), np.asarray(log_posterior)
 
     def best_form(self, state: ModelState, place: int) -> ModelState:
-        """The state with the most probable form at a place, and with its most probable width, or
-        with none there, if several that stand there are not more probable; all else as it stands.
+        """The state with one block at a place, the most probable with its most probable width, or
+        with none there; all else as it stands.
+
+        If several blocks act there and are more probable together, the state stays as it is.
         """
         candidates = self.candidates
         members = [k for k in state.blocks if candidates.of_blocks[k] == place]
         staying = state.of([k for k in state.blocks if k not in members])
         one_form = self._with_best(staying, self.conditional(state).without(*members), place)
-        several = len(members) > 1
-        if several and self.log_posterior(one_form) < self.log_posterior(state):
+        if len(members) > 1 and self.log_posterior(one_form) < self.log_posterior(state):
             return state
         return one_form
 
@@ -510,6 +535,9 @@ class ModelSpace:
         return self._with_best(state, self.conditional(state).without())
 
     def _with_best(self, state: ModelState, beside: Beside, place: int | None = None) -> ModelState:
+        """The state with the block more, of one place or of any, that is most probable beside it;
+        the state itself if none makes it more probable.
+        """
         families = None if place is None else self.candidates.families[place]
         values = beside.additions(families) - np.log(WIDTHS.size)
         values += self.candidates.log_odds[:, None]
@@ -517,9 +545,9 @@ class ModelSpace:
         if not values.size or values.max() <= beside.log_evidence:
             return state
         block, width = divmod(int(np.argmax(values)), WIDTHS.size)
-        widths = dict(zip(state.blocks, state.widths, strict=True)) | {block: width}
-        blocks = tuple(sorted(widths))
-        return ModelState(blocks, tuple(widths[k] for k in blocks), state.amplitude)
+        width_of = dict(zip(state.blocks, state.widths, strict=True)) | {block: width}
+        blocks = tuple(sorted(width_of))
+        return ModelState(blocks, tuple(width_of[k] for k in blocks), state.amplitude)
 
     def best_amplitude(self, state: ModelState) -> ModelState:
         """The state with the most probable amplitude and then the most probable widths."""
@@ -534,12 +562,13 @@ class ModelSpace:
         marginal = self.marginal(blocks)
         best = marginal.best
         higher = min(best.amplitude + 1, len(self.amplitudes) - 1)
-        losses = []
+        changes = []
         for k in dict.fromkeys([best.amplitude, higher]):
-            values = self.conditional(best._replace(amplitude=k)).over_widths
-            with_it = log_sum(values[:, :-1]) - np.log(WIDTHS.size)
+            log_evidences = self.conditional(best._replace(amplitude=k)).over_widths
+            with_member = log_sum(log_evidences[:, :-1]) - np.log(WIDTHS.size)
+            without_member = log_evidences[:, -1]
             share = max(marginal.amplitudes[k], LEAST_WEIGHT)
-            losses.append(np.log(share) + values[:, -1] - with_it)
-        loss = np.logaddexp.reduce(losses, axis=0)
-        odds = self.candidates.log_odds[list(blocks)]
-        return np.asarray(marginal.log_posterior + loss - odds)
+            changes.append(np.log(share) + without_member - with_member)
+        change = np.logaddexp.reduce(changes, axis=0)
+        log_odds = self.candidates.log_odds[list(blocks)]
+        return np.asarray(marginal.log_posterior + change - log_odds)

@@ -71,12 +71,14 @@ class Posterior:
 
         It has only the most probable form of each place, with its most probable variants.
         """
-        owner, weights = self.space.candidates.owner, self._at_places
-        best: dict[frozenset[int], frozenset[int]] = {}
-        for inside in sorted(weights, key=lambda blocks: (-weights[blocks], sorted(blocks))):
-            best.setdefault(frozenset(map(owner, inside)), inside)
-        together = [next(iter(forms)) for forms in self.forms.values()]
-        acting = itertools.chain.from_iterable(best[owners] for owners in together)
+        owner = self.space.candidates.owner
+        weights = self._at_places
+        best_variants: dict[frozenset[int], frozenset[int]] = {}
+        for blocks in sorted(weights, key=lambda blocks: (-weights[blocks], sorted(blocks))):
+            form = frozenset(map(owner, blocks))
+            best_variants.setdefault(form, blocks)
+        likeliest_forms = [next(iter(forms)) for forms in self.forms.values()]
+        acting = itertools.chain.from_iterable(best_variants[form] for form in likeliest_forms)
         return tuple(sorted(k for k in acting if self.probability(k) >= THRESHOLDS.named))
 
     @cached_property
@@ -86,18 +88,20 @@ class Posterior:
         A form is the set of the candidates that act there together, whatever their variants.
         """
         candidates = self.space.candidates
-        of_places = defaultdict[int, dict[frozenset[int], float]](dict)
-        for inside, weight in self._at_places.items():
-            forms = of_places[int(candidates.of_blocks[min(inside)])]
-            form = frozenset(map(candidates.owner, inside))
+        forms_of_place = defaultdict[int, dict[frozenset[int], float]](dict)
+        for blocks, weight in self._at_places.items():
+            place = int(candidates.of_blocks[min(blocks)])
+            forms = forms_of_place[place]
+            form = frozenset(map(candidates.owner, blocks))
             forms[form] = forms.get(form, 0.0) + weight
         return {
             place: dict(sorted(forms.items(), key=lambda form: (-form[1], sorted(form[0]))))
-            for place, forms in sorted(of_places.items())
+            for place, forms in sorted(forms_of_place.items())
         }
 
     @cached_property
     def _at_places(self) -> dict[frozenset[int], float]:
+        """Probability of each set of blocks that act at one place together, and no others there."""
         places = self.space.candidates.of_blocks.tolist()
         weights = defaultdict[frozenset[int], float](float)
         for blocks, weight in self.weights.items():
@@ -138,8 +142,9 @@ class Posterior:
     @cached_property
     def by_strength(self) -> list[int]:
         """Blocks of the median probability model; without the first it is least probable."""
-        without = self.space.removals(self.median)
-        return [self.median[k] for k in np.argsort(without, kind="stable").tolist()]
+        log_posteriors_without = self.space.removals(self.median)
+        order = np.argsort(log_posteriors_without, kind="stable").tolist()
+        return [self.median[k] for k in order]
 
     @cached_property
     def causes(self) -> dict[tuple[str, ...], float]:
@@ -164,15 +169,23 @@ class Posterior:
     def instead(self, owner: int) -> Array:
         """Probability that each candidate is in the set and ``owner`` is not (candidates,)."""
         owner_of = self.space.candidates.owner
-        without = {s: w for s, w in self.weights.items() if owner not in map(owner_of, s)}
-        return inclusion(self.space, without)
+        sets_without = {
+            blocks: weight
+            for blocks, weight in self.weights.items()
+            if owner not in map(owner_of, blocks)
+        }
+        return inclusion(self.space, sets_without)
 
     @cached_property
     def _likely(self) -> dict[Blocks, float]:
         """Sets worth listing whose log posterior is known, with their weights."""
         least = THRESHOLDS.worth_listing
         evaluated = self.space.is_evaluated
-        return {s: w for s, w in self.weights.items() if w >= least and evaluated(s)}
+        return {
+            blocks: weight
+            for blocks, weight in self.weights.items()
+            if weight >= least and evaluated(blocks)
+        }
 
     @cached_property
     def causes_alone(self) -> Conditional:
@@ -188,8 +201,8 @@ class Posterior:
         Other sets, and structure, leave another estimate: law of total variance, about that with
         these causes alone.
         """
-        place = self.causes_alone.entries[block]
-        alone = self.causes_alone.covariance[place, place]
+        entries = self.causes_alone.entries[block]
+        alone = self.causes_alone.covariance[entries, entries]
         values, vectors = np.linalg.eigh(self._of_other_sets[block] - alone)
         return np.asarray(vectors * np.maximum(values, 0.0) @ vectors.T)
 
@@ -199,17 +212,18 @@ class Posterior:
         causes alone.
         """
         alone = self.causes_alone
-        total = {k: 0.0 * alone.covariance[place, place] for k, place in alone.entries.items()}
-        held = dict.fromkeys(alone.blocks, 0.0)
+        sums = {k: 0.0 * alone.covariance[entries, entries] for k, entries in alone.entries.items()}
+        weights = dict.fromkeys(alone.blocks, 0.0)
         for blocks, weight in self._likely.items():
-            there = self.beside(blocks)
-            covariance = there.covariance
-            for k in set(blocks) & held.keys():
-                place = there.entries[k]
-                difference = there.estimate[place] - alone.estimate[alone.entries[k]]
-                total[k] += weight * (covariance[place, place] + np.outer(difference, difference))
-                held[k] += weight
-        return {k: total[k] / max(held[k], THRESHOLDS.worth_listing) for k in alone.blocks}
+            model = self.beside(blocks)
+            covariance = model.covariance
+            for k in set(blocks) & weights.keys():
+                entries = model.entries[k]
+                difference = model.estimate[entries] - alone.estimate[alone.entries[k]]
+                square = np.outer(difference, difference)
+                sums[k] += weight * (covariance[entries, entries] + square)
+                weights[k] += weight
+        return {k: sums[k] / max(weights[k], THRESHOLDS.worth_listing) for k in alone.blocks}
 
 
 def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
@@ -221,8 +235,8 @@ def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
 
 
 def best_of_candidates(candidates: Candidates, values: Array) -> dict[int, int]:
-    """Of each candidate the block with the largest value (blocks,), above minus infinity, the best
-    first.
+    """Of each candidate its block with the largest of ``values`` (blocks,), the best candidate
+    first; none whose blocks all have minus infinity.
     """
     best: dict[int, int] = {}
     for k in np.argsort(-values, kind="stable").tolist():
