@@ -22,17 +22,17 @@ from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, Part, State
 
 TYPICAL_SHIFT = 2e-5
-"""Usual root mean square of all smooth functions of what no cause explains, at the tip, or what is
-left there if more [m] …
+"""Typical root mean square of all smooth functions of a covariate, at the tip [m]. The RMS of the
+residuals replaces it if that is larger.
 """
 TYPICAL_TURN = 2.0
-"""… at a joint [rad] for each metre of that …"""
+"""The same of the angle of a joint, for each metre of the shift [rad/m]."""
 TYPICAL_GROWTH = 1.0
-"""… and of all lengths [1] for each metre of that."""
+"""The same of the relative change of lengths, for each metre of the shift [1/m]."""
 MANY_VARIANTS = 20
-"""A candidate with more variants is asked by itself, since it may be barred as a whole."""
+"""A candidate with more variants has families of its own, since it may be barred as a whole."""
 MOST_COMBINATIONS = 10_000
-"""So many combinations are kept, for their places come back in each round."""
+"""Number of combinations that are kept: each round of the search needs the same again."""
 
 Source = tuple[Effect, ...] | Carried
 """Where columns come from; of a known cause with another nonlinear value, both."""
@@ -74,14 +74,14 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Blocks with as many parameters that are asked together: of one place, or any without
+    """Blocks with equally many parameters that are evaluated together: of one place, or any without
     combinations.
 
     Attributes:
         blocks: their numbers (b,).
         columns: those of the place; without combinations those of each block (b, q).
-        combinations: (b, columns, q), or None.
-        positive: (b,).
+        combinations: of each block (b, columns, q), or None.
+        positive: of each block (b,), see :class:`Block`.
     """
 
     blocks: Index
@@ -98,13 +98,18 @@ class Family:
         return Family(self.blocks[chosen], columns, combinations, self.positive[chosen])
 
     def information(self, inside: Array) -> Array:
-        """Information of each block (b, q, q), by the products inside the columns."""
+        """Information ``Cᵀ P C`` of each block (b, q, q), by its combinations C and the products P
+        of the family's columns with one another (columns, columns).
+
+        Without combinations these are of each block by itself, and the answer (b, q, q).
+        """
         if self.combinations is None:
             return inside
-        count, width, size = self.combinations.shape
-        flat = self.combinations.transpose(1, 0, 2).reshape(width, count * size)
-        along = (inside @ flat).reshape(width, count, size).transpose(1, 0, 2)
-        return np.asarray(self.combinations.transpose(0, 2, 1) @ along)
+        blocks, columns, parameters = self.combinations.shape
+        # One matrix of all blocks' combinations side by side, for one large product.
+        side_by_side = self.combinations.transpose(1, 0, 2).reshape(columns, blocks * parameters)
+        products = (inside @ side_by_side).reshape(columns, blocks, parameters)
+        return np.asarray(self.combinations.transpose(0, 2, 1) @ products.transpose(1, 0, 2))
 
     def of_rows(self, rows: Array) -> Array:
         """Products with all columns (r, columns) as products with the parameters (b, r, q)."""
@@ -168,18 +173,19 @@ class Design:
     def families(self) -> tuple[Family, ...]:
         """The blocks by their columns and number of parameters."""
         alike = defaultdict[tuple[int | None, int, int], list[int]](list)
-        variants = np.bincount(self.owners)
+        count_of_variants = np.bincount(self.owners)
         for number, block in enumerate(self.blocks):
-            place = None if block.combinations is None else block.columns.start
-            apart = block.candidate if variants[block.candidate] > MANY_VARIANTS else -1
-            alike[place, block.size, apart].append(number)
+            basis = None if block.combinations is None else block.columns.start
+            has_many = count_of_variants[block.candidate] > MANY_VARIANTS
+            apart = block.candidate if has_many else -1
+            alike[basis, block.size, apart].append(number)
         families = []
-        for (place, size, _), numbers in alike.items():
-            some = [self.blocks[number] for number in numbers]
-            positive = np.array([block.positive for block in some])
-            starts = np.array([block.columns.start for block in some])
-            columns = starts[:, None] + np.arange(size) if place is None else some[0].columns
-            combinations = [one.combinations for one in some if one.combinations is not None]
+        for (basis, size, _), numbers in alike.items():
+            blocks = [self.blocks[number] for number in numbers]
+            positive = np.array([block.positive for block in blocks])
+            starts = np.array([block.columns.start for block in blocks])
+            columns = starts[:, None] + np.arange(size) if basis is None else blocks[0].columns
+            combinations = [b.combinations for b in blocks if b.combinations is not None]
             stacked = np.array(combinations) if combinations else None
             families.append(Family(np.array(numbers), columns, stacked, positive))
         return tuple(families)
@@ -190,9 +196,10 @@ class Design:
         of_set_up = self.fit.point.prediction.jacobian[records]
         rows[:, :, : self.nuisances] = of_set_up[:, :, self.kept]
         arm = _Calibrated(self.fit, records)
-        effects = [source for _, source in self.sources if not isinstance(source, Carried)]
-        if effects:
-            of_effects = arm.of(tuple(itertools.chain.from_iterable(effects)))
+        of_causes = [source for _, source in self.sources if not isinstance(source, Carried)]
+        if of_causes:
+            effects = tuple(itertools.chain.from_iterable(of_causes))
+            of_effects = arm.of(effects)
             rows[:, :, self.nuisances : self.nuisances + of_effects.shape[2]] = of_effects
         for columns, source in self.sources:
             if isinstance(source, Carried):
@@ -229,19 +236,22 @@ class Design:
         return np.asarray(moved)
 
     def deviations(self, tips: Array) -> Array:
-        """Deviations of tips from their targets, seats at their best (n, 3 or 6) [m, rad]."""
+        """Deviations of tips from their targets (n, 3 or 6) [m, rad], each seat moved by one weighted
+        least-squares step to where its records and stated coordinates put it.
+        """
         observations = self.fit.observations
-        points = self.fit.point.seats
+        seats = self.fit.point.seats
         touched = np.flatnonzero(observations.seat >= 0)
-        deviations = observations.deviations(tips, points)
+        deviations = observations.deviations(tips, seats)
         if not touched.size:
             return deviations
         information = information_of_seats(self.fit)
-        pull = -information.stated * np.nan_to_num(points - observations.stated)
-        pulls = information.pulls @ deviations[touched, :3, None]
-        np.add.at(pull, observations.seat[touched], pulls[:, :, 0])
-        moved = np.einsum("sij,sj->si", np.linalg.pinv(information.total, hermitian=True), pull)
-        return observations.deviations(tips, points + moved)
+        gradient = -information.stated * np.nan_to_num(seats - observations.stated)
+        by_record = information.pulls @ deviations[touched, :3, None]
+        np.add.at(gradient, observations.seat[touched], by_record[:, :, 0])
+        covariance = np.linalg.pinv(information.total, hermitian=True)
+        step = np.einsum("sij,sj->si", covariance, gradient)
+        return observations.deviations(tips, seats + step)
 
     @property
     def of_angles(self) -> Array:
@@ -277,19 +287,24 @@ def design_of(
     taken_out = problem.candidates
     point = fit.point
     width = problem.vector.size
-    stays = problem.vector.slices[-taken_out].start if taken_out else width
+    staying = problem.vector.slices[-taken_out].start if taken_out else width
     jacobian = point.prediction.jacobian
-    stated_changes = {
+    u_of_change = {
         variants[0].identity: variants[0].u for variants in library if is_change(variants[0])
     }
     stated_u = problem.vector.stated_u
     known_u = np.zeros(width)
-    for effect, place in problem.vector:
-        if place.start >= stays and effect.identity in stated_changes:
-            stated_u[place] = known_u[place] = stated_changes[effect.identity]
-    within = stays + np.flatnonzero(stated_u[stays:] > 0.0)
-    kept = np.concatenate([np.arange(stays), within, np.arange(width, jacobian.shape[2])])
-    of_set_up = np.concatenate([problem.scales[:stays], stated_u[within], problem.scales[width:]])
+    for effect, entries in problem.vector:
+        if entries.start >= staying and effect.identity in u_of_change:
+            stated_u[entries] = u_of_change[effect.identity]
+            known_u[entries] = u_of_change[effect.identity]
+    # Parameters that are taken out, but that the arm states with a u.
+    stated = staying + np.flatnonzero(stated_u[staying:] > 0.0)
+    of_frame = np.arange(width, jacobian.shape[2])
+    kept = np.concatenate([np.arange(staying), stated, of_frame])
+    nuisance_scales = np.concatenate(
+        [problem.scales[:staying], stated_u[stated], problem.scales[width:]]
+    )
     columns = _ColumnsOf(fit, kept.size)
     for number, variants in enumerate(library):
         columns.add_cause(number, variants)
@@ -297,11 +312,12 @@ def design_of(
         columns.add_covariate(number, covariate)
     labels = [variants[0].label for variants in library]
     names = (*labels, *(covariate.name for covariate in all_covariates))
-    prior = np.zeros((width + within.size, kept.size + 1))
-    prior_rows = problem.prior_rows[:, :stays]
-    prior[:width, :stays] = prior_rows
-    prior[:width, -1] = prior_rows @ ((point.x - problem.start) / problem.widths)[:stays]
-    prior[width:, stays : stays + within.size] = np.eye(within.size)
+    prior = np.zeros((width + stated.size, kept.size + 1))
+    prior_rows = problem.prior_rows[:, :staying]
+    prior[:width, :staying] = prior_rows
+    change = point.x - problem.start
+    prior[:width, -1] = prior_rows @ (change / problem.widths)[:staying]
+    prior[width:, staying : staying + stated.size] = np.eye(stated.size)
     design = Design(
         fit,
         names,
@@ -309,44 +325,53 @@ def design_of(
         tuple(columns.blocks),
         tuple(columns.sources),
         kept.size,
-        np.concatenate([of_set_up, *columns.scales]),
+        np.concatenate([nuisance_scales, *columns.scales]),
         kept,
         np.flatnonzero(np.isin(kept, np.flatnonzero(known_u))),
         prior,
         point.prediction.poses,
     )
-    tips = design.tips - jacobian[:, :, stays:width] @ (point.x - problem.start)[stays:width]
+    by_candidates = jacobian[:, :, staying:width] @ change[staying:width]
+    tips = design.tips - by_candidates
     curves = [effect for effect in problem.model.effects if effect.free_form]
-    moved = sum(displacements(fit, [effect]) @ effect.values for effect in curves)
-    return replace(design, tips=tips - moved)
+    by_curves = sum(displacements(fit, [curve]) @ curve.values for curve in curves)
+    return replace(design, tips=tips - by_curves)
 
 
 @lru_cache(maxsize=MOST_COMBINATIONS)
 def _combinations(effect: Effect, basis: Effect) -> Array:
-    """Combinations of the scaled columns of a basis (columns, q)."""
+    """Combinations of the scaled columns of a basis, one for each parameter of an effect (columns,
+    q).
+    """
     return effect.in_basis(basis) * typical_of(effect) / typical_of(basis)[:, None]
 
 
 class _ColumnsOf:
-    """The columns of candidates, one after the other behind ``first`` others."""
+    """The blocks and columns of candidates, numbered one after the other from ``first``."""
 
     def __init__(self, fit: Fit, first: int) -> None:
         self.arm, self.records = fit.problem.model.arm, fit.problem.measurements
         remaining = float(np.sqrt(np.square(fit.system.deviation[fit.used]).mean()))
         self.typical_shift = max(TYPICAL_SHIFT, remaining)
-        self.last = first
+        self.next_column = first
         self.blocks = list[Block]()
         self.sources = list[tuple[slice, Source]]()
         self.scales = list[Array]()
         self.bases = dict[object, slice]()
 
     def add_cause(self, number: int, variants: Variants) -> None:
+        """Add a block for each variant of a cause.
+
+        A variant of a known cause with another nonlinear value has columns of its own, and those of
+        the change of its values.
+        """
         first = variants[0]
         changes = is_change(first)
         basis = None
-        for which, effect in enumerate(variants):
+        for variant, effect in enumerate(variants):
             # Variants that differ by a nonlinear parameter are combinations of one basis.
-            if not changes and not (which and effect.nonlinear.field):
+            shares_basis = variant > 0 and effect.nonlinear.field
+            if not changes and not shares_basis:
                 basis = effect.basis(self.arm, self.records)
             if basis is not None:
                 if basis.identity not in self.bases:
@@ -354,30 +379,32 @@ class _ColumnsOf:
                 columns = self.bases[basis.identity]
                 combinations = _combinations(effect, basis)
             else:
-                both = changes and bool(first.nonlinear.field) and effect is not first
-                columns = self._new((effect, first) if both else (effect,))
+                beside_change = changes and bool(first.nonlinear.field) and effect is not first
+                columns = self._new((effect, first) if beside_change else (effect,))
                 combinations = None
             single = len(effect.terms) == 1 and not is_change(effect)
             # Files give torques of the drive, or of the load, which have the opposite sign.
             positive = single and effect.terms[0].positive and "torque" not in effect.needs
-            self.blocks.append(Block(number, which, columns, combinations, positive))
+            self.blocks.append(Block(number, variant, columns, combinations, positive))
 
     def add_covariate(self, number: int, covariate: Covariate) -> None:
-        for which, way in enumerate(covariate.variants):
-            self.blocks.append(Block(number, which, self._new(way), None))
+        for variant, carried in enumerate(covariate.variants):
+            columns = self._new(carried)
+            self.blocks.append(Block(number, variant, columns, None))
 
     def _new(self, source: Source) -> slice:
+        """New columns of a source, each scaled by its typical magnitude."""
         if isinstance(source, Carried):
             shift = self.typical_shift
-            sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
-            typical = sizes.get(Carrier(source.carrier).kind.unit, shift)
-            relative = np.broadcast_to(source.decay, source.functions.shape[1])
-            of_functions = typical * relative / np.linalg.norm(relative)
+            size_by_unit = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
+            typical = size_by_unit.get(Carrier(source.carrier).kind.unit, shift)
+            decay = np.broadcast_to(source.decay, source.functions.shape[1])
+            of_functions = typical * decay / np.linalg.norm(decay)
             scales = np.repeat(of_functions, len(source.quantities))
         else:
             scales = np.concatenate([*map(typical_of, source)])
-        columns = slice(self.last, self.last + scales.size)
-        self.last = columns.stop
+        columns = slice(self.next_column, self.next_column + scales.size)
+        self.next_column = columns.stop
         self.sources.append((columns, source))
         self.scales.append(scales)
         return columns
@@ -389,13 +416,17 @@ def typical_of(effect: Effect) -> Array:
 
 
 class _Calibrated:
+    """The calibrated arm at some records: how its tips move with any source."""
+
     def __init__(self, fit: Fit, chosen: Index) -> None:
-        problem, self.chosen = fit.problem, chosen
-        arm, records = problem.model.arm, problem.measurements.take(chosen)
+        self.chosen = chosen
+        problem = fit.problem
+        arm = problem.model.arm
+        records = problem.measurements.take(chosen)
         tip = arm.chain.tip
-        self.drawn = State(arm, records.q, records.conditions, tip, with_rotation=problem.turns)
+        self.nominal = State(arm, records.q, records.conditions, tip, with_rotation=problem.turns)
         effects = (*problem.model.effects, *fit.effects)
-        self.state = Columns.of(self.drawn, (), effects).at(np.zeros(0))
+        self.state = Columns.of(self.nominal, (), effects).at(np.zeros(0))
         self.frame = fit.point.frame.rotation if problem.external else np.eye(3)
         self._of_carriers = dict[str, Array]()
 
@@ -403,18 +434,19 @@ class _Calibrated:
         """Displacement by one unit of each parameter (n, 3 or 6, q) [m/unit]."""
         if not isinstance(source, Carried):
             return self._columns(source)
-        axes = self._axes(source.carrier)
-        moved = np.einsum("nm,nij->nimj", source.functions[self.chosen], axes)
-        return np.asarray(moved.reshape(*axes.shape[:2], -1))
+        by_axes = self._axes(source.carrier)
+        moved = np.einsum("nm,nij->nimj", source.functions[self.chosen], by_axes)
+        return np.asarray(moved.reshape(*by_axes.shape[:2], -1))
 
     def _columns(self, effects: Sequence[Effect]) -> Array:
         """∂(pose)/∂parameters of effects that are all zero, in the references' frame (n, 3 or 6, p)
         [m/unit].
         """
-        columns = Columns.of(self.drawn, effects).jacobian(self.state)
+        columns = Columns.of(self.nominal, effects).jacobian(self.state)
         if not self.state.with_rotation:
             return self.frame @ columns
-        return np.concatenate([self.frame @ half for half in np.split(columns, 2, axis=1)], axis=1)
+        translations, rotations = np.split(columns, 2, axis=1)
+        return np.concatenate([self.frame @ translations, self.frame @ rotations], axis=1)
 
     def _axes(self, name: str) -> Array:
         """Displacement of the tip by one unit on each axis of a carrier (n, 3 or 6, axes)."""

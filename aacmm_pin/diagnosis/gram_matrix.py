@@ -65,7 +65,7 @@ class Gram:
 
     @cached_property
     def along_directions(self) -> Array:
-        """Their products with all columns and the residual (r, columns + 1)."""
+        """Products of the directions with all columns and the residual (r, columns + 1)."""
         directions = self.directions
         return np.asarray(directions.weights.T @ self.matrix[directions.columns, :])
 
@@ -80,22 +80,23 @@ class Gram:
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
         blocks.sort(key=lambda block: block.columns.start)
         first = blocks[0].columns.start if blocks else self.design.width
-        columns = slice(first, self.design.width)
+        of_covariates = slice(first, self.design.width)
         sizes = np.array([block.size for block in blocks], dtype=np.intp)
         squares = np.diag(self.matrix)
         traces = np.array([squares[block.columns].sum() for block in blocks])
-        scales = np.sqrt(self.free / (np.maximum(traces, LEAST_TRACE) * max(len(blocks), 1)))
-        scale = np.repeat(np.minimum(scales, max(THRESHOLDS.widths)), sizes)[:, None]
+        of_blocks = np.sqrt(self.free / (np.maximum(traces, LEAST_TRACE) * max(len(blocks), 1)))
+        scale = np.repeat(np.minimum(of_blocks, max(THRESHOLDS.widths)), sizes)[:, None]
         rank = min(RANK, self.design.width - first, self.free)
         names = self.design.names
-        start = [np.empty((0, rank))]
+        starts = [np.empty((0, rank))]
         for block in blocks:
             words = f"{names[block.candidate]} {block.variant} {block.size}"
             rng = np.random.default_rng(zlib.crc32(words.encode()))
-            start.append(rng.standard_normal((block.size, rank)))
-        products = self.matrix[columns, columns]
-        along = scale * (products @ (scale * np.concatenate(start)))
-        return Directions(columns, scale * np.linalg.qr(along)[0])
+            starts.append(rng.standard_normal((block.size, rank)))
+        products = self.matrix[of_covariates, of_covariates]
+        in_range = scale * (products @ (scale * np.concatenate(starts)))
+        orthonormal, _ = np.linalg.qr(in_range)
+        return Directions(of_covariates, scale * orthonormal)
 
     def without(self, part: Gram) -> Gram:
         """The products of the other records than those of ``part``, whose memory they take, with
@@ -107,24 +108,26 @@ class Gram:
 
 def numbers_of(columns: list[slice]) -> Index:
     """Numbers of the columns (m,)."""
-    numbers = [np.arange(place.start, place.stop) for place in columns]
+    numbers = [np.arange(some.start, some.stop) for some in columns]
     return np.concatenate([np.empty(0, np.intp), *numbers])
 
 
 def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = None) -> Gram:
-    """Inner products of the used records, with the prior, or of those of each fold (n,), in which a
-    seat has coordinates of its own.
+    """Inner products of the used records; with ``folds``, the sum of those of each fold (n,), in
+    which a seat has coordinates of its own. The prior is added if these are all used records.
 
     What records of one posture share is taken out with all of them: the products of folds add up.
     """
     used = design.fit.used
-    chosen = [used] if folds is None else [used & fold for fold in folds]
+    parts = [used] if folds is None else [used & fold for fold in folds]
     upper = np.zeros((design.width + 1, design.width + 1), order="F")
-    free = sum(_add_records(upper, design, noise, part) for part in chosen)
+    free = sum(_add_records(upper, design, noise, part) for part in parts)
     matrix = _symmetric(upper)
-    if np.array_equal(np.any(chosen, axis=0), used):
-        columns = np.append(np.arange(design.nuisances), design.width)
-        matrix[np.ix_(columns, columns)] += design.prior.T @ design.prior
+    has_all = np.array_equal(np.any(parts, axis=0), used)
+    if has_all:
+        nuisances_and_residual = np.append(np.arange(design.nuisances), design.width)
+        block = np.ix_(nuisances_and_residual, nuisances_and_residual)
+        matrix[block] += design.prior.T @ design.prior
     return Gram(design, noise, matrix, free)
 
 
@@ -135,27 +138,27 @@ def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask)
     fit = design.fit
     used = fit.used
     part = np.where(chosen, 0, -1)
-    observations, old, of_seat = fit.observations.divided(part)
-    points = fit.point.seats[old]
+    observations, old_seats, part_of_seat = fit.observations.divided(part)
+    points = fit.point.seats[old_seats]
     whitening = noise.whitening * chosen[:, None, None]
     by_seat = noise.decorrelated(observations.seat_derivatives(whitening))
     elimination = SeatElimination(observations, points, by_seat)
     whole_groups = noise.with_all_of_a_group(chosen, used)
     deviations = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)
-    along = np.zeros((len(observations.labels), 3, design.width + 1))
-    most = max(ROWS_OF_A_GROUP // design.tips.shape[1], 1)
-    for group in noise.divided(np.flatnonzero(whole_groups), most):
+    along_seats = np.zeros((len(observations.labels), 3, design.width + 1))
+    most_records = max(ROWS_OF_A_GROUP // design.tips.shape[1], 1)
+    for group in noise.divided(np.flatnonzero(whole_groups), most_records):
         columns = np.concatenate([design.rows(group), deviations[group, :, None]], axis=2)
         inside = chosen[group]
         rows = noise.take(group).whitened(columns)[inside]
-        along += elimination.along(rows, group[inside])
+        along_seats += elimination.along(rows, group[inside])
         _add_squares(upper, rows, 1.0)
-    seats = np.flatnonzero(of_seat == 0)
-    of_relation = of_seat[observations.ends[:, 0]]
-    relations = np.flatnonzero(of_relation == 0)
-    added, taken = elimination.squares(along, seats, relations)
-    _add_squares(upper, added, 1.0)
-    _add_squares(upper, taken, -1.0)
+    seats = np.flatnonzero(part_of_seat == 0)
+    part_of_relation = part_of_seat[observations.ends[:, 0]]
+    relations = np.flatnonzero(part_of_relation == 0)
+    added_rows, taken_rows = elimination.squares(along_seats, seats, relations)
+    _add_squares(upper, added_rows, 1.0)
+    _add_squares(upper, taken_rows, -1.0)
     unknown = int((~observations.is_stated[seats]).sum())
     counted = int(observations.counts[chosen].sum()) + relations.size
     return max(counted - 3 * unknown, 0)
