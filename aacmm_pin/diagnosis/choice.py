@@ -109,12 +109,16 @@ class Choice:
         recalibration leaves (n, 3, r) [m].
         """
         design, base = self.design, self.posterior.space.base(0)
-        absorbed = base.whitened[:, :-1] @ weights
-        beside = weights.copy()
-        beside[: design.nuisances] -= solve_triangular(base.factor, absorbed, lower=True, trans=1)
-        moved = design.moved(beside, np.arange(len(design.tips)))
-        stay = design.deviations(design.tips)
-        changes = [design.deviations(design.tips + one) - stay for one in np.moveaxis(moved, 2, 0)]
+        whitened = base.whitened[:, :-1] @ weights
+        absorbed = solve_triangular(base.factor, whitened, lower=True, trans=1)
+        coefficients = weights.copy()
+        coefficients[: design.nuisances] -= absorbed
+        moved = design.moved(coefficients, np.arange(len(design.tips)))
+        unmoved = design.deviations(design.tips)
+        changes = [
+            design.deviations(design.tips + displacement) - unmoved
+            for displacement in np.moveaxis(moved, 2, 0)
+        ]
         return np.stack(changes, axis=2)[self.fit.used, :3]
 
     @cached_property
@@ -124,9 +128,9 @@ class Choice:
 
     def scatter_beside(self, model: Conditional) -> ReadingScatter:
         """Scatter of readings and tips beside a set."""
-        share = min(max(model.dof, 1.0) / max(model.base.gram.free, 1), 1.0)
+        share_of_dof = min(max(model.dof, 1.0) / max(model.base.gram.free, 1), 1.0)
         deviations = self.design.deviations(model.all_tips)
-        return ReadingScatter.of(self.design.fit, deviations, share, self.noise)
+        return ReadingScatter.of(self.design.fit, deviations, share_of_dof, self.noise)
 
     @property
     def log_density_of_scatter(self) -> float:
@@ -139,8 +143,8 @@ class Choice:
         noise = fit.noise if self.scatter is None else self.scatter
         sizes = np.linalg.svd(noise.whitening[fit.used], compute_uv=False)
         counted = sizes[sizes > LEAST_SIZE * sizes.max()]
-        of_fitted = np.log(np.diag(space.base(0).factor)).sum()
-        log_density = space.gram.free * np.log(counted).mean() - of_fitted
+        of_nuisances = np.log(np.diag(space.base(0).factor)).sum()
+        log_density = space.gram.free * np.log(counted).mean() - of_nuisances
         scattered = 0 if self.scatter is None else np.count_nonzero(self.scatter.readings)
         return float(log_density + scattered * np.log(1.0 - THRESHOLDS.library))
 
@@ -161,12 +165,12 @@ class Choice:
 
     @property
     def covariates(self) -> Blocks:
-        """Its blocks that are covariates, the strongest first."""
+        """Blocks of the median probability model that are covariates, the strongest first."""
         return tuple(filterfalse(self.candidates.is_cause, self.posterior.by_strength))
 
     @property
     def effects(self) -> list[Effect]:
-        """Its causes."""
+        """Causes of the median probability model, the strongest first."""
         return [self.variant(k) for k in self.causes]
 
     def with_values(self, effects: Sequence[Effect]) -> list[Effect]:
@@ -178,15 +182,15 @@ class Choice:
         for model in (self.posterior.causes_alone, self.posterior.top_model):
             causes = filter(self.candidates.is_cause, model.blocks)
             # A curve of another fineness has the same label.
-            block = {(self.variant(k).label, len(self.variant(k).terms)): k for k in causes}
-            if {(effect.label, len(effect.terms)) for effect in effects} <= block.keys():
+            block_of = {(self.variant(k).label, len(self.variant(k).terms)): k for k in causes}
+            if {(effect.label, len(effect.terms)) for effect in effects} <= block_of.keys():
                 break
         for effect in effects:
-            k = block[effect.label, len(effect.terms)]
-            place = model.entries[k]
+            k = block_of[effect.label, len(effect.terms)]
+            entries = model.entries[k]
             scales = typical_of(effect)
-            u = model.scale[place][: scales.size] * scales
-            values = model.estimate[place] * scales if effect.free_form else ()
+            u = model.scale[entries][: scales.size] * scales
+            values = model.estimate[entries] * scales if effect.free_form else ()
             with_values.append(effect.at(values, u))
         return with_values
 
@@ -195,8 +199,8 @@ class Choice:
         and the uncertainty of the posterior.
         """
         model = self.posterior.median_model
-        of_label = {self.variant(k).label: k for k in self.causes}
-        entries = numbers_of([model.entries[of_label[effect.label]] for effect in effects])
+        block_of = {self.variant(k).label: k for k in self.causes}
+        entries = numbers_of([model.entries[block_of[effect.label]] for effect in effects])
         scales = np.concatenate([*map(typical_of, effects)])
         covariance = model.covariance[np.ix_(entries, entries)] * np.outer(scales, scales)
         u = iter(np.sqrt(np.diag(covariance)))
@@ -205,7 +209,7 @@ class Choice:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of its causes and covariates."""
+        """Labels of the causes and covariates of the median probability model."""
         return self.design.labels((*self.causes, *self.covariates))
 
     def in_one_fold(self, block: int) -> bool:
@@ -234,6 +238,6 @@ class Choice:
 def seats_are_divided(folds: Index, fit: Fit) -> bool:
     """Whether the records of a seat, or of seats that a bar connects, are in several folds (n,)."""
     touched = fit.observations.seat >= 0
-    cluster = fit.observations.clusters[fit.observations.seat[touched]]
-    pairs = {*zip(cluster, folds[touched], strict=True)}
-    return len(pairs) > len(set(cluster))
+    clusters = fit.observations.clusters[fit.observations.seat[touched]]
+    clusters_and_folds = {*zip(clusters, folds[touched], strict=True)}
+    return len(clusters_and_folds) > len(set(clusters))

@@ -33,9 +33,9 @@ from aacmm_pin.measurements import Measurements
 SMOOTH = (5, 20)
 """Cosines over the ranks of a covariate: for slow changes; for quick changes of the tip alone."""
 ORDERS = (1, 2, 3)
-"""Waves per turn of a joint's angle that another joint's error may have."""
+"""Waves per revolution of a joint that another joint's error may have."""
 GEAR_ORDERS = (2, 3, 4, 6)
-"""Waves per turn of a gear's error that a load may change."""
+"""Waves per revolution of a gear's error that a load may change."""
 LEAST_MOMENT = 0.1
 """Least change of a joint's moment by others with which it is a covariate [N·m]."""
 LATER = 3
@@ -148,26 +148,31 @@ def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
         if covariate is None:
             continue
         waves = [] if joint.slides else [Waves(joint.name, constant=True, order=k) for k in ORDERS]
-        others = [other.error for other in joints if other != joint]
-        turning = [Carried.of((wave,), error, state) for wave in waves for error in others]
-        variants = (*covariate.variants, *turning)
+        other_errors = [other.error for other in joints if other != joint]
+        of_others = [Carried.of((wave,), error, state) for wave in waves for error in other_errors]
+        variants = (*covariate.variants, *of_others)
         yield replace(covariate, variants=variants, values=joint.table(state))
 
 
 def _of_columns(
     measurements: Measurements, state: State, joints: Sequence[Joint]
 ) -> Iterator[Covariate]:
-    turning = ["room", "target", *(joint.error for joint in joints)]
-    growing = [f"tube {row}" for row in tubes(state.arm)]
-    carriers = {"anywhere": [*turning, "lengths", "tubes", *growing], "joints": turning}
+    """Each column of the file that may be a covariate, on the carriers that its entry allows; new
+    records have only :data:`RECORDED` columns.
+    """
+    shifts_and_joints = ["room", "target", *(joint.error for joint in joints)]
+    lengths = ["lengths", "tubes", *(f"tube {row}" for row in tubes(state.arm))]
+    carriers = {"anywhere": [*shifts_and_joints, *lengths], "joints": shifts_and_joints}
     for column in measurements.covariate_columns():
         acts_on = carriers.get(column.entry.covariate)
+        if acts_on is None:
+            continue
         name = column.quantity
-        if acts_on is not None:
-            at_new_records = state if name in RECORDED else None
-            covariate = _covariate(name, column.values, acts_on, at_new_records)
-            if covariate is not None:
-                yield replace(covariate, values=covariate.values.set_axis([column.name], axis=1))
+        recorded_state = state if name in RECORDED else None
+        covariate = _covariate(name, column.values, acts_on, recorded_state)
+        if covariate is not None:
+            values = covariate.values.set_axis([column.name], axis=1)
+            yield replace(covariate, values=values)
 
 
 def _covariate(
@@ -182,8 +187,8 @@ def _covariate(
         if not 2 <= labels.nunique() <= MOST_LABELS:
             return None
         dummies = _of_size_one(pd.get_dummies(labels, dtype=float).to_numpy())
-        moved = ["frame"] if "lengths" in carriers else []
-        variants = [Carried(dummies, carrier) for carrier in (*carriers, *moved)]
+        frame = ["frame"] if "lengths" in carriers else []
+        variants = [Carried(dummies, carrier) for carrier in (*carriers, *frame)]
         return Covariate(name, (name,), tuple(variants), labels.to_frame(name))
     slow, quick = (Cosines.over(name, numbers, count) for count in SMOOTH)
     variants = [_carried(slow, numbers, carrier, state) for carrier in carriers]
@@ -253,15 +258,15 @@ def _place(state: State) -> Covariate:
     """
     # Sorted, so that the order of the records does not matter.
     order = np.lexsort(np.round(state.q, DECIMALS).T)
-    tip = state.position[order]
-    cells = np.unique(np.round(tip / NARROWEST), axis=0)
+    tips = state.position[order]
+    cells = np.unique(np.round(tips / NARROWEST), axis=0)
     count = int(np.clip(len(cells) // 2, 1, CENTRES))
     rng = np.random.default_rng(count)
-    centres, nearest = scipy.cluster.vq.kmeans2(tip, count, minit="++", rng=rng)
-    squares = np.square(tip - centres[nearest]).sum(axis=1)
+    centres, nearest = scipy.cluster.vq.kmeans2(tips, count, minit="++", rng=rng)
+    squares = np.square(tips - centres[nearest]).sum(axis=1)
     spread = float(np.sqrt(squares.mean()))
-    places = tuple((x, y, z) for x, y, z in centres.tolist())
-    bumps = Bumps(places, max(1.5 * spread, NARROWEST))
+    bump_centres = tuple((x, y, z) for x, y, z in centres.tolist())
+    bumps = Bumps(bump_centres, max(1.5 * spread, NARROWEST))
     values = pd.DataFrame(state.position / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
     carried = Carried.of((bumps,), "room", state)
     return Covariate("place", ("x", "y", "z"), (carried,), values)
@@ -275,6 +280,7 @@ def _scale(state: State) -> Covariate:
 
 
 def _of_size_one(functions: Array) -> Array:
+    """Functions (n, m), each divided by its root mean square."""
     return functions / _size(functions)
 
 

@@ -236,8 +236,8 @@ class Design:
         return np.asarray(moved)
 
     def deviations(self, tips: Array) -> Array:
-        """Deviations of tips from their targets (n, 3 or 6) [m, rad], each seat moved by one weighted
-        least-squares step to where its records and stated coordinates put it.
+        """Deviations of tips from their targets (n, 3 or 6) [m, rad]; one least-squares step moves
+        each seat to where its records and stated coordinates put it.
         """
         observations = self.fit.observations
         seats = self.fit.point.seats

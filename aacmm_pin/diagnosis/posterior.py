@@ -141,7 +141,7 @@ class Posterior:
 
     @cached_property
     def by_strength(self) -> list[int]:
-        """Blocks of the median probability model; without the first it is least probable."""
+        """Blocks of the median probability model, the most needed first."""
         log_posteriors_without = self.space.removals(self.median)
         order = np.argsort(log_posteriors_without, kind="stable").tolist()
         return [self.median[k] for k in order]

@@ -21,7 +21,7 @@ FREE_PARAMETERS = (3, 110)
 search begins.
 """
 LEAST_ASCENT = 1e-6
-"""Gain in log posterior below which an ascent has ended."""
+"""An ascent ends if a round gains less log posterior."""
 
 
 def explore(space: ModelSpace, start: Blocks = ()) -> Posterior:
@@ -44,10 +44,12 @@ def explore(space: ModelSpace, start: Blocks = ()) -> Posterior:
     walk.take_up(other)
     if not met:
         walk.exchanged.clear()
-    before = dict(walk.values)
+    values_before = dict(walk.values)
     walk.run()
-    first, second = (inclusion(space, weights_of(values)) for values in (before, walk.values))
-    return walk.posterior(float(np.abs(first - second).max(initial=0.0)))
+    before = inclusion(space, weights_of(values_before))
+    after = inclusion(space, weights_of(walk.values))
+    disagreement = float(np.abs(before - after).max(initial=0.0))
+    return walk.posterior(disagreement)
 
 
 def climb(space: ModelSpace, start: Blocks) -> Posterior:
@@ -71,8 +73,8 @@ def every_place(space: ModelSpace) -> Blocks:
         place = int(candidates.places[block.candidate])
         least, most = FREE_PARAMETERS
         if candidates.is_cause(number) and least <= block.size <= most:
-            before = freest.setdefault(place, number)
-            if block.size > candidates.blocks[before].size:
+            freest_yet = freest.setdefault(place, number)
+            if block.size > candidates.blocks[freest_yet].size:
                 freest[place] = number
     return tuple(sorted(freest.values()))
 
@@ -81,18 +83,20 @@ def ascended(space: ModelSpace, start: Blocks) -> Blocks:
     """The set that changes of one place at a time lead to, each of which makes it more probable.
 
     First each place of the set takes its most probable form, or none; then the most probable block
-    is added anywhere; until nothing of both is a gain.
+    is added anywhere; until neither is a gain.
     """
     if start in space.ascents:
         return space.ascents[start]
     state = space.best_amplitude(ModelState(start, (FIRST_WIDTH,) * len(start), 0))
     value = space.log_posterior(state)
     while True:
-        for place in sorted({int(space.candidates.of_blocks[k]) for k in state.blocks}):
+        places = {int(space.candidates.of_blocks[k]) for k in state.blocks}
+        for place in sorted(places):
             state = space.best_form(state, place)
         state = space.best_amplitude(space.best_addition(state))
-        before, value = value, space.log_posterior(state)
-        if value <= before + LEAST_ASCENT:
+        value_before = value
+        value = space.log_posterior(state)
+        if value <= value_before + LEAST_ASCENT:
             break
     space.marginal(state.blocks, near=state)
     space.ascents |= {start: state.blocks, state.blocks: state.blocks}
@@ -115,8 +119,11 @@ class Walk:
     """
 
     def __init__(self, space: ModelSpace, starts: Iterable[Blocks]) -> None:
-        self.space, self.values, self.best = space, dict[Blocks, float](), -np.inf
-        self.expanded, self.exchanged = dict[Blocks, Array](), set[Candidacy]()
+        self.space = space
+        self.values = dict[Blocks, float]()
+        self.best = -np.inf
+        self.expanded = dict[Blocks, Array]()
+        self.exchanged = set[Candidacy]()
         self.gains = dict[Candidacy, Array]()
         self.expansions = THRESHOLDS.expansions
         for start in starts:
@@ -140,11 +147,13 @@ class Walk:
 
     @property
     def _additions(self) -> dict[Blocks, float]:
+        """Approximate log posterior of each expanded set with one block more, if not negligible."""
         values: dict[Blocks, float] = {}
-        for blocks, about in self.expanded.items():
-            for k in np.flatnonzero(about > self.best - THRESHOLDS.negligible_set).tolist():
+        least = self.best - THRESHOLDS.negligible_set
+        for blocks, approximate in self.expanded.items():
+            for k in np.flatnonzero(approximate > least).tolist():
                 larger = with_block(blocks, k)
-                values[larger] = max(values.get(larger, -np.inf), float(about[k]))
+                values[larger] = max(values.get(larger, -np.inf), float(approximate[k]))
         return values
 
     def run(self, exchanges: bool = True, until: float = np.inf) -> None:
@@ -156,26 +165,35 @@ class Walk:
             top = weights[next(iter(weights))]
             least = THRESHOLDS.expanded * top
             holds = max(min(THRESHOLDS.holds, top), least)
-            open_ = [s for s, w in weights.items() if s not in self.expanded and w >= least]
-            held = [
+            to_expand = [
                 blocks
                 for blocks, weight in weights.items()
-                if weight >= holds and self._regardless_of_variants(blocks) not in self.exchanged
+                if blocks not in self.expanded and weight >= least
             ]
-            if open_ and (not (held and exchanges) or weights[open_[0]] >= holds):
-                gains = self.gains.get(self._regardless_of_variants(open_[0]))
+            to_exchange = [
+                blocks
+                for blocks, weight in weights.items()
+                if exchanges
+                and weight >= holds
+                and self._regardless_of_variants(blocks) not in self.exchanged
+            ]
+            if to_expand and (not to_exchange or weights[to_expand[0]] >= holds):
+                blocks = to_expand[0]
+                gains = self.gains.get(self._regardless_of_variants(blocks))
                 if gains is None or gains.max() > 0.0:
-                    self._expand(open_[0])
+                    self._expand(blocks)
                 else:
-                    self.expanded[open_[0]] = self.values[open_[0]] + gains
-            elif held and exchanges:
-                self._exchange(held[0])
+                    self.expanded[blocks] = self.values[blocks] + gains
+            elif to_exchange:
+                self._exchange(to_exchange[0])
             else:
                 break
 
     def _look_at(self, blocks: Blocks, near: ModelState | None = None) -> float:
+        """Evaluate a set, and return its log posterior; see :meth:`ModelSpace.marginal`."""
         value = self.space.marginal(blocks, near).log_posterior
-        self.values[blocks], self.best = value, max(self.best, value)
+        self.values[blocks] = value
+        self.best = max(self.best, value)
         return value
 
     def _visit(self, blocks: Blocks, about: float, beside: Blocks) -> float:
@@ -203,8 +221,9 @@ class Walk:
         """
         possible = np.flatnonzero(np.isfinite(values))
         order = possible[np.argsort(-values[possible], kind="stable")]
+        within_reach = order[values[order] > self.best - THRESHOLDS.reach]
         correction: dict[int, float] = {}
-        for k in order[values[order] > self.best - THRESHOLDS.reach].tolist():
+        for k in within_reach.tolist():
             owner = self.space.candidates.owner(k)
             larger = with_block(staying, k)
             if not self.space.candidates.is_possible(larger):
@@ -213,8 +232,8 @@ class Walk:
                 self.values.setdefault(larger, float(values[k]) + correction[owner])
             else:
                 correction[owner] = self._visit(larger, float(values[k]), beside)
-        _, first = np.unique(self.space.candidates.owners[order], return_index=True)
-        leading: list[int] = order[np.sort(first)[: THRESHOLDS.instead]].tolist()
+        _, first_of_owner = np.unique(self.space.candidates.owners[order], return_index=True)
+        leading: list[int] = order[np.sort(first_of_owner)[: THRESHOLDS.instead]].tolist()
         return leading
 
     def _expand(self, blocks: Blocks) -> None:
@@ -231,7 +250,9 @@ class Walk:
             self._visit(without_block(blocks, k), value, blocks)
 
     def _visit_additions(self, blocks: Blocks) -> None:
-        self.expansions -= blocks not in self.expanded
+        """Visit a set with each block more; this uses up one expansion, the first time."""
+        if blocks not in self.expanded:
+            self.expansions -= 1
         gains = self.space.gains(blocks)
         self.gains[self._regardless_of_variants(blocks)] = gains
         self.expanded[blocks] = self.values[blocks] + gains
@@ -248,21 +269,22 @@ class Walk:
         """
         self.exchanged.add(self._regardless_of_variants(blocks))
         owner = self.space.candidates.owner
-        before = self.best
+        best_before = self.best
         for gone in self._drawn_jointly(blocks):
             staying = tuple(k for k in blocks if k not in gone)
-            none, values = self.space.exchanges(blocks, gone)
-            self._visit(staying, none, blocks)
+            without, values = self.space.exchanges(blocks, gone)
+            self._visit(staying, without, blocks)
             leading = self._visit_each(staying, values, blocks)
             gone_owners = {owner(k) for k in gone}
-            least = none + THRESHOLDS.imitated * (self.best - none)
+            least = without + THRESHOLDS.imitated * (self.best - without)
             for first in leading:
                 larger = with_block(staying, first)
                 possible = self.space.candidates.is_possible(larger)
-                if possible and owner(first) not in gone_owners and values[first] > least:
+                is_other = owner(first) not in gone_owners
+                if possible and is_other and values[first] > least:
                     self.values.setdefault(larger, float(values[first]))
                     self._visit_additions(larger)
-            if self.best > before:
+            if self.best > best_before:
                 return
 
     def _drawn_jointly(self, blocks: Blocks) -> Iterator[Blocks]:
@@ -270,10 +292,10 @@ class Walk:
         for k in blocks:
             yield (k,)
         of_blocks = self.space.candidates.of_blocks
-        at = self.space.conditional(self.space.marginal(blocks).best)
+        model = self.space.conditional(self.space.marginal(blocks).best)
         for pair in itertools.combinations(blocks, 2):
             one_place = of_blocks[pair[0]] == of_blocks[pair[1]]
-            if one_place or at.canonical(*pair) > THRESHOLDS.imitates:
+            if one_place or model.canonical(*pair) > THRESHOLDS.imitates:
                 yield pair
 
 

@@ -48,14 +48,16 @@ def family_wise_p_value(candidates: Candidates, conditional: Conditional, block:
     information, gradient = conditional.without().of_block(block)
     gain, volume = gains(information[None], gradient[None])
     if not _knows_noise(conditional):
+        # Student's evidence, by the share of χ² that the block explains.
         share = np.minimum(2.0 * gain / conditional.chi2, MOST_EXPLAINED)
         gain = -0.5 * conditional.likelihood.dof * np.log1p(-share)
-    evidence = float(logsumexp(gain - volume) - np.log(WIDTHS.size))
-    log_bound = logsumexp(candidates.log_odds) - candidates.log_odds[block] - evidence
+    log_bayes_factor = float(logsumexp(gain - volume) - np.log(WIDTHS.size))
+    log_bound = logsumexp(candidates.log_odds) - candidates.log_odds[block] - log_bayes_factor
     return float(np.exp(min(log_bound, 0.0)))
 
 
 def _knows_noise(conditional: Conditional) -> bool:
+    """Whether the noise is stated, and the records scatter as stated."""
     return conditional.likelihood.stated and conditional.variance == 1.0
 
 
@@ -77,12 +79,12 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
         squares = 2.0 * gain[:, np.argmax(WIDTHS)]
         columns = information.shape[1]
         if _knows_noise(conditional):
-            of_family = chi2_sf(np.maximum(squares, 0.0), columns)
+            chances_of_family = chi2_sf(np.maximum(squares, 0.0), columns)
         else:
-            others = max(conditional.likelihood.dof - columns, 1.0)
+            other_dof = max(conditional.likelihood.dof - columns, 1.0)
             shares = np.clip(squares / conditional.chi2, 0.0, 1.0)
-            of_family = beta_sf(shares, 0.5 * columns, 0.5 * others)
-        chances += of_family.tolist()
+            chances_of_family = beta_sf(shares, 0.5 * columns, 0.5 * other_dof)
+        chances += chances_of_family.tolist()
     return min(1.0, len(chances) * min(chances, default=1.0))
 
 
@@ -91,37 +93,41 @@ def retained(conditional: Conditional, block: int) -> float:
     parameters = conditional.design_blocks[block]
     information, gradient = conditional.without().of_block(block)
     step = np.linalg.lstsq(information, gradient, rcond=1e-10)[0]
-    kept = max(float(step @ information @ step), 0.0)
-    along = parameters.in_columns(np.asarray(step, np.float64))
+    square_left = max(float(step @ information @ step), 0.0)
+    coefficients = parameters.in_columns(np.asarray(step, np.float64))
     products = conditional.base.gram.matrix[parameters.columns, parameters.columns]
-    size = float(along @ products @ along)
-    return math.sqrt(kept / size) if size > 0.0 else 0.0
+    square = float(coefficients @ products @ coefficients)
+    return math.sqrt(square_left / square) if square > 0.0 else 0.0
 
 
 def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) -> list[Alias]:
-    """The candidates that may act in the place of a block of the median set, likeliest first."""
+    """The candidates that may act in the place of a block of the median set, likeliest first.
+
+    They are looked for among those that best replace the block beside the other members, and those
+    that act in a visited set where its candidate does not.
+    """
     candidates = posterior.space.candidates
     conditional = posterior.without(block)
-    named = candidates.owner(block)
+    finding = candidates.owner(block)
     names = candidates.design.names
-    instead = posterior.instead(named)
+    instead = posterior.instead(finding)
     beside = conditional.without()
-    values = logsumexp(beside.additions(), axis=1) + candidates.log_odds
-    values[candidates.barred(conditional.blocks)] = -np.inf
+    log_posteriors = logsumexp(beside.additions(), axis=1) + candidates.log_odds
+    log_posteriors[candidates.barred(conditional.blocks)] = -np.inf
     acting = {candidates.owner(k) for k in posterior.median}
-    best = best_of_candidates(candidates, values)
-    best.pop(named, None)
-    leading = [*best][: 2 * ALIASES]
+    best_block = best_of_candidates(candidates, log_posteriors)
+    best_block.pop(finding, None)
+    leading = [*best_block][: 2 * ALIASES]
     aliases = []
     for owner in dict.fromkeys([*leading, *np.flatnonzero(instead).tolist()]):
-        if owner in acting or owner not in best:
+        if owner in acting or owner not in best_block:
             continue
-        other = best[owner]
+        other = best_block[owner]
         correlation = beside.canonical(block, other)
         if correlation < THRESHOLDS.unlike:
             continue
-        alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
-        if alike or instead[owner] > THRESHOLDS.worth_listing:
+        is_same_cause = correlation > THRESHOLDS.same and candidates.is_cause(other)
+        if is_same_cause or instead[owner] > THRESHOLDS.worth_listing:
             effect = library[owner][0] if owner < len(library) else None
             aliases.append(Alias(names[owner], correlation, float(instead[owner]), effect))
     aliases.sort(key=lambda alias: (-alias.probability, -alias.correlation))
@@ -129,7 +135,8 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
 
 
 def visible(posterior: Posterior) -> tuple[int, int]:
-    """How many causes these records would have shown at their typical magnitude, and of how many.
+    """How many causes these records would have shown at their typical magnitude, and how many were
+    asked.
 
     A cause shows if the noncentrality of one parameter, over all variants, geometry refitted, is at
     least the threshold; more if the noise comes from the same records and few degrees of freedom,
@@ -137,16 +144,17 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     """
     space = posterior.space
     candidates = space.candidates
-    shows, dof = THRESHOLDS.shows, space.likelihood.dof
+    dof = space.likelihood.dof
+    least = THRESHOLDS.shows
     if not space.stated:
-        shows = dof * np.expm1(shows / max(dof, 1.0))
+        least = dof * np.expm1(THRESHOLDS.shows / max(dof, 1.0))
     alone = space.conditional(ModelState((), (), 0)).without()
     noncentralities = np.zeros(len(candidates.places))
     for family in candidates.design.families:
         information, _ = alone.of_family(family)
-        of_parameters = np.diagonal(information, axis1=1, axis2=2)
+        by_parameter = np.diagonal(information, axis1=1, axis2=2)
         owners = candidates.owners[family.blocks]
-        np.maximum.at(noncentralities, owners, of_parameters.max(axis=1))
+        np.maximum.at(noncentralities, owners, by_parameter.max(axis=1))
     asked = candidates.follows < 0
     asked[candidates.design.causes :] = False
-    return int(np.sum(noncentralities[asked] >= shows)), int(asked.sum())
+    return int(np.sum(noncentralities[asked] >= least)), int(asked.sum())
