@@ -94,20 +94,21 @@ def not_tried(
     """Conditions that the records do not state, each with the causes that need it; without those of
     the whole arm that this arm cannot have.
     """
-    tried = {variants[0].cause for variants in library}
+    causes_tried = {variants[0].cause for variants in library}
     causes_by_condition: dict[str, tuple[type[Effect], ...]] = {}
     for cause in CAUSES.values():
         needed_conditions = getattr(cause, "needs", ())
         depends_on_fields = not isinstance(needed_conditions, tuple)
-        if cause.cause in tried or depends_on_fields:
+        if cause.cause in causes_tried or depends_on_fields:
             continue
-        missing = [
+        not_stated = [
             condition
             for condition in needed_conditions
             if getattr(measurements.conditions, condition) is None
         ]
-        if missing and (cause.location_field() is not None or any(cause.candidates(arm))):
-            causes_by_condition[missing[0]] = (*causes_by_condition.get(missing[0], ()), cause)
+        if not_stated and (cause.location_field() is not None or any(cause.candidates(arm))):
+            first = not_stated[0]
+            causes_by_condition[first] = (*causes_by_condition.get(first, ()), cause)
     return causes_by_condition
 
 

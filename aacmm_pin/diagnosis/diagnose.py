@@ -237,13 +237,14 @@ def _no_better(
 
 
 def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
+    """Raise an AacmmError if the recalibrated arm leaves no residual at all."""
     if np.nanmax(np.abs(recalibrated.system.deviation), initial=0.0) > NOTHING:
         return
-    few = recalibrated.problem.scales.size >= 3 * measurements.n
-    why = "more records, or the noise" if few else "measured values in the file"
+    too_few = recalibrated.problem.scales.size >= 3 * measurements.n
+    remedy = "more records, or the noise" if too_few else "measured values in the file"
     raise AacmmError(
         f"{measurements.source}: all {measurements.n} records agree with the fitted arm exactly; "
-        f"expected {why}"
+        f"expected {remedy}"
     )
 
 

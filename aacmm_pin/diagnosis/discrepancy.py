@@ -49,17 +49,17 @@ def described_model(
     return calibrated_model(refit, held_curves), refit
 
 
-def _effect_of(choice: Choice, block: int, taken: Collection[str]) -> Discrepancy:
+def _effect_of(choice: Choice, block: int, labels_taken: Collection[str]) -> Discrepancy:
     """The effect of a covariate with its prior widths as u; a number is added to its name if the
     label is taken.
     """
     model, design, way = choice.posterior.median_model, choice.design, choice.way(block)
     name, carrier = choice.covariate(block).name, Carrier(way.carrier)
     # The columns are of functions with root mean square one.
-    widths = model.scale[model.entries[block]] * design.scales[design.blocks[block].columns]
-    u = widths / np.repeat(way.size, carrier.axes)
+    prior_widths = model.scale[model.entries[block]] * design.scales[design.blocks[block].columns]
+    u = prior_widths / np.repeat(way.size, carrier.axes)
     effect = Discrepancy(name, (Part(carrier, way.smooth or ()),), u.size)
-    numbers = itertools.count(2)
-    while effect.label in taken:
-        effect = replace(effect, covariate=f"{name} ({next(numbers)})")
+    next_numbers = itertools.count(2)
+    while effect.label in labels_taken:
+        effect = replace(effect, covariate=f"{name} ({next(next_numbers)})")
     return effect.at(effect.values, u)

@@ -94,9 +94,9 @@ def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
     widths.
     """
     fit = choice.fit
-    undetermined = fit.unknown * fit.problem.scales[:, None]
+    undetermined_directions = fit.unknown * fit.problem.scales[:, None]
     for effect, entries in zip(fit.effects, fit.problem.vector.slices, strict=True):
-        from_prior = undetermined[entries] @ undetermined[entries].T
+        from_prior = undetermined_directions[entries] @ undetermined_directions[entries].T
         covariance = fit.covariance[entries, entries] + from_prior
         u = np.sqrt(np.diag(covariance))
         yield effect.at(effect.values, tuple(u)), covariance

@@ -143,7 +143,7 @@ def _add_records(upper: Array, design: Design, noise: RecordNoise, chosen: Mask)
     whitening = noise.whitening * chosen[:, None, None]
     by_seat = noise.decorrelated(observations.seat_derivatives(whitening))
     elimination = SeatElimination(observations, points, by_seat)
-    whole_groups = noise.with_all_of_a_group(chosen, used)
+    whole_groups = noise.with_whole_groups(chosen, used)
     deviations = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)
     along_seats = np.zeros((len(observations.labels), 3, design.width + 1))
     most_records = max(ROWS_OF_A_GROUP // design.tips.shape[1], 1)

@@ -104,7 +104,7 @@ def predicted_folds(choice: Choice, nominal: Fit, kind: str, progress: Progress)
 
 
 def _fold(choice: Choice, nominal: Fit, gram_of_all: Gram, fold_number: int) -> Fold | None:
-    """Choose and fit without the records of fold ``number``, and predict them; None if these have
+    """Choose and fit without the records of a fold, and predict them; None if these have
     no more rows than unknown coordinates of seats.
     """
     in_fold = choice.folds == fold_number
@@ -117,7 +117,7 @@ def _fold(choice: Choice, nominal: Fit, gram_of_all: Gram, fold_number: int) -> 
     space_of_others = ModelSpace(space.candidates, gram_of_others, space.stated, amplitudes)
     rows = np.flatnonzero(choice.counted & in_fold)
     records = choice.fit.problem.measurements.take(rows)
-    median = choice.posterior.median
+    median_of_all = choice.posterior.median
 
     def distances_of(poses: Array) -> Array:
         return distances(records, poses, lever=choice.fit.lever)
@@ -132,21 +132,23 @@ def _fold(choice: Choice, nominal: Fit, gram_of_all: Gram, fold_number: int) -> 
         fitted = space_of_others.conditional(state_of_others, as_stated=True)
         return distances_of(fitted.tips(rows))
 
-    chosen = explore_from(space_of_others, median).median
-    state_chosen = space_of_others.marginal(chosen).best
-    state_of_median = space_of_others.marginal(median).best
+    median_of_others = explore_from(space_of_others, median_of_all).median
+    state_chosen_by_others = space_of_others.marginal(median_of_others).best
+    state_of_median = space_of_others.marginal(median_of_all).best
     candidates = space_of_others.candidates
     by_model = (
         distances_of(nominal.point.prediction.poses[rows]),
-        predicted(state_chosen.of(())),
-        predicted(state_chosen.of([*filter(candidates.is_cause, chosen)])),
-        predicted(state_chosen, with_discrepancy=True),
+        predicted(state_chosen_by_others.of(())),
+        predicted(state_chosen_by_others.of([*filter(candidates.is_cause, median_of_others)])),
+        predicted(state_chosen_by_others, with_discrepancy=True),
     )
     return Fold(
         rows=rows,
         by_model=dict(zip(PREDICTED_BY, by_model, strict=True)),
         by_median=predicted(state_of_median),
-        without={k: predicted(state_of_median.of(without_block(median, k))) for k in choice.causes},
+        without={
+            k: predicted(state_of_median.of(without_block(median_of_all, k))) for k in choice.causes
+        },
     )
 
 

@@ -152,18 +152,19 @@ def _search_until_set_stays(
     refitted_causes = list[Effect]()
     previous = None
     tips_of_rounds, tips_explored = list[Array](), list[Array]()
-    with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
+    rounds_bar = bar(progress, "search for causes", "round")  # nobody knows how many it takes
+    with rounds_bar as shown_rounds:
         for _ in range(MOST_EXPLORATIONS):
             choice = _round_of_search(
                 refit, library, all_covariates, folds, refitted_causes, previous
             )
-            rounds.update()
+            shown_rounds.update()
             best_causes = refined_causes(choice, choice.top_causes)
             previous = _PreviousRound.of(choice)
             same_causes = _identities(best_causes) == _identities(refitted_causes)
             set_stays = same_causes or _is_near(choice, tips_of_rounds)
             tips_of_rounds.append(previous.tips)
-            if set_stays and previous.settled(choice):
+            if set_stays and previous.scatter_settled(choice):
                 choice = _explored(choice)
                 # Exploration leads nowhere else, or to the same tips again and again.
                 if _is_near(choice, [tips_of_rounds[-1], *tips_explored]):
@@ -171,7 +172,9 @@ def _search_until_set_stays(
                 previous = _PreviousRound.of(choice)
                 tips_explored.append(previous.tips)
                 best_causes = refined_causes(choice, choice.top_causes)
-            rounds.set_postfix_str(", ".join(effect.label for effect in best_causes)[:LETTERS])
+            shown_rounds.set_postfix_str(
+                ", ".join(effect.label for effect in best_causes)[:LETTERS]
+            )
             if best_causes:
                 refit = refitted(problem_of, choice.with_values(best_causes), used=used)
             elif refitted_causes:
@@ -232,7 +235,7 @@ class _PreviousRound:
         scatter = None if noise_is_known(choice.design.fit) else choice.scatter_beside(model)
         return _PreviousRound(model.all_tips, model.dof, scatter)
 
-    def settled(self, choice: Choice) -> bool:
+    def scatter_settled(self, choice: Choice) -> bool:
         """Whether the scatter left by this round is about what its noise assumed, in ``choice``."""
         if self.scatter is None:
             return True
@@ -362,14 +365,15 @@ def _round_of_search(
     identities = [library[b.candidate][b.variant].identity for b in blocks_of_causes]
     start = tuple(sorted(identities.index(effect.identity) for effect in effects))
     climb = _Climb(candidates, start, previous.scatter)
-    choice = Choice(refit, climb.ended(previous), library, all_covariates, folds, previous.scatter)
+    posterior = climb.best_posterior(previous)
+    choice = Choice(refit, posterior, library, all_covariates, folds, previous.scatter)
     if previous_round is not None or noise_is_known(refit):
         return choice
     scatter = choice.scatter_beside(choice.posterior.without_curves)
     if not scatter.readings.any():
         return choice
-    posterior = replace(climb, scatter=scatter).ended(previous)
-    choice_with_scatter = replace(choice, posterior=posterior, scatter=scatter)
+    posterior_with_scatter = replace(climb, scatter=scatter).best_posterior(previous)
+    choice_with_scatter = replace(choice, posterior=posterior_with_scatter, scatter=scatter)
     return max(
         choice,
         choice_with_scatter,
@@ -385,7 +389,7 @@ class _Climb:
     start: Blocks
     scatter: ReadingScatter | None
 
-    def ended(self, previous: _PreviousRound) -> Posterior:
+    def best_posterior(self, previous: _PreviousRound) -> Posterior:
         """The posterior with the most probable noise.
 
         What records of one posture share is either noise or what causes do there. So two noises are
@@ -393,42 +397,47 @@ class _Climb:
         probable set leaves.
         """
         if not self.noise.repeat:
-            return self.with_noise(self.noise)
-        starts = [self.shared(previous.tips, previous.dof)]
+            return self.posterior_with(self.noise)
+        starts = [self.noise_shared_beside(previous.tips, previous.dof)]
         if not self.noise.is_about(starts[0]):
             starts.append(self.noise)
-        return max(map(self.settled, starts), key=lambda posterior: posterior.log_density)
+        return max(map(self.with_own_noise, starts), key=lambda posterior: posterior.log_density)
 
     @cached_property
     def noise(self) -> RecordNoise:
-        """Of records of one posture that share nothing."""
+        """The noise if records of one posture share nothing."""
         refit = self.candidates.design.fit
         return RecordNoise.of_postures(refit, (self.scatter or refit.noise).whitening)
 
-    def shared(self, tips: Array, dof: float) -> RecordNoise:
-        """With the error that records of one posture share beside some tips."""
+    def noise_shared_beside(self, tips: Array, dof: float) -> RecordNoise:
+        """The noise with the error that records of one posture share beside ``tips`` (n, 3 or 6)
+        [m, rad], which leave ``dof`` degrees of freedom.
+        """
         return self.noise.likeliest(self.candidates.design.deviations(tips), dof)
 
-    def with_noise(self, noise: RecordNoise) -> Posterior:
+    def posterior_with(self, noise: RecordNoise) -> Posterior:
+        """The posterior to which the search climbs with this noise."""
         design = self.candidates.design
         stated = noise_is_known(design.fit) if self.scatter is None else self.scatter.as_stated
         gram = gram_of(design, noise.scaled(stated))
         return climb(ModelSpace(self.candidates, gram, stated), self.start)
 
-    def settled(self, noise: RecordNoise) -> Posterior:
-        """The posterior with the error that its most probable set leaves, from a first one."""
-        posterior = self.with_noise(noise)
+    def with_own_noise(self, noise: RecordNoise) -> Posterior:
+        """The posterior, from a first ``noise`` on, with the shared error that its own most
+        probable set leaves.
+        """
+        posterior = self.posterior_with(noise)
         for _ in range(MOST_EXPLORATIONS):
             model = posterior.top_model
-            shared_beside_set = self.shared(model.all_tips, model.dof)
+            shared_beside_set = self.noise_shared_beside(model.all_tips, model.dof)
             if shared_beside_set.is_about(posterior.noise):
                 break
-            posterior = self.with_noise(shared_beside_set)
+            posterior = self.posterior_with(shared_beside_set)
         return posterior
 
 
 def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[Variants, ...]:
-    """The library with the refined variants among those that are tried."""
+    """The library with the refined effects among the variants of their labels."""
     identities_tried = {variant.identity for variants in library for variant in variants}
     untried_by_label = {
         effect.label: effect.at(()) for effect in effects if effect.identity not in identities_tried

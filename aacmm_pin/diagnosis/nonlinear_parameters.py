@@ -107,7 +107,7 @@ def evidences(
     fit: Fit, noise: RecordNoise, acting: Sequence[Variants], tried: Mapping[int, Sequence[Effect]]
 ) -> dict[int, Array]:
     """Log of evidence times prior of effects in the place of one cause, the other causes held,
-    where a fit with one of each ended.
+    where a fit with one of each ended: (effects,) by the number of the cause.
 
     Args:
         acting: each cause as it acts; before it the known cause, if its nonlinear parameter

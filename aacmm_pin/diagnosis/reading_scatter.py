@@ -70,8 +70,8 @@ class ReadingScatter:
             unit_errors.append(np.where(observations.oriented[:, None, None], eye[:, :, 3:], 0.0))
         first_reading = len(unit_errors)
         unit_errors += np.split(by_reading, by_reading.shape[2], axis=2)
-        displacements = [observations.along_normals(eye) @ column for column in unit_errors]
-        squares = np.stack([row @ row.transpose(0, 2, 1) for row in displacements])
+        displacements = [observations.along_normals(eye) @ unit_error for unit_error in unit_errors]
+        squares = np.stack([moved @ moved.transpose(0, 2, 1) for moved in displacements])
         finite_deviations = np.where(np.isfinite(deviations), deviations, 0.0)
         enlarged_deviations = finite_deviations / np.sqrt(share_left)
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
@@ -79,8 +79,9 @@ class ReadingScatter:
         components = _Components(stated[used], squares[:, used], enlarged_deviations[used])
         start_of_tips = np.square(fit.noise.scatters)[:first_reading]
         start_of_tips = np.maximum(start_of_tips, LEAST_VARIANCE)
-        lever = np.square(by_reading[used, :3]).sum(axis=1).mean(axis=0)
-        start_of_readings = FIRST_SHARE * start_of_tips[0] / np.maximum(lever, LEAST_TIP_LEVER**2)
+        squared_lever = np.square(by_reading[used, :3]).sum(axis=1).mean(axis=0)
+        lever_at_least = np.maximum(squared_lever, LEAST_TIP_LEVER**2)
+        start_of_readings = FIRST_SHARE * start_of_tips[0] / lever_at_least
         unshared = replace(components, residuals=noise.independent(enlarged_deviations)[used])
         start = np.concatenate([start_of_tips, start_of_readings])
         log_ratios = unshared.sure_ratios(start, first_reading)
@@ -105,7 +106,7 @@ class ReadingScatter:
         return ReadingScatter(
             covariances=covariances,
             readings=readings,
-            at_tips=readings * np.sqrt(lever),
+            at_tips=readings * np.sqrt(squared_lever),
             log_ratios=log_ratios,
             size=size,
             larger=larger,

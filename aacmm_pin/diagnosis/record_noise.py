@@ -131,15 +131,16 @@ class RecordNoise:
         record.
         """
         residual = np.einsum("nij,nj->ni", self.whitening, deviations)
-        nothing, likeliest = _likeliest(self, residual, dof)
+        log_of_nothing_shared, likeliest = _likeliest(self, residual, dof)
         if self.by_reading.size:
             by_readings = replace(self, of_readings=True)
             _, of_readings = _likeliest(by_readings, residual, dof)
             _, ungrouped = _likeliest(by_readings.ungrouped, residual, dof)
-            largest_other = max(nothing, likeliest.log_ratio, ungrouped.log_ratio)
-            if of_readings.log_ratio > largest_other + THRESHOLDS.readings:
-                likeliest, nothing = of_readings, max(nothing, ungrouped.log_ratio)
-        log_ratio = likeliest.log_ratio - nothing
+            log_of_others = max(log_of_nothing_shared, likeliest.log_ratio, ungrouped.log_ratio)
+            if of_readings.log_ratio > log_of_others + THRESHOLDS.readings:
+                likeliest = of_readings
+                log_of_nothing_shared = max(log_of_nothing_shared, ungrouped.log_ratio)
+        log_ratio = likeliest.log_ratio - log_of_nothing_shared
         return replace(likeliest, log_ratio=log_ratio) if log_ratio > 0.0 else self
 
     @property
@@ -188,7 +189,7 @@ class RecordNoise:
 
     def log_volume(self, ratio: float) -> Array:
         """Log determinant of each group's covariance over that of independent records (groups,); of
-        the noise's shape by the numbers that a record states.
+        the noise's shape by the coordinates that a record states.
         """
         if not ratio:
             return np.zeros_like(self.coordinates)
@@ -203,8 +204,8 @@ class RecordNoise:
         """Whether the same postures have about the other error, or a small one beside a record's in
         both.
         """
-        change = self.log_volume(self.ratio) - other.log_volume(other.ratio)
-        return bool(abs((change / self.coordinates).mean()) < SAME_LOG_VARIANCE)
+        log_variance_change = self.log_volume(self.ratio) - other.log_volume(other.ratio)
+        return bool(abs((log_variance_change / self.coordinates).mean()) < SAME_LOG_VARIANCE)
 
     @cached_property
     def _sum(self) -> csr_array:
@@ -219,7 +220,7 @@ class RecordNoise:
         sums = np.asarray(self._sum @ flat)
         return sums.reshape(len(self.count), *rows.shape[1:])
 
-    def with_all_of_a_group(self, chosen: Mask, used: Mask) -> Mask:
+    def with_whole_groups(self, chosen: Mask, used: Mask) -> Mask:
         """Some records (n,) and all used ones that share an error with any."""
         if not self.ratio:
             return chosen

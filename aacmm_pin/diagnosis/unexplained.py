@@ -165,7 +165,7 @@ class Unexplained(Shown):
 
     @property
     def apart(self) -> tuple[ScatteredReadings | SharedError | RunOrder, ...]:
-        """Structure that is not over a column."""
+        """Structure over no covariate: of readings, of postures, of consecutive records."""
         structures = (*self.readings, self.shared_by_postures, self.run_order)
         return tuple(one for one in structures if one is not None)
 
