@@ -112,7 +112,7 @@ def _parts_of_places_and_structure(
     blocks_by_place = defaultdict[int, list[int]](list)
     for block in coefficients_of_causes:
         if not geometric_parameters(arm, choice.variant(block)):
-            blocks_by_place[int(choice.candidates.of_blocks[block])].append(block)
+            blocks_by_place[int(choice.candidates.block_places[block])].append(block)
     coefficients_of_structure = model.step - sum(coefficients_of_causes.values())
     coefficients_of_structure[: design.nuisances] = 0.0
     coefficients_of_places = [

@@ -38,7 +38,7 @@ GEAR_ORDERS = (2, 3, 4, 6)
 """Waves per revolution of a gear's error that a load may change."""
 LEAST_MOMENT = 0.1
 """Least change of a joint's moment by others with which it is a covariate [N·m]."""
-LATER = 3
+COSINES_OF_TIME = 3
 """Cosines over the ranks of the time with which a joint's error may change."""
 DECIMALS = 9
 """Decimals of angles [rad] by which records are ordered."""
@@ -135,12 +135,12 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     joints = [*map(Joint, itertools.count(), arm.chain.moving_rows(), arm.chain.prismatic)]
     spread = np.ptp(state.q, axis=0)
     moving = [joint for joint in joints if spread[joint.number] > LEAST_SPREAD]
-    single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
-    of_joints = [*_of_pairs_and_time(state, moving), *_of_loads(state, moving)]
+    single = [*_joint_covariates(state, moving), *_column_covariates(measurements, state, joints)]
+    of_joints = [*_pair_and_time_covariates(state, moving), *_load_covariates(state, moving)]
     return [*single, *of_joints, _place(state), _scale(state)]
 
 
-def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
+def _joint_covariates(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
     """Each joint, which may shift the tip along the body before it, or change another's error."""
     for joint in joints:
         readings = state.q[:, joint.number]
@@ -154,7 +154,7 @@ def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
         yield replace(covariate, variants=variants, values=joint.table(state))
 
 
-def _of_columns(
+def _column_covariates(
     measurements: Measurements, state: State, joints: Sequence[Joint]
 ) -> Iterator[Covariate]:
     """Each column of the file that may be a covariate, on the carriers that its entry allows; new
@@ -191,13 +191,15 @@ def _covariate(
         variants = [Carried(dummies, carrier) for carrier in (*carriers, *frame)]
         return Covariate(name, (name,), tuple(variants), labels.to_frame(name))
     slow, quick = (Cosines.over(name, numbers, count) for count in SMOOTH)
-    variants = [_carried(slow, numbers, carrier, state) for carrier in carriers]
+    variants = [_cosines_on_carrier(slow, numbers, carrier, state) for carrier in carriers]
     if carriers[0] == "room" and len(numbers) > 3 * SMOOTH[1]:
-        variants.append(_carried(quick, numbers, "room", state))
+        variants.append(_cosines_on_carrier(quick, numbers, "room", state))
     return Covariate(name, (name,), tuple(variants), numbers.astype(float).to_frame(name))
 
 
-def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | None) -> Carried:
+def _cosines_on_carrier(
+    cosines: Cosines, numbers: pd.Series, carrier: str, state: State | None
+) -> Carried:
     """Cosines on a carrier; the amplitude of ``cos kπp`` falls as 1/k (bounded variation)."""
     if state is None:
         carried = Carried(_of_size_one(cosines.of_values(numbers)), carrier)
@@ -206,7 +208,7 @@ def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | 
     return replace(carried, decay=1.0 / np.maximum(np.arange(cosines.number), 1.0))
 
 
-def _of_pairs_and_time(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
+def _pair_and_time_covariates(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
     """Two joints: the error of either depends on the first orders of both angles; or a wave of a
     gear's order changes with the other angle, as by its load, and has a mean of zero over it: a
     wave that does not change is a cause. A joint and the time: its error depends on its angle and
@@ -218,21 +220,23 @@ def _of_pairs_and_time(state: State, joints: Sequence[Joint]) -> Iterator[Covari
         variants = [Carried.of(first_orders, joint.error, state) for joint in pair]
         for joint, other in (pair, reversed(pair)):
             change = Waves.about_mean(other.name, state)
-            gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides]
-            variants += [Carried.of((gear, change), joint.error, state) for gear in gears]
+            gear_waves = [
+                Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides
+            ]
+            variants += [Carried.of((wave, change), joint.error, state) for wave in gear_waves]
         values = pd.concat([joint.table(state) for joint in pair], axis=1)
         yield Covariate(" × ".join(names), names, tuple(variants), values)
     time = state.conditions.time
     if time is None or np.ptp(time) == 0.0:
         return
-    later = Cosines.over("time", time, LATER)
+    of_time = Cosines.over("time", time, COSINES_OF_TIME)
     for joint in joints:
-        carried = Carried.of((Waves(joint.name), later), joint.error, state)
+        carried = Carried.of((Waves(joint.name), of_time), joint.error, state)
         values = joint.table(state).assign(time_s=time)
         yield Covariate(f"{joint.name} × time", (joint.name, "time"), (carried,), values)
 
 
-def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
+def _load_covariates(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
     """The error of a gear depends on the part of the weight's moment on it that only other joints
     change.
     """
@@ -244,8 +248,8 @@ def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
         change = Moment.beyond_own_angle(joint.name, state)
         if np.ptp(change.values(state)) < LEAST_MOMENT:
             continue
-        gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS]
-        variants = [Carried.of((gear, change), joint.error, state) for gear in gears]
+        gear_waves = [Waves(joint.name, order=order) for order in GEAR_ORDERS]
+        variants = [Carried.of((wave, change), joint.error, state) for wave in gear_waves]
         load = f"moment {joint.row}"
         moment = Moment(joint.name).values(state)[:, 0]
         values = joint.table(state).assign(**{f"moment{joint.row}_nm": moment})

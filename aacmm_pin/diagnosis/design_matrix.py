@@ -62,7 +62,7 @@ class Block:
         width = self.columns.stop - self.columns.start
         return int(width if self.combinations is None else self.combinations.shape[1])
 
-    def of_rows(self, rows: Array) -> Array:
+    def in_parameters(self, rows: Array) -> Array:
         """Products with all columns (m, columns) as products with the parameters (m, q)."""
         products = rows[..., self.columns]
         return products if self.combinations is None else np.asarray(products @ self.combinations)
@@ -111,7 +111,7 @@ class Family:
         products = (inside @ side_by_side).reshape(columns, blocks, parameters)
         return np.asarray(self.combinations.transpose(0, 2, 1) @ products.transpose(1, 0, 2))
 
-    def of_rows(self, rows: Array) -> Array:
+    def in_parameters(self, rows: Array) -> Array:
         """Products with all columns (r, columns) as products with the parameters (b, r, q)."""
         products = rows[:, self.columns]
         if self.combinations is None:
@@ -428,7 +428,7 @@ class _Calibrated:
         effects = (*problem.model.effects, *fit.effects)
         self.state = Columns.of(self.nominal, (), effects).at(np.zeros(0))
         self.frame = fit.point.frame.rotation if problem.external else np.eye(3)
-        self._of_carriers = dict[str, Array]()
+        self._by_carrier = dict[str, Array]()
 
     def of(self, source: Source) -> Array:
         """Displacement by one unit of each parameter (n, 3 or 6, q) [m/unit]."""
@@ -450,8 +450,8 @@ class _Calibrated:
 
     def _axes(self, name: str) -> Array:
         """Displacement of the tip by one unit on each axis of a carrier (n, 3 or 6, axes)."""
-        if name not in self._of_carriers:
+        if name not in self._by_carrier:
             constant = Part(Carrier(name), ())
             unit = Discrepancy(name, (constant,), constant.coefficients)
-            self._of_carriers[name] = self._columns([unit])
-        return self._of_carriers[name]
+            self._by_carrier[name] = self._columns([unit])
+        return self._by_carrier[name]

@@ -171,8 +171,8 @@ class Base:
         rows = self._rows.get(block)
         if rows is None:
             parameters = self.gram.design.blocks[block]
-            products = parameters.of_rows(self.gram.matrix).T
-            absorbed = parameters.of_rows(self.whitened).T @ self.whitened
+            products = parameters.in_parameters(self.gram.matrix).T
+            absorbed = parameters.in_parameters(self.whitened).T @ self.whitened
             rows = products - absorbed
         keep(self._rows, block, rows, KEPT)
         return rows
@@ -248,7 +248,7 @@ class Conditional:
     @cached_property
     def information(self) -> Array:
         """Products of the set's parameters with one another (m, m)."""
-        products = [self.design_blocks[k].of_rows(self.rows) for k in self.blocks]
+        products = [self.design_blocks[k].in_parameters(self.rows) for k in self.blocks]
         return np.concatenate([np.zeros((len(self.rows), 0)), *products], axis=1)
 
     @cached_property
@@ -347,7 +347,7 @@ class Conditional:
         key = _key(columns)
         if key not in self._inside:
             if isinstance(columns, slice) and "whitened" not in vars(self) and self.blocks:
-                # Fewer columns to solve for than all, which nothing else has asked for yet.
+                # Not all columns are whitened yet: these alone take less time.
                 whitened = solve_lower(self.factor, self.rows[:, columns])
             else:
                 whitened = self.whitened[:, columns]
@@ -398,7 +398,7 @@ class Conditional:
         whitened = self.base.whitened
         right = whitened[:, -1].copy()
         for k, entries in self.entries.items():
-            right += self.design_blocks[k].of_rows(whitened) @ self.estimate[entries]
+            right += self.design_blocks[k].in_parameters(whitened) @ self.estimate[entries]
         solved = scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
         return np.asarray(-solved)
 
@@ -456,7 +456,7 @@ class Beside:
         entries: of the members left out, among the set's parameters (q,).
         precision: ``Q``, of these (q, q).
         before: what was left before one more block was added.
-        more: rows whose squares that block takes from all products (q, columns + 1).
+        taken_rows: rows whose squares that block takes from all products (q, columns + 1).
     """
 
     conditional: Conditional
@@ -466,7 +466,7 @@ class Beside:
     entries: Index
     precision: Array
     before: Beside | None = None
-    more: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    taken_rows: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def left_out(self) -> tuple[Array, Array]:
@@ -490,7 +490,7 @@ class Beside:
         """
         parameters = self.conditional.design_blocks[block]
         rows = self._rows(block)
-        information = parameters.of_rows(rows)
+        information = parameters.in_parameters(rows)
         scale = WIDTHS[width]
         precision = information + np.eye(len(information)) / scale**2
         factor = lower_factor(precision, np.diag(information))
@@ -507,13 +507,13 @@ class Beside:
             log_volume=self.log_volume + float(np.log(np.diag(factor) * scale).sum()),
             log_above_zero=self.log_above_zero + above_zero,
             before=self,
-            more=whitened,
+            taken_rows=whitened,
         )
 
     def of_block(self, block: int) -> tuple[Array, Array]:
         """Information of a block (q, q), and its products with the residual (q,)."""
         rows = self._rows(block)
-        return self.conditional.design_blocks[block].of_rows(rows), rows[:, -1]
+        return self.conditional.design_blocks[block].in_parameters(rows), rows[:, -1]
 
     def _rows(self, block: int) -> Array:
         """Products of a block's parameters with all columns and the residual (q, columns + 1): less
@@ -522,10 +522,11 @@ class Beside:
         """
         parameters = self.conditional.design_blocks[block]
         if self.before is not None:
-            return self.before._rows(block) - parameters.of_rows(self.more).T @ self.more
+            taken = parameters.in_parameters(self.taken_rows).T @ self.taken_rows
+            return self.before._rows(block) - taken
         whitened = self.conditional.whitened
-        rows = self.conditional.base.rows(block) - parameters.of_rows(whitened).T @ whitened
-        return np.asarray(rows + parameters.of_rows(self._given_back).T @ self._given_back)
+        rows = self.conditional.base.rows(block) - parameters.in_parameters(whitened).T @ whitened
+        return np.asarray(rows + parameters.in_parameters(self._given_back).T @ self._given_back)
 
     @cached_property
     def _left(self) -> Array:
@@ -535,14 +536,14 @@ class Beside:
         return np.asarray(self.conditional.base.left + by_set + given_back)
 
     @cached_property
-    def _of_families(self) -> dict[int, tuple[Array, Array]]:
+    def _family_products(self) -> dict[int, tuple[Array, Array]]:
         return {}
 
     def of_family(self, family: Family) -> tuple[Array, Array]:
         """Information (b, q, q) and products with the residual (b, q) of the blocks of a family;
         kept.
         """
-        if id(family) not in self._of_families:
+        if id(family) not in self._family_products:
             if self.before is None:
                 inside = self.conditional.inside(family.columns)
                 given_back = _squares(self._given_back[:, family.columns])
@@ -550,18 +551,18 @@ class Beside:
                 gradient = family.gradient(self._left)
             else:
                 information, gradient = self.before.of_family(family)
-                taken = family.of_rows(self.more)  # (b, r, q)
+                taken = family.in_parameters(self.taken_rows)  # (b, r, q)
                 information = information - taken.transpose(0, 2, 1) @ taken
-                gradient = gradient - self.more[:, -1] @ taken
-            self._of_families[id(family)] = information, gradient
-        return self._of_families[id(family)]
+                gradient = gradient - self.taken_rows[:, -1] @ taken
+            self._family_products[id(family)] = information, gradient
+        return self._family_products[id(family)]
 
     def canonical(self, one: int, other: int) -> float:
         """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
         of_one = self._rows(one)
-        first = self.conditional.design_blocks[one].of_rows(of_one)
+        first = self.conditional.design_blocks[one].in_parameters(of_one)
         second, _ = self.of_block(other)
-        cross = self.conditional.design_blocks[other].of_rows(of_one)
+        cross = self.conditional.design_blocks[other].in_parameters(of_one)
         return _largest_canonical(first, second, cross)
 
     @property
@@ -640,7 +641,7 @@ def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
     τ⁻²`` with ``L⁻¹ γ`` as one row more.
 
     Returns:
-        (b, widths), twice.
+        Gain and half log determinant (b, widths).
     """
     b, q = information.shape[:2]
     eye = np.eye(q)

@@ -131,7 +131,7 @@ class Candidates:
         return self.owner(block) < self.design.causes
 
     @cached_property
-    def of_blocks(self) -> Index:
+    def block_places(self) -> Index:
         """Place of every block (blocks,)."""
         return self.places[self.owners]
 
@@ -140,7 +140,7 @@ class Candidates:
         """The families of the blocks of each place, by its number."""
         of_place = defaultdict[int, list[Family]](list)
         for family in self.design.families:
-            places = self.of_blocks[family.blocks]
+            places = self.block_places[family.blocks]
             for place in np.unique(places).tolist():
                 of_place[place].append(family.some(places == place))
         return of_place
@@ -155,8 +155,8 @@ class Candidates:
         owners = np.array([self.owner(k) for k in blocks], dtype=np.intp)
         barred = np.isin(self.owners, owners)
         full_places = self.places[owners[self.free[owners]]]
-        barred |= np.isin(self.of_blocks, full_places)
-        barred |= self.free[self.owners] & np.isin(self.of_blocks, self.places[owners])
+        barred |= np.isin(self.block_places, full_places)
+        barred |= self.free[self.owners] & np.isin(self.block_places, self.places[owners])
         follows = self.follows[self.owners]
         barred |= (follows >= 0) & ~np.isin(follows, owners)
         for k in blocks:
@@ -251,6 +251,7 @@ class ModelSpace:
 
     Attributes:
         ascents: where a search of the most probable set ended, by where it began.
+        _added_widths: by the set, number of the best width of each block more (blocks,).
     """
 
     def __init__(
@@ -267,8 +268,8 @@ class ModelSpace:
         self._bases: dict[tuple[int, bool], Base] = {}
         self._marginals: dict[Blocks, Marginal] = {}
         self._gains: dict[Blocks, Array] = {}
-        self._widths: dict[Blocks, Array] = {}
-        self._rows: dict[tuple[Blocks, int, bool], Conditional] = {}
+        self._added_widths: dict[Blocks, Array] = {}
+        self._conditionals: dict[tuple[Blocks, int, bool], Conditional] = {}
         self._beside: dict[Blocks, list[Weighted]] = {}
 
     def base(self, amplitude: int, as_stated: bool = False) -> Base:
@@ -287,18 +288,19 @@ class ModelSpace:
     def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
         """The linear model with the set of ``state``; the last ones are kept."""
         key = (state.blocks, state.amplitude, as_stated)
-        conditional = self._rows.get(key)
+        conditional = self._conditionals.get(key)
         if conditional is None:
             base = self.base(state.amplitude, as_stated)
             conditional = Conditional(base, state.blocks, state.widths, self.likelihood)
         elif conditional.widths != state.widths:
             conditional = conditional.with_widths(state.widths)
-        keep(self._rows, key, conditional, RECENT)
+        keep(self._conditionals, key, conditional, RECENT)
         return conditional
 
     def release(self) -> None:
         """Free the memory of what is kept; log posteriors stay."""
-        for kept in (self._bases, self._gains, self._widths, self._rows, self._beside):
+        by_set = (self._gains, self._added_widths, self._beside)
+        for kept in (self._bases, self._conditionals, *by_set):
             kept.clear()
 
     def is_evaluated(self, blocks: Blocks) -> bool:
@@ -364,9 +366,10 @@ class ModelSpace:
             marginal = self._marginals.get(fewer)
             if marginal is None:
                 continue
-            width = self._widths[fewer][block] if fewer in self._widths else FIRST_WIDTH
+            added_widths = self._added_widths.get(fewer)
+            width = FIRST_WIDTH if added_widths is None else int(added_widths[block])
             widths = list(marginal.best.widths)
-            widths.insert(k, int(width))
+            widths.insert(k, width)
             return ModelState(blocks, tuple(widths), marginal.best.amplitude)
         return ModelState(blocks, (FIRST_WIDTH,) * len(blocks), 0)
 
@@ -436,7 +439,7 @@ class ModelSpace:
                 for beside, log_weight in near
             ]
             by_width = np.logaddexp.reduce(by_state, axis=0)  # (blocks, widths)
-            self._widths[blocks] = np.argmax(by_width, axis=1)
+            self._added_widths[blocks] = np.argmax(by_width, axis=1)
             gain = log_sum(by_width) - np.log(WIDTHS.size)
             gain[self.candidates.barred(blocks)] = -np.inf
             self._gains[blocks] = gain + self.candidates.log_odds
@@ -482,7 +485,7 @@ class ModelSpace:
             if fewer in self._gains:
                 gains = self._gains[fewer]
                 families = [one for one in families if gains[one.blocks].max() > -REMOTE]
-            width = int(self._widths[fewer][k])
+            width = int(self._added_widths[fewer][k])
             near = [(beside.plus(k, width), log_weight) for beside, log_weight in beside_fewer]
             return near, families
         return [], families
@@ -511,7 +514,7 @@ class ModelSpace:
         )
         log_evidences = beside.additions(self._open_families(staying))  # (blocks, widths)
         keep(self._beside, staying, [(beside, 0.0)], RECENT)
-        self._widths[staying] = np.argmax(log_evidences, axis=1)
+        self._added_widths[staying] = np.argmax(log_evidences, axis=1)
         log_posterior = offset + log_sum(log_evidences) - np.log(WIDTHS.size) + log_odds
         log_posterior[self.candidates.barred(staying)] = -np.inf
         return float(offset + beside.log_evidence), np.asarray(log_posterior)
@@ -523,7 +526,7 @@ class ModelSpace:
         If several blocks act there and are more probable together, the state stays as it is.
         """
         candidates = self.candidates
-        members = [k for k in state.blocks if candidates.of_blocks[k] == place]
+        members = [k for k in state.blocks if candidates.block_places[k] == place]
         staying = state.of([k for k in state.blocks if k not in members])
         one_form = self._with_best(staying, self.conditional(state).without(*members), place)
         if len(members) > 1 and self.log_posterior(one_form) < self.log_posterior(state):

@@ -90,7 +90,7 @@ class Posterior:
         candidates = self.space.candidates
         forms_of_place = defaultdict[int, dict[frozenset[int], float]](dict)
         for blocks, weight in self._at_places.items():
-            place = int(candidates.of_blocks[min(blocks)])
+            place = int(candidates.block_places[min(blocks)])
             forms = forms_of_place[place]
             form = frozenset(map(candidates.owner, blocks))
             forms[form] = forms.get(form, 0.0) + weight
@@ -102,7 +102,7 @@ class Posterior:
     @cached_property
     def _at_places(self) -> dict[frozenset[int], float]:
         """Probability of each set of blocks that act at one place together, and no others there."""
-        places = self.space.candidates.of_blocks.tolist()
+        places = self.space.candidates.block_places.tolist()
         weights = defaultdict[frozenset[int], float](float)
         for blocks, weight in self.weights.items():
             for place in {places[k] for k in blocks}:
@@ -203,11 +203,11 @@ class Posterior:
         """
         entries = self.causes_alone.entries[block]
         alone = self.causes_alone.covariance[entries, entries]
-        values, vectors = np.linalg.eigh(self._of_other_sets[block] - alone)
+        values, vectors = np.linalg.eigh(self._covariances_over_sets[block] - alone)
         return np.asarray(vectors * np.maximum(values, 0.0) @ vectors.T)
 
     @cached_property
-    def _of_other_sets(self) -> dict[int, Array]:
+    def _covariances_over_sets(self) -> dict[int, Array]:
         """Mean covariance of each cause in the sets that hold it, about the estimate with the
         causes alone.
         """

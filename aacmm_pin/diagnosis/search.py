@@ -90,7 +90,7 @@ def ascended(space: ModelSpace, start: Blocks) -> Blocks:
     state = space.best_amplitude(ModelState(start, (FIRST_WIDTH,) * len(start), 0))
     value = space.log_posterior(state)
     while True:
-        places = {int(space.candidates.of_blocks[k]) for k in state.blocks}
+        places = {int(space.candidates.block_places[k]) for k in state.blocks}
         for place in sorted(places):
             state = space.best_form(state, place)
         state = space.best_amplitude(space.best_addition(state))
@@ -196,20 +196,20 @@ class Walk:
         self.best = max(self.best, value)
         return value
 
-    def _visit(self, blocks: Blocks, about: float, beside: Blocks) -> float:
-        """Evaluate a set if ``about``, its approximate log posterior, is near the best; keep the
-        approximation if it is farther below. Its widths are looked for from those of ``beside``.
+    def _visit(self, blocks: Blocks, approximate: float, beside: Blocks) -> float:
+        """Evaluate a set if its approximate log posterior is near the best; keep the approximation
+        if it is farther below. Its widths are looked for from those of ``beside``.
 
         Returns:
             By how much the approximation was too low.
         """
         if not self.space.candidates.is_possible(blocks):
             return 0.0
-        if about > self.best - THRESHOLDS.close:
+        if approximate > self.best - THRESHOLDS.close:
             near = self.space.marginal(beside).best if self.space.is_evaluated(beside) else None
-            return self._look_at(blocks, near) - about
-        if about > self.best - THRESHOLDS.reach:
-            self.values.setdefault(blocks, about)
+            return self._look_at(blocks, near) - approximate
+        if approximate > self.best - THRESHOLDS.reach:
+            self.values.setdefault(blocks, approximate)
         return 0.0
 
     def _visit_each(self, staying: Blocks, values: Array, beside: Blocks) -> list[int]:
@@ -270,7 +270,7 @@ class Walk:
         self.exchanged.add(self._regardless_of_variants(blocks))
         owner = self.space.candidates.owner
         best_before = self.best
-        for gone in self._drawn_jointly(blocks):
+        for gone in self._exchanged_together(blocks):
             staying = tuple(k for k in blocks if k not in gone)
             without, values = self.space.exchanges(blocks, gone)
             self._visit(staying, without, blocks)
@@ -287,14 +287,14 @@ class Walk:
             if self.best > best_before:
                 return
 
-    def _drawn_jointly(self, blocks: Blocks) -> Iterator[Blocks]:
+    def _exchanged_together(self, blocks: Blocks) -> Iterator[Blocks]:
         """Each member alone, and each two members of one place or that imitate one another."""
         for k in blocks:
             yield (k,)
-        of_blocks = self.space.candidates.of_blocks
+        places = self.space.candidates.block_places
         model = self.space.conditional(self.space.marginal(blocks).best)
         for pair in itertools.combinations(blocks, 2):
-            one_place = of_blocks[pair[0]] == of_blocks[pair[1]]
+            one_place = places[pair[0]] == places[pair[1]]
             if one_place or model.canonical(*pair) > THRESHOLDS.imitates:
                 yield pair
 
