@@ -32,7 +32,7 @@ from aacmm_pin.calibration.cross_validation import enough_postures, fold_numbers
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import is_reestimated, length_to_hold
 from aacmm_pin.calibration.setup import checked_input
-from aacmm_pin.diagnosis.budget import BEYOND, SHARED, STRUCTURE, budget_of
+from aacmm_pin.diagnosis.budget import BEYOND, SHARED, STRUCTURE, BudgetPart, budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.discrepancy import described_model
@@ -163,17 +163,8 @@ def diagnose(
     unexplained = unexplained_by(choice, held_out_gain, bool(findings))
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged_fits = [choice.fit] if findings else [choice.fit, first_recalibration]
-    contradicted = {
-        replace(note, data={**note.data, "deviations": None}): note
-        for judged in judged_fits
-        for note in contradiction_notes(judged)
-    }
     named = [finding.label for finding in findings]
     budget = budget_of(choice, nominal, unexplained.discrepancy, unexplained.shared_by_postures)
-    nameless_parts = (STRUCTURE, SHARED, BEYOND)
-    nameless = sum(part.mean_square for part in budget if part.part in nameless_parts)
-    if choice.fit.noise_is_stated:
-        nameless += budget[-1].mean_square - choice.fit.noise_rms**2
     certain_labels = {
         f.label for f in findings if f.probability >= THRESHOLDS.settled and f.borne_out
     }
@@ -185,11 +176,11 @@ def diagnose(
         visible=visible(choice.posterior),
         otherwise=choice.otherwise,
         no_better=_no_better(model.arm, findings, held_out_gain, bool(choice.covariates)),
-        contradicted=tuple(contradicted.values()),
+        contradicted=_contradictions(judged_fits),
         agree=choice.posterior.agree,
         fits=(recalibrated, choice.fit),
         named=sum(part.mean_square for part in budget if certain_labels.intersection(part.causes)),
-        nameless=max(nameless, 0.0),
+        nameless=_nameless_square(budget, choice.fit),
     )
     doubts = doubts_of(evidence)
     if evidence.no_better:
@@ -217,6 +208,27 @@ def diagnose(
         contradicted=evidence.contradicted,
         budget=budget,
     )
+
+
+def _contradictions(fits: Sequence[Fit]) -> tuple[Note, ...]:
+    """Notes on stated places that the records contradict, each place once: as in the last fit."""
+    contradicted = {
+        replace(note, data={**note.data, "deviations": None}): note
+        for one_fit in fits
+        for note in contradiction_notes(one_fit)
+    }
+    return tuple(contradicted.values())
+
+
+def _nameless_square(budget: Sequence[BudgetPart], extended: Fit) -> float:
+    """Mean square displacement of tips by what has no name, noise beyond the stated included
+    [m²].
+    """
+    nameless_parts = (STRUCTURE, SHARED, BEYOND)
+    nameless = sum(part.mean_square for part in budget if part.part in nameless_parts)
+    if extended.noise_is_stated:
+        nameless += budget[-1].mean_square - extended.noise_rms**2
+    return max(nameless, 0.0)
 
 
 def _no_better(
