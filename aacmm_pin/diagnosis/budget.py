@@ -101,9 +101,7 @@ def budget_of(
 def _parts_of_places_and_structure(
     choice: Choice, structure: Sequence[DiscrepancySize]
 ) -> Iterator[BudgetPart]:
-    """One part for the causes of each place, or of places that oppose one another; the structure
-    last.
-    """
+    """A part for each place, or for places that oppose one another; the structure last."""
     design, model = choice.design, choice.posterior.median_model
     arm = choice.fit.problem.model.arm
     coefficients_of_causes = {

@@ -211,7 +211,7 @@ def diagnose(
 
 
 def _contradictions(fits: Sequence[Fit]) -> tuple[Note, ...]:
-    """Notes on stated places that the records contradict, each place once: as in the last fit."""
+    """Notes on stated places that the records contradict, each place once."""
     contradicted = {
         replace(note, data={**note.data, "deviations": None}): note
         for one_fit in fits
@@ -221,9 +221,7 @@ def _contradictions(fits: Sequence[Fit]) -> tuple[Note, ...]:
 
 
 def _nameless_square(budget: Sequence[BudgetPart], extended: Fit) -> float:
-    """Mean square displacement of tips by what has no name, noise beyond the stated included
-    [m²].
-    """
+    """Mean square displacement by what has no name, with noise beyond the stated [m²]."""
     nameless_parts = (STRUCTURE, SHARED, BEYOND)
     nameless = sum(part.mean_square for part in budget if part.part in nameless_parts)
     if extended.noise_is_stated:
@@ -249,7 +247,7 @@ def _no_better(
 
 
 def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:
-    """Raise an AacmmError if the recalibrated arm leaves no residual at all."""
+    """Raise if the recalibrated arm leaves no residual at all."""
     if np.nanmax(np.abs(recalibrated.system.deviation), initial=0.0) > NOTHING:
         return
     too_few = recalibrated.problem.scales.size >= 3 * measurements.n

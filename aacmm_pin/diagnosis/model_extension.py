@@ -410,13 +410,11 @@ class _Climb:
         return RecordNoise.of_postures(refit, (self.scatter or refit.noise).whitening)
 
     def noise_shared_beside(self, tips: Array, dof: float) -> RecordNoise:
-        """The noise with the error that records of one posture share beside ``tips`` (n, 3 or 6)
-        [m, rad], which leave ``dof`` degrees of freedom.
-        """
+        """The noise with the error that records of one posture share beside some tips."""
         return self.noise.likeliest(self.candidates.design.deviations(tips), dof)
 
     def posterior_with(self, noise: RecordNoise) -> Posterior:
-        """The posterior to which the search climbs with this noise."""
+        """The posterior of a search with this noise."""
         design = self.candidates.design
         stated = noise_is_known(design.fit) if self.scatter is None else self.scatter.as_stated
         gram = gram_of(design, noise.scaled(stated))

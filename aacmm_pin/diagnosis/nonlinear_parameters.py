@@ -211,7 +211,7 @@ def _least_u(effect: Effect, tried: Sequence[Effect], log_odds: Array) -> float:
 
 
 def _interval(values: Array, log_odds: Array) -> tuple[float, float]:
-    """Where values (k,), in their order, have 2.5 and 97.5 % of the probability, by log odds (k,)."""
+    """The ends of 95 % of the probability of values (k,), by their log odds."""
     cumulated = np.cumsum(np.exp(log_odds - logsumexp(log_odds)))
     ends = np.searchsorted(cumulated, (0.025, 0.975)).clip(max=values.size - 1)
     low, high = values[ends].tolist()

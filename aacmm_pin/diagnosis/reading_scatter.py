@@ -152,7 +152,7 @@ class _Components:
         return likeliest
 
     def largest(self, start: Array) -> float:
-        """Log likelihood of the best variances; those that are zero at the start stay zero."""
+        """Log likelihood of the best variances."""
         return self.log_likelihood(self.best(start))
 
     def sure_ratios(self, start: Array, first: int) -> Array:
@@ -183,7 +183,7 @@ class _Components:
 
 
 def _without(variances: Array, numbers: list[int]) -> Array:
-    """A copy of the variances, zero at these numbers."""
+    """The variances, zero at these numbers."""
     variances = variances.copy()
     variances[numbers] = 0.0
     return variances

@@ -212,7 +212,7 @@ def unexplained_by(choice: Choice, held_out_gain: Gain | None, has_findings: boo
 
 
 def _shared_error(choice: Choice) -> SharedError | None:
-    """The error that records of one posture share, if it is significant and large."""
+    """The shared error, if it is significant and large."""
     noise = choice.noise
     fit = choice.design.fit
     if noise.p_value >= THRESHOLDS.left or noise.ratio < THRESHOLDS.large:
