@@ -101,7 +101,7 @@ class Family:
         """Information ``Cᵀ P C`` of each block (b, q, q), by its combinations C and the products P
         of the family's columns with one another (columns, columns).
 
-        Without combinations these are of each block by itself, and the answer (b, q, q).
+        Without combinations P is that of each block (b, q, q).
         """
         if self.combinations is None:
             return inside
@@ -360,11 +360,7 @@ class _ColumnsOf:
         self.bases = dict[object, slice]()
 
     def add_cause(self, number: int, variants: Variants) -> None:
-        """Add a block for each variant of a cause.
-
-        A variant of a known cause with another nonlinear value has columns of its own, and those of
-        the change of its values.
-        """
+        """Add a block for each variant of a cause."""
         first = variants[0]
         changes = is_change(first)
         basis = None
@@ -379,6 +375,7 @@ class _ColumnsOf:
                 columns = self.bases[basis.identity]
                 combinations = _combinations(effect, basis)
             else:
+                # A known cause with another nonlinear value has columns of its change too.
                 beside_change = changes and bool(first.nonlinear.field) and effect is not first
                 columns = self._new((effect, first) if beside_change else (effect,))
                 combinations = None

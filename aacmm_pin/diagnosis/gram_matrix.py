@@ -126,8 +126,8 @@ def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = N
     has_all = np.array_equal(np.any(parts, axis=0), used)
     if has_all:
         nuisances_and_residual = np.append(np.arange(design.nuisances), design.width)
-        block = np.ix_(nuisances_and_residual, nuisances_and_residual)
-        matrix[block] += design.prior.T @ design.prior
+        entries = np.ix_(nuisances_and_residual, nuisances_and_residual)
+        matrix[entries] += design.prior.T @ design.prior
     return Gram(design, noise, matrix, free)
 
 

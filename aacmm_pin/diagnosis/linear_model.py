@@ -118,9 +118,7 @@ class Base:
 
     @cached_property
     def prior(self) -> Array:
-        """Prior precision of nuisances and background (b,); that of the nuisances is among the
-        products already, but for those that are held.
-        """
+        """Prior precision of nuisances and background (b,), see :data:`UNKNOWN`."""
         precision = np.full(len(self._products[1]), UNKNOWN)
         if self.as_stated:
             of_known_causes = self.gram.design.known
@@ -165,8 +163,8 @@ class Base:
         return {}
 
     def rows(self, block: int) -> Array:
-        """Products of a block's parameters with all columns and the residual (q, columns + 1),
-        nuisances and background integrated over; the last blocks' are kept.
+        """Products of a block's parameters (q, columns + 1), nuisances and background integrated
+        over; the last are kept.
         """
         rows = self._rows.get(block)
         if rows is None:
@@ -441,8 +439,7 @@ def log_above_zero(value: Array | float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """What is left beside a set, all else as it stands: without some of its blocks, or with one
-    more.
+    """What is left beside a set without some of its blocks, or with one more; widths stay.
 
     With ``A`` the precision of all parameters and ``R`` their products, the members have the
     precision ``Q = ((A⁻¹)_kk)⁻¹`` beside the others, and without them ``(A⁻¹ R)_kᵀ Q (A⁻¹ R)_k``
@@ -483,11 +480,7 @@ class Beside:
         return np.asarray(np.linalg.cholesky(self.precision).T @ solved)
 
     def plus(self, block: int, width: int) -> Beside:
-        """What is left with one block more, of a width by its number.
-
-        A positive block has one parameter: its estimate in standard deviations is minus its
-        whitened product with the residual.
-        """
+        """What is left with one block more, of a width by its number."""
         parameters = self.conditional.design_blocks[block]
         rows = self._rows(block)
         information = parameters.in_parameters(rows)
@@ -499,6 +492,7 @@ class Beside:
         chi2 = self.chi2 - float(gradient @ gradient)
         above_zero = 0.0
         if parameters.positive:
+            # Its one estimate in standard deviations is minus its whitened gradient.
             variance = self.conditional.likelihood.variance(chi2)
             above_zero = float(log_above_zero(-gradient[0] / np.sqrt(variance)))
         return replace(
@@ -516,9 +510,8 @@ class Beside:
         return self.conditional.design_blocks[block].in_parameters(rows), rows[:, -1]
 
     def _rows(self, block: int) -> Array:
-        """Products of a block's parameters with all columns and the residual (q, columns + 1): less
-        what the set takes, plus what the members left out give back, less what one more block
-        takes.
+        """Products of a block's parameters (q, columns + 1): less what the set takes, plus what the
+        members left out give back, less what one more block takes.
         """
         parameters = self.conditional.design_blocks[block]
         if self.before is not None:

@@ -148,9 +148,9 @@ class Candidates:
     def barred(self, blocks: Blocks) -> Mask:
         """Which blocks cannot be added to ``blocks`` (blocks,).
 
-        They are blocks of the same candidates; others at the place of a candidate that can be every
-        function of it; such a candidate at a place where another is; blocks without what they
-        follow; and orders of a wave near that of the wave they follow.
+        They are blocks of the same candidates; others beside a candidate that can be every function
+        of its place, and it beside others; blocks without what they follow, or with an order near
+        its.
         """
         owners = np.array([self.owner(k) for k in blocks], dtype=np.intp)
         barred = np.isin(self.owners, owners)
@@ -166,12 +166,15 @@ class Candidates:
 
     def is_possible(self, blocks: Blocks) -> bool:
         """Whether a set has what each of its blocks follows, with another value."""
-        of_owner = {self.owner(k): k for k in blocks}
-        for owner, k in of_owner.items():
-            first = int(self.follows[owner])
-            if first < 0:
+        block_of = {self.owner(k): k for k in blocks}
+        for owner, k in block_of.items():
+            followed = int(self.follows[owner])
+            if followed < 0:
                 continue
-            if first not in of_owner or abs(self.values[k] - self.values[of_owner[first]]) < APART:
+            if followed not in block_of:
+                return False
+            difference = self.values[k] - self.values[block_of[followed]]
+            if abs(difference) < APART:
                 return False
         return True
 
@@ -251,7 +254,6 @@ class ModelSpace:
 
     Attributes:
         ascents: where a search of the most probable set ended, by where it began.
-        _added_widths: by the set, number of the best width of each block more (blocks,).
     """
 
     def __init__(
@@ -268,7 +270,7 @@ class ModelSpace:
         self._bases: dict[tuple[int, bool], Base] = {}
         self._marginals: dict[Blocks, Marginal] = {}
         self._gains: dict[Blocks, Array] = {}
-        self._added_widths: dict[Blocks, Array] = {}
+        self._added_widths: dict[Blocks, Array] = {}  # number of each added block's best width
         self._conditionals: dict[tuple[Blocks, int, bool], Conditional] = {}
         self._beside: dict[Blocks, list[Weighted]] = {}
 
@@ -374,11 +376,7 @@ class ModelSpace:
         return ModelState(blocks, (FIRST_WIDTH,) * len(blocks), 0)
 
     def _peak(self, state: ModelState) -> Peak:
-        """The peak at the state's amplitude: widths change one at a time, from those of the state,
-        the one that gains most first.
-
-        The sum over the widths is a product of one sum for each member.
-        """
+        """The peak at the state's amplitude: widths change one at a time, the largest gain first."""
         conditional = self.conditional(state)
         log_prior = self._log_prior(state.blocks)
         while True:
@@ -392,11 +390,12 @@ class ModelSpace:
             widths = list(conditional.widths)
             widths[member] = int(np.argmax(log_evidences[member]))
             changed = conditional.with_widths(tuple(widths))
-            # That positive blocks are above zero is counted of each by itself: no gain may remain.
+            # Each gain takes what other positive blocks add as constant: none may remain.
             if changed.log_evidence <= conditional.log_evidence + LEAST_GAIN:
                 break
             conditional = changed
         log_posterior = conditional.log_evidence + log_prior
+        # The sum over all widths is a product of one sum for each member.
         sums_over_largest = log_sum(log_evidences) - largest
         return Peak(
             log_posterior,
@@ -448,14 +447,13 @@ class ModelSpace:
     def _near_best(self, marginal: Marginal) -> list[Weighted]:
         """What is left beside a set at its best amplitude and at the next lower one; and if a
         member has the smallest width, with a usual one.
-
-        The weights of the two amplitudes add up to one.
         """
         best = marginal.best
         at_best = self.conditional(best)
         lower = max(best.amplitude - 1, 0)
         has_lower = lower < best.amplitude
         shares = np.maximum(marginal.amplitudes[[lower, best.amplitude]], LEAST_WEIGHT)
+        # The weights of the two amplitudes add up to one.
         log_weights = np.log(shares) - np.log(shares[1] + has_lower * shares[0])
         weight_of_lower, weight_of_best = log_weights.tolist()
         near = [(at_best.without(), weight_of_best)]

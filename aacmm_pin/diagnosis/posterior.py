@@ -110,7 +110,7 @@ class Posterior:
         return weights
 
     def beside(self, blocks: Blocks, kept: Sequence[int] | None = None) -> Conditional:
-        """What is left beside a set, or its blocks ``kept``, at the set's best widths and
+        """The linear model with a set, or its blocks ``kept``, at the set's best widths and
         amplitude.
         """
         best = self.space.marginal(blocks).best
@@ -118,25 +118,25 @@ class Posterior:
 
     @cached_property
     def top_model(self) -> Conditional:
-        """What is left beside the most probable set."""
+        """The linear model with the most probable set."""
         return self.beside(self.top)
 
     @cached_property
     def median_model(self) -> Conditional:
-        """What is left beside the median probability model."""
+        """The linear model with the median set."""
         return self.beside(self.median)
 
     @property
     def without_curves(self) -> Conditional:
-        """What is left beside the most probable set without causes that can be every function of a
-        place.
+        """The linear model with the most probable set, without causes that can be every function of
+        their place.
         """
         candidates = self.space.candidates
         kept = [k for k in self.top if not candidates.free[candidates.owner(k)]]
         return self.beside(self.top, kept)
 
     def without(self, block: int) -> Conditional:
-        """What is left beside the median probability model without one of its blocks."""
+        """The linear model with the median set without one of its blocks."""
         return self.beside(self.median, [k for k in self.median if k != block])
 
     @cached_property
@@ -189,7 +189,7 @@ class Posterior:
 
     @cached_property
     def causes_alone(self) -> Conditional:
-        """What is left beside the median model's causes, without covariates and background."""
+        """The linear model with the median set's causes, without covariates and background."""
         best = self.space.marginal(self.median).best
         causes = filter(self.space.candidates.is_cause, self.median)
         return self.space.conditional(best.of([*causes])._replace(amplitude=0))

@@ -89,7 +89,7 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
 
 
 def retained(conditional: Conditional, block: int) -> float:
-    """``‖M G β‖ / ‖G β‖`` at the block's best β, where M takes out what all else can explain."""
+    """``‖M G β‖ / ‖G β‖`` of a block's columns G at its best β; M takes out what others explain."""
     parameters = conditional.design_blocks[block]
     information, gradient = conditional.without().of_block(block)
     step = np.linalg.lstsq(information, gradient, rcond=1e-10)[0]
@@ -103,8 +103,7 @@ def retained(conditional: Conditional, block: int) -> float:
 def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) -> list[Alias]:
     """The candidates that may act in the place of a block of the median set, likeliest first.
 
-    They are looked for among those that best replace the block beside the other members, and those
-    that act in a visited set where its candidate does not.
+    They best replace the block beside the other members, or act in a visited set without it.
     """
     candidates = posterior.space.candidates
     conditional = posterior.without(block)
