@@ -193,8 +193,8 @@ class Design:
     def rows(self, records: Index) -> Array:
         """All columns in some records, scaled (n, 3 or 6, columns) [m, rad]."""
         rows = np.empty((records.size, self.tips.shape[1], self.width))
-        of_set_up = self.fit.point.prediction.jacobian[records]
-        rows[:, :, : self.nuisances] = of_set_up[:, :, self.kept]
+        jacobian = self.fit.point.prediction.jacobian[records]
+        rows[:, :, : self.nuisances] = jacobian[:, :, self.kept]
         arm = _Calibrated(self.fit, records)
         of_causes = [source for _, source in self.sources if not isinstance(source, Carried)]
         if of_causes:
@@ -227,8 +227,8 @@ class Design:
         [m, rad].
         """
         in_units = self.scales[:, None] * weights
-        of_set_up = self.fit.point.prediction.jacobian[records]
-        moved = of_set_up[:, :, self.kept] @ in_units[: self.nuisances]
+        jacobian = self.fit.point.prediction.jacobian[records]
+        moved = jacobian[:, :, self.kept] @ in_units[: self.nuisances]
         arm = _Calibrated(self.fit, records)
         for columns, source in self.sources:
             if in_units[columns].any():
@@ -300,8 +300,8 @@ def design_of(
             known_u[entries] = u_of_change[effect.identity]
     # Parameters that are taken out, but that the arm states with a u.
     stated = staying + np.flatnonzero(stated_u[staying:] > 0.0)
-    of_frame = np.arange(width, jacobian.shape[2])
-    kept = np.concatenate([np.arange(staying), stated, of_frame])
+    frame_columns = np.arange(width, jacobian.shape[2])
+    kept = np.concatenate([np.arange(staying), stated, frame_columns])
     nuisance_scales = np.concatenate(
         [problem.scales[:staying], stated_u[stated], problem.scales[width:]]
     )

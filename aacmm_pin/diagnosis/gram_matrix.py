@@ -84,8 +84,8 @@ class Gram:
         sizes = np.array([block.size for block in blocks], dtype=np.intp)
         squares = np.diag(self.matrix)
         traces = np.array([squares[block.columns].sum() for block in blocks])
-        of_blocks = np.sqrt(self.free / (np.maximum(traces, LEAST_TRACE) * max(len(blocks), 1)))
-        scale = np.repeat(np.minimum(of_blocks, max(THRESHOLDS.widths)), sizes)[:, None]
+        block_scales = np.sqrt(self.free / (np.maximum(traces, LEAST_TRACE) * max(len(blocks), 1)))
+        scale = np.repeat(np.minimum(block_scales, max(THRESHOLDS.widths)), sizes)[:, None]
         rank = min(RANK, self.design.width - first, self.free)
         names = self.design.names
         starts = [np.empty((0, rank))]

@@ -376,7 +376,7 @@ class ModelSpace:
         return ModelState(blocks, (FIRST_WIDTH,) * len(blocks), 0)
 
     def _peak(self, state: ModelState) -> Peak:
-        """The peak at the state's amplitude: widths change one at a time, the largest gain first."""
+        """The peak at the state's amplitude: widths change one by one, the largest gain first."""
         conditional = self.conditional(state)
         log_prior = self._log_prior(state.blocks)
         while True:
@@ -429,13 +429,13 @@ class ModelSpace:
         another, they are those of that one.
         """
         if blocks not in self._gains:
-            near, families = self._with_one_more(blocks)
-            if not near:
-                near = self._near_best(self.marginal(blocks))
-                keep(self._beside, blocks, near, RECENT)
+            weighted, families = self._with_one_more(blocks)
+            if not weighted:
+                weighted = self._near_best(self.marginal(blocks))
+                keep(self._beside, blocks, weighted, RECENT)
             by_state = [
                 beside.additions(families) - beside.log_evidence + log_weight
-                for beside, log_weight in near
+                for beside, log_weight in weighted
             ]
             by_width = np.logaddexp.reduce(by_state, axis=0)  # (blocks, widths)
             self._added_widths[blocks] = np.argmax(by_width, axis=1)
@@ -456,16 +456,16 @@ class ModelSpace:
         # The weights of the two amplitudes add up to one.
         log_weights = np.log(shares) - np.log(shares[1] + has_lower * shares[0])
         weight_of_lower, weight_of_best = log_weights.tolist()
-        near = [(at_best.without(), weight_of_best)]
+        weighted = [(at_best.without(), weight_of_best)]
         if has_lower:
             at_lower = self.conditional(best._replace(amplitude=lower))
-            near.append((at_lower.without(), weight_of_lower))
+            weighted.append((at_lower.without(), weight_of_lower))
         if 0 in best.widths:
             widths = tuple(width or FIRST_WIDTH for width in best.widths)
             at_usual = self.conditional(best._replace(widths=widths))
             weight = weight_of_best + at_usual.log_evidence - at_best.log_evidence
-            near.append((at_usual.without(), weight))
-        return near
+            weighted.append((at_usual.without(), weight))
+        return weighted
 
     def _with_one_more(self, blocks: Blocks) -> tuple[list[Weighted], list[Family]]:
         """What is left beside a set, from what is left beside one with a block less, or an empty
@@ -484,8 +484,8 @@ class ModelSpace:
                 gains = self._gains[fewer]
                 families = [one for one in families if gains[one.blocks].max() > -REMOTE]
             width = int(self._added_widths[fewer][k])
-            near = [(beside.plus(k, width), log_weight) for beside, log_weight in beside_fewer]
-            return near, families
+            weighted = [(beside.plus(k, width), log_weight) for beside, log_weight in beside_fewer]
+            return weighted, families
         return [], families
 
     def _open_families(self, blocks: Blocks) -> list[Family]:

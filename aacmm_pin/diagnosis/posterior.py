@@ -250,8 +250,8 @@ def weights_of(
 ) -> dict[Blocks, float]:
     """Weights of sets by their log posteriors, largest first; without sets out of reach."""
     best = max(values.values())
-    near = {blocks: value for blocks, value in values.items() if value > best - reach}
-    ordered = sorted(near, key=lambda blocks: (-near[blocks], blocks))
-    weights = {blocks: float(np.exp(near[blocks] - best)) for blocks in ordered}
+    within_reach = {blocks: value for blocks, value in values.items() if value > best - reach}
+    ordered = sorted(within_reach, key=lambda blocks: (-within_reach[blocks], blocks))
+    weights = {blocks: float(np.exp(within_reach[blocks] - best)) for blocks in ordered}
     total = sum(weights.values())
     return {blocks: weight / total for blocks, weight in weights.items()}
