@@ -49,6 +49,8 @@ def _tip_scatter(fit: Fit, unstated: Mask, dof: float) -> float:
     of_seats = np.where(unstated, 0.0, noise.observations.seat_residuals(seats))
     of_relations, _ = noise.observations.relation_residuals(seats)
     chi2_of_seats = float(np.square(of_seats).sum() + np.square(of_relations).sum())
+    if chi2_of_seats >= dof:  # seats or relations contradict each other: no scatter explains it
+        return noise.scatters.tip
 
     def excess(variance: float) -> float:
         return _chi2(fit, deviation, stated + variance * np.eye(3)) + chi2_of_seats - dof
