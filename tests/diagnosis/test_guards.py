@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from aacmm_pin import next_measurements
-from aacmm_pin.calibration import calibrated_model
+from aacmm_pin.calibration import calibrate, calibrated_model
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.diagnosis import Diagnosis, diagnose
+from aacmm_pin.diagnosis.unexplained import exceeds_noise
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointHysteresis
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.verdicts import verdict_in_words
@@ -178,3 +179,15 @@ def test_a_seat_that_only_the_recalibrated_arm_excludes_is_in_the_headline(sino6
     assert found.verdict not in ("no-discrepancy", "explained") or any(
         str(seats[0]) in label for label in found.otherwise
     )
+
+
+@pytest.mark.parametrize(("times", "exceeds"), [(1.0, False), (1.1, False), (1.6, True)])
+def test_residuals_much_larger_than_the_stated_noise(sino6, times, exceeds):
+    """The same noise in all coordinates, but stated too small."""
+    stated = 5e-5
+    records = simulate_measurements(
+        sino6, "free", 200, reference_noise=times * stated, rng=np.random.default_rng(4)
+    )
+    records = Measurements.of(records.q, records.reference)
+    fitted = calibrate(sino6, records, reference_noise=stated, hold_out=False).fit
+    assert exceeds_noise(fitted) == exceeds

@@ -16,6 +16,9 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.chain import skew
 from aacmm_pin.arm.random_postures import Room, joint_bounds
+from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.problem import Frame
+from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
@@ -35,6 +38,7 @@ from aacmm_pin.errors import (
     UnsupportedArmError,
 )
 from aacmm_pin.planning import MeasurementPlan
+from aacmm_pin.planning.candidate_design import whitened_rows
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.separability import power_of
 from tests.arm_files import RIGID, changed
@@ -488,3 +492,19 @@ def test_plans_carry_the_columns_of_existing_records_and_say_when_none_are_neede
     assert plan.records["time_s"].min() > 60.0 * 149
     assert not plan.needed
     assert "150" in str(plan)
+
+
+def test_a_bar_ties_the_distance_of_its_ends(sino6, rng):
+    """Half a bar's length by each end: nothing for ends that move together or across the bar."""
+    records = simulate_measurements(sino6, "ball-bar", 40, seats=2, bar_length=0.5, rng=rng)
+    setup = Setup.of(sino6, length_noise=2e-5)
+    problem = problem_of(ErrorModel.of(sino6), records, ["geometry"], setup)
+    seats = records.seats()
+    _, ties = whitened_rows(problem, problem.scales, [*seats], Frame.identity(0))
+    (tie,) = ties
+    assert not tie[: problem.scales.size].any()
+    one, other = tie[problem.scales.size :].reshape(2, 3) * 2e-5
+    close(one, -other, 1e-12)
+    ends = [sino6.positions(records.q[rows]).mean(axis=0) for rows in seats.values()]
+    along = (ends[0] - ends[1]) / np.linalg.norm(ends[0] - ends[1])
+    assert abs(one @ along) == pytest.approx(1.0, abs=1e-3)

@@ -19,6 +19,7 @@ def test_an_exact_arm_passes_its_plan(sino6, tmp_path):
     plan = pd.read_csv(path)
     tips = sino6.positions(plan[ANGLES].to_numpy() * DEG) / MM
     assert np.abs(tips - plan[[f"planned_{name}" for name in PLACE]]).max(axis=None) < 0.01
+    assert tips[:, 2].min() > 0.0  # the base of an arm that stands is on a table
     plan[PLACE] = tips
     plan.to_csv(path, index=False)
     result = accept(path, measuring_range=1.0)
