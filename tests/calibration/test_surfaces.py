@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from aacmm_pin import calibrate, diagnose
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements import Measurements, best_sphere
 from tests.calibration.contacts import (
     CONTACT,
     PROBE,
@@ -26,6 +26,7 @@ from tests.calibration.contacts import (
     planes_of,
 )
 from tests.few_causes import ECCENTRICITY_ALONE, NO_WAVES
+from tests.oracle import close
 
 
 def test_an_independent_least_squares_with_the_centres_agrees(sino6, rng):
@@ -44,6 +45,15 @@ def test_an_independent_least_squares_with_the_centres_agrees(sino6, rng):
 
     start = np.concatenate([np.zeros(values.count), result.fit.point.seats.ravel()])
     values.agree(least_squares(residual, start, x_scale="jac"), within=0.02)
+
+
+def test_a_sphere_through_points_of_one_side(rng):
+    points = rng.normal(size=(20, 3))
+    points[:, 2] = np.abs(points[:, 2])
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    centre, radius = best_sphere([0.3, -0.2, 0.5] + 0.0125 * points)
+    close(centre, [0.3, -0.2, 0.5], 1e-12)
+    assert radius == pytest.approx(0.0125, abs=1e-12)
 
 
 def test_the_scale_of_a_sphere_is_that_of_its_diameter(sino6, rng):

@@ -25,6 +25,8 @@ def test_an_exact_arm_passes_its_plan(sino6, tmp_path):
     result = accept(path, measuring_range=1.0)
     assert {f.definition.test for f in result.figures} == {*plan["test"]}
     assert all(abs(f.evaluated.largest.value) < 0.01 * MM for f in result.figures)
+    longest = result.summary()["longest_length_mm"]
+    assert longest["length-uni"] == plan["length_mm"].max()
     bars = plan[plan["test"].isin(["length-uni", "length-bi"])]
     assert (bars.groupby(["test", "length_id", "position"])["repeat"].nunique() == 3).all()
     assert bars["length_mm"].nunique() == 5
