@@ -133,8 +133,8 @@ class Pool:
         if len(reached) < wanted:
             raise AacmmError(
                 f"{self.arm.name}: the arm reaches only {len(reached)} {what} in {count} postures "
-                f"within the limits; expected {wanted}; reduce the number of records or {what} "
-                f"(the other {what} have at most {most_elsewhere} postures)"
+                f"within the limits; expected {wanted}; check these limits, or ask for fewer "
+                f"records or {what} (the other {what} have at most {most_elsewhere} postures)"
             )
         return reached
 
