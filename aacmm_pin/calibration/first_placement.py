@@ -82,6 +82,7 @@ class _Equations(NamedTuple):
 
     @staticmethod
     def of(tips: Array, references: Array, linear: Array) -> _Equations:
+        """``W reference - tip = linear z`` for each record."""
         n = len(tips)
         by_rotation = np.einsum("ij,nk->nijk", np.eye(3), references).reshape(n, 3, 9)
         return _Equations(np.concatenate([by_rotation, tips[:, :, None]], axis=2), linear)

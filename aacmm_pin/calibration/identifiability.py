@@ -49,8 +49,8 @@ class Undetermined:
         jacobian = prediction.jacobian[:, :3, : self.problem.widths.size].copy()
         for _, entries in self.problem.vector.of_sessions():
             jacobian[:, :, entries] = 0.0
-        base_is_open = self.problem.external or not self.problem.measurements.known.any()
-        return _moving_span(self.spread, jacobian, prediction.tips if base_is_open else None)
+        base_may_move = self.problem.external or not self.problem.measurements.known.any()
+        return _moving_span(self.spread, jacobian, prediction.tips if base_may_move else None)
 
     @cached_property
     def target_directions(self) -> Array:

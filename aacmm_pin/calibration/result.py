@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
@@ -152,12 +152,7 @@ class Calibration(Shown):
         problem = self.fit.problem
         vector = problem.vector
         units = [parameter.unit for parameter in vector.parameters]
-        spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
-        # The width of a target is a metre, but that of any length of the arm counts.
-        assembled = np.array([ASSEMBLED.get(unit, np.inf) for unit in units])
-        is_open = spread > OPEN_PART * np.minimum(problem.widths, assembled)
-        u_with_open = np.hypot(np.sqrt(np.diag(self.covariance)), spread)
-        u = np.where(is_open, np.nan, u_with_open)
+        u = self._u_of_parameters(units)
         before = vector.stated_values + problem.start
         change = self.fit.point.x - problem.start
         table = pd.DataFrame({"parameter": vector.names, "unit": units})
@@ -172,6 +167,17 @@ class Calibration(Shown):
         words = ["in combination", "as stated", "hardly"]
         table["known"] = np.select([np.isnan(u), as_stated, hardly], words, "measured")
         return table
+
+    def _u_of_parameters(self, units: Sequence[str]) -> Array:
+        """u with the spread along undetermined combinations (p,); NaN where this spread is not
+        small beside the width of the parameter, or beside what the assembly of an arm allows.
+        """
+        spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
+        # A target may be a metre from where it is stated.
+        assembled = np.array([ASSEMBLED.get(unit, np.inf) for unit in units])
+        is_open = spread > OPEN_PART * np.minimum(self.fit.problem.widths, assembled)
+        u = np.hypot(np.sqrt(np.diag(self.covariance)), spread)
+        return np.where(is_open, np.nan, u)
 
     @cached_property
     def correlation(self) -> pd.DataFrame:

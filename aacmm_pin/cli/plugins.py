@@ -25,7 +25,8 @@ SEARCHED = [*sys.path]
 
 
 def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
-    """Import modules by name or path, and entry points; return all files.
+    """Import modules by name or path, and entry points; return files that no output may replace:
+    the given names, which may be paths, and the files of imported modules.
 
     Raises:
         AacmmError: one cannot be imported.

@@ -75,9 +75,9 @@ def for_two(
         steps = range(records)  # progress is shown for the first choice only
         after = situation.power(chosen, PAIR, sizes)
         tried.append(Tried(str(set_up), of_pool if why_not else after, why_not))
-        decides = after.probability >= DECIDED and not after.same
+        decides = after.probability >= DECIDED and not after.inseparable
         better = best is not None and after.probability > best[2].probability + BETTER
-        if best is None or decides or better or (best[2].same and not after.same):
+        if best is None or decides or better or (best[2].inseparable and not after.inseparable):
             best = (situation, chosen, after)
             decided = decides or why_not
             enough_records = None if decided else _enough_records(situation, chosen, sizes)
@@ -223,7 +223,7 @@ def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     if undetectable.any():
         labels = compress((effect.label for effect in split), undetectable)
         return f"no posture shows {' or '.join(labels)}"
-    if not power.same:
+    if not power.inseparable:
         return ""
     if power.open == (False, False):
         return str(Note("causes_inseparable"))

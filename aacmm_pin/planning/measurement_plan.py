@@ -108,12 +108,12 @@ class MeasurementPlan(PlanOfRecords):
     @property
     def decided(self) -> bool:
         """True if the plan distinguishes the two causes."""
-        return self.after.probability >= DECIDED and not self.after.same
+        return self.after.probability >= DECIDED and not self.after.inseparable
 
     @property
     def needed(self) -> bool:
         """True if the existing records do not distinguish them."""
-        if self.before is None or self.before.same:
+        if self.before is None or self.before.inseparable:
             return True
         return self.before.probability < DECIDED
 

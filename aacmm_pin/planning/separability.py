@@ -70,8 +70,8 @@ class Power(Shown):
         return one, other
 
     @property
-    def same(self) -> bool:
-        """Whether one has the same effect as the other here, or none."""
+    def inseparable(self) -> bool:
+        """Whether the effects of one are none, or such as the other can have."""
         return not all(self.open)
 
 

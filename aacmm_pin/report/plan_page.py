@@ -97,7 +97,7 @@ def plan_line(plan: MeasurementPlan) -> str:
 
 
 def _power(plan: MeasurementPlan) -> Iterator[str]:
-    if plan.after.same:
+    if plan.after.inseparable:
         yield "No set-up that the plan considered distinguishes both causes"
         yield "If both correct the arm in the same way, use the extended arm with either cause"
         return

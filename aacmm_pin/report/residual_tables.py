@@ -13,6 +13,8 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis import Choice
 
+OF_RECORD = "_of_record"
+"""End of the columns of a shape with the values by each record."""
 RANGES_OF_A_NUMBER = 4
 """Ranges of joints, time and temperature, with equal numbers of records."""
 
@@ -113,5 +115,5 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     table = covariate.values.copy()
     for k, (name, unit) in enumerate(quantities.items()):
         table[name] = correction[:, k] / unit
-        table[f"{name}_of_record"] = (correction - contained)[:, k] / unit
+        table[name + OF_RECORD] = (correction - contained)[:, k] / unit
     return table[choice.fit.used].sort_values(list(covariate.values.columns), ignore_index=True)

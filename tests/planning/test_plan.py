@@ -227,7 +227,7 @@ def test_causes_that_do_the_same_or_nothing():
     same = power_of(np.ones((3, 2)), blocks, sizes)
     assert (same.probability, same.open) == (0.5, (False, False))
     nothing = power_of(np.diag([1e-4, 3.0]), blocks, sizes)
-    assert (nothing.open, nothing.same) == ((False, True), True)
+    assert (nothing.open, nothing.inseparable) == ((False, True), True)
 
 
 # --- set-ups
@@ -277,7 +277,7 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6):
         == "encoder_eccentricity:2 can have every effect of counterbalance:2"
     )
     stays = planned(sino6, split, as_it_stands=True)
-    assert stays.after.same
+    assert stays.after.inseparable
     assert not stays.decided
     assert "the same effect in every posture" in stays.tried[-1].why_not
 

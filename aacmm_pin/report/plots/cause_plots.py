@@ -31,6 +31,7 @@ from aacmm_pin.report.plots.style import (
     shifts_aside,
     with_cut_off,
 )
+from aacmm_pin.report.residual_tables import OF_RECORD
 
 FEWEST_COVARIATE_VALUES = 12
 """A covariate with fewer values is shown value by value."""
@@ -42,7 +43,6 @@ FEWEST_IN_PART = 3
 AXIS_COLOURS = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
 MOST_PARTS = 24
 """Intervals of a covariate for means, at most."""
-OF_RECORD = "_of_record"
 COLUMN_UNITS = {
     "deg": "°",
     "c": "°C",

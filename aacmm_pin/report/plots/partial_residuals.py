@@ -75,6 +75,7 @@ class _Amount:
 def varies(result: Diagnosis, finding: Finding) -> bool:
     """Whether a cause displaces records differently; a value of the geometry does not."""
     displacements = finding.effect.displacements(state_of(result.extended))
+    # A displacement that is the same in all records has one row.
     constant = all(len(displacement.columns) == 1 for displacement in displacements)
     return not (constant or result.geometric(finding))
 
