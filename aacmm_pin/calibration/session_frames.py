@@ -20,6 +20,7 @@ from aacmm_pin.calibration.problem import Frame, registered
 from aacmm_pin.calibration.setup import Setup, sessions_of
 from aacmm_pin.calibration.solver import initial_point
 from aacmm_pin.effects import ErrorModel
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, orientation
 
 FEWEST_OF_A_FRAME = 8
@@ -29,6 +30,8 @@ RESIDUAL_RATIO = 2.0
 """… with residuals at most so many times those of the other records …"""
 REMAINING_PART = 0.1
 """… and at most this part of those in the frame of the others."""
+PART_OF_A_RUN = 0.9
+"""Least part of the records of a frame in a run of rows, and of this run in the frame."""
 ONE_FRAME = 0.01
 """Frames whose coordinates differ by less are one, up to what is estimated [m]."""
 LEAST_CHANCE = 0.01
@@ -58,6 +61,12 @@ def _in_one_frame(
     model: ErrorModel, records: Measurements, setup: Setup
 ) -> tuple[Measurements, Setup]:
     labels = sessions_of(records)
+    if not labels:
+        raise AacmmError(
+            f"{records.source}: no record has reference coordinates, so that no session has a "
+            "reference frame. Use --reference-frame base, and if the stand moved between sessions, "
+            "give the seats other labels in each session"
+        )
     stated_session = records.conditions.labels("session")
     records = _with_session_of_references(records)
     session = records.conditions.labels("session")
@@ -122,21 +131,38 @@ def another_frame(after: Fit) -> Iterator[Note]:
         return
     fitted = after.point.frame
     references = records.reference[excluded]
-    in_base = fitted.back(after.point.prediction.tips[excluded])
-    own = registered(in_base, references)
-    in_own_frame = np.linalg.norm(own.apply(in_base) - references, axis=1)
+    in_base = fitted.back(after.point.prediction.tips)
+    own = registered(in_base[excluded], references)
+    in_own_frame = np.linalg.norm(own.apply(in_base) - records.reference, axis=1)
     distances = np.linalg.norm(after.system.deviation, axis=1)
     others = np.nanquantile(distances[after.used], MOST_OF_THEM)
-    fits = np.quantile(in_own_frame, MOST_OF_THEM) < RESIDUAL_RATIO * others
-    if not fits or np.median(in_own_frame) > REMAINING_PART * np.median(distances[excluded]):
+    of_most = np.quantile(in_own_frame[excluded], MOST_OF_THEM)
+    remaining_part = np.median(in_own_frame[excluded]) / np.median(distances[excluded])
+    if of_most >= RESIDUAL_RATIO * others or remaining_part > REMAINING_PART:
         return
+    known = np.flatnonzero(records.known)
+    belongs = in_own_frame < np.fmin(distances, RESIDUAL_RATIO * of_most)
+    rows = records.row[known[_of_one_run(belongs[known])]]
     rotation = own.rotation @ fitted.rotation.T
     centre = references.mean(axis=0)
     moved_centre = own.apply(fitted.back(centre))
     angle = scipy.spatial.transform.Rotation.from_matrix(rotation).magnitude()
     shift = float(np.linalg.norm(moved_centre - centre))
-    data = {"rows": records.row[excluded].tolist(), "shift": shift}
+    data = {"rows": rows.tolist(), "shift": shift}
     yield Note("rows_in_another_frame", data | {"turn": float(angle)})
+
+
+def _of_one_run(members: Mask) -> Mask:
+    """The records of one run (n,) if nearly all of these are members, and nearly all members are in
+    the run; else the members (n,).
+    """
+    excess = np.concatenate([[0], np.cumsum(np.where(members, 1, -1))])
+    end = int(np.argmax(excess - np.minimum.accumulate(excess)))
+    start = int(np.argmin(excess[: end + 1]))
+    run = np.zeros(len(members), dtype=bool)
+    run[start:end] = True
+    in_both = np.count_nonzero(run & members)
+    return run if in_both >= PART_OF_A_RUN * max(run.sum(), members.sum()) else members
 
 
 def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Frame:

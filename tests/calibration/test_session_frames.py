@@ -13,10 +13,11 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration, base_placements
 from aacmm_pin.effects import ReferenceFrame
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.calibration.contacts import drawn
 from tests.cli import shell
 from tests.few_causes import ECCENTRICITY_ALONE
+from tests.notes import data_of
 
 READING, REFERENCE = 8e-6, 12e-6
 FAR = (Rotation.from_euler("xyz", [3, -2, 130], degrees=True), np.array([1.5, -0.8, 0.3]))
@@ -111,6 +112,7 @@ def test_what_a_frame_of_each_session_needs(sino6, rng, tmp_path):
         (table.drop(columns="session"), "session"),
         (table.assign(session=["", *table["session"][1:]]), "row 2"),
         (table.assign(session=["c", "c", *table["session"][2:]]), "session c"),
+        (table.assign(seat="A", x_mm=np.nan, y_mm=np.nan, z_mm=np.nan), "no record has reference"),
     ):
         with pytest.raises(AacmmError, match=said):
             calibrated(sino6, changed)
@@ -145,3 +147,15 @@ def test_contacts_without_coordinates_need_no_session(sino6, rng):
     both = pd.concat([table.assign(seat=""), again], ignore_index=True)
     result = calibrated(sino6, both, probe_noise=1.0e-2)
     assert codes(result) == {"session_moved"}
+
+
+def test_rows_after_a_bump_are_one_run(sino6):
+    """The base of the fit is between those before and after: it excludes only the farthest."""
+    data = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(1))
+    reference = data.reference.copy()
+    turn = Rotation.from_rotvec([6e-4, -7e-4, 5e-4])
+    reference[100:] = np.array([2.5e-4, -1.5e-4, 2e-4]) + turn.apply(reference[100:])
+    result = calibrate(sino6, Measurements.of(data.q, reference), hold_out=False)
+    assert result.fit.excluded.sum() < 50
+    (note,) = data_of(result.notes, "rows_in_another_frame")
+    assert note["rows"] == [*range(102, 202)]
