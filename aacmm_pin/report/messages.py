@@ -2,7 +2,7 @@
 
 A field names a value of the note's data; after its colon follows a format; a format and a unit for
 a value in SI (``.3g mm``; ``2 mm`` for two digits); ``#`` and a noun, to count (``#record``);
-``and``, to list; ``rows``, to list rows.
+``and``, to list; ``rows``, to list rows; ``p``, of a p-value.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from aacmm_pin._support.file_problems import rows_in_words
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.effects import listed
+from aacmm_pin.report.numbers import p_equals
 
 FORMAT_UNITS = {"mm": (MM, " mm"), "µm": (UM, " µm"), "µrad": (UM, " µrad"), "°": (DEG, "°")}
 """Size of the units of formats, and their text."""
@@ -45,6 +46,8 @@ class _Values(Formatter):
             return count(value, format_spec[1:])
         if format_spec == "and":
             return listed([*map(str, value)])
+        if format_spec == "p":
+            return p_equals(value)
         if format_spec == "rows":
             return rows_in_words(value)
         return format(value, format_spec)
