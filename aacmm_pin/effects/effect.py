@@ -88,7 +88,7 @@ class Term:
 
     @property
     def unit_read(self) -> tuple[str, float]:
-        """:attr:`read_in`, or its default."""
+        """Return ``read_in``, or its default."""
         return self.read_in or prefixed(self.unit, self.typical)
 
     @property
