@@ -19,7 +19,7 @@ from aacmm_pin.calibration import compare, rms
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import CsvOutput, Replacing, Results, note, status, warn
-from aacmm_pin.effects import Conditions, ErrorModel, joint_commands, known_range_in_words
+from aacmm_pin.effects import Conditions, ErrorModel, State, joint_commands, known_range_in_words
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
 from aacmm_pin.measurements import (
     BAR,
@@ -132,9 +132,10 @@ def run(
                 values = _command_values(model, controller, inside, unit, noise.encoder_noise)
             else:
                 accuracy = _accuracy(model, inside.q, inside.conditions, noise.encoder_noise)
-                values = _tip_values(model, inside, accuracy)
+                state = model.state(inside.q, inside.conditions)
+                values = _tip_values(state, accuracy)
                 u = math.nan if accuracy is None else rms(accuracy.u)
-                _note_comparisons(model, nominal_model, table, rows, values[:, :3] * MM, u, path)
+                _note_comparisons(model, nominal_model, table, rows, state.position, u, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
         computed = pd.DataFrame(values[:, : len(added)], rows, added)
@@ -182,10 +183,9 @@ def _command_values(
     return np.column_stack([readings if unit == "rad" else readings / DEG, u / MM])
 
 
-def _tip_values(model: ErrorModel, records: Measurements, accuracy: AccuracyVolume | None) -> Array:
+def _tip_values(state: State, accuracy: AccuracyVolume | None) -> Array:
     """Position of the tip and its u [mm], and its orientation as quaternions (n, 8)."""
-    state = model.state(records.q, records.conditions)
-    u = np.full(records.n, np.nan) if accuracy is None else accuracy.u
+    u = np.full(state.n, np.nan) if accuracy is None else accuracy.u
     return np.column_stack([state.position / MM, u / MM, quaternions(state.rotation[-1])])
 
 
