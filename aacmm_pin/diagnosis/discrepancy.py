@@ -33,9 +33,8 @@ def described_model(
     causes = choice.with_values(choice.effects)
     estimated = [effect for effect in causes if not effect.free_form]
     labels_taken = {effect.label for effect in nominal.effects}
-    names_not_saved = not_saved(choice)
     for block in choice.covariates:
-        if choice.covariate(block).name not in names_not_saved:
+        if choice.way(block).smooth is not None:
             effect = _effect_of(choice, block, labels_taken)
             labels_taken.add(effect.label)
             estimated.append(effect)
