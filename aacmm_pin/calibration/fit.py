@@ -299,9 +299,8 @@ class Fit:
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
         seat = self.observations.seat[self.used]
-        is_stated = np.append(
-            self.observations.is_stated, True
-        )  # the last for records without seat
+        # The last is for records without a seat.
+        is_stated = np.append(self.observations.is_stated, True)
         touches = np.bincount(seat + 1, minlength=is_stated.size)[seat + 1]
         fitted = np.where(self.observations.on_surface[self.used], 3.0, 1.0)
         remaining = np.where(is_stated[seat], 1.0, np.maximum(1.0 - fitted / touches, 0.0))

@@ -132,20 +132,20 @@ def another_frame(after: Fit) -> Iterator[Note]:
     fitted = after.point.frame
     references = records.reference[excluded]
     in_base = fitted.back(after.point.prediction.tips)
-    own = registered(in_base[excluded], references)
-    in_own_frame = np.linalg.norm(own.apply(in_base) - records.reference, axis=1)
+    frame_of_excluded = registered(in_base[excluded], references)
+    in_own_frame = np.linalg.norm(frame_of_excluded.apply(in_base) - records.reference, axis=1)
     distances = np.linalg.norm(after.system.deviation, axis=1)
     others = np.nanquantile(distances[after.used], MOST_OF_THEM)
     of_most = np.quantile(in_own_frame[excluded], MOST_OF_THEM)
     remaining_part = np.median(in_own_frame[excluded]) / np.median(distances[excluded])
     if of_most >= RESIDUAL_RATIO * others or remaining_part > REMAINING_PART:
         return
-    known = np.flatnonzero(records.known)
+    numbers = np.flatnonzero(records.known)
     belongs = in_own_frame < np.fmin(distances, RESIDUAL_RATIO * of_most)
-    rows = records.row[known[_of_one_run(belongs[known])]]
-    rotation = own.rotation @ fitted.rotation.T
+    rows = records.row[numbers[_of_one_run(belongs[numbers])]]
+    rotation = frame_of_excluded.rotation @ fitted.rotation.T
     centre = references.mean(axis=0)
-    moved_centre = own.apply(fitted.back(centre))
+    moved_centre = frame_of_excluded.apply(fitted.back(centre))
     angle = scipy.spatial.transform.Rotation.from_matrix(rotation).magnitude()
     shift = float(np.linalg.norm(moved_centre - centre))
     data = {"rows": rows.tolist(), "shift": shift}
