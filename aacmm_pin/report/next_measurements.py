@@ -48,6 +48,11 @@ def _first_step(result: Diagnosis) -> str:
             "check the value and unit of the stated noise, because noise of this size hides most "
             "causes. Check also that the angles are readings, not planned angles"
         )
+    if any(note.code == "rows_in_another_frame" for note in result.notes):
+        return (
+            "label the rows of each reference frame in the column session. Then diagnose the "
+            "records with --reference-frame session"
+        )
     if verdict == "inconclusive" and result.extended.too_many_excluded:
         return (
             "find what the excluded records have in common, repeat some excluded records, and "
@@ -70,7 +75,13 @@ def _first_step(result: Diagnosis) -> str:
         if effect.remedy:
             cause = in_words(effect, result.model.arm)
             return f"{effect.remedy} ({cause}). Then diagnose the records again"
-    run_order = unexplained.run_order
+    run_order, conditions = unexplained.run_order, result.extended.problem.measurements.conditions
+    if run_order is not None and conditions.time is None:
+        return (
+            "state the time of each record in the column time_s, because consecutive records share "
+            "an error. Approximate times are enough. Then diagnose the records again, to try slips, "
+            "drifts and movements of the stand or the stylus"
+        )
     if run_order is not None and run_order.joint is not None:
         return (
             f"examine encoder, cable and coupling of joint {run_order.joint}, because "
@@ -78,7 +89,7 @@ def _first_step(result: Diagnosis) -> str:
         )
     if unexplained.readings and not depends_on:
         joint = unexplained.readings[0].joint
-        if result.extended.problem.measurements.conditions.approach is None:
+        if conditions.approach is None:
             return (
                 "if the rows are in the order of measurement, diagnose them with "
                 "--approach-from-order. Otherwise repeat the records and state in the columns "

@@ -104,6 +104,15 @@ def test_a_stand_that_moved_is_no_encoder_fault(seed):
 
 
 @NO_WAVES
+@pytest.mark.parametrize(("seed", "asked"), [(1, "session"), (2, "time_s")])
+def test_next_are_labels_or_times_if_a_stand_moved_in_records_without_time(seed, asked):
+    """Labels where the fit excluded the rows after the movement, times where it kept them."""
+    plant = Plant.of(seed)
+    found = plant.diagnosed(moved(plant.places(), plant.rng))
+    assert f"in the column {asked}" in next_measurements(found)
+
+
+@NO_WAVES
 @pytest.mark.parametrize("moves", [True, False])
 def test_next_is_a_frame_for_each_session_if_these_moved(moves):
     plant = Plant.of(9)
