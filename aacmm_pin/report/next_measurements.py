@@ -79,8 +79,8 @@ def _first_step(result: Diagnosis) -> str:
     if run_order is not None and conditions.time is None:
         return (
             "state the time of each record in the column time_s, because consecutive records share "
-            "an error. Approximate times are enough. Then diagnose the records again, to try slips, "
-            "drifts and movements of the stand or the stylus"
+            "an error. Approximate times are enough. Then diagnose the records again, to try "
+            "slips, drifts and movements of the stand or the stylus"
         )
     if run_order is not None and run_order.joint is not None:
         return (
