@@ -269,7 +269,7 @@ class Fit:
         """RMS distance of used tips and targets to expect after the fit from the stated
         uncertainties [m]; nan without uncertainties of the arm, or targets.
 
-        Errors of the stated coordinates of seats do not count.
+        Errors of the stated coordinates of seats count only if nothing is fitted.
         """
         if not (self.used.any() and self.problem.model.covariance().any()):
             return float("nan")
@@ -277,8 +277,17 @@ class Fit:
         by_estimates, by_errors = self._whitened_rows(by_geometry)
         whitened = self.of_each_record(by_errors + by_estimates @ self.response(by_geometry))
         after_fit = np.linalg.cholesky(self.residual_noise) @ whitened
-        of_geometry = np.square(after_fit[self.used, :3]).sum(axis=(1, 2)).mean()
-        return float(np.sqrt(of_geometry + self.expected_rms(self.noise.without_scatter) ** 2))
+        variance = np.square(after_fit[:, :3]).sum(axis=(1, 2))
+        if self.problem.scales.size == 0:  # stated seats stay where they are
+            variance = np.where(self._has_stated_target, self.stated_variance, variance)
+        of_noise = self.expected_rms(self.noise.without_scatter) ** 2
+        return float(np.sqrt(variance[self.used].mean() + of_noise))
+
+    @property
+    def _has_stated_target(self) -> Mask:
+        """Records with coordinates of their own or of their seat (n,)."""
+        # The last is for records without a seat.
+        return np.append(self.observations.is_stated, True)[self.observations.seat]
 
     @property
     def stated_noise(self) -> Array:
@@ -299,11 +308,10 @@ class Fit:
         """
         variance = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2)
         seat = self.observations.seat[self.used]
-        # The last is for records without a seat.
-        is_stated = np.append(self.observations.is_stated, True)
-        touches = np.bincount(seat + 1, minlength=is_stated.size)[seat + 1]
+        touches = np.bincount(seat + 1)[seat + 1]
         fitted = np.where(self.observations.on_surface[self.used], 3.0, 1.0)
-        remaining = np.where(is_stated[seat], 1.0, np.maximum(1.0 - fitted / touches, 0.0))
+        has_stated_target = self._has_stated_target[self.used]
+        remaining = np.where(has_stated_target, 1.0, np.maximum(1.0 - fitted / touches, 0.0))
         mean = (variance * remaining).mean()
         return float(np.sqrt(mean))
 

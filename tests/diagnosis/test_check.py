@@ -33,8 +33,10 @@ def test_distance_is_that_of_the_stated_geometry(sino6, records):
     }
 
 
-def test_predicted_distance_is_the_mean_over_random_arms(sino6, records, rng):
-    """Of arms drawn within the half-widths, whose tips are measured with the noise of the file."""
+@pytest.mark.parametrize("scheme", ["free", "seats"])
+def test_predicted_distance_is_the_mean_over_random_arms(sino6, scheme, rng):
+    """Of arms drawn within the half-widths, and coordinates within the uncertainty of the file."""
+    records = simulate_measurements(sino6, scheme, 60, rng=rng, reference_noise=5e-5)
     check = check_measurements(sino6, records)
     half_widths = np.array([p.half_width for p in sino6.parameters])
     errors = rng.uniform(-1, 1, (2000, half_widths.size)) * half_widths
