@@ -215,7 +215,8 @@ def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
         AacmmError: not two features of one point each, or enough for a sphere.
     """
     lengths = []
-    for of_length in groups_of(points, LENGTH_KEY):
+    first_rows = points.drop_duplicates([*LENGTH_KEY]).to_dict("records")
+    for stated, of_length in zip(first_rows, groups_of(points, LENGTH_KEY), strict=True):
         ends = groups_of(of_length, ["feature"])
         place = PointsInFile.of(of_length)
         if len(ends) > 2 or any(1 < len(end) < FEWEST_POINTS for end in ends):
@@ -229,10 +230,9 @@ def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
         first, last = (
             _sphere(end).center if len(end) > 1 else coordinates_of(end)[0] for end in ends
         )
-        stated = of_length.iloc[0]
         calibrated = stated["length"] + (stated["probe_diameter"] if both_sides else 0.0)
         error = float(np.linalg.norm(last - first)) - calibrated
-        row = stated[[*LENGTH_KEY, "length"]].to_dict()
+        row = {name: stated[name] for name in (*LENGTH_KEY, "length")}
         lengths.append(row | {"u": stated["u_length"], "error": error, "place": place})
     return pd.DataFrame(lengths, columns=[*LENGTH_KEY, "length", "u", "error", "place"])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
@@ -25,9 +26,9 @@ class PointsInFile:
         """Those of a table."""
         shared = {}
         for name in LABELS_OF_PLACES:
-            label = points[name].iloc[0]
-            if label and (points[name] == label).all():
-                shared[name] = label
+            labels = points[name].tolist()
+            if labels[0] and labels.count(labels[0]) == len(labels):
+                shared[name] = labels[0]
         return cls(shared, tuple(points["row"].tolist()))
 
     def __str__(self) -> str:
@@ -43,4 +44,4 @@ def named(labels: Mapping[str, str]) -> str:
 
 def coordinates_of(points: pd.DataFrame) -> Array:
     """Coordinates (n, 3) [m]."""
-    return points[["x", "y", "z"]].to_numpy()
+    return np.column_stack([points[name].to_numpy() for name in "xyz"])
