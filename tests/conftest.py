@@ -4,6 +4,7 @@ another package.
 
 from __future__ import annotations
 
+import gc
 import importlib.metadata
 import os
 import signal
@@ -27,6 +28,9 @@ from tests.browser import Page
 # Started in the background of a shell the tests would ignore interrupts, and so would what they
 # start to interrupt it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Looking for cycles after every few hundred objects takes a tenth of the time.
+gc.set_threshold(20_000, 20, 50)
 
 # bundled arm, convention, rows (from 1) that are made rigid, or (negative) prismatic
 VARIANTS = [
@@ -92,6 +96,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     order = {name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
+
+
+def pytest_collection_finish() -> None:
+    """What has been imported stays, and need not be looked through for cycles again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

@@ -12,12 +12,11 @@ import re
 import tokenize
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
 
-from tests.test_rooms import MODULES, ROOMS, imports
+from tests.test_rooms import MODULES, ROOMS, imports, tree_of
 
 TOKENS: dict[str, int] = {
     "errors": 550,
@@ -67,11 +66,6 @@ SETS = (ast.Assign, ast.AnnAssign)
 SAY_IT = ("report", "cli", "errors")
 FREE = ("_support", "errors")
 """Rooms from whose modules everybody takes what is needed."""
-
-
-@cache
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def of_room(room: str) -> list[Path]:

@@ -168,13 +168,13 @@ class Dense:
                 np.eye(scale.shape[1]) + scale[:, :, None] * products[:-1, :-1] * scale[:, None, :]
             )
             right = scale * products[:-1, -1]
-            gain = np.einsum("kq,kq->k", right, np.linalg.solve(inside, right[:, :, None])[:, :, 0])
+            inverse = np.linalg.inv(inside)
+            mean = -(inverse @ right[:, :, None])[:, :, 0]
+            gain = -np.einsum("kq,kq->k", right, mean)
             volume = 0.5 * (np.linalg.slogdet(inside)[1] + np.linalg.slogdet(rest)[1])
             chi2 = products[-1, -1] - gain
             log_likelihood = log_over_scale(chi2, self.dof, self.stated) - volume
-            inverse = np.linalg.inv(inside)
-            mean = -(inverse @ right[:, :, None])[:, :, 0]
-            factor = variance_of_noise(chi2, self.dof, self.stated)
+            factor = variance_of_noise(chi2, self.dof, self.stated) if above else np.ones(1)
             for place in above:
                 deviation = np.sqrt(factor * inverse[:, place, place])
                 log_likelihood += norm.logcdf(mean[:, place] / deviation) + np.log(2.0)
