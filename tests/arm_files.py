@@ -11,6 +11,16 @@ from aacmm_pin.arm import Arm, ArmFile, load_arm_file
 
 RIGID: dict[str, object] = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
 
+AACMM = (
+    (0.0, 280.0, 90.0, 0.0),
+    (30.0, 0.0, -90.0, 0.0),
+    (-35.0, 920.0, 90.0, 0.0),
+    (25.0, 0.0, -90.0, 0.0),
+    (0.0, 640.0, 90.0, 0.0),
+    (120.0, 60.0, -90.0, 0.0),
+)
+"""A measuring arm as it may be drawn: a, d [mm], alpha, theta offset [°] of its rows."""
+
 PRISMATIC: dict[str, object] = {
     "kind": "prismatic",
     "limits_rad": None,

@@ -1,23 +1,29 @@
-"""A plant whose tip touches spheres and planes, and a least squares of the arm's values beside
-it.
-"""
+"""A plant whose tip touches spheres, planes and cubes; the arm's values by least squares."""
 
 from __future__ import annotations
+
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 from blind.kinematics import Array
 from scipy.optimize import OptimizeResult
+from scipy.spatial.transform import Rotation
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.measurements import Measurements
 from tests.oracle import dh_frames
+from tests.tables import readings
 
 SPHERE, PROBE = 25.4e-3, 3e-3
 READING, CONTACT = 8e-6, 3e-6
 SPHERES, CONTACTS = 6, 16
 ROW = ("a", "d", "alpha", "theta_offset")
+EDGE = 0.1
+NORMALS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
+"""Of the faces; the cube stands on the sixth."""
+COLUMNS = ("feature_a", "feature_b", "distance_mm", "u_distance_mm", "angle_deg", "u_angle_deg")
 
 
 class Machine:
@@ -92,15 +98,49 @@ class Machine:
 
 
 def planes_of(q: Array, plane: Array) -> pd.DataFrame:
-    table = pd.DataFrame(np.degrees(q), columns=[f"theta{j}_deg" for j in range(1, 7)])
-    return table.assign(feature=[f"E{k}" for k in plane], feature_kind="plane")
+    return readings(q).assign(feature=[f"E{k}" for k in plane], feature_kind="plane")
+
+
+def on_cube(machine: Machine, rng: np.random.Generator, cubes: int = 1) -> tuple[Array, Array]:
+    """Postures (n, 6) at 12 contacts with each of five faces of a cube in so many places, and the
+    number of the face of each (n,), 5 a place.
+    """
+    found, numbers = [], []
+    for k in range(5 * cubes):
+        if k % 5 == 0:
+            start = rng.uniform(-1.2, 1.2, 6)
+            centre = machine.tips(start[None])[0]
+            turn = Rotation.random(random_state=int(rng.integers(2**31)))
+        across = rng.uniform(-0.45, 0.45, (48, 3)) * EDGE
+        normal = NORMALS[k % 5]
+        local = across * (normal == 0) + (EDGE + PROBE) / 2 * normal
+        points = centre + turn.apply(local) + CONTACT * rng.normal(size=local.shape)
+        q = machine.at(points, start + rng.uniform(-0.6, 0.6, (len(points), 6)))[:12]
+        found.append(q)
+        numbers += [k] * len(q)
+    return np.concatenate(found), np.array(numbers)
+
+
+def of_cubes(cubes: int = 1, u_mm: float = 1e-3, u_deg: float = 1e-3) -> pd.DataFrame:
+    """What a certificate states of the faces E0 …, 5 a cube."""
+    rows = []
+    for one, other in combinations(range(5 * cubes), 2):
+        if one // 5 == other // 5:
+            opposite = NORMALS[one % 5] @ NORMALS[other % 5] < 0
+            distance = (EDGE * 1e3, u_mm, 180.0) if opposite else (None, None, 90.0)
+            if opposite or {one % 5, other % 5} <= {0, 2, 4}:
+                rows.append((f"E{one}", f"E{other}", *distance, u_deg))
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def cube_file(q: Array, face: Array) -> pd.DataFrame:
+    return planes_of(q, face).assign(probe_diameter_mm=PROBE * 1e3)
 
 
 def file_of(q: Array, sphere: Array) -> pd.DataFrame:
-    table = pd.DataFrame(np.degrees(q), columns=[f"theta{j}_deg" for j in range(1, 7)])
     labels = [f"S{k}" for k in sphere]
     diameters = {"feature_diameter_mm": SPHERE * 1e3, "probe_diameter_mm": PROBE * 1e3}
-    return table.assign(feature=labels, **diameters)
+    return readings(q).assign(feature=labels, **diameters)
 
 
 def drawn(arm: Arm, rng: np.random.Generator) -> Array:

@@ -587,12 +587,7 @@ def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6):
     assert note.data["rows"] == records.row[~inside].tolist()
     # Takes the place of the one that is known.
     wide = replace(curve, values=(), lower_rad=-0.1, upper_rad=6.4)
-    assert (
-        calibrate(
-            model, records, ["zero-offsets", wide], hold_out=False, progress=False
-        ).fit.used.size
-        == 60
-    )
+    assert calibrate(model, records, ["zero-offsets", wide], hold_out=False).fit.used.size == 60
     with pytest.raises(AacmmError, match="are outside the curve"):
         calibrate(model, records.take(~inside), "zero-offsets", hold_out=False)
 
@@ -694,9 +689,7 @@ def test_a_bar_of_another_length_is_noted(sino6):
         (0.1, 5e-6, True),
     ):
         table = data.assign(bar_length_mm=data["bar_length_mm"] + off * (data["bar"] == "B4"))
-        found = calibrate(
-            sino6, Measurements.from_frame(table), length_noise=u, hold_out=False, progress=False
-        )
+        found = calibrate(sino6, Measurements.from_frame(table), length_noise=u, hold_out=False)
         assert [told["bar"] for told in data_of(found.notes, "bar_length_off")] == ["B4"] * said
 
 

@@ -18,18 +18,19 @@ from aacmm_pin.errors import MistakenFileError
 from aacmm_pin.measurements import Measurements
 from tests.arm_files import serial_urdf
 from tests.cli import shell
+from tests.tables import PLACES, THETAS
 
 Array = np.ndarray
 READING, REFERENCE = 8e-6, 10e-6
 SHIFT, TURN = 3e-4, 3e-4
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
-PLACES = ("0 0 0.2", "0.05 0 0.1", "0 0 0.5", "0.1 0 0.02", "0.4 0 0", "0.08 0 0.03")
+ORIGINS = ("0 0 0.2", "0.05 0 0.1", "0 0 0.5", "0.1 0 0.02", "0.4 0 0", "0.08 0 0.03")
 SUM = (3, 2, -1.0)
 GEAR = (5, 5, 0.5)
 
 
 URDF = serial_urdf(
-    [("revolute", axis, place, -2, 2) for axis, place in zip(AXES, PLACES, strict=True)],
+    [("revolute", axis, place, -2, 2) for axis, place in zip(AXES, ORIGINS, strict=True)],
     "0.12 0.03 0.05",
 )
 
@@ -186,25 +187,24 @@ def test_commands_write_and_take_readings(crane, rng, tmp_path):
         f"simulate {path} --scheme free --records 40 --encoder-noise 0 --u-reference-mm 0 "
         f"--probe-noise-mm 0 -o {data}"
     )
-    angles, places = [f"theta{j}_deg" for j in range(1, 7)], ["x_mm", "y_mm", "z_mm"]
     table = pd.read_csv(data)
-    close(plant.tips(np.radians(table[angles].to_numpy())), table[places].to_numpy() / 1e3, 1e-8)
+    close(plant.tips(np.radians(table[THETAS].to_numpy())), table[PLACES].to_numpy() / 1e3, 1e-8)
 
     shell.done(f"correct {path} {data} -o {corrected}")
-    found = pd.read_csv(corrected)[[f"corrected_{name}" for name in places]]
-    close(found.to_numpy(), table[places].to_numpy(), 1e-4)
+    found = pd.read_csv(corrected)[[f"corrected_{name}" for name in PLACES]]
+    close(found.to_numpy(), table[PLACES].to_numpy(), 1e-4)
 
     moved, sent = ErrorModel(arm, ["joint_zero_offset:3,offset_rad=1e-3"]), tmp_path / "sent.csv"
     moved.save(tmp_path / "moved.toml")
     shell.done(f"correct {tmp_path / 'moved.toml'} {data} --commands --nominal {path} -o {sent}")
     commands = pd.read_csv(sent)[[f"command{j}_deg" for j in range(1, 7)]].dropna().to_numpy()
     shift = np.degrees(1e-3) * np.eye(6)[2]
-    expected = table[angles].to_numpy() - shift
+    expected = table[THETAS].to_numpy() - shift
     assert np.isclose(commands, expected, atol=1e-6).all(axis=1).sum() > 30
 
     plan = tmp_path / "plan.csv"
     shell.done(f"plan calibration {path} --records 12 --postures 30 -o {plan}")
-    readings = np.radians(pd.read_csv(plan)[angles].to_numpy())
+    readings = np.radians(pd.read_csv(plan)[THETAS].to_numpy())
     assert (np.abs(plant.angles(readings)) <= 2.0 + 1e-6).all()
 
     out = tmp_path / "calibrated.toml"
@@ -221,11 +221,11 @@ def test_an_acceptance_file_has_readings(sino6, tmp_path):
         f"simulate {belt} --procedure {plan} --encoder-noise 0 --probe-noise-mm 0 -o {touches}"
     )
     table = pd.read_csv(touches)
-    readings = np.radians(table[[f"theta{j}_deg" for j in range(1, 7)]].to_numpy())
+    readings = np.radians(table[THETAS].to_numpy())
     readings[:, 2] -= readings[:, 1]
     planned = table[["planned_x_mm", "planned_y_mm", "planned_z_mm"]].to_numpy()
     close(1e3 * sino6.positions(readings), planned, 1e-6)
-    table.drop(columns=["x_mm", "y_mm", "z_mm"]).to_csv(read, index=False)
+    table.drop(columns=PLACES).to_csv(read, index=False)
     found = shell.found(f"accept {belt} {read} --standard asme-b89.4.22")
     values = [figure["value_mm"] for figure in found["figures"]]
     assert values

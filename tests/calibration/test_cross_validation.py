@@ -19,6 +19,7 @@ from aacmm_pin.measurements import Measurements, originals, simulate_measurement
 from aacmm_pin.report.calibration_page import verdict
 from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
+from tests.tables import PLACES, THETAS
 
 
 def several(table: pd.DataFrame, times: int) -> Measurements:
@@ -78,12 +79,11 @@ def test_places_that_several_records_state_to_the_last_digit_are_seats(sino6, rn
 
 def test_repeats_of_a_posture_are_held_out_together(sino6, rng):
     table = simulate_measurements(sino6, "free", 40, rng=rng).to_frame()
-    q, xyz = [f"theta{j}_deg" for j in range(1, 7)], ["x_mm", "y_mm", "z_mm"]
     repeats = []
     for session in range(4):
         again = table.copy().assign(session=f"day {session}")
-        again[q] += rng.normal(0.0, 5e-4, (40, 6))
-        again[xyz] += rng.normal(0.0, 0.01, (40, 3))
+        again[THETAS] += rng.normal(0.0, 5e-4, (40, 6))
+        again[PLACES] += rng.normal(0.0, 0.01, (40, 3))
         repeats.append(again)
     records = Measurements.from_frame(pd.concat(repeats, ignore_index=True))
     held = records.take(np.argsort(records.postures, kind="stable"))
@@ -103,7 +103,7 @@ def test_repeats_of_a_posture_are_held_out_together(sino6, rng):
 def test_points_beside_seats_are_not_held_out_all_at_once(sino6, rng):
     """Without them, two seats in an unknown frame would leave a rotation open."""
     seats = simulate_measurements(sino6, "seats", 45, rng=rng, seats=3).to_frame()
-    seats.loc[seats["seat"] == seats["seat"][0], ["x_mm", "y_mm", "z_mm"]] = np.nan
+    seats.loc[seats["seat"] == seats["seat"][0], PLACES] = np.nan
     table = pd.concat([seats, simulate_measurements(sino6, "free", 40, rng=rng).to_frame()])
     records = Measurements.from_frame(table.fillna({"seat": ""}).reset_index(drop=True))
     noise = {"reference_noise": 1.2e-5, "probe_noise": 1e-9}
@@ -129,8 +129,7 @@ def test_readings_of_one_contact_count_as_their_mean(sino6, rng):
     noise = {"encoder_noise": 2e-6, "probe_noise": 2e-5, "reference_noise": 1e-6}
     once = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6, **noise)
     table = pd.concat([once.to_frame()] * 5).sort_index(kind="stable").reset_index(drop=True)
-    angles = [f"theta{j}_deg" for j in range(1, 7)]
-    table[angles] += np.degrees(rng.normal(0.0, 2e-6, (300, 6)))
+    table[THETAS] += np.degrees(rng.normal(0.0, 2e-6, (300, 6)))
     again = Measurements.from_frame(table)
     kept, notes = counted_once(again)
     assert kept.q == pytest.approx(again.q.reshape(60, 5, 6).mean(axis=1))

@@ -275,9 +275,7 @@ def test_an_option_that_was_left_out_is_named(target, away, named, seed):
     assert "joint" not in caught.value.mistake
     options = {"reference_frame": "external" if away else "base"}
     options["target"] = "unknown" if TARGET_OPTION in named else "tip"
-    found = calibrate(
-        ROBOT, other_frame(data) if away else data, **options, hold_out=False, progress=False
-    )
+    found = calibrate(ROBOT, other_frame(data) if away else data, **options, hold_out=False)
     assert found.rms < 2e-4
 
 

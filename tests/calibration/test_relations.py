@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -27,14 +26,20 @@ from aacmm_pin.report.verdicts import verdict_in_words
 from tests.again import again
 from tests.arm_files import changed
 from tests.calibration.contacts import (
+    COLUMNS,
     CONTACT,
+    EDGE,
+    NORMALS,
     PROBE,
     READING,
     Machine,
     Values,
     calibrated,
+    cube_file,
     drawn,
     file_of,
+    of_cubes,
+    on_cube,
     planes_of,
 )
 from tests.cli import shell
@@ -42,46 +47,11 @@ from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
 from tests.oracle import close
 
-EDGE = 0.1
-NORMALS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
-"""Of the faces; the cube stands on the sixth."""
-COLUMNS = ("feature_a", "feature_b", "distance_mm", "u_distance_mm", "angle_deg", "u_angle_deg")
 
-
-def on_cube(machine: Machine, rng: np.random.Generator, cubes: int = 1) -> tuple[Array, Array]:
-    """Postures (n, 6) at 12 contacts with each of five faces of a cube in so many places, and the
-    number of the face of each (n,), 5 a place.
-    """
-    found, numbers = [], []
-    for k in range(5 * cubes):
-        if k % 5 == 0:
-            start = rng.uniform(-1.2, 1.2, 6)
-            centre = machine.tips(start[None])[0]
-            turn = Rotation.random(random_state=int(rng.integers(2**31)))
-        across = rng.uniform(-0.45, 0.45, (48, 3)) * EDGE
-        normal = NORMALS[k % 5]
-        local = across * (normal == 0) + (EDGE + PROBE) / 2 * normal
-        points = centre + turn.apply(local) + CONTACT * rng.normal(size=local.shape)
-        q = machine.at(points, start + rng.uniform(-0.6, 0.6, (len(points), 6)))[:12]
-        found.append(q)
-        numbers += [k] * len(q)
-    return np.concatenate(found), np.array(numbers)
-
-
-def of_cubes(cubes: int = 1, u_mm: float = 1e-3, u_deg: float = 1e-3) -> pd.DataFrame:
-    """What a certificate states of the faces E0 …, 5 a cube."""
-    rows = []
-    for one, other in combinations(range(5 * cubes), 2):
-        if one // 5 == other // 5:
-            opposite = NORMALS[one % 5] @ NORMALS[other % 5] < 0
-            distance = (EDGE * 1e3, u_mm, 180.0) if opposite else (None, None, 90.0)
-            if opposite or {one % 5, other % 5} <= {0, 2, 4}:
-                rows.append((f"E{one}", f"E{other}", *distance, u_deg))
-    return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def cube_file(q: Array, face: Array) -> pd.DataFrame:
-    return planes_of(q, face).assign(probe_diameter_mm=PROBE * 1e3)
+def probed(arm: Arm, rng: np.random.Generator, cubes: int = 1) -> tuple[Array, Array]:
+    """Readings at the contacts of an arm with errors of its values, and the numbers of faces."""
+    q, face = on_cube(Machine(arm, drawn(arm, rng)), rng, cubes)
+    return q + READING * rng.normal(size=q.shape), face
 
 
 def read(q: Array, face: Array, relations: pd.DataFrame) -> Measurements:
@@ -214,8 +184,7 @@ def contradictions(arm: Arm, records: Measurements) -> list[tuple[str, list[str]
 
 
 def test_a_value_that_all_else_contradicts_is_named(sino6, rng):
-    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
-    q += READING * rng.normal(size=q.shape)
+    q, face = probed(sino6, rng)
     assert not contradictions(sino6, read(q, face, of_cubes()))
     for row, column, off, kind, planes in (
         (0, "distance_mm", 0.1, "distance", ["E0", "E1"]),
@@ -237,16 +206,14 @@ def test_a_contact_with_the_label_of_another_face_is_excluded(sino6, seed, tmp_p
     """
     rng = np.random.default_rng(seed)
     arm = rough(sino6, tmp_path / "rough.toml")
-    q, face = on_cube(Machine(arm, drawn(arm, rng)), rng, 2)
-    table = cube_file(q + READING * rng.normal(size=q.shape), face)
+    table = cube_file(*probed(arm, rng, 2))
     table.loc[3, "feature"] = "E1"
     result = calibrated(arm, Measurements.from_frame(table).with_relations(of_cubes(2)))
     assert np.flatnonzero(result.fit.excluded).tolist() == [3]
 
 
 def test_faces_that_are_exchanged_or_probed_with_another_ball_are_refused(sino6, rng):
-    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
-    table = cube_file(q + READING * rng.normal(size=q.shape), face)
+    table = cube_file(*probed(sino6, rng))
     exchanged = table.replace({"feature": {"E0": "E2", "E2": "E0"}})
     for wrong, said in (
         (exchanged, r"the stated angle by \+90°"),
@@ -262,8 +229,7 @@ def test_faces_that_are_exchanged_or_probed_with_another_ball_are_refused(sino6,
 
 @ECCENTRICITY_ALONE
 def test_a_contradicted_distance_is_a_doubt_and_the_next_step(sino6, rng):
-    q, face = on_cube(Machine(sino6, drawn(sino6, rng)), rng)
-    q += READING * rng.normal(size=q.shape)
+    q, face = probed(sino6, rng)
     stated = of_cubes()
     stated.loc[0, "distance_mm"] += 0.1
     found = diagnose(

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from aacmm_pin.arm import Arm
@@ -16,6 +15,7 @@ from aacmm_pin.measurements import Measurements
 from aacmm_pin.report import check_summary
 from aacmm_pin.report.plots import plot_repeats
 from aacmm_pin.report.repeated_postures import repeatability_in_words
+from tests.tables import PLACES, readings
 
 POSTURES, CYCLES, OTHERS = 10, 30, 30
 SD = np.array([10e-6, 20e-6, 30e-6])
@@ -35,8 +35,8 @@ def measured(arm: Arm, seed: int, drift: Any = (0.0, 0.0, 0.0), **columns: Any) 
         rng.normal(0.0, 5e-5, (POSTURES + OTHERS, 3))[number] + rng.normal(size=(len(q), 3)) * SD
     )
     error += np.outer(time / time[POSTURES * CYCLES - 1], drift)
-    table = pd.DataFrame(np.degrees(q), columns=[f"theta{k}_deg" for k in range(1, 7)])
-    table[["x_mm", "y_mm", "z_mm"]] = (arm.positions(q) + error) * 1e3
+    table = readings(q)
+    table[PLACES] = (arm.positions(q) + error) * 1e3
     return Measurements.from_frame(table.assign(time_s=time, **columns), nq=6)
 
 

@@ -18,6 +18,7 @@ from tests.calibration.contacts import drawn
 from tests.cli import shell
 from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
+from tests.tables import PLACES, THETAS
 
 READING, REFERENCE = 8e-6, 12e-6
 FAR = (Rotation.from_euler("xyz", [3, -2, 130], degrees=True), np.array([1.5, -0.8, 0.3]))
@@ -36,8 +37,8 @@ def measured(arm: Arm, rng: np.random.Generator, *frames: tuple[Rotation, np.nda
             tips = turn.apply(tips) + shift
         seen = FAR[0].apply(tips) + FAR[1] + rng.normal(0, REFERENCE, tips.shape)
         read = np.degrees(q + rng.normal(0, READING, q.shape))
-        table = pd.DataFrame(read, columns=[f"theta{j}_deg" for j in range(1, 7)])
-        places = dict(zip(("x_mm", "y_mm", "z_mm"), 1e3 * seen.T, strict=True))
+        table = pd.DataFrame(read, columns=THETAS)
+        places = dict(zip(PLACES, 1e3 * seen.T, strict=True))
         tables.append(table.assign(**places, session=f"day {k + 1}"))
     return pd.concat(tables, ignore_index=True), errors
 
@@ -143,7 +144,7 @@ def test_contacts_without_coordinates_need_no_session(sino6, rng):
     """Two bars' ends, probed without a tracker, beside two sessions with one."""
     table, _ = measured(sino6, rng, FAR)
     again = table.iloc[:8].assign(session="", seat=list("PPQQPPQQ"))
-    again[["x_mm", "y_mm", "z_mm"]] = np.nan
+    again[PLACES] = np.nan
     both = pd.concat([table.assign(seat=""), again], ignore_index=True)
     result = calibrated(sino6, both, probe_noise=1.0e-2)
     assert codes(result) == {"session_moved"}

@@ -18,7 +18,7 @@ from aacmm_pin.diagnosis import check_measurements, diagnose
 from aacmm_pin.effects import Conditions
 from aacmm_pin.errors import AacmmError, MistakenFileError
 from tests.again import again
-from tests.arm_files import by_table
+from tests.arm_files import AACMM, by_table
 from tests.calibration import contacts
 from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
@@ -28,14 +28,6 @@ Array = NDArray[np.float64]
 DEG = np.pi / 180.0
 RECORDS = 60
 Rows = tuple[tuple[float, float, float, float], ...]
-AACMM: Rows = (
-    (0, 280, 90, 0),
-    (30, 0, -90, 0),
-    (-35, 920, 90, 0),
-    (25, 0, -90, 0),
-    (0, 640, 90, 0),
-    (120, 60, -90, 0),
-)
 UR: Rows = (
     (0, 127.3, 90, 0),
     (-612, 0, 0, 0),
@@ -156,7 +148,7 @@ def test_rows_in_another_frame_and_rows_shifted_by_one():
     for notes in (
         check_measurements(given, mixed).notes,
         calibrate(given, mixed, hold_out=False).notes,
-        diagnose(given, mixed, hold_out=False, progress=False).notes,
+        diagnose(given, mixed, hold_out=False).notes,
     ):
         (told,) = data_of(notes, "rows_in_another_frame")
         assert told["rows"] == mixed.row[36:].tolist()

@@ -20,6 +20,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import arm_text, load_arm_file
 from aacmm_pin.cli.root_command import COMMANDS, app
 from tests.oracle import close
+from tests.tables import PLACES, THETAS
 
 SMALL = "--cells 4 4"
 
@@ -35,11 +36,10 @@ def test_configurations_csv_reaches_the_point(tmp_path):
     target = tmp_path / "c.csv"
     done(f"configurations sino6 {POINT} --samples 12 -o {target}")
     table = pd.read_csv(target)
-    thetas = [f"theta{j}_deg" for j in range(1, 7)]
     named = [
         "component",
         "swivel_deg",
-        *thetas,
+        *THETAS,
         "within_limits",
         "broken_limits",
         "x_mm",
@@ -47,8 +47,8 @@ def test_configurations_csv_reaches_the_point(tmp_path):
         "z_mm",
     ]
     assert list(table.columns)[: len(named)] == named
-    position = Arm.load("sino6").poses(table[thetas].to_numpy() * DEG, "frame5").position / MM
-    close(position, table[["x_mm", "y_mm", "z_mm"]], 1e-9)
+    position = Arm.load("sino6").poses(table[THETAS].to_numpy() * DEG, "frame5").position / MM
+    close(position, table[PLACES], 1e-9)
     close(position, np.broadcast_to([33.6323, -671.8702, 182.9355], position.shape), 1e-9)
     assert table["within_limits"].dtype == bool
     assert table.loc[table["within_limits"], "broken_limits"].isna().all()
@@ -212,7 +212,7 @@ def test_wrong_usage_is_status_2():
 def test_a_quiet_command_prints_results_and_warnings(tmp_path):
     words = f"configurations sino6 {POINT} --samples 6"
     assert done(words, "--quiet") == (done(words)[0], "")
-    readings = pd.DataFrame(np.zeros((1, 6)), columns=[f"theta{j}_deg" for j in range(1, 7)])
+    readings = pd.DataFrame(np.zeros((1, 6)), columns=THETAS)
     readings.to_csv(tmp_path / "zero.csv", index=False)
     ready = f"correct sino6 {tmp_path / 'zero.csv'}"
     assert "note: " in done(ready)[1]

@@ -27,11 +27,11 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.measurements import Measurements
 from tests.oracle import close
+from tests.tables import PLACES, readings
 
 QUICK = f"{NOISE} --no-cross-validation"
-REFERENCE = ["x_mm", "y_mm", "z_mm"]
 HEADER = "theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg"
-CORRECTED = [f"corrected_{name}" for name in REFERENCE]
+CORRECTED = [f"corrected_{name}" for name in PLACES]
 
 
 @pytest.fixture(scope="module")
@@ -239,7 +239,7 @@ def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(sino6,
     q = np.random.default_rng(1).uniform(-1, 1, (6, 6))
     true = q.copy()
     true[:, 4] += np.arcsin(1e-3 * np.cos(q[:, 4]) + 2e-3 * np.sin(q[:, 4]))
-    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)])
+    table = readings(q, "rad")
     names = [f"corrected_q{c}" for c in "wxyz"]
     stated = table.assign(x_mm=0, y_mm=0, z_mm=0, qw=1, qx=0, qy=0, qz=0)
     for asked, *words in ((table, "--orientation"), (stated,)):
@@ -276,7 +276,7 @@ def test_lengths_of_bars_are_compared_too(tmp_path):
     sino6 = ErrorModel.load("sino6")
     q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [1.0, -1.0, 0.4, 0.5, 0.2, 0.1]])
     length = float(np.linalg.norm(np.diff(sino6.predict(q), axis=0))) / MM
-    table = pd.DataFrame(np.repeat(q, 2, axis=0), columns=[f"theta{j}_rad" for j in range(1, 7)])
+    table = readings(np.repeat(q, 2, axis=0), "rad")
     table = table.assign(
         seat=list("PPQQ"), bar="b", bar_end=list("AABB"), bar_length_mm=length - 0.25
     )
@@ -295,12 +295,8 @@ def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6, tm
         ]
     )
     tips = sino6.positions(q) / MM + np.array([[0.1, 0, 0], [42.0, 0, 0], [42.0, 0, 0]])
-    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)]).assign(
-        marker=["", "A", "A"]
-    )
-    table.assign(**dict(zip(REFERENCE, tips.T, strict=True))).to_csv(
-        tmp_path / "r.csv", index=False
-    )
+    table = readings(q, "rad").assign(marker=["", "A", "A"])
+    table.assign(**dict(zip(PLACES, tips.T, strict=True))).to_csv(tmp_path / "r.csv", index=False)
     _, err = done(f"correct sino6 {tmp_path / 'r.csv'} -o {tmp_path / 'c.csv'}")
     assert "of the targets A" in err
     assert "0.1000 mm" in err
@@ -331,7 +327,7 @@ def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended,
     close(after["u_aligned_mm"][there], accuracy.u_aligned / MM, ROUNDED["mm"] + 1e-9)
     text = pd.read_csv(tmp_path / "c.csv", dtype=str, na_filter=False)
     assert text[names].apply(most_decimals).max() == 8
-    away = pd.DataFrame([[0.0] * 6, [0.1] * 6], columns=[f"theta{j}_rad" for j in range(1, 7)])
+    away = readings([[0.0] * 6, [0.1] * 6], "rad")
     away.to_csv(tmp_path / "away.csv", index=False)
     words = f"correct zero6 {tmp_path / 'away.csv'} --commands --nominal sino6"
     refused(words, f"-o {tmp_path / 'none.csv'}", said=["away.csv", "--nominal"])
@@ -347,8 +343,8 @@ def test_angles_a_turn_outside_the_limits_are_told(sino6, tmp_path):
     q = np.random.default_rng(1).uniform(*sino6.limits.T, (40, 6))
     beyond = q[:, 2] > np.pi
     q[:, 2] -= 2 * np.pi * beyond
-    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)])
-    table.assign(**dict(zip(REFERENCE, sino6.positions(q).T / MM, strict=True))).to_csv(
+    table = readings(q, "rad")
+    table.assign(**dict(zip(PLACES, sino6.positions(q).T / MM, strict=True))).to_csv(
         data, index=False
     )
     _, err = done(f"correct {arm} {data} {NOISE} -o {tmp_path / 'c.csv'}")

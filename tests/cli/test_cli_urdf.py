@@ -17,13 +17,12 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel
 from tests.again import again
 from tests.oracle import close
+from tests.tables import PLACES, THETAS
 
 POINT = "--point 400 100 300"
 RPY = (170.0, 20.0, -35.0)
 POSE = f"{POINT} --rpy-deg 170 20 -35"
 HALF_WIDTHS = "--translation-half-width-mm 0.05 --rotation-half-width 1e-4"
-THETAS = [f"theta{j}_deg" for j in range(1, 7)]
-PLACES = ["x_mm", "y_mm", "z_mm"]
 
 
 @pytest.fixture

@@ -157,7 +157,7 @@ def test_what_touches_of_a_seat_share_is_predicted(sino6):
     )
     exact = replace(sino6, parameters=tuple(replace(p, u=0.0) for p in sino6.parameters))
     groups = diagnose(
-        exact, data, encoder_noise=8e-6, probe_noise=0.0, hold_out=False, progress=False
+        exact, data, encoder_noise=8e-6, probe_noise=0.0, hold_out=False
     ).residual_groups
     of_joint = groups[groups["by"] == "joint 1"]["times_predicted"]
     assert of_joint.mean() == pytest.approx(1.0, abs=0.2)
@@ -233,9 +233,7 @@ def test_a_known_target_is_refitted_once(sino6, rng, u):
     )
     measured = truth.predict(q, conditions) + rng.normal(0.0, 1e-5, (80, 3))
     data = Measurements.of(q, measured, conditions=conditions)
-    found = diagnose(
-        known, data, encoder_noise=1e-6, reference_noise=1e-5, hold_out=False, progress=False
-    )
+    found = diagnose(known, data, encoder_noise=1e-6, reference_noise=1e-5, hold_out=False)
     assert (found.verdict, [finding.label for finding in found.findings]) == (
         "explained",
         ["encoder_eccentricity:3"],

@@ -125,7 +125,7 @@ def test_targets_share_the_scatter_of_a_reading(sino6, stated):
     """Where it is stated, it is noise; elsewhere it is found, and is no cause."""
     records = _targets(sino6, np.random.default_rng(42))
     noise = {"encoder_noise": READING, "reference_noise": ALONE} if stated else {}
-    found = diagnose(sino6, records, target="unknown", hold_out=False, progress=False, **noise)
+    found = diagnose(sino6, records, target="unknown", hold_out=False, **noise)
     assert not found.findings
     shared = found.unexplained.shared_by_postures
     at = found.choice.fit
@@ -209,9 +209,7 @@ def _held(
 def test_a_hand_holds_no_posture_exactly(sino6, wobble):
     """What near repeats share is no cause, and its size is found."""
     records = _held(ErrorModel(sino6), 40, np.random.default_rng(32), 3.0 * ALONE, wobble)
-    found = diagnose(
-        sino6, records, encoder_noise=0.0, reference_noise=ALONE, hold_out=False, progress=False
-    )
+    found = diagnose(sino6, records, encoder_noise=0.0, reference_noise=ALONE, hold_out=False)
     assert not found.findings
     assert found.unexplained.shared_by_postures is not None
     assert found.choice.noise.ratio == pytest.approx(3.0, rel=0.2)
@@ -224,9 +222,7 @@ def test_causes_that_others_imitate_are_no_shared_error(seed):
     ur5, rng = Arm.from_urdf("ur5"), np.random.default_rng(seed)
     causes = JointCompliance(2, values=(4e-6,)), EncoderEccentricity(5, values=(2e-4, 3e-4))
     records = _held(ErrorModel(ur5, causes), int(rng.integers(12, 20)), rng)
-    found = diagnose(
-        ur5, records, encoder_noise=0.0, reference_noise=ALONE, hold_out=False, progress=False
-    )
+    found = diagnose(ur5, records, encoder_noise=0.0, reference_noise=ALONE, hold_out=False)
     assert found.unexplained.shared_by_postures is None
     assert found.choice.noise.ratio < 0.5
     assert "joint_compliance:2" in [finding.label for finding in found.findings]

@@ -8,25 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
 from aacmm_pin import Diagnosis, Measurements, diagnose, next_measurements
 from tests.again import again
-from tests.arm_files import by_table
+from tests.arm_files import AACMM, by_table
 from tests.few_causes import NO_WAVES
 from tests.oracle import derivative, dh_frames
+from tests.tables import PLACES, readings
 
-ROWS = (
-    (0.0, 280.0, 90.0),
-    (30.0, 0.0, -90.0),
-    (-35.0, 920.0, 90.0),
-    (25.0, 0.0, -90.0),
-    (0.0, 640.0, 90.0),
-    (120.0, 60.0, -90.0),
-)
-"""a [mm], d [mm], α [°]."""
 ON_TIP = np.zeros(3)
 RECORDS, AT = 120, 54
 ENCODER, NOISE = 1e-5, 0.015
@@ -36,7 +27,7 @@ DEG = np.pi / 180.0
 
 ARM = by_table(
     "OWN",
-    [(*row, 0.0) for row in ROWS],
+    AACMM,
     170.0,
     encoder_noise_rad=ENCODER,
     uncertainty={"a_mm": 0.03, "d_mm": 0.05, "alpha_rad": 8e-5, "theta_offset_rad": 1e-4},
@@ -45,7 +36,7 @@ ARM = by_table(
 
 def tips(q: Array, off: Array, tip: Array) -> Array:
     """Positions of the tip by homogeneous matrices (n, 3) [mm]; ``off`` are errors of a, d, α."""
-    rows = np.c_[np.array(ROWS) * [1.0, 1.0, DEG] + off, np.zeros(6)]
+    rows = np.c_[np.array(AACMM)[:, :3] * [1.0, 1.0, DEG] + off, np.zeros(6)]
     return (dh_frames(rows, q) @ [*tip, 1.0])[:, :3]
 
 
@@ -72,9 +63,8 @@ class Plant:
 
     def diagnosed(self, places: Array, **columns: Any) -> Diagnosis:
         places = places + NOISE * self.rng.normal(size=places.shape)
-        names = [f"theta{j}_deg" for j in range(1, 7)]
-        table = pd.DataFrame(np.rad2deg(self.q), columns=names)
-        table[["x_mm", "y_mm", "z_mm"]] = places
+        table = readings(self.q)
+        table[PLACES] = places
         records = Measurements.from_frame(table.assign(**columns))
         return diagnose(
             ARM,

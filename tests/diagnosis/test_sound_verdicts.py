@@ -52,6 +52,16 @@ from tests.notes import data_of
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 
 
+def drawn(model: Arm | ErrorModel, records: int, seed: int) -> Measurements:
+    """Records of an arm at points anywhere, with the noise that ``diagnosed`` states."""
+    rng = np.random.default_rng(seed)
+    return simulate_measurements(model, "free", records, rng=rng, **NOISE)
+
+
+def diagnosed(model: Arm | ErrorModel, data: Measurements) -> Diagnosis:
+    return diagnose(model, data, hold_out=False, **NOISE)
+
+
 def test_calibrating_twice_is_calibrating_with_all_records(sino6, rng):
     data = simulate_measurements(ErrorModel(sino6), "free", 160, rng=rng)
     first, second = data.take(slice(0, 80)), data.take(slice(80, 160))
@@ -78,7 +88,7 @@ def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6, 
     known = Conditions(40, time=np.cumsum(rng.uniform(15.0, 45.0, 40)))
     tips = ErrorModel(sino6, (drift,)).predict(q, known) + 12e-6 * rng.normal(size=(40, 3))
     data = Measurements.of(q - 8e-6 * rng.normal(size=q.shape), tips, conditions=known)
-    (finding,) = diagnose(sino6, data, hold_out=False, **NOISE).findings
+    (finding,) = diagnosed(sino6, data).findings
     assert finding.label == drift.label
     assert finding.inner["time_constant_s"][1] > 0.0
     value, u = finding.parameters["drift_rad"]
@@ -131,8 +141,8 @@ class SquareTilt(Effect):
 @pytest.mark.long
 def test_what_no_cause_has_lends_its_strength_to_no_name(sino6):
     model = ErrorModel(sino6, (SquareTilt(3, values=(3e-6,)),))
-    data = simulate_measurements(model, "free", 100, rng=np.random.default_rng(3))
-    found = diagnose(sino6, data, hold_out=False, **NOISE)
+    data = drawn(model, 100, 3)
+    found = diagnosed(sino6, data)
     assert found.verdict in ("unexplained", "partly-explained")
     assert found.findings[0].label == "bearing_tilt:3"
     assert "structure left" in found.doubts
@@ -141,10 +151,10 @@ def test_what_no_cause_has_lends_its_strength_to_no_name(sino6):
 @NO_WAVES
 def test_what_is_not_explained_stays_with_the_arm(sino6, tmp_path):
     """Joint 2 turns with the angle of joint 5 too."""
-    data = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(3), **NOISE)
+    data = drawn(sino6, 200, 3)
     coupled = data.q.copy()
     coupled[:, 1] -= 1e-4 * np.sin(data.q[:, 1] + data.q[:, 4])
-    found = diagnose(sino6, replace(data, q=coupled), hold_out=False, **NOISE)
+    found = diagnosed(sino6, replace(data, q=coupled))
     assert (found.verdict, found.findings) == ("unexplained", ())
     saved = tmp_path / "extended.toml"
     found.model.save(saved)
@@ -281,8 +291,8 @@ def test_verdicts(sino6, rng):
 @NO_WAVES
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     model = ErrorModel(sino6, (JointCompliance(2, values=(-3e-5,)),))
-    data = simulate_measurements(model, "free", 60, rng=np.random.default_rng(1))
-    found = diagnose(sino6, data, hold_out=False, **NOISE)
+    data = drawn(model, 60, 1)
+    found = diagnosed(sino6, data)
     assert "joint_compliance:2" not in [finding.label for finding in found.findings]
     assert found.verdict not in ("explained", "no-discrepancy")
 
@@ -308,8 +318,8 @@ def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 6
     """
     known = JointCompliance(joint=2, values=(2e-5,), u=(2e-7,))
     truth = ErrorModel(sino6, (known.at((value,)), *new))
-    data = simulate_measurements(truth, "free", records, rng=np.random.default_rng(1), **NOISE)
-    return diagnose(ErrorModel(sino6, (known,)), data, **NOISE, hold_out=False)
+    data = drawn(truth, records, 1)
+    return diagnosed(ErrorModel(sino6, (known,)), data)
 
 
 @pytest.mark.parametrize(("orders", "lost"), [((8,), True), again((5, 7), False)])
@@ -319,8 +329,8 @@ def test_a_known_cause_with_another_inner_value(sino6, orders, lost):
     truth = ErrorModel(
         sino6, tuple(JointPeriodicError(joint=3, order=k, values=(1e-4, 0.0)) for k in orders)
     )
-    data = simulate_measurements(truth, "free", 80, rng=np.random.default_rng(2), **NOISE)
-    found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, hold_out=False)
+    data = drawn(truth, 80, 2)
+    found = diagnosed(ErrorModel(sino6, (known,)), data)
     (finding,) = found.findings
     assert (found.verdict, finding.label) == ("explained", known.label)
     assert (finding.effect.order, finding.was) == (orders[0], known if lost else None)
@@ -337,8 +347,8 @@ def test_a_known_warm_up_that_is_quicker_or_smaller(sino6, before, after, drift)
     """
     known = ZeroDrift(joint=3, time_constant_s=before, values=(2e-4,), u=(3e-6,))
     truth = ErrorModel(sino6, (ZeroDrift(joint=3, time_constant_s=after, values=(drift,)),))
-    data = simulate_measurements(truth, "free", 300, rng=np.random.default_rng(10), **NOISE)
-    found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, hold_out=False)
+    data = drawn(truth, 300, 10)
+    found = diagnosed(ErrorModel(sino6, (known,)), data)
     (finding,), (effect,) = found.findings, found.model.effects
     assert (found.verdict, finding.was, finding.gone) == ("explained", known, False)
     assert abs(effect.values[0] - drift) < 3.3 * effect.u[0] < 5e-5
@@ -374,10 +384,8 @@ def test_known_causes_of_one_kind_and_place(sino6, known, now, changed):
     first = replace(known[0], load_at=None) if isinstance(known[0], JointCompliance) else known[0]
     truth = [first.at((*now, *known[0].values[1:]))] if now else []
     truth += [known[1].at(known[1].values)] if known is WAVES and now else []
-    data = simulate_measurements(
-        ErrorModel(sino6, tuple(truth)), "free", 200, rng=np.random.default_rng(3), **NOISE
-    )
-    found = diagnose(ErrorModel(sino6, known), data, **NOISE, hold_out=False)
+    data = drawn(ErrorModel(sino6, tuple(truth)), 200, 3)
+    found = diagnosed(ErrorModel(sino6, known), data)
     assert found.verdict == "explained"
     assert len(found.findings) == (1 if known is WAVES and now else 2)
     for finding in found.findings:
@@ -389,7 +397,7 @@ def test_known_causes_of_one_kind_and_place(sino6, known, now, changed):
 def test_a_known_slip_that_has_grown_is_no_second_one(sino6):
     known = EncoderSlip(joint=5, time_s=5000.0, values=(2.2e-4,), u=(6.6e-6,))
     truth = ErrorModel(sino6, (replace(known, values=(4.8e-4,), u=()),))
-    data = simulate_measurements(truth, "free", 150, rng=np.random.default_rng(1), **NOISE)
+    data = drawn(truth, 150, 1)
     found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE)
     (finding,) = found.findings
     assert found.held_out.interval[0] > 0.0
@@ -451,7 +459,7 @@ def test_a_known_slip_beside_a_clock_that_stands(sino6):
     data = Measurements.of(
         q, known.predict(q, conditions) + rng.normal(0.0, 1.2e-5, (60, 3)), conditions=conditions
     )
-    found = diagnose(known, data, **NOISE, hold_out=False)
+    found = diagnosed(known, data)
     assert not found.findings
 
 
@@ -532,10 +540,8 @@ def test_a_load_that_the_file_does_not_have(known, sino6):
     total = last.mass_kg + added  # the frame of the last row is at the tip
     nearer = tuple(last.mass_kg / total * c for c in last.com_mm)
     truth = changed("sino6", {6: {"mass_kg": total, "com_mm": nearer}})
-    data = simulate_measurements(
-        ErrorModel(truth, (known,)), "free", 150, rng=np.random.default_rng(1), **NOISE
-    )
-    found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, hold_out=False)
+    data = drawn(ErrorModel(truth, (known,)), 150, 1)
+    found = diagnosed(ErrorModel(sino6, (known,)), data)
     (finding,) = found.findings
     assert (found.verdict, finding.effect.identity) == (
         "explained",
@@ -578,13 +584,11 @@ def test_a_known_cause_that_has_changed(sino6):
 
 def slipped(arm: Arm, joint: int, before: int, size: float, records: int, seed: int) -> Diagnosis:
     """Of records of which so many, or all but so many, are before a slip."""
-    drawn = simulate_measurements(arm, "free", records, rng=np.random.default_rng(seed), **NOISE)
-    time = np.sort(drawn.conditions.require("time", "the test"))
+    first = drawn(arm, records, seed)
+    time = np.sort(first.conditions.require("time", "the test"))
     slip = EncoderSlip(joint, float((time[before - 1] + time[before]) / 2), values=(size,))
-    data = simulate_measurements(
-        ErrorModel(arm, (slip,)), "free", records, rng=np.random.default_rng(seed), **NOISE
-    )
-    return diagnose(arm, data, **NOISE, hold_out=False)
+    data = drawn(ErrorModel(arm, (slip,)), records, seed)
+    return diagnosed(arm, data)
 
 
 @pytest.mark.long
@@ -617,10 +621,8 @@ def test_an_early_slip_is_no_drift(sino6, seed):
 def test_good_records_beside_a_slip_are_no_gross_errors(sino6):
     """A first time of the slip on their wrong side made them look so."""
     slip = EncoderSlip(3, 1500.0, values=(2e-4,))
-    data = simulate_measurements(
-        ErrorModel(sino6, (slip,)), "free", 90, rng=np.random.default_rng(0), **NOISE
-    )
-    result = diagnose(sino6, data, **NOISE, hold_out=False)
+    data = drawn(ErrorModel(sino6, (slip,)), 90, 0)
+    result = diagnosed(sino6, data)
     assert result.choice.fit.used.all()
     (finding,) = result.findings
     low, high = finding.effect.between_s
@@ -651,7 +653,7 @@ def test_records_that_are_excluded_together_are_no_gross_errors(sino6, shares):
     }[shares]
     off = apart[:, None] * 3e-4 * ErrorModel(sino6).state(data.q).rotation[-1][:, :, 2]
     told = replace(data, reference=data.reference + off, operator=operator)
-    found = diagnose(sino6, told, **NOISE, hold_out=False)
+    found = diagnosed(sino6, told)
     if shares in ("last few", "time"):
         assert found.verdict == "explained"
         assert [finding.cause for finding in found.findings] == ["stylus_shift"]
@@ -682,9 +684,7 @@ def with_a_bump(arm: Arm, number: int, size: float, seed: int) -> Measurements:
 @pytest.mark.parametrize("seed", [4, 1])
 def test_a_bump_in_the_room_is_no_gross_errors(sino6, seed):
     """The eccentricity beside it, which displaces tips by more, is the only name."""
-    found = diagnose(
-        sino6, with_a_bump(sino6, 10, 9e-5, seed), **NOISE, hold_out=False, progress=False
-    )
+    found = diagnose(sino6, with_a_bump(sino6, 10, 9e-5, seed), **NOISE, hold_out=False)
     assert found.verdict == "partly-explained"
     (finding,) = found.findings
     assert finding.label == "encoder_eccentricity:3"
@@ -716,7 +716,7 @@ def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6, rng)
     moved = data.reference + np.cross(turn, data.reference) + shift
     session = np.array(["a", "b", "c"], dtype=object)[number]
     told = replace(data, reference=moved, conditions=replace(data.conditions, session=session))
-    found = diagnose(sino6, told, **NOISE, hold_out=False)
+    found = diagnosed(sino6, told)
     assert found.verdict == "unexplained"
     assert {"session", "time"} <= set(found.unexplained.depends_on)
     assert {effect.label for effect in found.model.effects if "time" in effect.needs} <= {
@@ -759,7 +759,7 @@ def test_torques_with_noise_and_masses_that_lack_a_payload(sino6, noise, payload
     moved = data.reference + 2e-5 * moment[:, 2, None] * sino6.poses(data.q).jacobian[:, :3, 2]
     torque = noise * rng.standard_normal(moment.shape) - moment
     told = replace(data, reference=moved, conditions=replace(data.conditions, torque=torque))
-    found = diagnose(sino6, told, **NOISE, hold_out=False)
+    found = diagnosed(sino6, told)
     assert {f.label for f in found.findings if f.probability >= THRESHOLDS.settled} <= {
         hidden.label
     }, str(found)
@@ -780,12 +780,10 @@ def test_compliance_on_a_mount_that_is_tilted_in_half_of_the_records(sino6):
     hidden = (JointCompliance(1, values=(3e-5,)), JointCompliance(2, values=(3e-5,)))
     tables = []
     for seed, arm, degrees in ((0, sino6, 0.0), (1, tilted, 10.0)):
-        data = simulate_measurements(
-            ErrorModel(arm, hidden), "free", 40, rng=np.random.default_rng(seed)
-        )
+        data = drawn(ErrorModel(arm, hidden), 40, seed)
         tables.append(data.to_frame().assign(tilt_y_deg=degrees))
     table = pd.concat(tables, ignore_index=True).drop(columns=["time_s", "record"])
-    found = diagnose(sino6, Measurements.from_frame(table), **NOISE, hold_out=False)
+    found = diagnosed(sino6, Measurements.from_frame(table))
     assert found.verdict == "explained"
     effects = sorted((finding.effect for finding in found.findings), key=lambda e: e.label)
     assert [effect.label for effect in effects] == ["joint_compliance:1", "joint_compliance:2"]
@@ -807,7 +805,7 @@ def in_two_parts(
     q = rng.uniform(*arm.limits.T, (120, 6))
     reference = ErrorModel(arm, (effect,)).predict(q, at) + 1.2e-5 * rng.standard_normal((120, 3))
     data = Measurements.of(q + 8e-6 * rng.standard_normal(q.shape), reference, conditions=at)
-    return effect, pause, diagnose(arm, data, **NOISE, hold_out=False)
+    return effect, pause, diagnosed(arm, data)
 
 
 @NO_WAVES
@@ -840,7 +838,7 @@ def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6, seed):
     reference = np.where(at.time[:, None] > 1040.0, knocked.predict(q), sino6.positions(q))
     reference += 1.2e-5 * rng.standard_normal((60, 3))
     data = Measurements.of(q + 8e-6 * rng.standard_normal(q.shape), reference, conditions=at)
-    found = diagnose(sino6, data, **NOISE, hold_out=False)
+    found = diagnosed(sino6, data)
     assert (found.verdict, found.findings) == ("unexplained", ())
     assert found.unexplained.depends_on == (f"joint {joint}", "time")
 
@@ -862,7 +860,7 @@ def test_a_cause_that_excluded_records_show_is_not_denied(sino6, seed):
     rng = np.random.default_rng(seed)
     hidden = EncoderEccentricity(3, values=tuple(rng.normal(0.0, 8e-5, 2)))
     data = simulate_measurements(ErrorModel(sino6, (hidden,)), "free", 16, rng=rng, **NOISE)
-    found = diagnose(sino6, data, **NOISE, hold_out=False)
+    found = diagnosed(sino6, data)
     assert found.verdict != "no-discrepancy"
     shown = sum(share for labels, share in found.alternatives.items() if hidden.label in labels)
     assert shown > 0.3

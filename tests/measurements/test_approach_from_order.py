@@ -10,6 +10,7 @@ from aacmm_pin import Arm
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from tests.cli.shell import found, refused
+from tests.tables import PLACES, readings
 
 HALF_WIDTH = 3e-4
 NOISE = 8e-6
@@ -23,15 +24,15 @@ def reversals(sino6: Arm, rng: np.random.Generator, n: int = 150) -> pd.DataFram
     turned = q + rng.normal(0, NOISE, q.shape)
     turned[1:, 2] += HALF_WIDTH * np.sign(q[1:, 2] - q[:-1, 2])
     tips = sino6.positions(turned) + rng.normal(0, 1e-5, (n, 3))
-    table = pd.DataFrame(np.degrees(q), columns=[f"theta{j}_deg" for j in range(1, 7)])
-    return table.assign(**dict(zip(("x_mm", "y_mm", "z_mm"), tips.T * 1e3, strict=True)))
+    table = readings(q)
+    return table.assign(**dict(zip(PLACES, tips.T * 1e3, strict=True)))
 
 
 def test_signs_of_steps(sino6):
     q = np.zeros((6, 6))
     q[:, 0] = [0.1, 0.3, 0.3, 0.2, 0.2005, 0.4]
     session = ["a", "a", "a", "a", "b", "b"]
-    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)])
+    table = readings(q, "rad")
     records = Measurements.from_frame(table.assign(session=session)).with_approach_from_order()
     assert records.conditions.approach[:, 0].tolist() == [0, 1, 1, -1, 0, 1]
     assert not records.conditions.approach[:, 1:].any()

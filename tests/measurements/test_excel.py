@@ -17,7 +17,7 @@ from aacmm_pin import Measurements, accept, simulate_measurements
 from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.verification import History
 from tests.cli import shell
-from tests.verification.test_accept import everything
+from tests.verification.probed_points import everything
 
 openpyxl = pytest.importorskip("openpyxl", reason="needs the extra aacmm-pin[excel]")
 

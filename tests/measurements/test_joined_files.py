@@ -9,8 +9,7 @@ import pytest
 from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.cli import shell
-
-PLACES = ["x_mm", "y_mm", "z_mm"]
+from tests.tables import PLACES
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ from aacmm_pin.measurements.records import Bar, Measurements
 from tests.again import again
 from tests.notes import data_of
 from tests.oracle import close
+from tests.tables import PLACES
 
 pytestmark = pytest.mark.fast
 
@@ -403,7 +404,7 @@ def test_a_cell_with_a_mistake(tmp_path):
             AT_BAR if with_bar else {"seat": [""] * 4}
         )
         if column == "seat" and cell:
-            columns |= {name: [""] * 4 for name in ("x_mm", "y_mm", "z_mm")}
+            columns |= {name: [""] * 4 for name in PLACES}
         Measurements.read(write(tmp_path, csv_of(columns)))
         columns[column] = [columns[column][0], cell, *columns[column][2:]]
         error = error_of(tmp_path, csv_of(columns))
@@ -659,7 +660,7 @@ def test_a_saved_file_is_what_another_reader_expects(tmp_path, rng):
     ).save(path)
     table = pd.read_csv(path)
     close(np.deg2rad(table.filter(regex="^theta").to_numpy()), q, 1e-14)
-    close(table[["x_mm", "y_mm", "z_mm"]].to_numpy() / 1000, reference, 1e-14)
+    close(table[PLACES].to_numpy() / 1000, reference, 1e-14)
     np.testing.assert_allclose(table["dew_c"], dew["dew_c"], rtol=1e-14)
     assert table["approach6"].dtype.kind == "i"
     assert np.isnan(table["x_mm"]).sum() == 8

@@ -19,11 +19,11 @@ from tests.again import again
 from tests.cli import shell
 from tests.notes import data_of
 from tests.oracle import close, dh_frames
+from tests.tables import PLACES, readings
 
 READING, REFERENCE, PROBE = 8e-6, 8e-6, 6e-3
 BEND = 25e-6
 DIRECTION = ["probe_direction_x", "probe_direction_y", "probe_direction_z"]
-PLACE = ["x_mm", "y_mm", "z_mm"]
 ROW = ("a", "d", "alpha", "theta_offset")
 TURN, SHIFT = Rotation.from_euler("xyz", [3, -2, 130], degrees=True), np.array([1.5, -0.8, 0.3])
 
@@ -47,23 +47,23 @@ def measured(arm: Arm, rng: np.random.Generator, bend: float, n: int = 120) -> p
     across = moved - np.sum(moved * stylus, axis=1)[:, None] * stylus
     ball = tip[:, :3, 3] - bend * across + REFERENCE * rng.normal(size=(n, 3))
     read = q + READING * rng.normal(size=q.shape)
-    table = pd.DataFrame(np.degrees(read), columns=[f"theta{j}_deg" for j in range(1, 7)])
-    table[PLACE], table[DIRECTION] = 1e3 * ball, moved
+    table = readings(read)
+    table[PLACES], table[DIRECTION] = 1e3 * ball, moved
     return table
 
 
 def touching(table: pd.DataFrame) -> pd.DataFrame:
     """The same with the coordinates of the contacts."""
-    contacts = table[PLACE].to_numpy() + 0.5e3 * PROBE * table[DIRECTION].to_numpy()
-    return table.assign(**dict(zip(PLACE, contacts.T, strict=True)), probe_diameter_mm=1e3 * PROBE)
+    contacts = table[PLACES].to_numpy() + 0.5e3 * PROBE * table[DIRECTION].to_numpy()
+    return table.assign(**dict(zip(PLACES, contacts.T, strict=True)), probe_diameter_mm=1e3 * PROBE)
 
 
 def elsewhere(table: pd.DataFrame) -> pd.DataFrame:
     """The same in another frame, coordinates and directions."""
-    places = TURN.apply(table[PLACE]) + 1e3 * SHIFT
+    places = TURN.apply(table[PLACES]) + 1e3 * SHIFT
     turned = TURN.apply(table[DIRECTION])
     return table.assign(
-        **dict(zip([*PLACE, *DIRECTION], np.hstack([places, turned]).T, strict=True))
+        **dict(zip([*PLACES, *DIRECTION], np.hstack([places, turned]).T, strict=True))
     )
 
 
@@ -95,7 +95,7 @@ def test_sessions_turn_their_directions(sino6, rng):
     moved = elsewhere(table.iloc[60:])
     both = pd.concat([table.iloc[:60].assign(session="A"), moved.assign(session="B")])
     both = both.reset_index(drop=True)
-    both.loc[119, PLACE] = np.nan
+    both.loc[119, PLACES] = np.nan
     records = Measurements.from_frame(both)
     found = calibrate(
         sino6, records, ["geometry", "probe_bending"], reference_frame="session", hold_out=False
@@ -110,7 +110,7 @@ def test_contacts_become_centres(sino6, rng):
     table = measured(sino6, rng, 0.0, 20)
     contacts = touching(table)
     contacts.loc[3, DIRECTION] = [np.nan] * 3
-    contacts.loc[3, [*PLACE, "probe_diameter_mm"]] = [*table.loc[3, PLACE], np.nan]
+    contacts.loc[3, [*PLACES, "probe_diameter_mm"]] = [*table.loc[3, PLACES], np.nan]
     records, plain = Measurements.from_frame(contacts, 6), Measurements.from_frame(table, 6)
     close(records.reference, plain.reference)
     assert not records.conditions.probe_direction[3].any()
@@ -123,14 +123,14 @@ def test_contacts_become_centres(sino6, rng):
     assert data_of(again.read_as, "directions_missing") == [{"rows": [5]}]
     given = Measurements.of(
         plain.q,
-        contacts[PLACE].to_numpy() / 1e3,
+        contacts[PLACES].to_numpy() / 1e3,
         probe_diameter=contacts["probe_diameter_mm"] / 1e3,
         conditions=records.conditions,
     )
     close(given.reference, plain.reference)
     # A probe in a sphere touches it along its normal, and its centre is what is stated.
     sphere = contacts.assign(feature="S", feature_diameter_mm=25.0).drop(index=3)
-    sphere[PLACE] = [500.0, 0.0, 0.0]
+    sphere[PLACES] = [500.0, 0.0, 0.0]
     assert (Measurements.from_frame(sphere, 6).reference == [0.5, 0.0, 0.0]).all()
 
 

@@ -23,6 +23,7 @@ from aacmm_pin.calibration import calibrate
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 from tests.oracle import close
+from tests.tables import PLACES
 
 pytestmark = pytest.mark.fast
 
@@ -48,7 +49,7 @@ def of_printed_points(run: int) -> tuple[np.ndarray, np.ndarray]:
     """Unrounded iteration from the printed coordinates: offsets (6,) [deg] and errors (3,) [mm]."""
     rows = printed_postures().query(f"run == {run}")
     simulation, offsets = (
-        replace(simulated_run(run), references=rows[["x_mm", "y_mm", "z_mm"]].to_numpy() * MM),
+        replace(simulated_run(run), references=rows[PLACES].to_numpy() * MM),
         np.zeros(6),
     )
     for _ in range(6):
@@ -72,7 +73,7 @@ def test_table_1_is_the_bundled_arm_but_for_its_link_lengths(zero6):
     postures = printed_postures()
     q = postures.filter(like="theta").to_numpy() * DEG
     by_print = replace(dh, a=printed["a_mm"].to_numpy() * MM).chain.positions(q) / MM
-    off = np.abs(by_print - postures[["x_mm", "y_mm", "z_mm"]].to_numpy())
+    off = np.abs(by_print - postures[PLACES].to_numpy())
     assert (off > 0.0005).all()
     assert off.max() == pytest.approx(0.0387, abs=5e-5)
     assembled = assembled_arm().require_dh("this test")

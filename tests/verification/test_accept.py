@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,94 +19,8 @@ from aacmm_pin.verification.acceptance_file import AS_GIVEN
 from tests.again import again
 from tests.cli import shell
 from tests.notes import data_of
-
-DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0], [0, -0.6, 0.8], [0.8, 0, -0.6]]])
-
-
-def rows(points: Array, **cells: Any) -> pd.DataFrame:
-    """Touches at ``points`` (n, 3) [mm]."""
-    return pd.DataFrame(points, columns=["x_mm", "y_mm", "z_mm"]).assign(**cells)
-
-
-def sphere(count: int, center: Array, diameter: float, **cells: Any) -> pd.DataFrame:
-    """Touches all over a sphere of 25 mm with a probe of 6 mm, whose centres lie on one of
-    ``diameter`` [mm].
-    """
-    rng = np.random.default_rng(count)
-    directions = np.vstack([DIRECTIONS, rng.normal(size=(count, 3))])[:count]
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    known = {"feature_diameter_mm": 25.0, "probe_diameter_mm": 6.0, "u_length_mm": 0.001}
-    return rows(center + diameter / 2 * directions, **(known | cells))
-
-
-def lengths(
-    count: int, positions: int, repeats: int, probe: float, error: float, **cells: Any
-) -> pd.DataFrame:
-    """Lengths of 300 mm and more that are all right, but for the last one."""
-    tables, rng = [], np.random.default_rng(1)
-    for number in range(count):
-        length = 300.0 + 200.0 * number
-        for position in range(positions):
-            a, direction = rng.uniform(-500, 500, size=3), rng.normal(size=3)
-            direction /= np.linalg.norm(direction)
-            for repeat in range(repeats):
-                last = (number, position, repeat) == (count - 1, positions - 1, repeats - 1)
-                labels = {
-                    "length_id": f"L{number}",
-                    "position": position,
-                    "repeat": repeat,
-                    "length_mm": length,
-                }
-                ends = np.array([a, a + (length + probe + error * last) * direction])
-                tables.append(
-                    rows(
-                        ends,
-                        feature=["A", "B"],
-                        u_length_mm=0.002,
-                        probe_diameter_mm=probe,
-                        **labels,
-                        **cells,
-                    )
-                )
-    return pd.concat(tables)
-
-
-def everything(*tests: str) -> pd.DataFrame:
-    """All tests in one table, or these."""
-    table = _table()
-    return table[table["test"].isin(tests or table["test"])].reset_index(drop=True)
-
-
-@cache
-def _table() -> pd.DataFrame:
-    tables = [
-        sphere(
-            25, np.array([500.0 * k, 0, 0]), 31.0 + 0.02 * k, test="sphere", feature="S", position=k
-        )
-        for k in (0, 1)
-    ]
-    corners = np.array([[0, 0, 0], [0.03, 0, 0], [0.01, 0.001, 0], [0.02, 0, 0.001], [0.015, 0, 0]])
-    tables += [
-        sphere(5, corner, 31.0, test="location", feature="S", position=0, repeat=k)
-        for k, corner in enumerate(corners)
-    ]
-    tables += [
-        lengths(5, 7, 3, 0.0, -0.04, test="length-uni"),
-        lengths(5, 7, 3, 6.0, 0.05, test="length-bi"),
-    ]
-    tables += [
-        sphere(9, np.zeros(3), 31.0 - 0.01 * k, test="effective-diameter", feature="S", repeat=k)
-        for k in range(3)
-    ]
-    tables.append(lengths(2, 10, 1, 0.0, 0.06, test="volumetric"))
-    for place in range(3):
-        offsets = np.zeros((10, 3))
-        offsets[0, 2], offsets[1, 2] = 0.01 * place, -0.01 * place
-        tables.append(
-            rows(np.array([100.0 * place, 0, 0]) + offsets, test="single-point", position=place)
-        )
-    return pd.concat(tables, ignore_index=True).astype({"position": "Int64", "repeat": "Int64"})
-
+from tests.tables import PLACES, THETAS
+from tests.verification.probed_points import everything, rows, sphere
 
 EXPECTED = {
     "P_Form.Sph.1x25": 0.0,
@@ -288,7 +200,7 @@ def test_an_end_has_one_touch_or_a_sphere(data):
     row = table.index[0]
     for touches, refused in ((1, False), (3, True), (4, False)):
         end = pd.concat([table.loc[[row]]] * touches)
-        end[["x_mm", "y_mm", "z_mm"]] += 15.0 * np.vstack([np.zeros(3), np.eye(3)])[:touches]
+        end[PLACES] += 15.0 * np.vstack([np.zeros(3), np.eye(3)])[:touches]
         pd.concat([table.drop(row), end]).to_csv(data, index=False)
         assert bool(data_of(accept(data).notes, "figure_without_value")) == refused
 
@@ -328,7 +240,7 @@ def test_touches_are_records_of_a_measurement_file(tmp_path):
     """
     table = everything()
     angles = np.random.default_rng(1).uniform(-20, 20, (len(table), 6))
-    table[[f"theta{k}_deg" for k in range(1, 7)]] = angles
+    table[THETAS] = angles
     table["planned_theta4_deg"], table["u_length_mm"] = (
         angles[:, 3],
         table["length_mm"].where(table["length_mm"] == "", 0.002),
@@ -408,7 +320,7 @@ def test_what_cannot_be_judged(data, tmp_path):
         "--measuring-range-mm 0",
     ):
         shell.refused(f"accept {data} {words}")
-    table = everything("single-point").drop(columns=["x_mm", "y_mm", "z_mm"])
+    table = everything("single-point").drop(columns=PLACES)
     table.to_csv(tmp_path / "no.csv", index=False)
     with pytest.raises(AacmmError, match="no coordinates"):
         accept(tmp_path / "no.csv")
@@ -480,7 +392,7 @@ def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data):
     """5 mm off: of 25 and of nine touches the very row, of five the sphere."""
     tests = ("sphere", "effective-diameter", "location")
     table, rng = everything(*tests), np.random.default_rng(1)
-    table[["x_mm", "y_mm", "z_mm"]] += rng.normal(scale=0.005, size=(len(table), 3))
+    table[PLACES] += rng.normal(scale=0.005, size=(len(table), 3))
     table.to_csv(data, index=False)
     assert not [note for note in accept(data).notes if note.code in OFF_SPHERE]
     for test, said in (
@@ -490,7 +402,7 @@ def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data):
     ):
         first = int(table.index[table["test"] == test][0])
         off, at = table.copy(), first + 10 if test != "location" else first + 6
-        off.loc[at, ["x_mm", "y_mm", "z_mm"]] += 5.0 / np.sqrt(3)
+        off.loc[at, PLACES] += 5.0 / np.sqrt(3)
         off.to_csv(data, index=False)
         said = said.format(at + 2) if test != "location" else said.format(first + 7, first + 11)
         (note,) = (note for note in accept(data).notes if note.code in OFF_SPHERE)
@@ -500,8 +412,8 @@ def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data):
 @pytest.mark.parametrize(
     ("columns", "unit", "said"),
     [
-        (["x_mm", "y_mm", "z_mm"], 25.4, "0.03937 times"),
-        again(["x_mm", "y_mm", "z_mm"], 1e3, "0.001 times"),
+        (PLACES, 25.4, "0.03937 times"),
+        again(PLACES, 1e3, "0.001 times"),
         (["length_mm"], 25.4, " 25.4 "),
     ],
 )
@@ -519,7 +431,7 @@ def test_single_points_in_another_unit_are_noted(data):
     def notes(factor: float, **options: float) -> list[Note]:
         """Of coordinates that are ``factor`` times as large."""
         scaled = table.copy()
-        scaled[["x_mm", "y_mm", "z_mm"]] *= factor
+        scaled[PLACES] *= factor
         scaled.to_csv(data, index=False)
         return accept(data, **options).notes
 

@@ -21,7 +21,8 @@ from aacmm_pin.report.formats.html import page as page_of
 from aacmm_pin.verification import AcceptanceResult, History
 from tests.again import again
 from tests.cli import shell
-from tests.verification.test_accept import everything, rows
+from tests.tables import THETAS
+from tests.verification.probed_points import everything, rows
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 
@@ -199,7 +200,7 @@ def test_a_test_report_is_one_sheet(tmp_path, page):
     arm = Arm.load("sino6")
     # Within the limits.
     angles = np.random.default_rng(1).uniform(0, 20, (len(table), 6)) * (1, -1, 1, -1, 1, 1)
-    table[[f"theta{k}_deg" for k in range(1, 7)]] = angles
+    table[THETAS] = angles
     table.assign(temperature_c=20.1).to_csv(tmp_path / "touches.csv", index=False)
     mpe = {"E_Uni": 1e-4, "E_Bi": 1e-4, "SPAT.Max": 1e-4}
     arms = {"nominal": arm, "extended": arm}

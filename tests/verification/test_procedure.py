@@ -8,9 +8,9 @@ import pandas as pd
 from aacmm_pin import accept
 from aacmm_pin._support.units import DEG, MM
 from tests.cli import shell
+from tests.tables import PLACES
 
 ANGLES = [f"planned_theta{k}_deg" for k in range(1, 7)]
-PLACE = ["x_mm", "y_mm", "z_mm"]
 
 
 def test_an_exact_arm_passes_its_plan(sino6, tmp_path):
@@ -18,9 +18,9 @@ def test_an_exact_arm_passes_its_plan(sino6, tmp_path):
     shell.done(f"plan acceptance sino6 --measuring-range-mm 1000 -o {path}")
     plan = pd.read_csv(path)
     tips = sino6.positions(plan[ANGLES].to_numpy() * DEG) / MM
-    assert np.abs(tips - plan[[f"planned_{name}" for name in PLACE]]).max(axis=None) < 0.01
+    assert np.abs(tips - plan[[f"planned_{name}" for name in PLACES]]).max(axis=None) < 0.01
     assert tips[:, 2].min() > 0.0  # the base of an arm that stands is on a table
-    plan[PLACE] = tips
+    plan[PLACES] = tips
     plan.to_csv(path, index=False)
     result = accept(path, measuring_range=1.0)
     assert {f.definition.test for f in result.figures} == {*plan["test"]}
