@@ -23,7 +23,7 @@ from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.arm_files import changed
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW
 from tests.oracle import close
 
 NOISE = {"encoder_noise": 2e-5, "reference_noise": 1.2e-5}
@@ -142,7 +142,7 @@ def test_turns_tell_the_roll_of_the_wrist(straight, rng):
     )
 
 
-@NO_WAVES
+@FEW
 def test_turns_show_a_cause_in_the_wrist(straight, rng):
     hidden = ErrorModel(straight, (EncoderEccentricity(joint=6, values=(2e-4, 1e-4)),))
     data = simulate_measurements(hidden, "free", 50, rng=rng, orientation_noise=TURN, **NOISE)
@@ -154,7 +154,7 @@ def test_turns_show_a_cause_in_the_wrist(straight, rng):
     assert diagnose(straight, bare, rng=rng, hold_out=False, **NOISE).findings == ()
 
 
-@NO_WAVES
+@FEW
 def test_turns_that_nothing_explains(straight, rng):
     """A target that was knocked halfway; its page shows positions."""
     data = simulate_measurements(straight, "free", 50, rng=rng, orientation_noise=TURN, **NOISE)

@@ -25,7 +25,7 @@ from tests.calibration.contacts import (
     file_of,
     planes_of,
 )
-from tests.few_causes import ECCENTRICITY_ALONE, NO_WAVES
+from tests.few_causes import ECCENTRICITY_ALONE, FEW
 from tests.oracle import close
 
 
@@ -72,7 +72,7 @@ def test_the_scale_of_a_sphere_is_that_of_its_diameter(sino6, rng):
         assert least <= result.rms_before <= most
 
 
-@NO_WAVES
+@FEW
 def test_an_eccentric_encoder_is_found_by_spheres_alone(sino6, rng):
     q, sphere = Machine(sino6).touching(rng)
     read = q - 2e-4 * np.cos(q - 0.7) * (np.arange(6) == 2)

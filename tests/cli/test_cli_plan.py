@@ -25,7 +25,7 @@ from aacmm_pin.effects import (
     register,
 )
 from aacmm_pin.measurements import Measurements
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW
 from tests.pages import Page
 
 PAIR = "--causes joint_compliance:2 encoder_eccentricity:2"
@@ -46,7 +46,7 @@ def filled_in(path: Path, true: ErrorModel, seed: int = 1) -> None:
     table.to_csv(path, index=False)
 
 
-@NO_WAVES
+@FEW
 def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path, sino6):
     old, plan, both = (tmp_path / name for name in ("old.csv", "plan.csv", "both.csv"))
     effect = "joint_compliance:joint=2,compliance_rad_per_nm=1e-5"

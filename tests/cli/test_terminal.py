@@ -18,7 +18,7 @@ from aacmm_pin.measurements import simulate_measurements
 from aacmm_pin.report import terminal
 from aacmm_pin.report.document import Document, Table
 from aacmm_pin.report.numbers import length
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW
 
 
 def told(*words: object, columns: int | None = 80) -> str:
@@ -53,7 +53,7 @@ def check(text: str, width: int = 80) -> None:
             assert len(line) <= width, line
 
 
-@NO_WAVES
+@FEW
 def test_a_diagnosis_in_readable_units(data, tmp_path):
     """At 200 columns; JSON in a file beside it."""
     target = tmp_path / "d.json"

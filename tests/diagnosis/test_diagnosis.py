@@ -14,7 +14,7 @@ from blind import Draw, draw
 
 from tests.again import again
 from tests.cli import shell
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW
 
 NOISE = "--encoder-noise 8e-6 --u-reference-mm 0.012"
 LIMIT = 3.3
@@ -58,7 +58,7 @@ CAUSES = [  # files of the gate in ``tests/blind`` hide the others
 ]
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(("cause", "plan", "seed"), CAUSES)
 def test_a_hidden_cause_is_named_and_measured(tmp_path, cause, plan, seed):
     words = "--no-cross-validation"
@@ -70,7 +70,7 @@ def test_a_hidden_cause_is_named_and_measured(tmp_path, cause, plan, seed):
     assert max(off(found, drawn).values(), default=0.0) < LIMIT
 
 
-@NO_WAVES
+@FEW
 def test_look_alikes_are_said(tmp_path):
     """On a level mount a tilting first bearing and a tilting stand have the same columns: both are
     listed.
@@ -113,7 +113,7 @@ def test_what_no_cause_explains_is_said_to_be_that(tmp_path, kind):
     assert abs(found["held_out"]["gain"]) < 0.02
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(
     ("seed", "options"),
     [
@@ -131,7 +131,7 @@ def test_nothing_hidden_is_said_to_be_nothing(tmp_path, seed, options):
     assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
-@NO_WAVES
+@FEW
 def test_geometry_beyond_what_is_stated_is_a_finding(tmp_path):
     """Held-out records have nothing to say of it: recalibration moves the value as well."""
     found, _ = diagnosis(
@@ -152,7 +152,7 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path):
     assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
-@NO_WAVES
+@FEW
 def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     plan = tmp_path / "plan.csv"
     words = "--causes joint_compliance:2 encoder_gain:2 --records 10 --postures 20"
@@ -164,7 +164,7 @@ def test_a_plan_that_nobody_filled_in_is_refused(tmp_path):
     assert found["doubts"] == ["residuals too small"]
 
 
-@NO_WAVES
+@FEW
 def test_the_extended_arm_is_written_and_used(tmp_path):
     extended = tmp_path / "extended.toml"
     words = f"--arm-out {extended}"

@@ -33,7 +33,7 @@ from aacmm_pin.report.plots.partial_residuals import partial_residual
 from tests.again import again
 from tests.arm_files import serial_urdf
 from tests.cli import shell
-from tests.few_causes import ECCENTRICITY_ALONE, NO_WAVES
+from tests.few_causes import ECCENTRICITY_ALONE, FEW
 from tests.notes import data_of
 
 NOISE = "--encoder-noise 8e-6 --u-reference-mm 0.012 --probe-noise-mm 0.012"
@@ -63,7 +63,7 @@ def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6):
         diagnose(sino6, data, hold_out=False)
 
 
-@NO_WAVES
+@FEW
 def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path):
     """Few bars are torn into blocks of joint space, where a seat may have one record that nothing
     can be compared with.
@@ -74,7 +74,7 @@ def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path):
     assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("seats", ["2", again("8")])
 def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path, seats):
     """An arm that shrinks to a point meets every seat of unknown place: that is no structure over
@@ -86,7 +86,7 @@ def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path, seats):
     assert found["unexplained"]["p_value"] > 1e-3
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("count", [3, again(5)])
 def test_few_records_in_an_unknown_frame(tmp_path, count):
     """The frame is all but all that they tell; what else is refitted is known from before alone."""
@@ -119,7 +119,7 @@ def urdf() -> str:
     return serial_urdf(joints, "0.3 0 0", body)
 
 
-@NO_WAVES
+@FEW
 def test_a_joint_that_slides_is_read_in_millimetres(tmp_path):
     path = tmp_path / "slider.urdf"
     path.write_text(urdf())
@@ -172,7 +172,7 @@ def compliant(sino6) -> Measurements:
     return simulate_measurements(model, "free", 60, rng=np.random.default_rng(3))
 
 
-@NO_WAVES
+@FEW
 def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_records(sino6, compliant):
     early = replace(compliant, conditions=replace(compliant.conditions, time=np.arange(60.0) - 1e9))
     found = diagnose(sino6, early, encoder_noise=8e-4, reference_noise=1e-3, hold_out=False)
@@ -185,7 +185,7 @@ def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_record
         diagnose(sino6, compliant, encoder_noise=8.0)
 
 
-@NO_WAVES
+@FEW
 def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6):
     """Noise of the encoders alone, which nobody stated: the seats far out scatter more than those
     near the base.
@@ -198,7 +198,7 @@ def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6):
     assert (found.verdict, found.unexplained.groups) == ("no-discrepancy", ())
 
 
-@NO_WAVES
+@FEW
 def test_an_arm_that_states_all_its_values_to_be_exact(sino6):
     """Nothing is refitted then, and only causes can explain what is left."""
     exact = replace(
@@ -217,7 +217,7 @@ def test_an_arm_that_states_all_its_values_to_be_exact(sino6):
     )
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("u", [(2e-5, 2e-5, 2e-5), again(())])
 def test_a_known_target_is_refitted_once(sino6, rng, u):
     """The place of a target that the arm's file has, with or without u; and one that it does not

@@ -17,7 +17,7 @@ from aacmm_pin.diagnosis import THRESHOLDS
 from aacmm_pin.diagnosis.verdict import DOUBTS
 from aacmm_pin.effects import CAUSES
 from tests.cli import shell
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW
 
 NOISE = "--encoder-noise 8e-6 --u-reference-mm 0.012"
 ECCENTRIC = "--cause encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
@@ -95,7 +95,7 @@ CASES = {
 }
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("verdict", CASES)
 def test_every_verdict(tmp_path, verdict):
     table, options = CASES[verdict](tmp_path)

@@ -16,7 +16,7 @@ from aacmm_pin.effects import EncoderEccentricity, ErrorModel, JointHysteresis
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.verdicts import verdict_in_words
 from tests.cli import shell
-from tests.few_causes import ECCENTRICITY_ALONE, NO_WAVES
+from tests.few_causes import ECCENTRICITY_ALONE, FEW
 from tests.notes import data_of
 
 
@@ -91,7 +91,7 @@ def test_an_extended_arm_that_is_no_better_explains_nothing(
     assert "held-out" in arm.read_text()
 
 
-@NO_WAVES
+@FEW
 def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6):
     records = simulate_measurements(ErrorModel(sino6), "seats", 60, rng=np.random.default_rng(1))
     few = replace(records, conditions=replace(records.conditions, approach=None, temperature=None))
@@ -104,7 +104,7 @@ def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6):
     assert len(data_of(found.notes, "causes_not_tried")) == 1
 
 
-@NO_WAVES
+@FEW
 def test_hysteresis_without_the_approach_is_a_scatter_of_readings_that_asks_for_it(sino6):
     rng = np.random.default_rng(7)
     hidden = ErrorModel(sino6, (JointHysteresis(2, values=(5e-5,)),))
@@ -119,7 +119,7 @@ def test_hysteresis_without_the_approach_is_a_scatter_of_readings_that_asks_for_
     assert "--approach-from-order" in next_measurements(found)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("hysteresis", [6e-5, 0.0])
 def test_hysteresis_without_stated_noise_is_the_joint_whose_readings_scatter_most(
     sino6, hysteresis
@@ -137,7 +137,7 @@ def test_hysteresis_without_stated_noise_is_the_joint_whose_readings_scatter_mos
         assert "other joints" in str(found.unexplained.readings[0])
 
 
-@NO_WAVES
+@FEW
 def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6):
     records = simulated(ErrorModel(sino6), 120, np.random.default_rng(11))
     reference, seats = records.reference.copy(), records.conditions.seat

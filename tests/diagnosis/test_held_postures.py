@@ -25,7 +25,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.measurements.orientation import quaternions
 from tests.again import again
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW
 
 ALONE, SHARED = 1e-5, 2e-5
 """Noise of each record and of each posture [m]."""
@@ -119,7 +119,7 @@ def test_rows_are_whitened_as_by_the_covariance_of_all(sino6, turned, of_reading
     np.testing.assert_allclose(added / scale, wanted / scale, atol=1e-3)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("stated", [False, again(True)])
 def test_targets_share_the_scatter_of_a_reading(sino6, stated):
     """Where it is stated, it is noise; elsewhere it is found, and is no cause."""
@@ -204,7 +204,7 @@ def _held(
     return Measurements.of(q, model.predict(q) + error)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("wobble", [2e-3, again(0.0), again(5e-3)])
 def test_a_hand_holds_no_posture_exactly(sino6, wobble):
     """What near repeats share is no cause, and its size is found."""
@@ -215,7 +215,7 @@ def test_a_hand_holds_no_posture_exactly(sino6, wobble):
     assert found.choice.noise.ratio == pytest.approx(3.0, rel=0.2)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("seed", [3, again(1), again(9), again(12)])
 def test_causes_that_others_imitate_are_no_shared_error(seed):
     """Few postures leave it open which of the causes acts, but not that one does."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from aacmm_pin import Diagnosis, Measurements, diagnose, next_measurements
 from tests.again import again
 from tests.arm_files import AACMM, by_table
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW
 from tests.oracle import derivative, dh_frames
 from tests.tables import PLACES, readings
 
@@ -83,7 +83,7 @@ def moved(places: Array, rng: np.random.Generator) -> Array:
     return after
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("seed", [1, again(2)])
 def test_a_stand_that_moved_is_no_encoder_fault(seed):
     plant = Plant.of(seed)
@@ -93,7 +93,7 @@ def test_a_stand_that_moved_is_no_encoder_fault(seed):
     assert abs(np.searchsorted(plant.time, finding.effect.time_s) - AT) <= 3  # type: ignore[attr-defined]
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(("seed", "asked"), [(1, "session"), (2, "time_s")])
 def test_next_are_labels_or_times_if_a_stand_moved_in_records_without_time(seed, asked):
     """Labels where the fit excluded the rows after the movement, times where it kept them."""
@@ -102,7 +102,7 @@ def test_next_are_labels_or_times_if_a_stand_moved_in_records_without_time(seed,
     assert f"in the column {asked}" in next_measurements(found)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("moves", [True, False])
 def test_next_is_a_frame_for_each_session_if_these_moved(moves):
     plant = Plant.of(9)
@@ -112,7 +112,7 @@ def test_next_is_a_frame_for_each_session_if_these_moved(moves):
     assert ("--reference-frame session" in next_measurements(found)) == moves
 
 
-@NO_WAVES
+@FEW
 def test_a_stylus_that_was_mounted_again_is_no_encoder_fault():
     plant = Plant.of(3)
     shift = np.array([0.08, -0.06, 0.07])
@@ -124,7 +124,7 @@ def test_a_stylus_that_was_mounted_again_is_no_encoder_fault():
     assert np.all(np.abs(off) < 3.0 * np.array(finding.effect.u) * 1e3)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("column", [again("time_s"), "record"])
 def test_backlash_in_the_order_of_the_rows(column):
     plant = Plant.of(4)
@@ -136,7 +136,7 @@ def test_backlash_in_the_order_of_the_rows(column):
     assert finding.label == "joint_hysteresis:3"
 
 
-@NO_WAVES
+@FEW
 def test_bursts_of_an_encoder_are_in_the_order_of_the_records():
     plant = Plant.of(5)
     angle = np.zeros(plant.q.shape)
@@ -148,7 +148,7 @@ def test_bursts_of_an_encoder_are_in_the_order_of_the_records():
     assert order.correlation > 2.0 * order.limit
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_torques_of_the_load_instead_of_the_drive(sign):
     plant = Plant.of(8)
@@ -183,7 +183,7 @@ def test_two_waves_of_one_joint():
     assert orders == {4.0, 25.0}
 
 
-@NO_WAVES
+@FEW
 def test_the_budget_is_that_of_the_plant():
     """Of each part, within three standard uncertainties; and it adds up."""
     plant = Plant.of(7)

@@ -46,7 +46,7 @@ from aacmm_pin.report.verdicts import verdict_in_words
 from tests.again import again
 from tests.arm_files import changed
 from tests.cli import shell
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW, NO_WAVES
 from tests.notes import data_of
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -77,7 +77,7 @@ def test_calibrating_twice_is_calibrating_with_all_records(sino6, rng):
     assert (np.abs(values - both) < 0.05 * wanted).all()
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("seed", [5, again(6), again(7)])
 def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6, seed):
     """Records over one time constant, which may be much longer than it seems: no error beyond 3.5
@@ -177,7 +177,7 @@ def test_what_is_not_explained_stays_with_the_arm(sino6, tmp_path):
         ) == (left, False)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(
     ("records", "note"), [again(60, "prior_ignored"), (15, "partly_in_calibration")]
 )
@@ -288,7 +288,7 @@ def test_verdicts(sino6, rng):
         assert verdict_of(evidence, doubts_of(evidence)) == verdict, other
 
 
-@NO_WAVES
+@FEW
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     model = ErrorModel(sino6, (JointCompliance(2, values=(-3e-5,)),))
     data = drawn(model, 60, 1)
@@ -337,7 +337,7 @@ def test_a_known_cause_with_another_inner_value(sino6, orders, lost):
     assert sorted(e.order for e in found.model.effects) == sorted(orders)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(
     ("before", "after", "drift"), [(3600.0, 1200.0, 2e-4), again(1200.0, 1200.0, 1e-4)]
 )
@@ -409,7 +409,7 @@ def test_a_known_slip_that_has_grown_is_no_second_one(sino6):
     assert abs(finding.effect.values[0] - 4.8e-4) < 3.3 * finding.effect.u[0] < 1.1e-4
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(
     ("constant", "amplitude"), [(1500.0, 2.5e-4), again(5e4, 1.2e-3), again(2e4, 4e-3)]
 )
@@ -450,7 +450,7 @@ def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
         assert bool(model.input_warnings(q[:50], conditions)) != told
 
 
-@NO_WAVES
+@FEW
 def test_a_known_slip_beside_a_clock_that_stands(sino6):
     """All records are of one time, behind the slip."""
     known = ErrorModel(sino6, (EncoderSlip(joint=4, time_s=3000.0, values=(3e-4,), u=(5e-6,)),))
@@ -463,7 +463,7 @@ def test_a_known_slip_beside_a_clock_that_stands(sino6):
     assert not found.findings
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(("seed", "step"), [again(0, 2.5e-4), (2, 4e-5)])
 def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     sino6, seed, step, tmp_path
@@ -508,7 +508,7 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     assert data_of(model.input_warnings(q, later), "after_slip") == [told]
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(
     ("new", "left"),
     [again(BearingTilt(joint=2, values=(1e-5,)), 2e-5), (BaseCompliance(values=(2e-5,)), 0.0)],
@@ -524,7 +524,7 @@ def test_what_moves_the_tip_alike_is_named_as_one_cause(sino6, new, left):
     )
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(
     "known",
     [
@@ -551,7 +551,7 @@ def test_a_load_that_the_file_does_not_have(known, sino6):
     assert abs(finding.effect.values[0] - load) < 3.3 * finding.effect.u[0] < 0.3 * load
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("phase", [0.0, again(np.pi / 2)])
 def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6, phase):
     """An eccentricity whose phase makes it like the torque of gravity, in few records."""
@@ -565,7 +565,7 @@ def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6, phase):
     assert phase or new.label in aliases | {finding.label for finding in found.findings}
 
 
-@NO_WAVES
+@FEW
 def test_a_known_cause_that_has_changed(sino6):
     for value in (2.6e-5, 0.0):
         found = known_before(sino6, value=value)
@@ -617,7 +617,7 @@ def test_an_early_slip_is_no_drift(sino6, seed):
     }
 
 
-@NO_WAVES
+@FEW
 def test_good_records_beside_a_slip_are_no_gross_errors(sino6):
     """A first time of the slip on their wrong side made them look so."""
     slip = EncoderSlip(3, 1500.0, values=(2e-4,))
@@ -630,7 +630,7 @@ def test_good_records_beside_a_slip_are_no_gross_errors(sino6):
     assert not np.any((low < data.conditions.time) & (data.conditions.time < high))
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(
     "shares", [again("last few"), again("time"), again("operator"), "joint 2", again("place")]
 )
@@ -694,7 +694,7 @@ def test_a_bump_in_the_room_is_no_gross_errors(sino6, seed):
     assert {"x", "place"} & set(found.unexplained.depends_on)
 
 
-@NO_WAVES
+@FEW
 def test_a_target_that_is_unknown_again_is_found_anew(sino6, rng):
     known = ErrorModel(sino6, (StylusOffset(values=(0.01, 0.02, 0.03), u=(1e-5, 1e-5, 1e-5)),))
     now = ErrorModel(sino6, (StylusOffset(values=(0.03, 0.0, 0.01)),))
@@ -744,7 +744,7 @@ def test_one_wave_of_any_order_is_no_curve(sino6, order, turns):
     assert abs(found - order) < 4 * u < 0.1
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(("noise", "payload"), [again(1.0, 0.0), (0.02, 2.0)])
 def test_torques_with_noise_and_masses_that_lack_a_payload(sino6, noise, payload):
     """Whichever of the two tells the moment better is taken, so that no cause beside it has an
@@ -768,7 +768,7 @@ def test_torques_with_noise_and_masses_that_lack_a_payload(sino6, noise, payload
     assert abs(finding.effect.values[0] - 2e-5) < 3.3 * finding.effect.u[0] < 8e-6
 
 
-@NO_WAVES
+@FEW
 def test_compliance_on_a_mount_that_is_tilted_in_half_of_the_records(sino6):
     """Each half is simulated with the gravity of its mount in the arm file, not with the columns.
 
@@ -808,7 +808,7 @@ def in_two_parts(
     return effect, pause, diagnosed(arm, data)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize(("seed", "part"), [again(1, 0.2), (7, 0.5), again(25, 0.9)])
 def test_a_slip_in_a_long_pause(sino6, seed, part):
     """It may have been at any time of it."""
@@ -822,7 +822,7 @@ def test_a_slip_in_a_long_pause(sino6, seed, part):
     assert u == pytest.approx(pause / np.sqrt(12.0), rel=0.1)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("seed", [6, again(5), again(0)])
 def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6, seed):
     """Its disc is eccentric since."""
@@ -843,7 +843,7 @@ def test_an_encoder_that_was_knocked_midway_is_no_slip(sino6, seed):
     assert found.unexplained.depends_on == (f"joint {joint}", "time")
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("seed", [3, again(6), again(14)])
 def test_a_drift_over_a_long_pause_is_no_slip(sino6, seed):
     """Its time constant is beyond the usual ones."""
@@ -853,7 +853,7 @@ def test_a_drift_over_a_long_pause_is_no_slip(sino6, seed):
     assert hidden.label in {finding.label, *(alias.label for alias in finding.aliases)}
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("seed", [10, again(15), again(22)])
 def test_a_cause_that_excluded_records_show_is_not_denied(sino6, seed):
     """One of few records shows the fault most, and so seems to be a gross error."""

@@ -15,7 +15,7 @@ from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.report.diagnosis_page import unexplained_in_words
 from tests.again import again
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW, NO_WAVES
 
 READING, REFERENCE = 8e-6, 1e-5
 
@@ -32,7 +32,7 @@ def diagnosed(
     return diagnose(arm, Measurements.of(read, reference), hold_out=False, **noise)
 
 
-@NO_WAVES
+@FEW
 @pytest.mark.parametrize("stated", [True, again(False)])
 def test_records_of_one_posture_share_an_error(sino6, stated):
     rng = np.random.default_rng(1)
@@ -49,7 +49,7 @@ def test_records_of_one_posture_share_an_error(sino6, stated):
     assert said["rms_mm"] == pytest.approx(1e3 * error.rms)
 
 
-@NO_WAVES
+@FEW
 def test_records_of_one_posture_that_share_none(sino6):
     rng = np.random.default_rng(2)
     q = np.repeat(random_postures(sino6, 50, rng), 3, axis=0)[rng.permutation(150)]
@@ -72,7 +72,7 @@ def test_two_joints_that_act_together_are_no_scatter(sino6):
     assert structure.rms == pytest.approx(left, rel=0.1)
 
 
-@NO_WAVES
+@FEW
 def test_readings_that_scatter_have_a_chance(sino6):
     rng = np.random.default_rng(4)
     q = random_postures(sino6, 200, rng)

@@ -17,7 +17,7 @@ from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import EncoderEccentricity, ErrorModel
 from aacmm_pin.measurements import Measurements, simulate_measurements
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW
 
 mpl.use("Agg")
 
@@ -42,7 +42,7 @@ def blind(tmp_path_factory) -> Callable[..., Diagnosis]:
         probe = 12e-6 if plan != "free" else None
         records = Measurements.read(path)
         noise = {"encoder_noise": READINGS, "reference_noise": 12e-6, "probe_noise": probe}
-        with NO_WAVES:
+        with FEW:
             return diagnose(ErrorModel.load("sino6"), records, hold_out=hold_out, **noise)
 
     return of

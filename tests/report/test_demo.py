@@ -14,7 +14,7 @@ from matplotlib import pyplot as plt
 from aacmm_pin import WorkspaceMap
 from aacmm_pin.errors import AacmmError, OutputError
 from aacmm_pin.report.demo_page import FILES, DemoSummary, run_demo
-from tests.few_causes import NO_WAVES
+from tests.few_causes import FEW
 from tests.oracle import close
 from tests.pages import Page
 
@@ -29,7 +29,7 @@ def figures_left_by_demo() -> list[int]:
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory, figures_left_by_demo) -> DemoSummary:
     plt.close("all")
-    with NO_WAVES:
+    with FEW:
         summary = run_demo(folder=tmp_path_factory.mktemp("demo") / "out", cells=(6, 8), sectors=4)
     figures_left_by_demo += plt.get_fignums()
     return summary
