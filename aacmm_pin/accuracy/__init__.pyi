@@ -12,12 +12,13 @@ from .volume import (
     expanded,
     paired,
 )
-from .workspace import Quantity, WorkspaceMap, map_caveats, map_workspace
+from .workspace import QUANTITIES, Quantity, WorkspaceMap, map_caveats, map_workspace
 
 __all__ = [
     "COVERED",
     "ELLIPSOID_COVERAGE_FACTOR",
     "METHODS",
+    "QUANTITIES",
     "AccuracyVolume",
     "ErrorSources",
     "LengthUncertainty",

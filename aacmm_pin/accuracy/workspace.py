@@ -8,7 +8,7 @@ import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,7 +62,7 @@ Quantity = Literal[
     "arc_fraction",
     "working_sectors",
 ]
-"""Of :data:`VARIABLES`, to plot."""
+"""Names of the :data:`VARIABLES` that figures and pages show."""
 MARGIN = 1e-3
 """Of the default box beyond the reach, in parts of its size."""
 
@@ -82,9 +82,10 @@ class Variable(NamedTuple):
     Attributes:
         name: in the file, and in the results of :func:`_cells`.
         unit: key of :data:`UNITS`.
-        text: long name.
+        text: long name, also of figures and pages.
         kind: type of its numbers.
         more: dimensions after those of the cells.
+        greatest: largest possible value, at which the colours of a figure end; None for any.
     """
 
     name: str
@@ -92,24 +93,29 @@ class Variable(NamedTuple):
     text: str
     kind: type = float
     more: tuple[str, ...] = ()
+    greatest: float | None = None
 
 
 VARIABLES = (
     Variable("reachable", "1", "1 if within reach (limits ignored)", np.int8),
     Variable("complete", "1", "0 if postures are missing", np.int8),
     Variable("sector_works", "1", "1 if within the limits", np.int8, ("sector",)),
-    Variable("working_sectors", "1", "number of working sectors", np.int32),
-    Variable("flexibility", "1", "working / theoretical sectors (eq. 1)"),
-    Variable("arc_fraction", "1", "working / theoretical swivel range"),
-    Variable("comprehensive_mm3", "mm3", "comprehensive accuracy (eq. 15)"),
-    Variable("best_mm3", "mm3", "smallest accuracy volume of sectors"),
-    Variable("worst_mm3", "mm3", "largest accuracy volume of sectors"),
-    Variable("smallest_u_mm", "mm", "smallest standard uncertainty of sectors"),
-    Variable("largest_u_mm", "mm", "largest standard uncertainty of sectors"),
+    Variable("working_sectors", "1", "working sectors", np.int32),
+    Variable("flexibility", "1", "flexibility ζ", greatest=1.0),
+    Variable("arc_fraction", "1", "flexibility by arc", greatest=1.0),
+    Variable("comprehensive_mm3", "mm3", "comprehensive accuracy volume"),
+    Variable("best_mm3", "mm3", "smallest accuracy volume"),
+    Variable("worst_mm3", "mm3", "largest accuracy volume"),
+    Variable("smallest_u_mm", "mm", "smallest standard uncertainty u"),
+    Variable("largest_u_mm", "mm", "largest standard uncertainty u"),
     Variable("smallest_u_theta_deg", "degree", "posture with the smallest u", more=("joint",)),
     Variable("best_theta_deg", "degree", "posture with the smallest volume", more=("joint",)),
     Variable("worst_theta_deg", "degree", "posture with the largest volume", more=("joint",)),
 )
+QUANTITIES = {
+    variable.name: variable for variable in VARIABLES if variable.name in get_args(Quantity)
+}
+"""Variables to plot, by name."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import pandas as pd
 from aacmm_pin._support.units import DEG, MM, count
 from aacmm_pin.accuracy import (
     COVERED,
+    QUANTITIES,
     AccuracyVolume,
     ErrorSources,
     LengthUncertainty,
@@ -33,15 +34,6 @@ END_POSTURES = {
 }
 """Postures of an accuracy summary in words."""
 CELLS = "Number of reachable cells, by the number of sectors with a posture within the joint limits"
-MAPPED = {
-    "comprehensive_mm3": "comprehensive volume_mm3",
-    "best_mm3": "smallest volume_mm3",
-    "worst_mm3": "largest volume_mm3",
-    "smallest_u_mm": "smallest u_mm",
-    "largest_u_mm": "largest u_mm",
-    "flexibility": "flexibility",
-}
-"""Quantities of a map in words."""
 
 
 @document_of.register
@@ -152,7 +144,11 @@ def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
 @document_of.register
 def map_document(map_: WorkspaceMap) -> Document:
     """Smallest, median and largest quantities of a map, and its cells by working sectors."""
-    data = {words: map_.data[name].values.ravel() for name, words in MAPPED.items()}
+    data = {}
+    for name, variable in QUANTITIES.items():
+        if variable.kind is float:  # the others are numbers of sectors
+            unit = "" if variable.unit == "1" else f"_{variable.unit}"
+            data[f"{variable.text}{unit}"] = map_.data[name].values.ravel()
     table = Table(spread(pd.DataFrame(data), "all cells"))
     cells = {str(sectors): [number] for sectors, number in map_.working_sectors().items()}
     by_sectors = Table(pd.DataFrame(cells), CELLS)

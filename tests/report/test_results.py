@@ -39,6 +39,7 @@ from aacmm_pin import (
     single_point_statistics,
 )
 from aacmm_pin._support.display import Shown
+from aacmm_pin.accuracy import QUANTITIES
 from aacmm_pin.accuracy.length import length_uncertainty_between
 from aacmm_pin.effects import CAUSES, EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -265,7 +266,7 @@ def drawings(values: dict[str, Any]) -> list[tuple[str, Callable[..., Any]]]:
         ("accuracy", accuracy.plot),
         ("accuracy by joint", lambda ax=None: accuracy.plot("joint", ax=ax)),
         ("map", map_.plot),
-        *((q, lambda ax=None, q=q: map_.plot(q, ax)) for q in plots.QUANTITIES),
+        *((q, lambda ax=None, q=q: map_.plot(q, ax)) for q in QUANTITIES),
         ("calibration", calibration.plot),
         *((draw.__name__, partial(draw, calibration)) for draw in OF_CALIBRATION),
         ("diagnosis", found.plot),

@@ -1,6 +1,7 @@
 """Formats of documents: the module ``html`` writes files ``.html``.
 
-A new format is one module, named as its suffix, with a function ``page(document) -> str``.
+A new format is one module, named as its suffix, with a function ``page(document)`` that
+returns text or bytes.
 """
 
 from __future__ import annotations
@@ -41,4 +42,5 @@ def content(document: Document, path: str | Path) -> bytes:
         OutputError: there is no such format.
     """
     module = import_module(f"{__name__}.{require_format(path)}")
-    return encodable(module.page(document)).encode()
+    page: str | bytes = module.page(document)
+    return page if isinstance(page, bytes) else encodable(page).encode()

@@ -1,4 +1,4 @@
-from .accuracy_plots import QUANTITIES, plot_accuracy_of_postures, plot_budget, plot_map
+from .accuracy_plots import plot_accuracy_of_postures, plot_budget, plot_map
 from .calibration_plots import (
     plot_parameter_changes,
     plot_repeats,
@@ -22,7 +22,6 @@ __all__ = [
     "BLUE",
     "GREY",
     "INK",
-    "QUANTITIES",
     "VERMILLION",
     "plot_accuracy_of_postures",
     "plot_budget",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import cycle
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
 from aacmm_pin._support.units import DEG, MM, MM3, UM
-from aacmm_pin.accuracy import AccuracyVolume, Quantity, WorkspaceMap, paired
+from aacmm_pin.accuracy import QUANTITIES, AccuracyVolume, Quantity, WorkspaceMap, paired
 from aacmm_pin.effects import row_in_words
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint, ReachingPostures
@@ -37,7 +37,12 @@ NOT_THERE = "no mark: no posture within limits"
 ABOVE = 1.15
 """Upper end of the axes, in largest values."""
 UNREACHABLE, OUTSIDE_LIMITS = "#d9d9d9", "#cc79a7"
-FLEXIBILITY_COLOURS = "cividis"
+MAP_UNITS = {
+    "mm3": ("mm³", 1.0, VOLUME_COLOURS),
+    "mm": ("µm", MM / UM, VOLUME_COLOURS),
+    "1": ("1", 1.0, "cividis"),
+}
+"""Unit in figures, its factor, and colours, by the unit of a variable of a map."""
 
 
 @plain
@@ -141,26 +146,6 @@ def _largest_shares(accuracy: AccuracyVolume, by: BudgetBy, most: int) -> pd.Dat
     return pd.concat([table.head(most - 1), pd.DataFrame([sum_row])], ignore_index=True)
 
 
-class _Quantity(NamedTuple):
-    label: str
-    colours: str = VOLUME_COLOURS
-    scale: float = 1.0
-    end: float | None = None
-
-
-QUANTITIES: dict[Quantity, _Quantity] = {
-    "comprehensive_mm3": _Quantity("comprehensive accuracy volume [mm³]"),
-    "best_mm3": _Quantity("smallest accuracy volume [mm³]"),
-    "worst_mm3": _Quantity("largest accuracy volume [mm³]"),
-    "smallest_u_mm": _Quantity(f"smallest {U_NAME} [µm]", scale=MM / UM),
-    "largest_u_mm": _Quantity(f"largest {U_NAME} [µm]", scale=MM / UM),
-    "flexibility": _Quantity("flexibility ζ [1]", FLEXIBILITY_COLOURS, end=1.0),
-    "arc_fraction": _Quantity("flexibility by arc [1]", FLEXIBILITY_COLOURS, end=1.0),
-    "working_sectors": _Quantity("working sectors [1]", FLEXIBILITY_COLOURS),
-}
-"""Quantities of a map by the names of their data."""
-
-
 @plain
 def plot_map(
     map_: WorkspaceMap, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None
@@ -172,14 +157,15 @@ def plot_map(
     """
     if quantity not in QUANTITIES:
         raise UnknownNameError("quantity", quantity, list(QUANTITIES))
-    display, data, ax = QUANTITIES[quantity], map_.data, axes_of(ax, (5.4, 6.6))
+    variable, data, ax = QUANTITIES[quantity], map_.data, axes_of(ax, (5.4, 6.6))
+    unit, scale, colours = MAP_UNITS[variable.unit]
     x, z = map_.axes
     reachable = data["reachable"].values.astype(bool)
-    values = np.where(reachable, display.scale * data[quantity].values, np.nan)
-    image = ax.pcolormesh(x, z, values.T, shading="nearest", cmap=display.colours, vmax=display.end)
-    if display.end is not None:
+    values = np.where(reachable, scale * data[quantity].values, np.nan)
+    image = ax.pcolormesh(x, z, values.T, shading="nearest", cmap=colours, vmax=variable.greatest)
+    if variable.greatest is not None:
         image.set_clim(vmin=0.0)
-    ax.figure.colorbar(image, ax=ax, label=display.label)
+    ax.figure.colorbar(image, ax=ax, label=f"{variable.text} [{unit}]")
     legend = []
     only_outside_limits = reachable & np.isnan(values)
     for cells, colour, text in (
@@ -193,7 +179,7 @@ def plot_map(
     ax.set(xlabel=f"{x.long_name} [mm]", ylabel=f"{z.long_name} [mm]", aspect="equal")
     if legend:
         legend_below(ax, handles=legend)
-    title = f"{display.label.rpartition(' [')[0]}, {map_.sectors} sectors, {data.attrs['method']}"
+    title = f"{variable.text}, {map_.sectors} sectors, {data.attrs['method']}"
     working_point = "wrist" if data.attrs["working_point"] == WRIST else "tip"
     ax.set_title(f"{data.attrs['arm']}, {working_point} in each cell:\n{title}")
     return ax

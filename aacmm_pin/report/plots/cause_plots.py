@@ -14,6 +14,7 @@ from aacmm_pin._support.units import UM, count
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import Effect, corrects_seat, in_words
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements import column_of
 from aacmm_pin.report.plots.groups import plot_error_budget
 from aacmm_pin.report.plots.partial_residuals import PartialResidual, partial_residual, varies
 from aacmm_pin.report.plots.style import (
@@ -43,20 +44,17 @@ FEWEST_IN_PART = 3
 AXIS_COLOURS = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
 MOST_PARTS = 24
 """Intervals of a covariate for means, at most."""
-COLUMN_UNITS = {
-    "deg": "°",
-    "c": "°C",
+ENDINGS = {
     "urad": "µrad",
     "um_per_m": "µm/m",
     "mm": "mm",
-    "s": "s",
     "nm": "N·m",
     "n": "N",
     "kg": "kg",
     "pct": "%",
     "hpa": "hPa",
 }
-"""Units by the ends of column names."""
+"""Units by the ends of names that no entry of a column has."""
 
 
 @plain
@@ -235,8 +233,11 @@ def _plot_over_two(
 
 
 def _head(column: str) -> str:
-    """``theta3_deg`` as ``theta3 [°]``."""
-    for ending, unit in COLUMN_UNITS.items():
-        if column.endswith(f"_{ending}"):
-            return f"{column.removesuffix(f'_{ending}').replace('_', ' ')} [{unit}]"
-    return column
+    """``theta3_deg`` as ``theta3 [°]``, by the entry of the column, else by its ending."""
+    ending = column.rpartition("_")[2]
+    unit = column_of(column).unit
+    if not unit:
+        ends = (end for end in ENDINGS if column.endswith(f"_{end}"))
+        ending = next(ends, "")
+        unit = ENDINGS.get(ending, "")
+    return f"{column.removesuffix(f'_{ending}').replace('_', ' ')} [{unit}]" if unit else column

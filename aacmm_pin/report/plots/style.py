@@ -20,8 +20,7 @@ from aacmm_pin.errors import AacmmError
 BLUE, VERMILLION, GREEN, GREY, INK = "#0072b2", "#d55e00", "#009e73", "#9a9a9a", "#262626"
 """Colours that stay apart for colour-blind readers (Okabe and Ito)."""
 VOLUME_COLOURS = "viridis"
-VOLUME_NAME, U_NAME = "accuracy volume", "standard uncertainty u"
-VOLUME_LABEL = f"{VOLUME_NAME} [mm³]"
+U_NAME, VOLUME_LABEL = "standard uncertainty u", "accuracy volume [mm³]"
 STYLE: dict[str, Any] = {
     "text.usetex": False,
     "axes.titlesize": 10,
