@@ -23,7 +23,7 @@ from .postures.configurations import (
 )
 from .postures.curve_sampling import Flexibility
 from .postures.general_ik import ReachingPostures, reaching_postures
-from .report.next_measurements import next_measurements
+from .report.verdicts import next_measurements
 from .verification import (
     AcceptanceResult,
     Procedure,

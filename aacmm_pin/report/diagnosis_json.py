@@ -15,7 +15,7 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect, fields_of, strongest_waves
 from aacmm_pin.report.calibration_page import bases_in_json
 from aacmm_pin.report.check_page import not_tried_in_json
-from aacmm_pin.report.next_measurements import next_measurements
+from aacmm_pin.report.verdicts import next_measurements
 
 DIAGNOSIS_SCHEMA = "aacmm-pin/diagnosis/1"
 PLACE_FIELDS = {"joint", "bodies"}

@@ -53,7 +53,6 @@ from aacmm_pin.report.document import (
     blank_axes,
     document_of,
 )
-from aacmm_pin.report.next_measurements import next_measurements
 from aacmm_pin.report.numbers import (
     capital,
     lengths,
@@ -68,6 +67,7 @@ from aacmm_pin.report.plots.residual_vectors import models, two_models
 from aacmm_pin.report.verdicts import (
     covariate_in_words,
     labels_in_words,
+    next_measurements,
     p_and_threshold,
     verdict_in_words,
 )

@@ -1,4 +1,5 @@
-"""The sentences of the verdicts and doubts of a diagnosis, one function for each.
+"""What the report says of each verdict and doubt of a diagnosis: :data:`VERDICTS`,
+:data:`WORDS_OF_DOUBTS`.
 
 The pages show the docstrings: meaning and advice of a verdict, meaning of a doubt.
 """
@@ -7,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +26,16 @@ from aacmm_pin.effects import (
     several_in_words,
 )
 from aacmm_pin.report.calibration_page import exclusions_in_words
+from aacmm_pin.report.next_steps import (
+    MORE_RECORDS,
+    step_for_odd_records,
+    step_for_seats,
+    step_for_structure,
+    step_to_distinguish,
+    step_with_extended_arm,
+    step_without_causes,
+    urgent_step,
+)
 from aacmm_pin.report.numbers import (
     capital,
     length,
@@ -31,8 +43,6 @@ from aacmm_pin.report.numbers import (
     p_equals,
 )
 
-WITH_STRUCTURE = ("unexplained", "partly-explained")
-"""Verdicts with structure that no cause explains."""
 ALTERNATIVES = 3
 """Other sets of causes to name."""
 LEAST_PART = 0.1
@@ -51,17 +61,47 @@ LACKS = {
 """Verbs by whether a cause is certain, and whether the model knows it."""
 
 
+@dataclass(frozen=True)
+class VerdictText:
+    """What the report says of a verdict.
+
+    Attributes:
+        sentence: its function, whose docstring has the row of the pages: first what the verdict
+            means, then what to do.
+        next_step: the advice, unless :func:`urgent_step` has another.
+        doubts_follow: the doubts follow the sentence.
+        with_structure: causes may be named beside structure that no cause explains.
+    """
+
+    sentence: Callable[[Diagnosis], str]
+    next_step: Callable[[Diagnosis], str]
+    doubts_follow: bool = False
+    with_structure: bool = False
+
+
 def verdict_in_words(result: Diagnosis) -> str:
     """The sentence of the verdict, after mistakes in files and before doubts."""
-    mistakes, doubts = mistakes_in_words(result.assumed), ""
+    mistakes, doubts, text = mistakes_in_words(result.assumed), "", VERDICTS[result.verdict]
     if result.reversed_torques:
         mistakes += "The torque columns have the wrong sign. "
     exclusions = exclusions_of(result.extended)
-    if exclusions.doubtful and result.verdict in WITH_STRUCTURE:
+    if exclusions.doubtful and text.with_structure:
         mistakes += f"{exclusions_in_words(exclusions)} "
-    if result.verdict in (*WITH_STRUCTURE, "ambiguous"):
+    if text.doubts_follow:
         doubts = "".join(f" {capital(doubt)}." for doubt in doubts_in_words(result))
-    return f"{mistakes}{capital(WORDS_OF_VERDICTS[result.verdict](result))}.{doubts}"
+    return f"{mistakes}{capital(text.sentence(result))}.{doubts}"
+
+
+def next_measurements(result: Diagnosis) -> str:
+    """A sentence with the next measurements that a diagnosis recommends.
+
+    If the records cannot distinguish two causes, it has the command for a plan.
+    """
+    text = VERDICTS[result.verdict]
+    step = urgent_step(result, text.with_structure) or text.next_step(result)
+    if text.with_structure and result.cannot_tell_apart:
+        return f"{step}. Then {step_to_distinguish(result)}"
+    return step
 
 
 # Verdicts -------------------------------------------------------------
@@ -159,15 +199,49 @@ def _inconclusive(result: Diagnosis) -> str:
     return f"these records suggest that {findings}" + (f", but {doubts}" if doubts else "")
 
 
-WORDS_OF_VERDICTS: Mapping[Verdict, Callable[[Diagnosis], str]] = {
-    "explained": _explained,
-    "ambiguous": _ambiguous,
-    "partly-explained": _partly_explained,
-    "unexplained": _unexplained,
-    "no-discrepancy": _no_discrepancy,
-    "inconclusive": _inconclusive,
+# Next steps of verdicts -------------------------------------------------
+
+
+def _after_explained(result: Diagnosis) -> str:
+    odd_records = step_for_odd_records(result)
+    return odd_records or step_for_seats(result) or step_with_extended_arm(result)
+
+
+def _after_ambiguous(result: Diagnosis) -> str:
+    return step_for_odd_records(result) or step_to_distinguish(result, _doubtful(result))
+
+
+def _after_structure(result: Diagnosis) -> str:
+    return step_for_odd_records(result) or step_for_structure(result)
+
+
+def _after_inconclusive(result: Diagnosis) -> str:
+    doubts = doubts_in_words(result) or ["these records do not confirm the named causes"]
+    more_records = f"{MORE_RECORDS}, because {'; '.join(doubts)}"
+    if not result.findings:
+        return more_records
+    doubtful = _doubtful(result)
+    distinguish = step_to_distinguish(result, doubtful) if doubtful else step_for_seats(result)
+    return step_for_odd_records(result) or distinguish or more_records
+
+
+def _doubtful(result: Diagnosis) -> list[Finding]:
+    return [finding for finding in result.findings if not _is_settled(finding)]
+
+
+VERDICTS: Mapping[Verdict, VerdictText] = {
+    "explained": VerdictText(_explained, _after_explained),
+    "ambiguous": VerdictText(_ambiguous, _after_ambiguous, doubts_follow=True),
+    "partly-explained": VerdictText(
+        _partly_explained, _after_structure, doubts_follow=True, with_structure=True
+    ),
+    "unexplained": VerdictText(
+        _unexplained, _after_structure, doubts_follow=True, with_structure=True
+    ),
+    "no-discrepancy": VerdictText(_no_discrepancy, step_without_causes),
+    "inconclusive": VerdictText(_inconclusive, _after_inconclusive),
 }
-"""The sentence of each verdict, by its name."""
+"""The words of each verdict, by its name."""
 
 
 def named_set(result: Diagnosis) -> set[str]:
@@ -350,7 +424,7 @@ def _no_better(result: Diagnosis) -> str:
 
 def _structure_left(result: Diagnosis) -> str:
     """The residuals have significant structure (`unexplained.p_value` is below the threshold)."""
-    if result.verdict in WITH_STRUCTURE or "more causes" in result.doubts:
+    if VERDICTS[result.verdict].with_structure or "more causes" in result.doubts:
         return ""
     return f"the residuals have significant structure ({p_and_threshold(result.unexplained)})"
 

@@ -14,7 +14,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.diagnosis import verdict
 from aacmm_pin.diagnosis.verdict import Verdict
 from aacmm_pin.report.messages import SENTENCES
-from aacmm_pin.report.verdicts import WORDS_OF_DOUBTS, WORDS_OF_VERDICTS
+from aacmm_pin.report.verdicts import VERDICTS, WORDS_OF_DOUBTS
 from tests.test_rooms import MODULES
 
 pytestmark = pytest.mark.fast
@@ -51,8 +51,8 @@ def test_every_code_has_a_sentence_and_every_sentence_a_code():
 
 def test_every_verdict_and_doubt_has_a_sentence_and_a_row_of_the_pages():
     assert {*WORDS_OF_DOUBTS} == {*verdict.DOUBTS}
-    assert {*WORDS_OF_VERDICTS} == {*get_args(Verdict)}
-    rows = [getdoc(words).split("\n\n") for words in WORDS_OF_VERDICTS.values()]
+    assert {*VERDICTS} == {*get_args(Verdict)}
+    rows = [getdoc(text.sentence).split("\n\n") for text in VERDICTS.values()]
     assert {len(row) for row in rows} == {2}
 
 

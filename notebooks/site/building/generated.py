@@ -21,7 +21,7 @@ from sphinx.application import Sphinx
 
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS, Thresholds
 from aacmm_pin.effects import CAUSES, Effect
-from aacmm_pin.report.verdicts import WORDS_OF_DOUBTS, WORDS_OF_VERDICTS
+from aacmm_pin.report.verdicts import VERDICTS, WORDS_OF_DOUBTS
 from building import pictures
 from building.causes import causes_table
 
@@ -157,9 +157,9 @@ def verdicts(columns: str = "meaning and advice") -> str:
     """
     heads = ["Verdict", "Meaning", "What to do"]
     rows = [heads, ["---"] * len(heads)]
-    for name, words in WORDS_OF_VERDICTS.items():
-        paragraphs = (inspect.getdoc(words) or "").split("\n\n")
-        rows.append([f"`{name}`", *(" ".join(text.split()) for text in paragraphs)])
+    for name, text in VERDICTS.items():
+        paragraphs = (inspect.getdoc(text.sentence) or "").split("\n\n")
+        rows.append([f"`{name}`", *(" ".join(paragraph.split()) for paragraph in paragraphs)])
     if columns == "advice":
         rows = [[name, advice] for name, _, advice in rows]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)

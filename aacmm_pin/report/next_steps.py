@@ -1,4 +1,4 @@
-"""The next measurements after a diagnosis, in a sentence."""
+"""Steps that a diagnosis may recommend next; :mod:`aacmm_pin.report.verdicts` chooses one."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ import numpy as np
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import bundled_arms
 from aacmm_pin.calibration import rms
-from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, too_good
+from aacmm_pin.diagnosis import Diagnosis, Finding, too_good
 from aacmm_pin.effects import Effect, corrects_seat, in_words, listed, text_of
 from aacmm_pin.measurements import LABELS
 from aacmm_pin.report.numbers import lengths
-from aacmm_pin.report.verdicts import WITH_STRUCTURE, doubts_in_words
 
 WORTH_CALIBRATION = 0.7
 """Ratio of residuals below which calibration is useful."""
@@ -27,22 +26,9 @@ LENGTHS_OFF = ("bar_length_off", "relation_off")
 MORE_RECORDS = "take more records, at other postures"
 
 
-def next_measurements(result: Diagnosis) -> str:
-    """A sentence with the next measurements that a diagnosis recommends.
-
-    If the records cannot distinguish two causes, it has the command for a plan.
-    """
-    first = _first_step(result)
-    if result.verdict in WITH_STRUCTURE and result.cannot_tell_apart:
-        return f"{first}. Then {_to_distinguish(result)}"
-    return first
-
-
-def _first_step(result: Diagnosis) -> str:
-    """The advice of the first case that applies."""
-    verdict, findings, unexplained = result.verdict, result.findings, result.unexplained
-    with_structure, depends_on = verdict in WITH_STRUCTURE, unexplained.depends_on
-    repeats = result.choice.noise.repeat
+def urgent_step(result: Diagnosis, with_structure: bool) -> str:
+    """Advice to repair set-up, readings or references first; "" if they seem right."""
+    unexplained = result.unexplained
     if too_good(result.extended):
         return (
             "check the value and unit of the stated noise, because noise of this size hides most "
@@ -53,7 +39,7 @@ def _first_step(result: Diagnosis) -> str:
             "label the rows of each reference frame in the column session. Then diagnose the "
             "records with --reference-frame session"
         )
-    if verdict == "inconclusive" and result.extended.too_many_excluded:
+    if result.extended.too_many_excluded and not with_structure:
         return (
             "find what the excluded records have in common, repeat some excluded records, and "
             "state time_s and session of all records"
@@ -71,7 +57,7 @@ def _first_step(result: Diagnosis) -> str:
                 "diagnose the records again with --reference-frame session, because the stand or "
                 "the references moved between the sessions"
             )
-    for effect in (finding.effect for finding in findings):
+    for effect in (finding.effect for finding in result.findings):
         if effect.remedy:
             cause = in_words(effect, result.model.arm)
             return f"{effect.remedy} ({cause}). Then diagnose the records again"
@@ -87,7 +73,7 @@ def _first_step(result: Diagnosis) -> str:
             f"examine encoder, cable and coupling of joint {run_order.joint}, because "
             "an intermittent error of consecutive records is likely. Then repeat the records"
         )
-    if unexplained.readings and not depends_on:
+    if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint
         if conditions.approach is None:
             return (
@@ -109,59 +95,61 @@ def _first_step(result: Diagnosis) -> str:
             f"find what differed for the records that have {excluded.where}, such as the stand, "
             "the references or an encoder. Diagnose these records and the others separately"
         )
-    if verdict == "inconclusive" and not findings:
-        return _because_of_doubts(result)
-    if verdict == "no-discrepancy":
-        before, after = result.rms["nominal"], result.rms["recalibrated"]
-        shown = "{} of {} causes of typical magnitude".format(*result.visible)
-        calibrate = ""
-        if after < WORTH_CALIBRATION * before:
-            calibrate = (
-                "calibrate the arm, because recalibration alone reduces the RMS residual from "
-                f"{' to '.join(lengths([before, after]))}. Then "
-            )
-        return f"{calibrate}keep these records for the next check. These records would show {shown}"
-    if unexplained.groups and depends_on[:1] == (unexplained.groups[0].name,):
+    return ""
+
+
+def step_for_odd_records(result: Diagnosis) -> str:
+    """Advice if one group of records, or each posture, has an error of its own; else ""."""
+    groups, depends_on = result.unexplained.groups, result.unexplained.depends_on
+    if groups and depends_on[:1] == (groups[0].name,):
         return (
-            f"set up {unexplained.groups[0].name} again, and repeat its records. Diagnose the "
+            f"set up {groups[0].name} again, and repeat its records. Diagnose the "
             "other records without this group"
         )
-    if unexplained.shared_by_postures is not None and not depends_on:
+    if result.unexplained.shared_by_postures is not None and not depends_on:
         return (
             "repeat the same postures on another day, with the stand or the references elsewhere, "
             "to find whether the arm, the set-up or the references cause the shared error"
         )
-    if with_structure and depends_on:
-        return _how_to_vary(result, depends_on)
-    if with_structure and repeats:
+    return ""
+
+
+def step_for_structure(result: Diagnosis) -> str:
+    """How to find on what the structure depends."""
+    if result.unexplained.depends_on:
+        return _how_to_vary(result, result.unexplained.depends_on)
+    if result.choice.noise.repeat:
         return (
             "check columns, units and reference frame, because the residuals exceed the scatter of "
             "the repeats. Add columns for quantities that change between postures"
         )
-    if with_structure:
-        return (
-            "repeat some postures without any change, because the scatter of the repeats is the "
-            "true noise. If this scatter is as stated, check columns, units and reference frame, "
-            "and add columns for other quantities that change"
-        )
-    doubtful = [finding for finding in findings if finding.probability < THRESHOLDS.settled]
-    if doubtful or verdict == "ambiguous":
-        return _to_distinguish(result, doubtful)
+    return (
+        "repeat some postures without any change, because the scatter of the repeats is the "
+        "true noise. If this scatter is as stated, check columns, units and reference frame, "
+        "and add columns for other quantities that change"
+    )
+
+
+def step_for_seats(result: Diagnosis) -> str:
+    """Which seats to measure again, with their errors; or ""."""
     seats = []
-    for finding in findings:
+    for finding in result.findings:
         if corrects_seat(finding.effect):
             in_base = [value for value, _ in finding.parameters.values()]
             in_file = result.choice.fit.point.frame.rotation @ in_base
             values = ", ".join(f"{value:.3f}" for value in in_file)
             error = f"true minus stated coordinates: ({values}) mm, according to these records"
             seats.append(f"seat {finding.effect.place} ({error})")
-    if seats:
-        return (
-            f"measure the coordinates of {listed(seats)} again. Then check the extended arm on new "
-            "records"
-        )
-    if verdict == "inconclusive":
-        return _because_of_doubts(result)
+    if not seats:
+        return ""
+    return (
+        f"measure the coordinates of {listed(seats)} again. Then check the extended arm on new "
+        "records"
+    )
+
+
+def step_with_extended_arm(result: Diagnosis) -> str:
+    """How to check the extended arm."""
     frame, held_out = result.extended.problem.setup.reference_frame, result.held_out
     option = "" if frame == "base" else f" --reference-frame {frame}"
     where = "in these records" if held_out is None else "in held-out records"
@@ -175,13 +163,21 @@ def _first_step(result: Diagnosis) -> str:
     )
 
 
-def _because_of_doubts(result: Diagnosis) -> str:
-    doubts = doubts_in_words(result) or ["these records do not confirm the named causes"]
-    return f"{MORE_RECORDS}, because {'; '.join(doubts)}"
+def step_without_causes(result: Diagnosis) -> str:
+    """Calibrate if it is worth it, and keep the records."""
+    before, after = result.rms["nominal"], result.rms["recalibrated"]
+    shown = "{} of {} causes of typical magnitude".format(*result.visible)
+    calibrate = ""
+    if after < WORTH_CALIBRATION * before:
+        calibrate = (
+            "calibrate the arm, because recalibration alone reduces the RMS residual from "
+            f"{' to '.join(lengths([before, after]))}. Then "
+        )
+    return f"{calibrate}keep these records for the next check. These records would show {shown}"
 
 
-def _to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
-    # Two causes in which the most probable set and a possible other set differ.
+def step_to_distinguish(result: Diagnosis, doubtful: Sequence[Finding] = ()) -> str:
+    """How to separate two causes in which the most probable set and a possible other set differ."""
     best = next(iter(result.alternatives))
     named = {finding.label: finding.effect for finding in result.findings}
     pairs = (labels for labels in result.cannot_tell_apart if len(labels) == 2)
