@@ -22,7 +22,7 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, count
 from aacmm_pin.arm import COVERAGE_FACTOR, Arm, Parameter
 from aacmm_pin.effects import (
     Conditions,
@@ -62,6 +62,10 @@ class ErrorSources(Shown):
     columns: tuple[int, ...]
     correlation: Array | None = None
     not_included: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        names = ", ".join(parameter.name for parameter in self.parameters)
+        return f"{count(len(self.parameters), 'source')} of error at {self.at}: {names}"
 
     @staticmethod
     def of(

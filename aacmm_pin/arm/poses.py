@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.units import count
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +26,9 @@ class Poses(Shown):
     model: Any
     q: Array
     frame_id: int
+
+    def __str__(self) -> str:
+        return f"{count(len(self.q), 'posture')} of frame {self.model.frames[self.frame_id].name}"
 
     @cached_property
     def placement(self) -> Array:

@@ -265,12 +265,12 @@ class Calibration(Shown):
         return text
 
     def plot(self, ax: Axes | None = None) -> Figure:
-        """Plot residual vectors before and after calibration, in top and side view.
+        """Plot the residuals after calibration over the angle of each joint.
 
         Args:
-            ax: axes whose area the four panels share; default a new pyplot figure.
+            ax: axes whose area the panels share; default a new pyplot figure.
         """
-        return cast("Figure", report().plots.plot_residual_views(self, ax))
+        return cast("Figure", report().plots.plot_residuals_over_joints(self, ax=ax))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,18 +7,16 @@ from typing import Any
 
 import pandas as pd
 
-from aacmm_pin._support.units import DEG, MM, count
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import (
     COVERED,
     QUANTITIES,
     AccuracyVolume,
-    ErrorSources,
     LengthUncertainty,
     WorkspaceMap,
 )
 from aacmm_pin.arm import COVERAGE_FACTOR
-from aacmm_pin.postures import PosturesAtPoint
-from aacmm_pin.report.document import Document, Paragraph, Table, document_of
+from aacmm_pin.report.document import Document, Table, document_of
 from aacmm_pin.report.numbers import in_one_unit, percent, spread
 
 SHOWN_SOURCES = 8
@@ -34,21 +32,6 @@ END_POSTURES = {
 }
 """Postures of an accuracy summary in words."""
 CELLS = "Number of reachable cells, by the number of sectors with a posture within the joint limits"
-
-
-@document_of.register
-def postures_document(postures: PosturesAtPoint) -> Document:
-    """The closed curves of postures at a point."""
-    table = postures.summary().rename(columns=lambda name: str(name).replace("_", " "))
-    return Document("Configurations", [str(postures), Table(table)])
-
-
-@document_of.register
-def sources_document(sources: ErrorSources) -> Document:
-    """The names of the sources of error of an accuracy."""
-    names = ", ".join(parameter.name for parameter in sources.parameters)
-    words = f"has {count(len(sources.parameters), 'source')} of error at {sources.at}: {names}."
-    return Document(sources.arm.name, [Paragraph(words, head=sources.arm.name)])
 
 
 @document_of.register

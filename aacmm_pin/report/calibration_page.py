@@ -61,7 +61,7 @@ from aacmm_pin.report.numbers import (
 )
 from aacmm_pin.report.parameter_tables import parameter_table
 from aacmm_pin.report.plots.calibration_plots import LEAST_IN_BIN
-from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatability_in_json
+from aacmm_pin.report.repeated_postures import repeatability_in_json, repeatability_in_words
 
 IN_COMBINATION = "in combination"
 """What the records know of a parameter that they do not determine alone."""
@@ -114,6 +114,10 @@ EXCLUDED = (
     "in only one of a hundred files. Possible reasons are a faulty contact, a wrong seat label, "
     "and a cause of error that the model lacks."
 )
+
+
+NEIGHBOURS = "If neighbouring residuals have the same direction, the model lacks a cause of error."
+"""How to read a scene of residuals."""
 
 
 @document_of.register
@@ -352,19 +356,11 @@ def _residuals_section(result: Calibration) -> Iterator[Block]:
     from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
     yield Heading("Residuals")
-    yield Figure(
-        lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
-        "Residual vectors in space, before and after calibration",
-        "Each line is a residual from target to tip, and all lines have the same magnification. "
-        "The left panels show residuals before calibration, and the right panels residuals after "
-        "calibration. The upper panels are plan views, and the lower panels are side views. The "
-        "grey lines show the arm. If neighbouring lines have the same direction, the model "
-        "lacks a cause of error.",
-    )
     yield SceneView(
         lambda: residual_scene(result),
         "The scene shows the residuals after calibration. Drag to rotate the view. The slider "
-        "shows the arm in the posture of each residual, from the largest residual to the smallest.",
+        "shows the arm in the posture of each residual, from the largest residual to the smallest. "
+        f"{NEIGHBOURS}",
     )
     height = 0.3 - 2.5 * (-result.model.arm.nq // 3)
     yield Figure(
@@ -382,7 +378,7 @@ def _residuals_section(result: Calibration) -> Iterator[Block]:
             "The dots show the residuals of each seat. If the residuals of a seat are larger after "
             "calibration, the stated coordinates of this seat may be wrong.",
         )
-    yield from repeatability_blocks(result.repeatability)
+    yield repeatability_in_words(result.repeatability)
 
 
 def _parameters_section(result: Calibration) -> Iterator[Block]:
@@ -434,17 +430,6 @@ def _undetermined_section(result: Calibration) -> Iterator[Block]:
     names_frame = any("frame." in line for line in result.undetermined)
     of_frame = ". frame.x to frame.rz are the placement of the base" if names_frame else ""
     yield Bullets(result.undetermined, f"{UNDETERMINED}{of_frame}:")
-    indices = pd.DataFrame([vars(result.observability)]).drop(columns="directions")
-    yield Table(
-        indices.rename(columns=str.upper),
-        "Observability indices",
-        explained=(
-            "The indices of Sun and Hollerbach (2008) rate how well the records determine "
-            f"{result.observability.directions} combinations of parameters. A larger index is "
-            "better."
-        ),
-        detail=True,
-    )
 
 
 def excluded_records(excluded: pd.DataFrame) -> Iterator[Block]:

@@ -17,7 +17,7 @@ from aacmm_pin.effects import CONDITION_COLUMNS, Effect, cause_in_words, listed
 from aacmm_pin.report.document import Document, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.measurements_page import measurements_document
 from aacmm_pin.report.numbers import lengths, mistakes_in_words, other_notes
-from aacmm_pin.report.repeated_postures import repeatability_blocks, repeatability_in_json
+from aacmm_pin.report.repeated_postures import repeatability_in_json, repeatability_in_words
 
 CHECK_SCHEMA = "aacmm-pin/check/1"
 MISSING = "Causes of error that diagnose cannot try, because the file lacks a column"
@@ -52,7 +52,7 @@ def check_document(check: Check) -> Document:
     blocks = [
         Paragraph(finding, finding=True),
         Paragraph(rows, finding=True),
-        *repeatability_blocks(check.repeatability),
+        repeatability_in_words(check.repeatability),
         *columns,
         Table(pd.DataFrame(missing), MISSING),
         Notes(other_notes(check.notes)),

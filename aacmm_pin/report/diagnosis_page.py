@@ -34,6 +34,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.report import plots
 from aacmm_pin.report.calibration_page import (
     HELD_OUT_KINDS,
+    NEIGHBOURS,
     excluded_records,
     files_section,
     frame_in_words,
@@ -63,7 +64,7 @@ from aacmm_pin.report.numbers import (
 )
 from aacmm_pin.report.plots.groups import part_in_words, place_in_words
 from aacmm_pin.report.plots.partial_residuals import state_of, varies
-from aacmm_pin.report.plots.residual_vectors import models, two_models
+from aacmm_pin.report.plots.residual_vectors import models
 from aacmm_pin.report.verdicts import (
     covariate_in_words,
     labels_in_words,
@@ -144,7 +145,7 @@ def diagnosis_document(
         *_other_causes_section(result),
         *_held_out_section(result),
         *_groups_section(result),
-        *_vectors_and_scene(result),
+        _scene_of_residuals(result),
         *_unexplained_and_excluded_section(result),
         Notes(other_notes(result.notes)),
     ]
@@ -494,22 +495,15 @@ def _figure_of_cause(result: Diagnosis, finding: Finding) -> Figure:
     )
 
 
-def _vectors_and_scene(result: Diagnosis) -> Iterator[Block]:
+def _scene_of_residuals(result: Diagnosis) -> SceneView:
     from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
-    before, after = two_models(result)
-    yield Figure(
-        lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
-        f"Residual vectors of the {before} and the {after} arm",
-        "Each line is a residual from reference to tip, and all lines have the same magnification. "
-        f"The left panels show the {before} arm, and the right panels the {after} arm. The upper "
-        "panels are plan views, and the lower panels are side views. The grey lines show the arm. "
-        "If neighbouring lines have the same direction, the model lacks a cause of error.",
-    )
-    yield SceneView(
-        lambda: residual_scene(result, before),
-        f"The scene shows the residuals of the {before} arm. Drag to rotate the view. The slider "
-        "shows the arm in the posture of each residual, from the largest residual to the smallest.",
+    name = "recalibrated" if result.findings else "nominal"
+    return SceneView(
+        lambda: residual_scene(result, name),
+        f"The scene shows the residuals of the {name} arm. Drag to rotate the view. The slider "
+        "shows the arm in the posture of each residual, from the largest residual to the smallest. "
+        f"{NEIGHBOURS}",
     )
 
 
@@ -545,12 +539,6 @@ def _unexplained_and_excluded_section(result: Diagnosis) -> Iterator[Block]:
     for name in unexplained.acts_on:
         yield _figure_of_structure(result, name)
     yield from excluded_records(result.excluded)
-    yield Figure(
-        lambda: plots.plot_residuals_by_row(result, blank_axes(7.4, 3.2)),
-        "Signed residuals of the extended arm in the order of the records",
-        "Each dot shows one coordinate of one residual. If neighbouring dots have the "
-        "same sign, consecutive records share an error.",
-    )
 
 
 def _figure_of_structure(result: Diagnosis, name: str) -> Figure:

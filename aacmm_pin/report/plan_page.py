@@ -15,7 +15,6 @@ from aacmm_pin.report.document import (
     Block,
     Document,
     Download,
-    Figure,
     Format,
     Heading,
     Notes,
@@ -24,8 +23,6 @@ from aacmm_pin.report.document import (
     document_of,
 )
 from aacmm_pin.report.numbers import capital, three_digits
-from aacmm_pin.report.plots.residual_vectors import two_views
-from aacmm_pin.report.plots.style import BLUE
 
 RIGHT = "probability of the right decision"
 CONSIDERED = f"Set-ups that the plan considered, with the {RIGHT}"
@@ -147,13 +144,6 @@ def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
     arm, measurements = plan.model.arm, plan.measurements
     q, readings = measurements.q, measurements.readings
     tips = plan.model.predict(q, measurements.conditions)
-    marks = [("", tip[None]) for tip in tips]
-    figure = Figure(
-        lambda: two_views(arm, q[:1], {"records": (BLUE, marks)}),
-        "Places of the records round the arm, from above and from the side",
-        "The figure shows the arm in the first posture (black), and the planned positions of the "
-        "tip.",
-    )
     stated = plan.records.dropna(axis=1, how="all")
     planned = stated.filter(regex=COLUMNS_NOT_LISTED)
     other_columns = stated.drop(columns=[*planned, "record"], errors="ignore").astype(str)
@@ -173,7 +163,6 @@ def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
         ]
     return [
         Heading("Where to go"),
-        figure,
         Table(table, "Records, in order", explained=HOW_TO_GO, detail=True),
         Download("plan.csv", "the file to fill in", plan.csv().encode()),
     ]

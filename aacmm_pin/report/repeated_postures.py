@@ -1,4 +1,4 @@
-"""Results of repeated postures, as blocks and for JSON."""
+"""Results of repeated postures, in words and for JSON."""
 
 from __future__ import annotations
 
@@ -8,26 +8,13 @@ import numpy as np
 
 from aacmm_pin._support.units import MM, count
 from aacmm_pin.calibration import FEWEST_CYCLES, MISFIT, Repeatability
-from aacmm_pin.report import plots
-from aacmm_pin.report.document import Block, Figure, Paragraph, blank_axes
 from aacmm_pin.report.numbers import lengths, p_equals, percent
 
 
-def repeatability_blocks(repeats: Repeatability | None) -> list[Block]:
-    """A paragraph and a figure; [] without repeats."""
+def repeatability_in_words(repeats: Repeatability | None) -> str:
+    """Repeatability and drift, compared with the residual; "" without repeats."""
     if repeats is None:
-        return []
-    figure = Figure(
-        lambda: plots.plot_repeats(repeats, blank_axes(7.4, 3.4)),
-        "Deviations of repeats from the mean of their posture over time",
-        "Each dot shows one coordinate of tip minus target of a repeat, minus the mean of its "
-        "posture. If the drift is significant, a line for each posture shows the drift.",
-    )
-    return [Paragraph(repeatability_in_words(repeats)), figure]
-
-
-def repeatability_in_words(repeats: Repeatability) -> str:
-    """Repeatability and drift, compared with the residual."""
+        return ""
     x, y, z = lengths(repeats.sd)
     sentences = [
         f"{len(repeats.posture)} records repeat {count(repeats.cycles.size, 'posture')}. "

@@ -12,8 +12,8 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Repeatability
 from aacmm_pin.diagnosis import check_measurements
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.report import check_summary
-from aacmm_pin.report.plots import plot_repeats
+from aacmm_pin.report import check_document, check_summary
+from aacmm_pin.report.document import Paragraph
 from aacmm_pin.report.repeated_postures import repeatability_in_words
 from tests.tables import PLACES, readings
 
@@ -125,7 +125,7 @@ def test_other_targets_and_copies_are_no_repeats(sino6):
     assert check_summary(check)["repeatability"] is None
 
 
-def test_what_is_said_and_drawn(sino6):
+def test_what_is_said(sino6):
     check = check_measurements(sino6, measured(sino6, 4, drift=(3e-5, 0.0, 0.0)))
     repeats = check.repeatability
     assert repeats is not None
@@ -133,8 +133,6 @@ def test_what_is_said_and_drawn(sino6):
     np.testing.assert_allclose(np.linalg.norm(content["sd_mm"]), content["rms_mm"])
     assert content["residual_mm"] == pytest.approx(check.calibrated_rms * 1e3)
     assert content["rms_mm"] < content["residual_mm"]
-    over = plot_repeats(repeats)
-    dots = [line for line in over.lines if len(line.get_xdata()) == len(repeats.posture)]
-    for axis, line in enumerate(dots):
-        np.testing.assert_allclose(line.get_ydata(), repeats.deviations[:, axis] * 1e6)
-    assert len(over.lines) == 3 + 3 * POSTURES
+    assert repeatability_in_words(repeats) in [
+        block.text for block in check_document(check).blocks if isinstance(block, Paragraph)
+    ]

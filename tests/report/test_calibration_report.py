@@ -52,7 +52,7 @@ def test_a_page_agrees_with_its_numbers_and_holds_its_files(at_seats):
     for size in (at_seats.rms_before, at_seats.rms, *(h.rms_after for h in at_seats.held_out)):
         assert f"{1e3 * size:.4f}" in page.text or f"{1e6 * size:.2f}" in page.text
     assert length(at_seats.noise) in page.text
-    assert len(page.all("img")) == 4
+    assert len(page.all("img")) == 3
     for row in at_seats.excluded.to_dict("records"):
         assert f"{row['residual_mm']:.4f}" in page.text
     files = page.downloads()

@@ -8,17 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
-from matplotlib.quiver import Quiver, QuiverKey
 
-from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.report.parameter_tables import parameter_table
 from aacmm_pin.report.plots import (
     BLUE,
     VERMILLION,
     plot_parameter_changes,
-    plot_residual_views,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
@@ -37,27 +33,6 @@ def labels(ax: Any) -> tuple[str, str]:
 
 
 # Residuals ------------------------------------------------------------
-
-
-def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats):
-    used = at_seats.fit.used
-    table = at_seats.residuals[used]
-    tips = at_seats.fit.problem.model.predict(at_seats.fit.problem.measurements.q)[used] / MM
-    panels = plot_residual_views(at_seats).axes
-    columns = [("before", "xy"), ("after", "xy"), ("before", "xz"), ("after", "xz")]
-    factors = {ax.get_title().rpartition("× ")[2] for ax in panels}
-    assert len(factors) == 1
-    for ax, (when, plane) in zip(panels, columns, strict=True):
-        assert ax.get_title().startswith(when)
-        (arrows,) = (c for c in ax.collections if isinstance(c, Quiver))
-        expected = table[[f"{axis}_{when}_mm" for axis in plane]].to_numpy()
-        np.testing.assert_allclose(np.column_stack([arrows.U, arrows.V]), expected, atol=1e-9)
-        assert 1 / arrows.scale == pytest.approx(float(*factors))
-        axes = ["xyz".index(axis) for axis in plane]
-        assert np.abs(arrows.get_offsets() - tips[:, axes]).max() < 0.5
-        (key,) = (each for each in ax.get_children() if isinstance(each, QuiverKey))
-        number, unit = key.text.get_text().split()
-        close(key.U, float(number) * {"mm": 1.0, "µm": 1e-3}[unit], 1e-12)
 
 
 def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave):

@@ -1,7 +1,6 @@
 from .accuracy_plots import plot_accuracy_of_postures, plot_budget, plot_map
 from .calibration_plots import (
     plot_parameter_changes,
-    plot_repeats,
     plot_residuals_by_seat,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
@@ -13,9 +12,7 @@ from .groups import (
     plot_error_budget,
     plot_groups,
     plot_held_out,
-    plot_residuals_by_row,
 )
-from .residual_vectors import plot_residual_views
 from .style import BLUE, GREY, INK, VERMILLION
 
 __all__ = [
@@ -34,9 +31,6 @@ __all__ = [
     "plot_history",
     "plot_map",
     "plot_parameter_changes",
-    "plot_repeats",
-    "plot_residual_views",
-    "plot_residuals_by_row",
     "plot_residuals_by_seat",
     "plot_residuals_over_joint",
     "plot_residuals_over_joints",

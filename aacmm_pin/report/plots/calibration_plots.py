@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.calibration import MISFIT, Calibration, Repeatability
+from aacmm_pin.calibration import Calibration
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.numbers import length_unit, small_unit
+from aacmm_pin.report.numbers import small_unit
 from aacmm_pin.report.parameter_tables import parameter_table
 from aacmm_pin.report.plots.residual_vectors import model_named
 from aacmm_pin.report.plots.style import (
@@ -134,32 +134,6 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     ax.grid(axis="y", alpha=0.3)
     legend_below(ax, columns=3)
     ax.set_title(f"{result.model.arm.name}: residuals by seat")
-    return ax
-
-
-@plain
-def plot_repeats(repeats: Repeatability, ax: Axes | None = None) -> Axes:
-    """Plot the deviations of repeats from the mean of their posture over time or row.
-
-    If the drift is significant, a line for each posture shows the drift.
-    """
-    ax = axes_of(ax, (6.4, 3.4))
-    unit, scale = length_unit(float(np.abs(repeats.deviations).max()))
-    clock = repeats.clock / 3600.0 if repeats.is_timed else repeats.clock
-    drift = repeats.drift
-    for axis, colour in enumerate((BLUE, VERMILLION, INK)):
-        deviation = repeats.deviations[:, axis] / scale
-        ax.plot(clock, deviation, ".", ms=3, alpha=0.5, color=colour, label="xyz"[axis])
-        if drift is not None and drift.p_value < MISFIT:
-            drifted = drift.change[axis] / scale * repeats.elapsed / np.ptp(repeats.clock)
-            for number in range(repeats.cycles.size):
-                rows = np.flatnonzero(repeats.posture == number)
-                rows = rows[np.argsort(clock[rows])]
-                ax.plot(clock[rows], drifted[rows], color=colour, lw=1.2)
-    ax.set_xlabel("time [h]" if repeats.is_timed else "row of the file [1]")
-    ax.set_ylabel(f"tip minus target [{unit}]")
-    ax.set_title("repeats: deviation from the mean of the posture")
-    legend_below(ax, columns=3)
     return ax
 
 

@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from pandas.api.types import is_numeric_dtype
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import UM, count
 from aacmm_pin.diagnosis import Diagnosis, Finding
-from aacmm_pin.effects import Effect, corrects_seat, in_words
+from aacmm_pin.effects import in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import column_of
 from aacmm_pin.report.plots.groups import plot_error_budget
@@ -27,7 +26,6 @@ from aacmm_pin.report.plots.style import (
     axes_of,
     legend_below,
     name_places,
-    numbers_by_size,
     plain,
     shifts_aside,
     with_cut_off,
@@ -84,12 +82,10 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
     """Plot the partial residuals of a cause over its covariate, with the fitted cause as a line.
 
     Faint dots are records (:func:`aacmm_pin.report.plots.partial_residuals.partial_residual`);
-    circles are weighted means in intervals of the covariate, with standard uncertainties. For an
-    error of a seat, the plot shows the seat. For a geometric value or another cause that displaces
-    all records equally, it shows the parts of the residual of the nominal arm.
+    circles are weighted means in intervals of the covariate, with standard uncertainties. For a
+    geometric value, an error of a seat, or another cause that displaces all records equally, it
+    shows the parts of the residual of the nominal arm.
     """
-    if corrects_seat(finding.effect):
-        return _plot_seat_error(result, finding.effect, ax)
     if not varies(result, finding):
         return plot_error_budget(result, ax)
     amounts, ax = partial_residual(result, finding.effect), axes_of(ax, (6.4, 3.8))
@@ -132,38 +128,6 @@ def _axis_limits(curve: Array, records: Array) -> tuple[float, float]:
     least, most = np.clip(np.quantile(records, SHOWN_QUANTILES), low - room, high + room)
     margin = 0.05 * (high - low) or 1.0
     return min(low, least) - margin, max(high, most) + margin
-
-
-def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) -> Axes:
-    """Distance of each seat from its stated place, as means over its records with u; fitted errors
-    as rings.
-    """
-    fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
-    records = fit.problem.measurements
-    offset = pd.DataFrame((fit.point.prediction.tips - records.reference) / UM, columns=[*"xyz"])
-    is_shown = fit.used & records.known
-    seats = offset[is_shown].groupby(np.asarray(records.conditions.seat)[is_shown])
-    mean, u = seats.mean(), seats.sem()
-    names = sorted(mean.index, key=numbers_by_size)
-    effects = [*(finding.effect for finding in result.findings), effect]
-    values_of_seat = {seat.place: seat.values for seat in effects if corrects_seat(seat)}
-    fitted = pd.DataFrame.from_dict(values_of_seat, "index", columns=[*"xyz"]).reindex(names) / UM
-    ax.axhline(0.0, color=INK, lw=0.6)
-    for k, (axis, colour) in enumerate(AXIS_COLOURS.items()):
-        x = np.arange(len(names)) + 0.22 * (k - 1)
-        middle = mean.loc[names, axis] + fitted[axis].fillna(0.0)
-        bars = u.loc[names, axis]
-        ax.errorbar(x, middle, bars, fmt="o", ms=4, capsize=2.5, color=colour, label=axis)
-        ax.plot(x, fitted[axis], "o", ms=9, mfc="none", color=colour)
-    ax.plot([], [], "o", ms=9, mfc="none", color=INK, label="fitted error")
-    name_places(ax, names)
-    not_shown = len(records.seats()) - len(names)
-    missing = f" (not shown: {count(not_shown, 'seat')} without coordinates)" if not_shown else ""
-    ax.set_xlabel(f"seat{missing}")
-    ax.set_ylabel("true minus stated coordinates [µm]")
-    legend_below(ax)
-    ax.set_title(f"{result.model.arm.name}: {in_words(effect, result.model.arm)}")
-    return ax
 
 
 @plain

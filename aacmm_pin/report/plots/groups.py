@@ -54,27 +54,6 @@ def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 
 @plain
-def plot_residuals_by_row(result: Diagnosis, ax: Axes | None = None) -> Axes:
-    """Plot the signed residuals of the extended arm in the order of time, or of the rows without
-    time.
-    """
-    records = result.extended.problem.measurements
-    order = records.order_in_time
-    order = order[result.extended.used[order]]
-    residuals = result.extended.system.deviation[order, :3]
-    unit, scale = length_unit(float(np.abs(residuals).max()))
-    ax = axes_of(ax, (7.4, 3.2))
-    for axis, color in enumerate((BLUE, VERMILLION, INK)):
-        ax.plot(residuals[:, axis] / scale, ".", ms=4, color=color, label="xyz"[axis])
-    ax.axhline(0.0, color=GREY, lw=0.8)
-    by = "the rows" if records.conditions.time is None else "time"
-    ax.set_xlabel(f"number of the record, in the order of {by} [1]")
-    ax.set_ylabel(f"tip minus reference [{unit}]")
-    ax.legend(ncols=3)
-    return ax
-
-
-@plain
 def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     """Plot the RMS residual in groups of records by every recorded quantity, joints first, for the
     three models, with predicted values, in the area of ``ax``.

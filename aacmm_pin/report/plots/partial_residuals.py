@@ -16,6 +16,7 @@ from aacmm_pin.effects import (
     Displacement,
     Effect,
     State,
+    corrects_seat,
     displaced,
     point_sensitivity,
     sensitivity,
@@ -73,11 +74,11 @@ class _Amount:
 
 
 def varies(result: Diagnosis, finding: Finding) -> bool:
-    """Whether a cause displaces records differently; a value of the geometry does not."""
+    """Whether a cause displaces records differently; a value of geometry or seats does not."""
     displacements = finding.effect.displacements(state_of(result.extended))
     # A displacement that is the same in all records has one row.
     constant = all(len(displacement.columns) == 1 for displacement in displacements)
-    return not (constant or result.geometric(finding))
+    return not (constant or result.geometric(finding) or corrects_seat(finding.effect))
 
 
 def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = None) -> State:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aacmm_pin._support.units import MM, count
-from aacmm_pin.calibration import Calibration, Fit
+from aacmm_pin.calibration import Calibration, Fit, rms_residual
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plots.residual_vectors import (
@@ -14,7 +14,6 @@ from aacmm_pin.report.plots.residual_vectors import (
     magnification_of,
     model_named,
     models,
-    rms_of,
 )
 from aacmm_pin.report.plots.style import evenly_selected
 from aacmm_pin.report.scenes.robot_bodies import BodyStyle, bodies_of
@@ -45,8 +44,8 @@ def residual_scene(
     """Make a scene of the magnified residuals of one model, with the arm in the records' postures,
     from the largest residual to the smallest.
 
-    A line leads from each target towards the tip, as in
-    :func:`aacmm_pin.report.plots.plot_residual_views`.
+    A line leads from each target towards the tip. For a diagnosis, a target is the stated place, or
+    without one the estimate from all records of the seat.
 
     Args:
         model: ``before`` or ``after`` (default) for a calibration; ``nominal``, ``recalibrated`` or
@@ -106,9 +105,9 @@ def residual_scene(
 
 
 def _caption(result: Calibration | Diagnosis, fit: Fit, shown: int) -> str:
-    rms = rms_of(result)
-    pairs = zip(rms, lengths(rms.values()), strict=True)
-    sizes = ", ".join(f"{size} ({model})" for model, size in pairs)
+    fits = models(result)
+    rms = lengths(rms_residual(model_fit, fit.used) for model_fit in fits.values())
+    sizes = ", ".join(f"{size} ({model})" for model, size in zip(fits, rms, strict=True))
     excluded = int(fit.excluded.sum())
     without = f", without {count(excluded, 'excluded record')}" if excluded else ""
     return (
