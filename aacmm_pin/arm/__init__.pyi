@@ -21,7 +21,7 @@ from .file import (
     validated,
 )
 from .limits import AT_LIMIT, inside_part, into_limits, outside_limits, whole_turn_notes
-from .parameter import Parameter, Scope, wide_half_width_notes
+from .parameter import Parameter, wide_half_width_notes
 from .poses import Poses
 from .random_postures import MARGIN, MOST_DRAWS, Room, joint_bounds, spread_postures
 from .ur_kinematics import UR_ROBOTS, UrKinematics
@@ -51,7 +51,6 @@ __all__ = [
     "Parameter",
     "Poses",
     "Room",
-    "Scope",
     "UrKinematics",
     "UrdfArmFile",
     "arm_text",

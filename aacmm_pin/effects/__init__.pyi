@@ -18,7 +18,6 @@ from .conditions import (
     Labels,
     Records,
     labels_of,
-    number_in,
 )
 from .effect import (
     Displacement,
@@ -111,7 +110,6 @@ from .smooth_discrepancy import (
     Part,
     Smooth,
     Waves,
-    discrepancy_of,
     product_of,
 )
 from .state import State
@@ -190,7 +188,6 @@ __all__ = [
     "cause_named",
     "cause_of",
     "corrects_seat",
-    "discrepancy_of",
     "displaced",
     "effect_from",
     "entries_of",
@@ -207,7 +204,6 @@ __all__ = [
     "loaded",
     "location_in_words",
     "name_in_words",
-    "number_in",
     "of_geometry",
     "of_parameter",
     "point_sensitivity",

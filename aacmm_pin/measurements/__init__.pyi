@@ -41,7 +41,6 @@ from .repeats import (
     posture_numbers,
 )
 from .simulation import (
-    SCHEMES,
     SIMULATED_BAR,
     Scheme,
     probe_directions,
@@ -71,7 +70,6 @@ __all__ = [
     "REFERENCE",
     "REFERENCE_NOISE",
     "REFERENCE_U",
-    "SCHEMES",
     "SIMULATED_BAR",
     "TILTS",
     "UNKNOWN_COLUMN",

@@ -7,7 +7,7 @@ from .configurations import (
     directed_stylus,
     reach_of_points,
 )
-from .curve_sampling import Flexibility, Sectors, sector_centres
+from .curve_sampling import Flexibility, sector_centres
 from .general_ik import ReachingPostures, reaching_postures
 from .postures_at_point import PosturesAtPoint
 from .sampling import StateOf, agile, brought_to, different_postures, spread_out
@@ -21,7 +21,6 @@ __all__ = [
     "Flexibility",
     "PosturesAtPoint",
     "ReachingPostures",
-    "Sectors",
     "StateOf",
     "Wrist",
     "agile",

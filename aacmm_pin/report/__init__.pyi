@@ -12,12 +12,10 @@ from .json_summaries import accuracy_summary, accuracy_table, length_summary, ma
 from .plan_page import calibration_plan_document, plan_document
 from .plots.style import without_latex
 from .procedure_page import procedure_document
-from .scenes import Scene
 
 __all__ = [
     "CheckDetails",
     "Document",
-    "Scene",
     "Table",
     "acceptance_document",
     "accuracy_document",

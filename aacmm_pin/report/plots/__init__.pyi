@@ -13,12 +13,11 @@ from .groups import (
     plot_groups,
     plot_held_out,
 )
-from .style import BLUE, GREY, INK, VERMILLION
+from .style import BLUE, GREY, VERMILLION
 
 __all__ = [
     "BLUE",
     "GREY",
-    "INK",
     "VERMILLION",
     "plot_accuracy_of_postures",
     "plot_budget",
