@@ -10,7 +10,11 @@ from aacmm_pin.calibration.comparison import Comparison, compare
 from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
 from aacmm_pin.calibration.fit import MISFIT, NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import Observability
-from aacmm_pin.calibration.input_mistakes import first_fit, mistakes_of
+from aacmm_pin.calibration.input_mistakes import (
+    first_fit,
+    mistakes_of,
+    require_bars_that_agree,
+)
 from aacmm_pin.calibration.least_squares import (
     inverse_of_factor,
     lower_factor,
@@ -80,6 +84,7 @@ __all__ = [
     "registered",
     "remaining_triangle",
     "repeatability_of",
+    "require_bars_that_agree",
     "residuals_by_record",
     "rms",
     "rms_residual",

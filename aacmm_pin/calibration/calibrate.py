@@ -23,7 +23,7 @@ from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit, mistakes_of
 from aacmm_pin.calibration.noise_model import BAR_NOISE, contradictions, reference_u
-from aacmm_pin.calibration.odd_relations import deviations_of_relations
+from aacmm_pin.calibration.odd_relations import odd_relation
 from aacmm_pin.calibration.parameters import (
     ASSEMBLED,
     ParameterSet,
@@ -51,10 +51,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.measurements import (
-    ANGLE,
-    DISTANCE,
     FEWEST_CONTACTS,
-    OF_BAR,
     GivenRecords,
     Measurements,
     as_measurements,
@@ -69,8 +66,6 @@ UNIT_RATIO = 100.0
 """An uncertainty or torque so many times off may be in another unit (a factor of 1000)."""
 BEST_REFERENCE = 2e-7
 """No coordinate is known better [m]: a measuring machine has 5e-7, a laser tracker 1e-5."""
-ODD_RELATION = 4.0
-"""A relation so many standard deviations off may have another value; chance: 1 of 16 000."""
 RECORDS_PER_POSTURE = 2
 """With more consecutive records of a posture on average, they read one contact."""
 SCATTER_WITHOUT_U = 0.5
@@ -286,26 +281,6 @@ def _with_seats(measurements: Measurements) -> tuple[Measurements, Index]:
     )
 
 
-def _worst_relation(after: Fit) -> Iterator[Note]:
-    observations = after.observations
-    if len(observations.ends) < 2:
-        return
-    by_relation = deviations_of_relations(after.system)
-    worst = int(by_relation.argmax())
-    if by_relation[worst] < ODD_RELATION:
-        return
-    data = {"deviations": float(by_relation[worst])}
-    kind = observations.relation[worst]
-    if kind == OF_BAR:
-        touched = {*observations.labels}
-        bars = [bar for bar in after.problem.measurements.bars() if {*bar[1:3]} <= touched]
-        yield Note("bar_length_off", data | {"bar": bars[worst].bar})
-    else:
-        planes = [observations.labels[end] for end in observations.ends[worst]]
-        word = DISTANCE if kind == DISTANCE else ANGLE
-        yield Note("relation_off", data | {"kind": word, "planes": planes})
-
-
 def _notes_on_prior(after: Fit) -> Iterator[Note]:
     """Records behind the prior are correlated inputs (JCGM 100:2008, F.1.2.3)."""
     problem = after.problem
@@ -445,7 +420,8 @@ def contradiction_notes(after: Fit) -> Iterator[Note]:
     seats = {*records.conditions.labels("seat")[after.excluded]}
     if len(seats) == 1 and count >= SEVERAL and "" not in seats:
         yield Note("seat_excluded", {"records": count, "seat": seats.pop()})
-    yield from _worst_relation(after)
+    if note := odd_relation(after):
+        yield note
     yield from contradictions(records, after.problem.setup, after.noise.scatters)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
@@ -16,6 +17,8 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import ANGLE, DISTANCE, OF_BAR, TILTS
 
+ODD_RELATION = 4.0
+"""A relation so many standard deviations off may have another value; chance: 1 of 16 000."""
 REDUNDANCY = 1e-3
 """Least share of all else in a relation."""
 IMPOSSIBLE = 30.0
@@ -38,6 +41,26 @@ def deviations_of_relations(system: Linearisation) -> Array:
     variance = np.diag(inverse.T @ (np.eye(len(inverse)) - steps @ steps.T) @ inverse)
     least = REDUNDANCY * np.square(inverse).sum(axis=0)
     return np.asarray(np.abs(residual) / np.sqrt(np.maximum(variance, least)))
+
+
+def odd_relation(after: Fit) -> Note | None:
+    """A note on the relation that all else contradicts most."""
+    observations = after.observations
+    if len(observations.ends) < 2:
+        return None
+    deviations = deviations_of_relations(after.system)
+    worst = int(deviations.argmax())
+    data = {"deviations": float(deviations[worst])}
+    if deviations[worst] < ODD_RELATION:
+        return None
+    kind = observations.relation[worst]
+    ends = [observations.labels[end] for end in observations.ends[worst]]
+    if kind == OF_BAR:
+        bars = after.problem.measurements.bars()
+        bar = next(bar.bar for bar in bars if [bar.seat_a, bar.seat_b] == ends)
+        return Note("bar_length_off", data | {"bar": bar})
+    word = DISTANCE if kind == DISTANCE else ANGLE
+    return Note("relation_off", data | {"kind": word, "planes": ends})
 
 
 def require_possible_relations(problem: Problem) -> None:

@@ -25,6 +25,7 @@ from aacmm_pin.calibration import (
     in_first_frame,
     mistakes_of,
     problem_of,
+    require_bars_that_agree,
     session_notes,
 )
 from aacmm_pin.calibration.calibrate import contradiction_notes, counted_once
@@ -139,6 +140,7 @@ def diagnose(
     problem_with = _problem_with_causes(model, measurements, setup)
     first_recalibration = first_fit(problem_with([]))
     _require_residuals(measurements, first_recalibration)
+    require_bars_that_agree(first_recalibration)
     notes += mistakes_of(first_recalibration)
     kind_of_fold, fold_of_record = fold_numbers(first_recalibration, rng)
     library = candidates(model, measurements, first_recalibration.problem, extra)

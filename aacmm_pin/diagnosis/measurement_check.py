@@ -26,7 +26,11 @@ from aacmm_pin.calibration import (
     rms_residual,
     session_notes,
 )
-from aacmm_pin.calibration.calibrate import counted_once, notes_of_records
+from aacmm_pin.calibration.calibrate import (
+    contradiction_notes,
+    counted_once,
+    notes_of_records,
+)
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.candidates import not_tried
@@ -116,7 +120,8 @@ def check_measurements(
     rms_as_stated = rms_residual(as_stated, as_stated.used)
     rms_calibrated = rms_residual(calibrated, calibrated.used)
     missing = not_tried(model.arm, list(all_candidates(model.arm, records)), records)
-    notes = [*mistakes_of(calibrated), *notes, *exclusions_of(calibrated).notes]
+    wrong = [*mistakes_of(calibrated), *contradiction_notes(calibrated)]
+    notes = [*wrong, *notes, *exclusions_of(calibrated).notes]
     notes += [*notes_of_records(as_stated), *session_notes(as_stated)]
     if silent_count := int((~calibrated.used & ~calibrated.excluded).sum()):
         notes.append(Note("records_silent", {"records": silent_count}))

@@ -27,8 +27,6 @@ OF_FILES = (
     "wrong_sign",
     "zeros_off",
     "rows_in_another_frame",
-    "reading_frozen",
-    "some_rows_shifted",
     "beyond_prediction",
 )
 """Notes on mistakes in files and options, which come first."""

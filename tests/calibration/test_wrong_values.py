@@ -4,19 +4,20 @@ with the package.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from aacmm_pin import Measurements, calibrate
+from aacmm_pin import Measurements, calibrate, perturbed_model
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.diagnosis import check_measurements, diagnose
 from aacmm_pin.effects import Conditions
 from aacmm_pin.errors import AacmmError, MistakenFileError
+from aacmm_pin.measurements import simulate_measurements
 from tests.again import again
 from tests.arm_files import AACMM, by_table
 from tests.calibration import contacts
@@ -221,8 +222,8 @@ def test_several_columns_a_ratio_exchanged_rows_and_a_scale(drawn, external):
     for changed, words in (
         ((turned(q), places), "joints 2 and 4 have the opposite sign, and the zero of joint 2"),
         ((q[:, [0, 2, 3, 1, 4, 5]], places), "they are of joints 1, 3, 4, 2, 5 and 6"),
-        ((q * [1.0, 1.0, 0.93, 1.0, 1.0, 1.0], places), "joint = 3, of = 3, ratio = 1.07"),
-        ((q, places * [1.0, 1.0, 0.98]), "z coordinates are 0.98 times"),
+        ((q * [1.0, 1.0, 2.0, 1.0, 1.0, 1.0], places), "joint = 3, of = 3, ratio = 0.5"),
+        ((q, places * 0.98), "x, y and z coordinates are 0.98"),
     ):
         with pytest.raises(MistakenFileError) as caught:
             calibrate(given, Measurements.of(*changed), reference_frame=frame, hold_out=False)
@@ -301,17 +302,47 @@ def test_columns_that_are_copied_or_do_not_change():
 
 def test_rows_that_share_a_mistake():
     plant = Plant.of(AACMM, 5)
-    given = arm_of(AACMM, True)
     stuck = plant.q.copy()
     stuck[24:36, 3] = stuck[24, 3]
-    found = calibrate(given, Measurements.of(stuck, plant.places * 1e-3), hold_out=False)
-    assert found.notes[0].code == "reading_frozen"
-    assert found.notes[0].data["rows"][0] == 26  # of the file, with its header
-    shifted = plant.places.copy()
-    shifted[36:-1] = plant.places[37:]
-    found = calibrate(given, Measurements.of(plant.q, shifted * 1e-3), hold_out=False)
-    assert found.notes[0].code == "some_rows_shifted"
-    assert found.notes[0].data["where"] == "after"
+    records = Measurements.of(stuck, plant.places * 1e-3)
+    found = calibrate(arm_of(AACMM, True), records, hold_out=False)
+    (told,) = data_of(found.notes, "excluded_share")
+    assert told["where"] == "row numbers from 27 to 37"  # of the file, with its header
+
+
+def with_bars(lengths: dict[str, float], factors: dict[str, float]) -> tuple[Arm, Measurements]:
+    """Five bars, one after the other; what is added to the lengths [m], and what they are
+    multiplied with.
+    """
+    arm = Arm.load("sino6")
+    rng = np.random.default_rng(1)
+    truth = perturbed_model(arm, rng).arm
+    data = simulate_measurements(truth, "ball-bar", 200, rng=rng, seats=10, bar_length=0.5)
+    data = data.take(np.argsort(data.bar, kind="stable"))
+    stated = data.bar_length * [factors.get(bar, 1.0) for bar in data.bar]
+    stated = stated + [lengths.get(bar, 0.0) for bar in data.bar]
+    conditions = replace(data.conditions, time=20.0 * np.arange(data.n))
+    return arm, replace(data, bar_length=stated, conditions=conditions)
+
+
+@pytest.mark.parametrize("stated", [{}, {"encoder_noise": 1e-5, "probe_noise": 1e-5}])
+def test_one_bar_that_is_a_millimetre_off(stated):
+    """Not a stand that moved."""
+    arm, records = with_bars({"B3": 1e-3}, {})
+    (told,) = data_of(check_measurements(arm, records, **stated).notes, "bar_length_off")
+    assert told["bar"] == "B3"
+    with pytest.raises(MistakenFileError, match="length of bar B3 differs"):
+        diagnose(arm, records, **stated, hold_out=False, progress=False)
+
+
+@pytest.mark.parametrize("bars", [("B2", "B3", "B4"), *(again(case) for case in (("B2",),))])
+def test_some_bars_in_inches(bars):
+    arm, records = with_bars({}, dict.fromkeys(bars, 1 / 25.4))
+    with pytest.raises(MistakenFileError) as caught:
+        check_measurements(arm, records)
+    assert caught.value.mistake.startswith("the lengths of bar")
+    assert all(bar in caught.value.mistake for bar in bars)
+    assert "inches" in caught.value.mistake
 
 
 def test_values_that_hardly_move_the_tip_are_not_wrong(rng):
