@@ -1,6 +1,5 @@
 from .accuracy.comprehensive_accuracy import comprehensive_accuracy, configuration_weights
 from .accuracy.length import LengthUncertainty, length_uncertainty
-from .accuracy.single_point import SinglePoint, single_point_statistics
 from .accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
 from .accuracy.workspace import WorkspaceMap, map_workspace
 from .arm.arm import Arm
@@ -53,7 +52,6 @@ __all__ = [
     "Poses",
     "Procedure",
     "ReachingPostures",
-    "SinglePoint",
     "WorkspaceMap",
     "accept",
     "acceptance_procedure",
@@ -74,5 +72,4 @@ __all__ = [
     "plan_measurements",
     "reaching_postures",
     "simulate_measurements",
-    "single_point_statistics",
 ]

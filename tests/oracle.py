@@ -27,6 +27,17 @@ def postures(arm: Arm, rng: np.random.Generator, n: int) -> Array:
     return rng.uniform(*np.clip(arm.limits, -np.pi, 2 * np.pi).T, (n, arm.nq))
 
 
+def perturbed_positions(arm: Arm, q: Array, errors: Array, at: str | None = None) -> Array:
+    """Exact positions (m, 3) [m] with ``errors`` (m, p) of the parameters, at one posture or one
+    for each row of errors.
+    """
+    twists: dict[int, Array] = {}
+    for (place, component), error in zip(arm.chain.parameters.tolist(), errors.T, strict=True):
+        twists.setdefault(place, np.zeros((len(errors), 6)))[:, component] = error
+    q = np.broadcast_to(q, (len(errors), arm.nq))
+    return np.asarray(arm.chain.walk(q, twists)[1][arm.place(at)])
+
+
 def with_dh_errors(file: ArmFile, errors: Array) -> Arm:
     """The arm of a file whose a, d [m], alpha, theta offset [rad] are off by ``errors`` (rows, 4).
 

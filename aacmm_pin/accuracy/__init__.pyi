@@ -1,5 +1,4 @@
 from .length import LengthUncertainty, length_uncertainty_between
-from .single_point import single_point_statistics
 from .tip_sensitivity import ErrorSources
 from .volume import (
     COVERED,
@@ -32,5 +31,4 @@ __all__ = [
     "map_caveats",
     "map_workspace",
     "paired",
-    "single_point_statistics",
 ]

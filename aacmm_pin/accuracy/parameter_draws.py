@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy
 
 from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.effects import (
-    Conditions,
-    Displacement,
-    Effect,
-    ErrorModel,
-    State,
-    Term,
-    displaced,
-    of_geometry,
-)
+from aacmm_pin.effects import Conditions, ErrorModel, displaced, of_geometry
 
 FEWEST_DRAWS = 100
 """For a volume or an interval."""
@@ -51,51 +40,6 @@ def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) ->
     root = direction * np.sqrt(np.maximum(variance, 0.0))
     errors[:, normal] = rng.normal(size=(count, len(normal))) @ root.T * u[normal]
     return errors
-
-
-def drawn_effects(model: ErrorModel, errors: Array) -> tuple[Effect, ...]:
-    """All parameters as causes with errors (n, p), one row a record."""
-    causes = [*of_geometry(model.arm), *model.effects]
-    ends = np.cumsum([len(cause.terms) for cause in causes])
-    drawn: list[Effect] = []
-    for cause, error in zip(causes, np.split(errors, ends[:-1], axis=1), strict=True):
-        kind = _DrawnElastic if cause.elastic else _Drawn
-        if error.any() and not cause.of_reference:
-            drawn.append(kind(of=cause, drawn=np.array(cause.values) + error))
-        elif not cause.of_reference:
-            drawn.append(cause)
-    return tuple(drawn)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Drawn(Effect):
-    """A cause with other values in every record ``drawn`` (n, p); its parameter is their share that
-    acts, 1.
-    """
-
-    of: Effect
-    drawn: Array
-    values: tuple[float, ...] = (1.0,)
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        return (Term("share", "1", 1.0, "share"),)
-
-    @property
-    def label(self) -> str:
-        return self.of.label
-
-    def displacements(self, state: State) -> list[Displacement]:
-        return self.of.displacements(state)
-
-    def exact(self, state: State) -> list[tuple[int, Array]]:
-        """Linear in the values, also for a cause that is not: errors of values are small."""
-        drawn = self.drawn[:, :, None]
-        return [(d.place, (d.columns @ drawn)[:, :, 0]) for d in self.displacements(state)]
-
-
-class _DrawnElastic(_Drawn):
-    elastic = True
 
 
 def exact_volume(
@@ -171,23 +115,27 @@ def exact_positions(
 ) -> Array:
     """Exact positions (m, 3) [m] at ``q`` (1, nq) [rad] with ``errors`` (m, p) [SI].
 
-    Lengths that bend and expand stay nominal: this neglects some 1e-4 of the error of a length.
+    Errors of causes act in the posture without them, and lengths that bend and expand stay
+    nominal: this neglects some 1e-4 of an error.
     """
     arm = sources.arm
-    count = len(sources.model.parameters)
-    all_errors = np.zeros((len(errors), count + arm.nq))
+    causes = (*of_geometry(arm), *sources.model.effects)
+    ends = np.cumsum([len(cause.terms) for cause in causes])
+    all_errors = np.zeros((len(errors), ends[-1] + arm.nq))
     all_errors[:, list(sources.columns)] = errors
-    parameter_errors = all_errors[:, :count]
-    readings = arm.readings(q) + all_errors[:, count:]
-    q = arm.joint_angles(readings)
-    if not sources.effects:
-        return arm.perturbed_positions(q, parameter_errors[:, : len(arm.parameters)], sources.at)
+    *errors_of_causes, noise = np.split(all_errors, ends, axis=1)
     conditions = Conditions(1) if conditions is None else conditions
+    place = arm.place(sources.at)
+    state = displaced(arm, sources.effects, q, conditions, place, False)
+    twists = {at: np.tile(twist[0], (len(errors), 1)) for at, twist in state.twists.items()}
+    for cause, of_cause in zip(causes, errors_of_causes, strict=True):
+        for displacement in cause.displacements(state) if of_cause.any() else ():
+            twist = of_cause @ displacement.columns[0].T
+            twists[displacement.place] = twists.get(displacement.place, 0.0) + twist
+    readings = arm.readings(q) + noise
     positions = np.empty((len(errors), 3))
     for part in chunks(len(errors)):
-        records = conditions.take(np.zeros(len(q[part]), dtype=np.intp))
-        effects_drawn = drawn_effects(sources.model, parameter_errors[part])
-        effects = tuple(e for e in effects_drawn if e not in sources.left_out)
-        state = displaced(arm, effects, q[part], records, arm.place(sources.at), False)
-        positions[part] = state.position
+        of_part = {at: twist[part] for at, twist in twists.items()}
+        _, origin = arm.chain.walk(arm.joint_angles(readings[part]), of_part)
+        positions[part] = origin[place]
     return positions

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import time
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index, Mask, vector, whole
 from aacmm_pin._support.display import Shown, report
-from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.plausible import SMALLEST_ARM
@@ -72,8 +70,6 @@ NEGLIGIBLE_SHIFT = 1e-6
 """Shorter distances do not count [m]."""
 OUTWARDS_OF_BOX = np.array([-1.0, 1.0, -1.0, 1.0])
 """Of the least and largest x and z."""
-MOST_BYTES_OF_MAP = 4_000_000_000
-"""Of a file; a million cells have a tenth of it."""
 
 
 class Variable(NamedTuple):
@@ -170,12 +166,12 @@ class WorkspaceMap(Shown):
     @property
     def incomplete(self) -> int:
         """Number of cells whose search did not find all postures."""
-        return int((self.data["complete"] == 0).sum()) if "complete" in self.data else 0
+        return int((self.data["complete"] == 0).sum())
 
     @property
     def not_included(self) -> tuple[str, ...]:
         """Labels of causes that the accuracies do not include."""
-        labels = str(self.data.attrs.get("not_included", ""))
+        labels = str(self.data.attrs["not_included"])
         return tuple(labels.split("; ")) if labels else ()
 
     def save(self, path: str | Path, force: bool = False) -> None:
@@ -187,26 +183,6 @@ class WorkspaceMap(Shown):
         """
         with whole_file(path, force) as temporary:
             self.data.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
-
-    @staticmethod
-    def load(path: str | Path) -> WorkspaceMap:
-        """Load a map that :meth:`save` wrote.
-
-        Raises:
-            AacmmError: it is no such map, or incomplete.
-        """
-        import xarray as xr  # loaded where a map is made or read: commands without one start sooner
-
-        content = content_of(
-            path, MOST_BYTES_OF_MAP, "a map", lambda message: AacmmError(f"{path}: {message}")
-        )
-        try:
-            with xr.open_dataset(io.BytesIO(content), engine="scipy") as data:
-                return WorkspaceMap(data.load(), float(data.attrs["seconds"]))
-        except Exception:  # whatever the reader makes of the bytes
-            raise AacmmError(
-                f"{path}: the file is no complete map; expected the netCDF file of a map"
-            ) from None
 
     def plot(self, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
         """Plot one quantity; see :func:`aacmm_pin.report.plots.plot_map`.
@@ -303,7 +279,7 @@ def map_workspace(
         working_point["rest_deg"] = (Wrist.of_arm(arm, MAP).rest / DEG).tolist()
     else:
         working_point["stylus_axis"] = direction.tolist()
-    all_caveats = (*WorkspaceMap(data, seconds).caveats, *map_caveats(arm, extent, axis))
+    all_caveats = (*WorkspaceMap(data, seconds).caveats, *map_caveats(arm, axis))
     attributes = {
         "schema": "aacmm-pin/map/1",
         "arm": arm.name,
@@ -378,7 +354,7 @@ def _smallest(groups: Index, values: Array) -> Index:
     return order[first]
 
 
-def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None = None) -> Array:
+def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None) -> Array:
     """As stated, else around the reach, in round numbers (4,) [m]."""
     wrist = Wrist.of_arm(arm, MAP) if axis is None else Wrist.of(arm.require_dh(MAP, revolute=True))
     if extent is None:
@@ -419,31 +395,13 @@ def _probe(
     return accuracy_volume(model, q, conditions=conditions, at=_frame(arm, axis), method=method)
 
 
-def map_caveats(
-    arm: Arm, extent: ArrayLike | None = None, axis: ArrayLike | None = None
-) -> tuple[Note, ...]:
+def map_caveats(arm: Arm, axis: ArrayLike | None = None) -> tuple[Note, ...]:
     """Notes on why the half-plane is not the whole workspace, and on what uncertainties do not
-    include.
-
-    Args:
-        extent, axis: as in :func:`map_workspace`.
+    include; ``axis`` as in :func:`map_workspace`.
     """
     notes: list[Note] = []
     if axis is None:
         wrist = Wrist.of_arm(arm, MAP)
-        if extent is not None:
-            box = _extent(arm, extent)
-            reached = box_of_wrist(wrist)
-            beyond = (reached - box) * OUTWARDS_OF_BOX > NEGLIGIBLE_SHIFT
-            names = ("x below", "x above", "z below", "z above")
-            sides_mm = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
-            sides = [
-                f"{name} {limit:.4g} mm (to {reach:z.0f} mm)"
-                for name, limit, reach, is_cut in sides_mm
-                if is_cut
-            ]
-            if sides:
-                notes.append(Note("extent_cuts_reach", {"sides": ", ".join(sides)}))
         notes += wrist.notes
         angles = enumerate(wrist.rest / DEG, start=WRIST_ROW)
         held = [f"joint {number} at {angle:.4g}°" for number, angle in angles if angle]

@@ -41,7 +41,6 @@ from aacmm_pin.arm.pinocchio_model import (
 from aacmm_pin.errors import (
     AacmmError,
     ArmFileError,
-    ShapeError,
     UnknownNameError,
     UnsupportedArmError,
 )
@@ -499,32 +498,13 @@ class Arm(Shown):
 
         Columns follow :attr:`parameters`; formulas: :mod:`aacmm_pin.arm.chain`.
         """
-        chain_to = self._chain_of_parameters(at)
-        return chain_to.position_and_sensitivity(batch(q, self.nq, "q", "rad"))[1]
+        if self.dh is not None:
+            self._known_row(at)
+        return self._chain_to(at).position_and_sensitivity(batch(q, self.nq, "q", "rad"))[1]
 
     def jacobian(self, q: Array, at: str | None = None) -> Array:
         """∂(origin of frame ``at``)/∂q at ``q`` ``(n, nq)`` [rad]: ``(n, 3, nq)`` [m/rad]."""
         return self._chain_to(at).position_and_jacobian(batch(q, self.nq, "q", "rad"))[1]
-
-    def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
-        """Exact positions with parameter errors.
-
-        Errors of a placement form a twist, as corrections in an arm file do.
-
-        Args:
-            q: one posture ``(1, nq)``, or one for each row of errors ``(m, nq)`` [rad].
-            errors: of the parameters ``(m, len(parameters))`` [their units].
-            at: frame; default the tip.
-
-        Returns:
-            Positions ``(m, 3)`` [m].
-        """
-        q = batch(q, self.nq, "q", "rad")
-        errors = batch(errors, len(self.parameters), "errors", "m or rad")
-        if len(q) not in (1, len(errors)):
-            raise ShapeError(f"q has {len(q)} rows; expected 1 or {len(errors)}, as many as errors")
-        q = np.broadcast_to(q, (len(errors), self.nq))
-        return self._chain_of_parameters(at).positions(q, errors)
 
     def _chain_to(self, at: str | None) -> Chain:
         """The chain whose tip is the origin of frame ``at``."""
@@ -540,12 +520,6 @@ class Arm(Shown):
             self.chain.moving_axes()[joint],
             self._in_axes_of_place(joint, frame.placement.translation),
         )
-
-    def _chain_of_parameters(self, at: str | None) -> Chain:
-        """The chain to ``at``, which must be in the table if there is one."""
-        if self.dh is not None:
-            self._known_row(at)
-        return self._chain_to(at)
 
     def _in_axes_of_place(self, joint: int, point: Array) -> Array:
         """A point (3,) [m] of the frame of a joint (from 0), in the axes of its place of the chain:

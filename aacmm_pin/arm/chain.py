@@ -173,16 +173,9 @@ class Chain:
         parameters = np.where(reached, self.parameters, NO_PLACE)
         return replace(self, constant=constant, moved=moved, parameters=parameters)
 
-    def positions(self, q: Array, errors: Array | None = None) -> Array:
-        """Tip (n, 3) [m] at checked ``q`` (n, nq), with exact ``errors`` of the parameters (n, p)
-        [m, rad].
-        """
-        if errors is None:
-            return self._differentiated(q, np.empty((0, 2), dtype=np.intp))[0]
-        position = np.empty((len(q), 3))
-        for part in chunks(len(q)):
-            position[part] = self.walk(q[part], self._twists(errors[part]))[1][-1]
-        return position
+    def positions(self, q: Array) -> Array:
+        """Tip (n, 3) [m] at checked ``q`` (n, nq)."""
+        return self._differentiated(q, np.empty((0, 2), dtype=np.intp))[0]
 
     def position_and_jacobian(self, q: Array) -> tuple[Array, Array]:
         """Tip (n, 3) [m] at checked ``q`` (n, nq), and its derivative by the joints (n, 3, nq)."""
@@ -281,16 +274,6 @@ class Chain:
                 _displace(here, twists[place])
             before = here
         return frames
-
-    def _twists(self, errors: Array) -> dict[int, Array]:
-        """Twists (n, 6) of the places by parameter ``errors`` (n, p)."""
-        places, components = self.parameters.T
-        twists = {}
-        for place in np.unique(places[places != NO_PLACE]).tolist():
-            at_place = np.flatnonzero(places == place)
-            twists[place] = np.zeros((6, len(errors))).T  # components contiguous
-            twists[place][:, components[at_place]] = errors[:, at_place]
-        return twists
 
 
 def _rotate(frames: Array, about: int, cosine: Array, sine: Array) -> None:

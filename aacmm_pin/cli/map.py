@@ -69,7 +69,7 @@ def run(
     with Results(files, output) as results:
         model = restrict_to_known_range(arm.model())
         model.arm.require_dh("a map of the workspace", revolute=True)
-        for caveat in map_caveats(model.arm, extent, axis):
+        for caveat in map_caveats(model.arm, axis):
             note(caveat)
         result = map_workspace(
             model, cells, sectors, extent=extent, method=method, workers=workers, axis=axis

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from aacmm_pin.accuracy import single_point_statistics
+from aacmm_pin._support.checks import Array
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import PREDICTED_ACCURATE
 from aacmm_pin.verification.places import PointsInFile, coordinates_of, named
@@ -177,24 +177,30 @@ def spread_of_centres(points: pd.DataFrame) -> Iterator[Error]:
 
 def distances_from_mean(points: pd.DataFrame) -> Iterator[Error]:
     """Distance of each point from the mean of all."""
-    coordinates = coordinates_of(points)
-    distances = np.linalg.norm(coordinates - coordinates.mean(axis=0), axis=1)
-    for number, distance in enumerate(distances):
+    for number, distance in enumerate(_from_mean(points)):
         yield Error(distance, place=PointsInFile.of(points.iloc[[number]]))
 
 
 def standard_deviation(points: pd.DataFrame, times: float = 1.0) -> Iterator[Error]:
-    """Of the position of one point, so many times."""
-    sigma = single_point_statistics(coordinates_of(points)).sigma
+    """Of the position of one point (eqs. 16 and 17 of Xu You et al. 2019), so many times."""
+    sigma = np.sqrt(np.square(_from_mean(points)).sum() / (len(points) - 1))
     yield Error(times * sigma, place=PointsInFile.of(points))
 
 
 def deviation_of_part(points: pd.DataFrame, accurate: bool) -> Iterator[Error]:
-    """RMS distance from the mean of all points, of those in accurate postures or of the others."""
+    """RMS distance from the mean of all points, of those in accurate postures or of the others
+    (eqs. 18 and 19 of Xu You et al. 2019).
+    """
     chosen = ((points["part"] == PREDICTED_ACCURATE) == accurate).to_numpy()
     if chosen.any():
-        statistics = single_point_statistics(coordinates_of(points), chosen)
-        yield Error(statistics.part, place=PointsInFile.of(points[chosen]))
+        rms = np.sqrt(np.square(_from_mean(points)[chosen]).mean())
+        yield Error(rms, place=PointsInFile.of(points[chosen]))
+
+
+def _from_mean(points: pd.DataFrame) -> Array:
+    """Distances of points from their mean (n,) [m]."""
+    coordinates = coordinates_of(points)
+    return np.asarray(np.linalg.norm(coordinates - coordinates.mean(axis=0), axis=1))
 
 
 def _sphere(points: pd.DataFrame) -> FittedSphere:

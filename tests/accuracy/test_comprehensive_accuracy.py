@@ -1,10 +1,6 @@
-"""Weights of eq. 15, the comprehensive accuracy and single-point statistics (eqs. 16-19), by hand
-and against numpy.
-"""
+"""Weights of eq. 15 and the comprehensive accuracy, by hand."""
 
 from __future__ import annotations
-
-import re
 
 import numpy as np
 import pytest
@@ -14,8 +10,6 @@ from aacmm_pin.accuracy.comprehensive_accuracy import (
     configuration_weights,
     preferred_theta3,
 )
-from aacmm_pin.accuracy.single_point import single_point_statistics
-from aacmm_pin.errors import ShapeError
 from tests.oracle import close
 
 pytestmark = pytest.mark.fast
@@ -49,46 +43,3 @@ def test_the_elevation_sets_the_preferred_angle():
     points = np.array([LEVEL, [0.3, 0.4, 0.5], [0.3, 0.4, -0.5], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     expected = np.radians([90, 45, 135, 0, 180])
     close([preferred_theta3(point) for point in points], expected, 1e-15)
-
-
-# --- one point
-
-
-def test_parts_add_up_to_the_whole(rng):
-    """(n - 1) σ² = g ψ_g² + (n - g) ψ_r²: both parts are judged by the mean of all records."""
-    for n in (2, 5, 50):
-        points = rng.normal(size=(n, 3)) * [1e-5, 3e-5, 2e-4] + [0.1, -0.7, 0.2]
-        alone = single_point_statistics(points)
-        assert alone.sigma == pytest.approx(np.sqrt(points.var(axis=0, ddof=1).sum()), rel=1e-9)
-        for g in range(1, n):
-            part = rng.permutation(n) < g
-            result = single_point_statistics(points, part)
-            parts = g * result.part**2 + (n - g) * result.rest**2
-            assert parts == pytest.approx((n - 1) * result.sigma**2, rel=1e-12, abs=0.0)
-            squares = np.linalg.norm(points - points.mean(axis=0), axis=1) ** 2
-            assert result.part == pytest.approx(np.sqrt(squares[part].mean()), rel=1e-12)
-        none = single_point_statistics(points, np.zeros(n, dtype=bool))
-        assert np.isnan(none.part)
-        assert none.rest == pytest.approx(np.sqrt((n - 1) / n) * alone.sigma)
-
-
-def test_a_point_by_hand():
-    """Distances 1, 1, 2, 2 from the mean: σ² = 10/3, ψ of the first two 1, of the others 2."""
-    points = 1e-5 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0]])
-    result = single_point_statistics(points, [True, True, False, False])
-    assert result.sigma == pytest.approx(1e-5 * np.sqrt(10 / 3))
-    assert (result.part, result.rest) == (pytest.approx(1e-5), pytest.approx(2e-5))
-    assert re.findall(r"0\.\d+ mm", str(result)) == ["0.0183 mm", "0.0100 mm", "0.0200 mm"]
-    assert re.findall(r"0\.\d+ mm", str(single_point_statistics(points))) == ["0.0183 mm"]
-
-
-def test_what_cannot_be_used():
-    three = np.zeros((3, 3))
-    for points, part, words in (
-        (np.zeros((1, 3)), None, "1 records; expected at least 2"),
-        ([[0, 0, 0], [0, np.nan, 0]], None, r"indications\[1, 1\] is nan"),
-        (three, [1, 0, 1], "boolean"),
-        (three, [True, False], r"\(2,\)"),
-    ):
-        with pytest.raises(ShapeError, match=words):
-            single_point_statistics(points, part)

@@ -28,7 +28,7 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import configuration_circle
 from tests import arm_files
 from tests.arm_files import changed
-from tests.oracle import close, derivative, zonotope_volume
+from tests.oracle import close, derivative, perturbed_positions, zonotope_volume
 
 SEATS_MM = [
     (33.6323, -671.8702, 182.9355),
@@ -83,7 +83,7 @@ def widths(arm: Arm) -> Array:
 def numeric_sensitivity(arm: Arm, q: Array) -> Array:
     """By central differences of the exact positions: (3, parameters)."""
     zero = np.zeros(len(arm.parameters))
-    return derivative(lambda errors: arm.perturbed_positions(q, errors[None])[0], zero)
+    return derivative(lambda errors: perturbed_positions(arm, q, errors[None])[0], zero)
 
 
 # --- volumes
@@ -164,7 +164,7 @@ def test_covariance_is_that_of_the_real_model(name, draws, request, rng):
     noise = np.linspace(1e-5, 3e-5, 6)
     covariance = accuracy_volume(arm, q, encoder_noise=noise).covariance[0]
     errors = rng.uniform(-1, 1, (draws, len(arm.parameters))) * widths(arm)
-    moved = arm.perturbed_positions(q + noise * rng.normal(size=(draws, 6)), errors)
+    moved = perturbed_positions(arm, q + noise * rng.normal(size=(draws, 6)), errors)
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     close(np.cov(moved.T) / scale, covariance / scale, 7 / np.sqrt(draws))
     s = numeric_sensitivity(arm, q) * widths(arm) / np.sqrt(3)
@@ -202,7 +202,7 @@ def test_largest_deviation_bounds_the_real_model(sino6, rng):
             (rng.choice([-1.0, 1.0], (4000, 24)), 0.0),
             (np.sign(towards), 0.998),
         ):
-            tips = sino6.perturbed_positions(q, corners * widths(sino6))
+            tips = perturbed_positions(sino6, q, corners * widths(sino6))
             moved = np.linalg.norm(tips - sino6.poses(q).position, axis=1).max()
             assert of_largest * largest < moved < 1.001 * largest
 
@@ -224,7 +224,7 @@ def test_u_aligned_is_what_a_rigid_fit_leaves(ur5, rng):
     left = np.empty((draws, *nominal.shape))
     for k in range(draws):
         errors = np.tile(u * rng.standard_normal(len(u)), (len(q), 1))
-        moved = arm.perturbed_positions(q, errors)
+        moved = perturbed_positions(arm, q, errors)
         about = moved - moved.mean(axis=0)
         turn, _ = Rotation.align_vectors(nominal - centre, about)
         left[k] = turn.apply(about) + centre - nominal

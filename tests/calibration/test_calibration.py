@@ -41,7 +41,7 @@ from tests.again import again
 from tests.arm_files import PRISMATIC, by_table, changed
 from tests.calibration.contacts import drawn
 from tests.notes import data_of
-from tests.oracle import close, postures
+from tests.oracle import close, perturbed_positions, postures
 
 READING, REFERENCE = 8e-6, 12e-6
 
@@ -52,7 +52,7 @@ def free_points(arm: Arm, rng: np.random.Generator, n: int = 300) -> tuple[Measu
     """
     q = postures(arm, rng, n)
     errors = drawn(arm, rng)
-    tips = arm.perturbed_positions(q, np.tile(errors, (n, 1)))
+    tips = perturbed_positions(arm, q, np.tile(errors, (n, 1)))
     noisy = q + rng.normal(size=q.shape) * READING
     return Measurements.of(noisy, tips + rng.normal(size=tips.shape) * REFERENCE), errors
 
@@ -74,7 +74,7 @@ def test_values_of_a_row_with_a_prismatic_joint(rng):
     assert measured
     assert np.abs(normalised(arm, result, errors)).max() < 4.5
     q = postures(arm, rng, 50)
-    tips = arm.perturbed_positions(q, np.tile(errors, (len(q), 1)))
+    tips = perturbed_positions(arm, q, np.tile(errors, (len(q), 1)))
     close(result.model.predict(q), tips, 2e-5)
     zeros = quick(arm, data, "zero-offsets")
     assert "d3" in [*zeros.parameters.parameter]

@@ -18,6 +18,7 @@ from tests.calibration.contacts import drawn
 from tests.cli import shell
 from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
+from tests.oracle import perturbed_positions
 from tests.tables import PLACES, THETAS
 
 READING, REFERENCE = 8e-6, 12e-6
@@ -32,7 +33,7 @@ def measured(arm: Arm, rng: np.random.Generator, *frames: tuple[Rotation, np.nda
     tables = []
     for k, (turn, shift) in enumerate((FAR, *frames)):
         q = rng.uniform(-1.2, 1.2, (60, 6))
-        tips = arm.perturbed_positions(q, np.tile(errors, (60, 1)))
+        tips = perturbed_positions(arm, q, np.tile(errors, (60, 1)))
         if k:
             tips = turn.apply(tips) + shift
         seen = FAR[0].apply(tips) + FAR[1] + rng.normal(0, REFERENCE, tips.shape)

@@ -23,7 +23,7 @@ from tests.arm_files import AACMM, by_table
 from tests.calibration import contacts
 from tests.few_causes import ECCENTRICITY_ALONE
 from tests.notes import data_of
-from tests.oracle import dh_frames
+from tests.oracle import dh_frames, perturbed_positions
 
 Array = NDArray[np.float64]
 DEG = np.pi / 180.0
@@ -353,7 +353,7 @@ def test_values_that_hardly_move_the_tip_are_not_wrong(rng):
     for name, error in (("x3", 1e-3), ("y3", 0.02)):
         errors = contacts.drawn(ur5, rng)
         errors[names.index(name)] += error
-        places = ur5.perturbed_positions(q, np.tile(errors, (100, 1)))
+        places = perturbed_positions(ur5, q, np.tile(errors, (100, 1)))
         records = Measurements.of(q, places[:, [1, 2, 0]])
         try:
             found = calibrate(ur5, records, reference_frame="external", hold_out=False)

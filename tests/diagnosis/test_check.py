@@ -11,6 +11,7 @@ from aacmm_pin.diagnosis import Check, check_measurements
 from aacmm_pin.effects import Conditions
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from tests.cli import shell
+from tests.oracle import perturbed_positions
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def test_predicted_distance_is_the_mean_over_random_arms(sino6, scheme, rng):
     errors = rng.uniform(-1, 1, (2000, half_widths.size)) * half_widths
     square = 0.0
     for q in records.q:
-        moved = sino6.perturbed_positions(np.tile(q, (2000, 1)), errors) - sino6.positions(q[None])
+        moved = perturbed_positions(sino6, np.tile(q, (2000, 1)), errors) - sino6.positions(q[None])
         square += np.square(moved).sum(axis=1).mean() / records.n
     square += np.square(records.reference_u).sum(axis=1).mean()
     assert check.predicted_rms == pytest.approx(np.sqrt(square), rel=0.1)

@@ -16,7 +16,6 @@ from papers.sino6_table3.simulated_touches import TouchedSeats
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
-from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.effects import ErrorModel
 from tests.arm_files import by_table
 
@@ -89,13 +88,14 @@ def test_evidence_against_quadrature(sizes):
     np.testing.assert_allclose(found.weights, np.array(each) / np.sum(each), rtol=1e-5)
 
 
-def test_parts_are_those_of_single_point_statistics(rng):
+def test_parts_are_judged_by_the_mean_of_all(rng):
     positions = rng.normal(size=(1, 1, 30, 3))
     order = rng.permutation(30)
-    expected = single_point_statistics(positions[0, 0], np.isin(np.arange(30), order[:11]))
+    distance = np.linalg.norm(positions[0, 0] - positions[0, 0].mean(axis=0), axis=1)
+    part, rest = np.square(distance[order[:11]]).mean(), np.square(distance[order[11:]]).mean()
     squares = np.square(from_mean(positions)).sum(axis=3)
     assert log_ratios(squares, order[None], [11])[0, 0] == pytest.approx(
-        np.log(expected.part / expected.rest), rel=1e-12
+        np.log(part / rest) / 2, rel=1e-12
     )
 
 

@@ -9,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from matplotlib import pyplot as plt
 
 from aacmm_pin import WorkspaceMap
@@ -65,7 +66,7 @@ def test_demo_data_agree(demo):
     frame = pd.read_csv(demo.folder / "configurations.csv")
     assert frame["within_limits"].sum() == accuracy["configurations"]
     close(frame[["x_mm", "y_mm", "z_mm"]], np.tile(accuracy["point_mm"], (len(frame), 1)), 1e-6)
-    map_ = WorkspaceMap.load(demo.folder / "map.nc")
+    map_ = WorkspaceMap(xr.load_dataset(demo.folder / "map.nc"), 0.0)
     summary = json.loads((demo.folder / "map.json").read_text(encoding="utf-8"))
     assert (summary["unreachable"], summary["cells"]) == (map_.unreachable, [6, 8])
     index = Page((demo.folder / "index.html").read_text(encoding="utf-8")).text

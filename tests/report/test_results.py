@@ -36,7 +36,6 @@ from aacmm_pin import (
     plan_measurements,
     reaching_postures,
     simulate_measurements,
-    single_point_statistics,
 )
 from aacmm_pin._support.display import Shown
 from aacmm_pin.accuracy import QUANTITIES
@@ -93,7 +92,6 @@ def values(arm, calibration, found, hidden) -> dict[str, Any]:
     """One of everything that shows itself, of an arm with a nasty name."""
     circle = configuration_circle(arm, POINT, count=24)
     accuracy = circle_accuracy(circle)
-    rng = np.random.default_rng(2)
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
     figure = CharacteristicValue(NASTY, DEFINITIONS[0], Evaluated(50, errors=(Error(1e-5),)), 2e-5)
@@ -125,7 +123,6 @@ def values(arm, calibration, found, hidden) -> dict[str, Any]:
             circle, configuration_circle(arm, POINT[[1, 0, 2]], count=24), arm
         ),
         "WorkspaceMap": map_workspace(arm, (3, 3), 4),
-        "SinglePoint": single_point_statistics(rng.normal(size=(9, 3)) * 1e-5, np.arange(9) < 4),
         "Check": aacmm_pin.diagnosis.check_measurements(arm, calibration.fit.problem.measurements),
         "Calibration": calibration,
         "HeldOut": calibration.held_out[0],
@@ -213,10 +210,9 @@ def test_arms_show_their_geometry(values, sino6):
 def test_numbers_stand_in_units_that_people_read(values):
     assert "100 ± 20 µrad" in text_of(EncoderEccentricity(3, values=(1e-4, 0.0), u=(1e-5, 1e-5)))
     assert "µm" in text_of(SeatError("S1", values=(1e-5, 0.0, 0.0)))
-    accuracy, point = values["AccuracyVolume"], values["SinglePoint"]
+    accuracy = values["AccuracyVolume"]
     for size in (accuracy.u.min(), np.median(accuracy.u), accuracy.u.max(), 2 * accuracy.u.max()):
         assert f"{size * 1e3:.4f}" in text_of(accuracy)
-    assert str(point) in text_of(point)
     assert str(values["Flexibility"]) in text_of(values["Flexibility"])
 
 
